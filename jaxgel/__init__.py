@@ -1,0 +1,68 @@
+"""jaxgel: a JAX differentiable meshless solver for the swelling of perforated hydrogel sheets.
+
+The improved interpolating complex variable element free Galerkin method of Deng, He, Sun, Yi & Dai (2020), with one pressure per cell
+against locking. Importing it switches JAX to 64-bit numbers.
+"""
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+from .cloud import Cloud, make_cloud  # noqa: E402
+from .discretisation import Model, discretise, make_probe  # noqa: E402
+from .equilibrium import Status  # noqa: E402
+from .geometry import Plate  # noqa: E402
+from .holes import Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse  # noqa: E402
+from .material import ArrudaBoyce, Gel, Gent, free_energy, free_swelling, paper_stress, paper_tangent, uniaxial_swelling  # noqa: E402
+from .observables import (  # noqa: E402
+    area_reduction,
+    area_reduction_per_hole,
+    cauchy_stress,
+    core_rotation,
+    min_gap,
+    outlines,
+    rotation_angle,
+    surface_ratio,
+    volume_ratio,
+)
+from .samples import sample, sample_names  # noqa: E402
+from .shape_functions import shape_functions  # noqa: E402
+from .sweep import Path, sweep  # noqa: E402
+
+__all__ = [
+    "ArrudaBoyce",
+    "Circle",
+    "Cloud",
+    "Ellipse",
+    "Fourier",
+    "Gel",
+    "Gent",
+    "Model",
+    "Path",
+    "Plate",
+    "Polygon",
+    "Rectangle",
+    "Status",
+    "Superellipse",
+    "area_reduction",
+    "area_reduction_per_hole",
+    "cauchy_stress",
+    "core_rotation",
+    "discretise",
+    "free_energy",
+    "free_swelling",
+    "make_cloud",
+    "make_probe",
+    "min_gap",
+    "outlines",
+    "paper_stress",
+    "paper_tangent",
+    "rotation_angle",
+    "sample",
+    "sample_names",
+    "shape_functions",
+    "surface_ratio",
+    "sweep",
+    "uniaxial_swelling",
+    "volume_ratio",
+]

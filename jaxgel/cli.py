@@ -1,0 +1,246 @@
+"""The command line ``jaxgel``: run a case, draw a run's folder, list the built-in cases.
+
+Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the sweep stopped early; 130 interrupted. What a run had
+finished by then is in its folder in every case.
+"""
+
+import argparse
+import sys
+from importlib.metadata import version
+from pathlib import Path as File
+
+import numpy as np
+from tqdm import tqdm
+
+from . import cases
+from .geometry import did_you_mean
+from .results import Recorder, events, load_path, load_run, open_folder
+from .samples import sample, sample_names
+from .sweep import sweep
+
+DONE, UNUSABLE, STOPPED, INTERRUPTED = 0, 2, 3, 130
+OPTIONS = {
+    "sweep": ("mu_start", "mu_end", "steps", "branch"),
+    "discretisation": ("spacing", "nodes_per_hole", "basis", "dmax", "method", "quadrature"),
+}
+
+
+def main(argv=None):
+    """Run the command line on ``argv`` (by default the process's own) and return its exit code."""
+    try:
+        args = _parse(sys.argv[1:] if argv is None else list(argv))
+        return args.command(args)
+    except ValueError as problem:
+        print(f"jaxgel: error: {problem}", file=sys.stderr)
+        return UNUSABLE
+    except OSError as problem:  # a full disk, a folder that went away
+        print(f"jaxgel: error: {problem}", file=sys.stderr)
+        return STOPPED
+
+
+def run(args):
+    """``jaxgel run``: sweep a case and write its folder."""
+    changes = {section: {key: getattr(args, key) for key in keys if getattr(args, key) is not None} for section, keys in OPTIONS.items()}
+    case = cases.load_case(args.case, changes)
+    folder = File(args.out) if args.out else File("out") / case.name
+    model = case.model()
+    recorder = Recorder(folder, case, model, case.gel)
+    say = _silent if args.quiet else print
+    d = case.discretisation
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {d.basis} basis, {d.method} method")
+    try:
+        with _Progress(case.sweep.ends, args.quiet) as progress:
+
+            def on_step(step):
+                recorder(step)
+                progress.show(recorder.records[-1][1])
+
+            path = sweep(model, case.gel, mu=case.sweep.values, branch=case.sweep.branch, on_step=on_step)
+    except KeyboardInterrupt:
+        recorder.finish("interrupted", "stopped by the user")
+        _report(recorder, folder, say)
+        return INTERRUPTED
+    except Exception as problem:
+        recorder.finish("failed", " ".join(str(problem).split()) or type(problem).__name__)
+        raise
+    recorder.finish("complete" if path.stop.ok else "stopped", path.stop_text)
+    if recorder.records:
+        _draw(path, folder, recorder.table, plots=not args.no_plots)
+    _report(recorder, folder, say)
+    if not path.stop.ok:
+        print(f"jaxgel: the sweep stopped early: {path.stop_text}", file=sys.stderr)
+    return DONE if path.stop.ok else STOPPED
+
+
+def plot(args):
+    """``jaxgel plot``: draw the figures of a run's folder again."""
+    folder = File(args.folder)
+    table = load_run(folder).history
+    _draw(load_path(folder), open_folder(args.out) if args.out else folder, table, plots=True)
+    return DONE
+
+
+def list_samples(_):
+    """``jaxgel samples``: one line per built-in case."""
+    for name in sample_names():
+        plate = sample(name)
+        kinds = sorted({type(hole).__name__.lower() for hole in plate.holes})
+        holes = f"{len(plate.holes)} holes ({', '.join(kinds)})" if kinds else "no hole"
+        print(f"{name:10s} {plate.width:g} x {plate.height:g} mm, {holes}, Nv {plate.gel.Nv:g}, chi {plate.gel.chi:g}")
+    return DONE
+
+
+class _Progress:
+    """A bar over the interval of mu on the terminal, with mu, rotation and Newton iterations of the last state."""
+
+    def __init__(self, ends, quiet):
+        self.start = ends[0]
+        span = max(ends[1] - ends[0], 1e-12)
+        form = "{percentage:3.0f}%|{bar:24}| {elapsed} {postfix}"
+        self.bar = tqdm(total=span, bar_format=form, disable=True if quiet else None, leave=False)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.bar.close()
+
+    def show(self, row):
+        self.bar.n = min(float(row["mu"]) - self.start, self.bar.total)
+        self.bar.set_postfix_str(
+            f"mu {row['mu']:.4f}, rotation {row['rotation_deg']:.2f} deg, {row['newton_iterations']} Newton iterations", refresh=True
+        )
+
+
+def _draw(path, folder, table, plots):
+    """Figures (where wanted) and ParaView files of a path with the history ``table``, in a folder."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")  # before pyplot, which would look for a screen
+    import matplotlib.pyplot as plt
+
+    from .plotting import animate_pattern, plot_curves, plot_patterns, write_series
+
+    write_series(path, folder, table=table)
+    if not plots:
+        return
+    for axes, name in ((plot_patterns(path), "pattern.png"), (plot_curves(path, table=table), "curves.png")):
+        figure = np.ravel(axes)[0].figure
+        figure.savefig(folder / name)
+        plt.close(figure)
+    animate_pattern(path, folder / "pattern.gif")
+
+
+def _report(recorder, folder, say, most_rows=9):
+    """Print a table of at most ``most_rows`` states, the events, and where the files are."""
+    table = recorder.table
+    k = len(recorder.records)
+    if k:
+        say("      mu  stretch  rotation   core  area reduction  J mean  gap     status")
+        say("     kT           deg        deg    %                       mm")
+    for i in np.unique(np.linspace(0, k - 1, min(k, most_rows)).round().astype(int)) if k else ():
+        row = {name: column[i] for name, column in table.items()}
+        say(
+            f"{row['mu']:8.4f}  {row['free_stretch']:.4f}  {row['rotation_deg']:8.3f}  {row['core_rotation_deg']:7.3f}"
+            f"  {100 * row['area_reduction']:8.3f}      {row['J_mean']:7.4f}  {row['min_gap']:6.3f}  {row['status']}"
+        )
+    for event in events(table):
+        say(f"{event['event']}: {event['text']}")
+    say(f"{k} states in {folder}")
+
+
+def _silent(*_):
+    pass
+
+
+def _parse(argv):
+    """The arguments, with a suggestion for an option or command that is not known; ValueError for what cannot be used."""
+    parser, commands = _parser()
+    if argv and not argv[0].startswith("-") and argv[0] not in commands:
+        raise ValueError(f"command: {argv[0]!r} is unknown; {did_you_mean(argv[0], commands)}")
+    args, unknown = parser.parse_known_args(_joined(argv))
+    if unknown:
+        known = sorted(commands[argv[0]]._option_string_actions)
+        raise ValueError(f"{unknown[0]!r} is not an option of {argv[0]}; {did_you_mean(unknown[0].split('=')[0], known)}")
+    return args
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        """One line instead of the usage."""
+        raise ValueError(f"{message}; see {self.prog} --help")
+
+
+def _parser():
+    parser = _Parser(prog="jaxgel", description="Swelling-induced pattern transformation of perforated hydrogels.", allow_abbrev=False)
+    parser.add_argument("--version", action="version", version=f"jaxgel {version('jaxgel')}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    p = commands.add_parser("run", help="swell a case and write its table, states and figures", allow_abbrev=False)
+    p.add_argument("case", metavar="CASE", help="a built-in name (see jaxgel samples) or the path of a TOML file")
+    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/CASE)")
+    p.add_argument("--mu-start", type=_real, metavar="A", help="first chemical potential in kT (default: -4.9678)")
+    p.add_argument("--mu-end", type=_real, metavar="B", help="last chemical potential in kT (default: -0.9178)")
+    p.add_argument(
+        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values of mu, both ends included (default: auto)"
+    )
+    p.add_argument("--branch", metavar="|".join(cases.BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
+    p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
+    p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
+    p.add_argument("--basis", metavar="|".join(cases.BASES), help="basis of the shape functions (default: quadratic)")
+    p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.5, paper quadrature 3.5)")
+    p.add_argument("--method", metavar="|".join(cases.METHODS), help="one pressure per cell, or displacement only (default: mixed)")
+    p.add_argument(
+        "--quadrature", metavar="|".join(cases.QUADRATURES), help="cells along the true outline, or the paper's (default: conforming)"
+    )
+    p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation")
+    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    p.set_defaults(command=run)
+
+    p = commands.add_parser("plot", help="draw the figures of a run's folder again", allow_abbrev=False)
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
+    p.add_argument("--out", metavar="DIR", help="where the figures go (default: the same folder)")
+    p.set_defaults(command=plot)
+
+    p = commands.add_parser("samples", help="list the built-in cases", allow_abbrev=False)
+    p.set_defaults(command=list_samples)
+    return parser, commands.choices
+
+
+def _joined(argv):
+    """``argv`` with a negative number after a long option attached to it, as argparse takes -1e-3 and -inf for options."""
+    joined = []
+    for word in argv:
+        if joined and joined[-1].startswith("--") and "=" not in joined[-1] and word.startswith("-") and _is_number(word):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
+def _is_number(word):
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _real(word):
+    if not _is_number(word):
+        raise argparse.ArgumentTypeError(f"{word!r} is not a number")
+    return float(word)
+
+
+def _whole(word):
+    if not word.isdecimal():
+        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number")
+    return int(word)
+
+
+def _steps(word):
+    if word == "auto":
+        return word
+    if not word.isdecimal():
+        raise argparse.ArgumentTypeError(f"{word!r} is neither auto nor a whole number")
+    return int(word)

@@ -1,0 +1,433 @@
+"""Integration cells, quadrature points and shape function gradients of a cloud, with the correction that makes the patch test exact.
+
+Index letters: ``c`` cell, ``q`` quadrature point of a cell, ``p`` point, ``a b`` node of a cell's list, ``i j`` space. A cell's node list
+holds all nodes whose support reaches the cell or its contour; padding has support 0. Cells of similar size share a ``Block`` of
+padded arrays.
+"""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from scipy.spatial import cKDTree
+
+from .geometry import edge_lines, inside_holes
+from .shape_functions import n_monomials, shape_functions
+
+TRIANGLE_POINTS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6  # barycentric, equal weights, exact for quadratics
+EDGE_POINTS = np.array([0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12)])  # equal weights, exact for cubics
+BATCH = 256  # points whose shape functions are evaluated together
+MIDLINE_POINTS = 401  # samples of the plate's midline
+REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
+
+
+def _pytree(*, data, meta=()):
+    return functools.partial(jax.tree_util.register_dataclass, data_fields=list(data), meta_fields=list(meta))
+
+
+@_pytree(data=("cells", "nodes", "dphi", "weight"))
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """Cells of similar size."""
+
+    cells: jax.Array
+    """(c,) cell numbers."""
+    nodes: jax.Array
+    """(c, a) node numbers in ascending order, padded with the first one."""
+    dphi: jax.Array
+    """(c, q, a, 2) shape function gradients, 1/mm; 0 for padded nodes."""
+    weight: jax.Array
+    """(c, q) quadrature weights, mm^2; 0 for padded points."""
+
+
+@_pytree(data=("nodes", "phi", "dphi"))
+@dataclasses.dataclass(frozen=True)
+class Probe:
+    """Shape functions at chosen material points."""
+
+    nodes: jax.Array
+    """(p, a) node numbers."""
+    phi: jax.Array
+    """(p, a) shape functions."""
+    dphi: jax.Array
+    """(p, a, 2) their gradients, 1/mm."""
+
+    def position(self, x):
+        """Deformed positions (p, 2) of the points for nodal positions ``x`` (n, 2), mm."""
+        return jnp.einsum("pa,pai->pi", self.phi, x[self.nodes])
+
+    def deformation_gradient(self, x):
+        """Deformation gradients (p, 2, 2) at the points."""
+        return jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Lists:
+    """What does not move with the holes: neighbours, quadrature layout, and what later stages derive from them; hashed by identity."""
+
+    topology: object
+    """The cloud's topology."""
+    nodes: np.ndarray
+    """(n_cells, a) node numbers in ascending order, padded with the first one."""
+    support: np.ndarray
+    """(n_cells, a) support radius of each node, mm; 0 for padding."""
+    points: tuple
+    """Per block (c, q) numbers of the cells' quadrature points, -1 for padding."""
+    cells: tuple
+    """Per block (c,) cell numbers."""
+    wall: np.ndarray
+    """(e, 2) places in the cell's node list of the wall nodes between which each contour edge lies; -1 where it is not essential."""
+    cache: dict = dataclasses.field(default_factory=dict)
+    """Sparsity patterns and the like, filled by later stages."""
+
+
+@_pytree(data=("cloud", "blocks", "outline", "midline", "core"), meta=("lists", "basis", "dmax", "method", "quadrature", "kind"))
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """A cloud with its cells, quadrature points and shape functions: all that is needed to integrate an energy."""
+
+    cloud: object
+    """The ``Cloud``."""
+    blocks: tuple
+    """``Block``s of cells of similar size."""
+    outline: Probe
+    """All outline vertices, arc after arc."""
+    midline: Probe
+    """Points of the plate's horizontal midline in the dry gel, from left to right."""
+    core: Probe
+    """The plate's core point; its gradients are nan where that lies in a hole."""
+    lists: Lists
+    """Static lists."""
+    basis: str
+    """``"linear"`` or ``"quadratic"``."""
+    dmax: float
+    """Support radius over node spacing."""
+    method: str
+    """``"mixed"``: one pressure per cell; ``"displacement"``: J at every quadrature point."""
+    quadrature: str
+    """``"conforming"`` or ``"paper"``."""
+    kind: str
+    """Kind of shape functions, see ``shape_functions``."""
+
+    @property
+    def n_nodes(self):
+        """Number of nodes (int)."""
+        return len(self.lists.topology.node_vertices)
+
+    @property
+    def n_cells(self):
+        """Number of cells (int)."""
+        return len(self.lists.nodes)
+
+    @property
+    def n_points(self):
+        """Number of quadrature points (int)."""
+        return sum(int((numbers >= 0).sum()) for numbers in self.lists.points)
+
+
+def discretise(cloud, *, basis="quadratic", dmax=None, method="mixed", quadrature="conforming", kind="imls", cells=None, skin=None):
+    """``Model`` of a cloud: cells, quadrature points, shape function gradients.
+
+    ``dmax`` is the support radius over the node spacing (2.5 by default, 3.5 for the paper's quadrature). ``quadrature="conforming"``
+    partitions the gel exactly and corrects the gradients so that linear fields are integrated exactly (patch test);
+    ``"paper"`` takes 4 x 4 Gauss points in each of ``cells`` x ``cells`` squares and drops the points in holes (Table 1).
+    ``skin`` (mm) enlarges the neighbour lists by the distance that points of a moved cloud may have come closer; by default 0 on
+    the reference cloud and a quarter of the spacing on a placed one. Raises ValueError for unknown options and where a point has
+    too few neighbours for the basis.
+    """
+    _check_options(basis, method, quadrature, kind)
+    dmax = (3.5 if quadrature == "paper" else 2.5) if dmax is None else float(dmax)
+    if not dmax > 1.0:
+        raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
+    if quadrature == "paper":
+        if is_moved(cloud):
+            raise ValueError("quadrature: 'paper' drops points in holes and cannot follow moving holes; use 'conforming'")
+        lists, points, weight = _paper_lists(cloud.topology, basis, dmax, cells)
+        owner = np.concatenate([np.repeat(c, (n >= 0).sum(axis=1)) for c, n in zip(lists.cells, lists.points, strict=True)])
+        _, dphi = evaluate_points(cloud.nodes, points, lists.nodes, lists.support, owner, basis=basis, kind=kind)
+    else:
+        skin = (0.25 * cloud.spacing if is_moved(cloud) else 0.0) if skin is None else float(skin)
+        lists = _conforming_lists(cloud.topology, basis, dmax, skin)
+        dphi, weight = _corrected_gradients(cloud.nodes, cloud.vertices, lists, basis, kind)
+    probes = _observed(cloud, lists, basis, dmax, kind)
+    model = Model(cloud, _blocks(lists, dphi, weight), *probes, lists, basis, dmax, method, quadrature, kind)
+    _check_reproduction(model)
+    return model
+
+
+def make_probe(model, points, reference_points=None):
+    """``Probe`` at material points (p, 2) of the dry plate, mm; ``points`` may be traced if their values on the reference are given."""
+    reference_points = np.asarray(points if reference_points is None else reference_points)
+    neighbours = _probe_lists(model.cloud, model.dmax, reference_points)
+    return _probe(model.cloud, points, neighbours, model.basis, model.kind)
+
+
+def _probe(cloud, points, neighbours, basis, kind):
+    lists, supports = neighbours
+    phi, dphi = evaluate_points(cloud.nodes, jnp.asarray(points), lists, supports, np.arange(len(lists)), basis=basis, kind=kind)
+    return Probe(lists, phi, dphi)
+
+
+def _probe_lists(cloud, dmax, reference_points):
+    """Padded node lists (p, a) and supports (p, a) of material points (p, 2), made on the reference plate."""
+    topology = cloud.topology
+    support, skin = dmax * topology.node_spacing, 0.25 * topology.spacing * is_moved(cloud)
+    reaching = _reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, skin)
+    return _pad_nodes(*reaching, support)
+
+
+def _observed(cloud, lists, basis, dmax, kind):
+    """The model's probes: outline, midline and core."""
+    topology = cloud.topology
+    outline = np.concatenate([o.vertices for o in topology.outlines]) if topology.outlines else np.zeros(0, dtype=int)
+    plate = topology.plate
+    x = plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS)
+    midline = np.stack([x, np.zeros_like(x)], axis=1)
+    midline = midline[~inside_holes(plate, midline, -1e-9 * topology.spacing)]
+    fixed = np.concatenate([midline, [plate.core]])
+    if "observed" not in lists.cache:
+        reference = np.concatenate([topology.partition.vertices[outline], fixed])
+        lists.cache["observed"] = _probe_lists(cloud, dmax, reference)
+    probe = _probe(cloud, jnp.concatenate([cloud.vertices[outline], fixed]), lists.cache["observed"], basis, kind)
+    cut = len(outline), len(outline) + len(midline)
+    parts = (slice(0, cut[0]), slice(*cut), slice(cut[1], None))
+    return tuple(jax.tree.map(lambda leaf, part=part: leaf[part], probe) for part in parts)
+
+
+def is_moved(cloud):
+    """Whether the cloud is placed on another plate than its reference."""
+    return cloud.plate is not cloud.topology.plate
+
+
+def evaluate_points(nodes, points, lists, supports, owner, *, basis, kind):
+    """Shape functions (p, a) and gradients (p, a, 2) at ``points`` (p, 2) with the node list (l, a) and supports of their owners (p,)."""
+    padding = -len(points) % BATCH  # whole batches only: one program instead of two
+    padded = jnp.concatenate([points, jnp.broadcast_to(points[:1], (padding, 2))])
+    owner = np.concatenate([owner, np.repeat(owner[:1], padding)]).astype(np.int32)
+    phi, dphi = _evaluate_batches(nodes, padded, lists, supports, owner, basis=basis, kind=kind)
+    return phi[: len(points)], dphi[: len(points)]
+
+
+@functools.partial(jax.jit, static_argnames=("basis", "kind"))
+def _evaluate_batches(nodes, points, lists, supports, owner, *, basis, kind):
+    @jax.checkpoint
+    def one(point):
+        x, owner = point
+        neighbours, support = nodes[lists[owner]], supports[owner]
+
+        def phi(x):
+            value = shape_functions(x, neighbours, support, basis=basis, kind=kind).real
+            return value, value
+
+        gradient, value = jax.jacfwd(phi, has_aux=True)(x)
+        return value, gradient
+
+    return lax.map(one, (points, owner), batch_size=BATCH)
+
+
+# --- conforming cells --------------------------------------------------------------------------------------------------------
+
+
+def _corrected_gradients(nodes, vertices, lists, basis, kind):
+    """Gradients (p, a, 2) at the points of all triangles, corrected cell by cell, and weights (p,).
+
+    The correction adds one constant vector per cell and node so that sum_q w_q dphi_a(q) equals the contour integral of phi_a n, the
+    integration constraint of Chen et al. (2001); essential edges carry the linear trace between their two wall nodes.
+    """
+    part = lists.topology.partition
+    edges, edge_owner = part.contour_edges
+    triangle_points = jnp.einsum("qk,tki->tqi", TRIANGLE_POINTS, vertices[part.triangles]).reshape(-1, 2)
+    start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    edge_points = (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
+    owner = np.concatenate([np.repeat(part.cell_of_triangle, 3), np.repeat(edge_owner, 2)])
+    points = jnp.concatenate([triangle_points, edge_points])
+    phi, dphi = evaluate_points(nodes, points, lists.nodes, lists.support, owner, basis=basis, kind=kind)
+    arrays = (nodes, vertices, phi[len(triangle_points) :], dphi[: len(triangle_points)])
+    return _correct(*arrays, part.triangles, part.cell_of_triangle, edges, edge_owner, lists.nodes, lists.support, lists.wall)
+
+
+@jax.jit
+def _correct(nodes, vertices, trace, dphi, triangles, triangle_owner, edges, edge_owner, lists, supports, wall):
+    n_cells = len(lists)
+    corner = vertices[triangles]
+    u, v = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    weight = jnp.repeat((u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 6, 3)
+    owner = jnp.repeat(triangle_owner, 3)
+
+    start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    along = end - start
+    linear = jax.vmap(_linear_trace)(start, along, nodes[lists[edge_owner]], wall)
+    trace = jnp.where(wall[:, :1, None] >= 0, linear, trace.reshape(len(edges), 2, -1))
+    normal = jnp.stack([along[:, 1], -along[:, 0]], axis=1)  # outward, times the edge's length
+    flux = jax.ops.segment_sum(jnp.mean(trace, axis=1)[:, :, None] * normal[:, None, :], edge_owner, n_cells)
+    integral = jax.ops.segment_sum(weight[:, None, None] * dphi, owner, n_cells)
+    correction = (flux - integral) / jax.ops.segment_sum(weight, owner, n_cells)[:, None, None]
+    real = (supports > 0)[owner][:, :, None]
+    return jnp.where(real, dphi + correction[owner], 0.0), weight
+
+
+def _linear_trace(start, along, nodes, wall):
+    """Linear interpolation (2, a) between the two wall nodes of an essential edge, at the edge's two points."""
+    first, span = nodes[wall[0]], nodes[wall[1]] - nodes[wall[0]]
+    s = (start + EDGE_POINTS[:, None] * along - first) @ span / jnp.where(wall[0] >= 0, span @ span, 1.0)
+    number = jnp.arange(len(nodes))
+    return (1 - s)[:, None] * (number == wall[0]) + s[:, None] * (number == wall[1])
+
+
+def _conforming_lists(topology, basis, dmax, skin):
+    """``Lists`` of the conforming cells, made on the reference plate."""
+    part = topology.partition
+    edges, edge_owner = part.contour_edges
+    inner = np.einsum("qk,tki->tqi", TRIANGLE_POINTS, part.vertices[part.triangles]).reshape(-1, 2)
+    start, end = part.vertices[edges[:, 0]], part.vertices[edges[:, 1]]
+    on_edge = (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
+    support = dmax * topology.node_spacing
+    points = np.concatenate([inner, on_edge])
+    _check_support(topology, points, support, basis)
+    owner = np.concatenate([np.repeat(part.cell_of_triangle, 3), np.repeat(edge_owner, 2)])
+    nodes, supports = _pad_nodes(*_reaching_nodes(topology, points, owner, support, skin), support)
+
+    order = np.argsort(part.cell_of_triangle, kind="stable")
+    numbers = (3 * order[:, None] + np.arange(3)).ravel()
+    counts = 3 * np.bincount(part.cell_of_triangle)
+    groups = _groups(counts)
+    wall_nodes = _wall_ends(topology, edges)
+    hit = (nodes[edge_owner][:, None, :] == wall_nodes[:, :, None]) & (supports[edge_owner] > 0)[:, None, :]
+    wall = np.where(hit.any(axis=2), hit.argmax(axis=2), -1)
+    if np.any((wall < 0) != (wall_nodes < 0)):
+        raise ValueError(f"dmax: {dmax} is too small for the supports to reach along the plate's edges; use a larger one")
+    return Lists(topology, nodes, supports, tuple(_pad_rows(numbers, counts, g) for g in groups), groups, wall)
+
+
+def _groups(counts):
+    """Cell numbers in groups of similar numbers of points: whole squares and cut cells."""
+    cut = counts > 6
+    return tuple(group for group in (np.flatnonzero(~cut), np.flatnonzero(cut)) if len(group))
+
+
+def _blocks(lists, dphi, weight):
+    """``Block``s from gradients (p, a, 2) and weights (p,) of all quadrature points."""
+    blocks = []
+    for cells, numbers in zip(lists.cells, lists.points, strict=True):
+        n = int((lists.support[cells] > 0).sum(axis=1).max())
+        blocks.append(Block(cells, lists.nodes[cells, :n], dphi[numbers, :n], jnp.where(numbers >= 0, weight[numbers], 0.0)))
+    return tuple(blocks)
+
+
+def _reaching_nodes(topology, points, owner, support, skin):
+    """Numbers of the nodes that reach each owner's points, ascending, all owners in a row, and their counts (owners,)."""
+    nodes = topology.partition.vertices[topology.node_vertices]
+    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max() + skin, output_type="ndarray")
+    pairs = pairs[pairs["v"] < support[pairs["j"]] + skin]
+    key = np.unique(owner[pairs["i"]] * len(nodes) + pairs["j"])
+    return key % len(nodes), np.bincount(key // len(nodes), minlength=owner.max() + 1)
+
+
+def _pad_nodes(nodes, counts, support):
+    """Padded node lists (l, a) and supports (l, a), 0 for padding, from lists in a row."""
+    numbers = _pad_rows(np.arange(len(nodes)), counts, np.arange(len(counts)))
+    real = numbers >= 0
+    padded = nodes[np.where(real, numbers, numbers[:, :1])].astype(np.int32)
+    return padded, np.where(real, support[padded], 0.0)
+
+
+def _pad_rows(values, counts, rows):
+    """Rows (r, m) of values that lie in a row with ``counts``, padded with -1."""
+    column = np.arange(counts[rows].max())
+    start = np.concatenate([[0], np.cumsum(counts)])[rows]
+    real = column < counts[rows][:, None]
+    return np.where(real, values[np.where(real, start[:, None] + column, 0)], -1)
+
+
+def _wall_ends(topology, edges):
+    """Wall nodes (e, 2) between which each essential contour edge lies, -1 for all other edges."""
+    plate, vertices = topology.plate, topology.partition.vertices
+    nodes = vertices[topology.node_vertices]
+    ends = np.full((len(edges), 2), -1)
+    for edge, (axis, coordinate) in edge_lines(plate).items():
+        if plate.edges[edge] == "free":
+            continue
+        on = (np.abs(vertices[edges][:, :, axis] - coordinate) < 1e-9 * topology.spacing).all(axis=1)
+        wall = topology.wall_nodes[edge]
+        middle = vertices[edges[on]][:, :, 1 - axis].mean(axis=1)
+        k = np.clip(np.searchsorted(nodes[wall, 1 - axis], middle) - 1, 0, len(wall) - 2)
+        ends[on] = np.stack([wall[k], wall[k + 1]], axis=1)
+    return ends
+
+
+# --- the paper's quadrature --------------------------------------------------------------------------------------------------
+
+
+def _paper_lists(topology, basis, dmax, cells):
+    """``Lists``, points (p, 2) and weights (p,) of square cells with 4 x 4 Gauss points, points in holes dropped (Table 1)."""
+    plate = topology.plate
+    own = plate.cells if plate.cells and topology.spacing == plate.spacing else round(min(plate.width, plate.height) / topology.spacing)
+    points, weight = _square_cells(plate, own if cells is None else cells)
+    outside = ~inside_holes(plate, points.reshape(-1, 2)).reshape(weight.shape)
+    keep = outside[outside.any(axis=1)]
+    points, weight = points[outside], weight[outside]
+    support = dmax * topology.node_spacing
+    _check_support(topology, points, support, basis)
+    counts = keep.sum(axis=1)
+    owner = np.repeat(np.arange(len(counts)), counts)
+    nodes, supports = _pad_nodes(*_reaching_nodes(topology, points, owner, support, 0.0), support)
+    members = np.arange(len(counts))
+    numbers = _pad_rows(np.arange(len(points)), counts, members)
+    return Lists(topology, nodes, supports, (numbers,), (members,), np.full((0, 2), -1)), points, weight
+
+
+def _square_cells(plate, side):
+    """Gauss points (c, 16, 2) and weights (c, 16) of ``side`` x ``side`` background cells."""
+    g, w = np.polynomial.legendre.leggauss(4)
+    middle = (np.arange(side) + 0.5) / side - 0.5
+    centres = np.stack(np.meshgrid(middle * plate.width, middle * plate.height, indexing="ij"), axis=-1).reshape(-1, 1, 2)
+    half = np.array([plate.width, plate.height]) / (2 * side)
+    local = np.stack(np.meshgrid(g, g, indexing="ij"), axis=-1).reshape(1, -1, 2) * half
+    return centres + local, np.broadcast_to(np.outer(w, w).ravel() * half.prod(), (len(centres), 16))
+
+
+# --- checks ------------------------------------------------------------------------------------------------------------------
+
+
+def _check_options(basis, method, quadrature, kind):
+    n_monomials(basis)
+    if method not in ("mixed", "displacement"):
+        raise ValueError(f"method: {method!r} is not 'mixed' or 'displacement'")
+    if quadrature not in ("conforming", "paper"):
+        raise ValueError(f"quadrature: {quadrature!r} is not 'conforming' or 'paper'")
+    if kind not in ("imls", "iicvmls"):
+        raise ValueError(f"kind: {kind!r} is not 'imls' or 'iicvmls', the kinds that take essential conditions at the nodes")
+
+
+def _check_support(topology, points, support, basis):
+    """Refuse, naming the first point, points within the supports of fewer nodes than the basis needs."""
+    nodes = topology.partition.vertices[topology.node_vertices]
+    need = n_monomials(basis) + 1
+    distance, index = cKDTree(nodes).query(points, k=need)
+    index = np.minimum(index, len(nodes) - 1)  # a missing neighbour is infinitely far
+    lonely = np.flatnonzero((distance >= support[index]).any(axis=1))
+    if len(lonely):
+        x, y = points[lonely[0]]
+        raise ValueError(
+            f"dmax: a support of {support.max():.3g} mm reaches fewer than {need} nodes at the point ({x:.4g}, {y:.4g}), "
+            f"too few for the {basis} basis; use a larger dmax or a smaller spacing"
+        )
+
+
+def _check_reproduction(model):
+    """Refuse, outside traces, a model whose gradients do not reproduce the coordinates: neighbours on too few lines."""
+    if isinstance(model.cloud.vertices, jax.core.Tracer):
+        return
+    nodes = np.asarray(model.cloud.nodes)
+    for block in model.blocks:
+        error = np.abs(np.einsum("cai,cqaj->cqij", nodes[block.nodes], np.asarray(block.dphi)) - np.eye(2)).max(axis=(2, 3))
+        bad = np.argwhere(~(error < REPRODUCTION) & (np.asarray(block.weight) > 0))
+        if len(bad):
+            x, y = nodes[block.nodes[bad[0, 0], 0]]
+            raise ValueError(
+                f"dmax: {model.dmax} is too small for the {model.basis} basis near the point ({x:.4g}, {y:.4g}): its neighbours lie on "
+                "too few lines; use a larger dmax or a smaller spacing"
+            )

@@ -1,0 +1,273 @@
+"""What is read off the states of a path: rotation, hole areas, volume ratios, stresses, surface stretch and gaps.
+
+Every quantity is a pure function of one state, mapped over the k states of the path, and differentiable unless it says otherwise.
+Angles in degrees, anticlockwise positive; lengths in mm; stresses in kT/v.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import shapely
+
+from .cloud import OUTLINE_SEGMENTS
+from .discretisation import make_probe
+from .energy import all_volumes, by_block, volume_ratios
+from .material import cauchy_stress as cauchy_stress_at
+from .material import free_swelling, volume_ratio_at
+
+SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each gains a factor Nv over the bulk stiffness
+_ANTICLOCKWISE = ("bottom", "right", "top", "left")
+
+
+def rotation_angle(path):
+    """Rotation of the midline (k,), degrees: the angle to the x axis of the line through its highest and its lowest point.
+
+    The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the parabolas through
+    the sampled extremum and its neighbours, so the angle is a smooth function of the state until another sample takes over.
+    """
+    return _over_states(_rotation_angle, path)
+
+
+def core_rotation(path):
+    """Polar rotation (k,) of the gel at ``plate.core``, degrees: the angle of R in F = R U; nan where the core lies in a hole."""
+    return _over_states(_core_rotation, path)
+
+
+def area_reduction(path):
+    """Area reduction 1 - A/A0 (k,) of all holes together, measured on their deformed outlines; nan for a plate without holes."""
+    return _over_states(lambda x, model: 1 - jnp.sum(_hole_areas(x, model)) / jnp.sum(_hole_areas(model.cloud.nodes, model)), path)
+
+
+def area_reduction_per_hole(path):
+    """Area reduction 1 - A/A0 (k, holes) of each hole."""
+    return _over_states(lambda x, model: 1 - _hole_areas(x, model) / _hole_areas(model.cloud.nodes, model), path)
+
+
+def outlines(path):
+    """Deformed outline of each hole: a list over holes of closed loops (k, m, 2), mm, without repeating the first point.
+
+    A hole cut by the plate's edge is closed along the edge.
+    """
+    return _over_states(_loops, path)
+
+
+def dry_outlines(model):
+    """Outline of each hole on the dry plate: a list over holes of closed loops (m, 2), mm."""
+    return _loops(model.cloud.nodes, model)
+
+
+def volume_ratio(path):
+    """Volume ratio J (k, n_cells) of every cell, its mean over the cell."""
+    return _over_states(_cell_volume_ratio, path)
+
+
+def cell_volumes(model):
+    """Dry volume (n_cells,) of every cell, mm^2 (per unit depth)."""
+    volumes = jnp.zeros(model.n_cells)
+    for block in model.blocks:
+        volumes = volumes.at[block.cells].set(jnp.sum(block.weight, axis=1))
+    return volumes
+
+
+def free_stretch(path):
+    """Stretch (k,) of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``)."""
+    return free_swelling(path.mu, path.gel)
+
+
+def surface_ratio(path):
+    """Largest ratio (k,) of normal to tangential stretch along the hole outlines; 1 for a plate without holes.
+
+    The tangential stretch is that of the chord over one node spacing, the finest that the cloud resolves; the normal stretch follows
+    from zero traction. The surface of a nearly incompressible block in plane strain creases at 2.4 (stretch 0.647; Hong, Zhao & Suo
+    2009) and wrinkles at 3.4 (stretch 0.544; Biot 1963).
+    """
+    return _surface_ratio(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model)
+
+
+def deformed_vertices(path):
+    """Deformed positions (k, v, 2) of all vertices of the cells, mm, for pictures."""
+    probe = make_probe(path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices)
+    return jax.vmap(probe.position)(jnp.asarray(path.x))
+
+
+def cauchy_stress(path):
+    """Cauchy stress (k, n, 3) at the nodes, components xx, yy, xy, kT/v.
+
+    The pressure at a node is the mean of those of the cells whose triangles it is a corner of, as the pressures are per cell.
+    """
+    model = path.model
+    probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
+    mean = _node_mean(model)
+
+    def one(x, p, mu):
+        pressure = mean @ _by_cell(p, model)
+        F = probe.deformation_gradient(x)
+        sigma = jax.vmap(lambda F, p: cauchy_stress_at(F, mu, path.gel, p))(F, pressure)
+        return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
+
+    return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.mu))
+
+
+def min_gap(path):
+    """Smallest gap (k,) between facing points of one hole's outline, mm; 0 where an outline crosses itself. Not differentiable.
+
+    Points face each other if the line between them leaves both surfaces at less than 60 degrees to the normal; pairs closer than
+    two node spacings on the dry plate are neighbours and do not count. inf for a plate without holes.
+    """
+    dry = [np.asarray(loop) for loop in dry_outlines(path.model)]
+    loops = [np.asarray(loop) for loop in outlines(path)]
+    near = [_near_pairs(loop, 2 * path.model.cloud.spacing) for loop in dry]
+    gaps = [[_gap(states[k], pairs) for states, pairs in zip(loops, near, strict=True)] for k in range(len(path.mu))]
+    return np.array([min(gap, default=np.inf) for gap in gaps])
+
+
+# --- one state ---------------------------------------------------------------------------------------------------------------
+
+
+def _over_states(function, path):
+    """``function(x, model)`` at every state of the path."""
+    return _mapped(function)(jnp.asarray(path.x), path.model)
+
+
+@functools.cache
+def _mapped(function):
+    return jax.jit(jax.vmap(function, in_axes=(0, None)))
+
+
+def _rotation_angle(x, model):
+    line = model.midline.position(x)
+    top, bottom = _extremum(line, 1.0), _extremum(line, -1.0)
+    rise, run = top[1] - bottom[1], top[0] - bottom[0]
+    return jnp.degrees(jnp.arctan(rise / jnp.where(run == 0, 1.0, run)))
+
+
+def _extremum(line, sign):
+    """Point (2,) of the line (m, 2) with the largest sign * y, on the parabola through the sampled extremum and its neighbours."""
+    i = jnp.argmax(sign * line[:, 1])
+    inner = jnp.clip(i, 1, len(line) - 2)
+    before, at, after = line[inner - 1], line[inner], line[inner + 1]
+    slope, curvature = (after - before) / 2, after - 2 * at + before
+    bent = (curvature[1] != 0) & (i == inner)  # at an end of the midline, the wall, the extremum stays where it is
+    t = jnp.where(bent, jnp.clip(-slope[1] / jnp.where(bent, curvature[1], 1.0), -1.0, 1.0), 0.0)
+    return jnp.where(i == inner, at + t * slope + t**2 / 2 * curvature, line[i])
+
+
+def _core_rotation(x, model):
+    F = model.core.deformation_gradient(x)[0]
+    return jnp.degrees(jnp.arctan2(F[1, 0] - F[0, 1], F[0, 0] + F[1, 1]))
+
+
+def _loops(x, model):
+    points = model.outline.position(x)
+    loops = []
+    for parts in _loop_layout(model.lists.topology):
+        loops.append(jnp.concatenate([points[part] if isinstance(part, slice) else jnp.asarray(part) for part in parts]))
+    return loops
+
+
+@functools.cache
+def _loop_layout(topology):
+    """Per hole the slices of outline points and the plate's corners (j, 2) that make its closed loop, anticlockwise."""
+    stops = np.cumsum([0] + [len(o.s) for o in topology.outlines])
+    layout = []
+    for k in range(len(topology.plate.holes)):
+        own = [i for i, o in enumerate(topology.outlines) if o.arc.hole == k]
+        parts = []
+        for i, following in zip(own, own[1:] + own[:1], strict=True):
+            parts.append(slice(int(stops[i]), int(stops[i + 1])))
+            if not topology.outlines[i].closed:
+                parts.append(_corners_between(topology, topology.outlines[i], topology.outlines[following]))
+        layout.append(parts)
+    return layout
+
+
+def _corners_between(topology, outline, following):
+    """Corners (j, 2) of the plate between the end of one arc and the start of the next, going round the plate anticlockwise."""
+    w, h = topology.plate.width / 2, topology.plate.height / 2
+    corner_after = {"bottom": (w, -h), "right": (w, h), "top": (-w, h), "left": (-w, -h)}
+    first = _ANTICLOCKWISE.index(outline.arc.end_edge)
+    last = _ANTICLOCKWISE.index(following.arc.start_edge)
+    passed = [_ANTICLOCKWISE[(first + j) % 4] for j in range((last - first) % 4)]
+    return np.array([corner_after[edge] for edge in passed]).reshape(-1, 2)
+
+
+def _hole_areas(x, model):
+    """Area (holes,) inside each closed loop, mm^2, by the shoelace formula."""
+    areas = [0.5 * jnp.sum(loop[:, 0] * jnp.roll(loop[:, 1], -1) - loop[:, 1] * jnp.roll(loop[:, 0], -1)) for loop in _loops(x, model)]
+    return jnp.stack(areas) if areas else jnp.zeros(0)
+
+
+def _cell_volume_ratio(x, model):
+    J = volume_ratios(x, model)
+    if model.method == "mixed":
+        return _by_cell(J, model)
+    return _by_cell(J * all_volumes(model), model) / cell_volumes(model)
+
+
+def _by_cell(values, model):
+    """Values (n_cells,) in the order of the cells, summed over their volume groups, from values (g,) of all groups."""
+    by_cell = jnp.zeros(model.n_cells)
+    for block, part in zip(model.blocks, by_block(values, model), strict=True):
+        by_cell = by_cell.at[block.cells].set(jnp.sum(part, axis=1))
+    return by_cell
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
+def _surface_ratio(x, mu, gel, model):
+    chords = _chords(model.lists.topology)
+    if len(chords) == 0:
+        return jnp.ones(())
+    dry, deformed = (jnp.diff(model.outline.position(y)[chords], axis=1)[:, 0] for y in (model.cloud.nodes, x))
+    tangential = jnp.linalg.norm(deformed, axis=1) / jnp.linalg.norm(dry, axis=1)
+    J = volume_ratio_at(-gel.Nv, mu, gel)
+    for _ in range(SURFACE_ITERATIONS):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
+        force = jax.vmap(lambda t, n: jax.grad(gel.network)(jnp.diag(jnp.stack([t, n])), gel)[1, 1])
+        J = volume_ratio_at(-force(tangential, J / tangential) / tangential, mu, gel)
+    return jnp.max(J / tangential**2)
+
+
+@functools.cache
+def _chords(topology):
+    """Outline vertices (m, 2), in the numbering of ``model.outline``, that lie half a node spacing to either side of each vertex."""
+    half, first, chords = OUTLINE_SEGMENTS // 2, 0, []
+    for outline in topology.outlines:
+        number = first + np.arange(len(outline.s))
+        first += len(outline.s)
+        if outline.closed:
+            chords.append(np.stack([np.roll(number, half), np.roll(number, -half)], axis=1))
+        else:
+            chords.append(np.stack([number[: -2 * half], number[2 * half :]], axis=1))
+    return np.concatenate(chords) if chords else np.zeros((0, 2), dtype=int)
+
+
+def _node_mean(model):
+    """Matrix (n, n_cells) that averages over the cells whose triangles have the node as a corner."""
+    topology, part = model.lists.topology, model.lists.topology.partition
+    number = np.full(len(part.vertices), -1)
+    number[topology.node_vertices] = np.arange(model.n_nodes)
+    touches = np.zeros((model.n_nodes, model.n_cells))
+    node = number[part.triangles]
+    cell = np.broadcast_to(part.cell_of_triangle[:, None], node.shape)
+    touches[node[node >= 0], cell[node >= 0]] = 1.0
+    return jnp.asarray(touches / touches.sum(axis=1, keepdims=True))
+
+
+def _near_pairs(loop, distance):
+    return np.linalg.norm(loop[:, None] - loop[None], axis=2) < distance
+
+
+def _gap(loop, near):
+    """Smallest distance between facing points of a closed loop (m, 2), gel outside; 0 if it crosses itself."""
+    if not shapely.LinearRing(loop).is_simple:
+        return 0.0
+    tangent = np.roll(loop, -1, axis=0) - np.roll(loop, 1, axis=0)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    between = loop[None] - loop[:, None]
+    distance = np.linalg.norm(between, axis=2)
+    leaving = np.einsum("ijk,ik->ij", between, normal) > 0.5 * distance
+    facing = leaving & leaving.T & ~near
+    return float(distance[facing].min(initial=np.inf))

@@ -1,0 +1,376 @@
+"""A run's folder: the table, states and summary that a sweep leaves on disk while it goes, and how they are read back.
+
+Every file is complete at any moment: it is written beside its final place and moved there, or appended row by row. So whatever
+stops a run, Ctrl-C or a lost machine, the finished states stay readable. Nothing is pickled.
+"""
+
+import csv
+import dataclasses
+import io
+import json
+import math
+import os
+import platform
+import shutil
+import time
+import zipfile
+from importlib.metadata import version
+from pathlib import Path as File
+
+import numpy as np
+
+from . import cases
+from .equilibrium import Status
+from .observables import (
+    area_reduction,
+    cell_volumes,
+    core_rotation,
+    free_stretch,
+    min_gap,
+    outlines,
+    rotation_angle,
+    surface_ratio,
+    volume_ratio,
+)
+from .sweep import Path, Step
+
+COLUMNS = (
+    "mu",
+    "free_stretch",
+    "status",
+    "newton_iterations",
+    "residual",
+    "energy",
+    "J_min",
+    "J_max",
+    "J_mean",
+    "area_reduction",
+    "rotation_deg",
+    "core_rotation_deg",
+    "negative_pivots",
+    "lowest_eigenvalue",
+    "min_gap",
+    "surface_ratio",
+)
+INTEGER_COLUMNS = ("newton_iterations", "negative_pivots")
+CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
+SELF_CONTACT = "invalid: self-contact"
+FORMAT = 1  # raised when the meaning of a file changes
+MAX_BYTES = 2**31  # most that `load_run` reads of one file
+FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "series.pvd")
+
+
+def history(path):
+    """The columns of ``history.csv`` for every state of a path: a dictionary from each name in ``COLUMNS`` to (k,) values.
+
+    Energy in kT/v mm^2, angles in degrees, gap in mm; J is the volume ratio of a cell and its mean is weighted with the dry
+    volume. ``status`` is a list of texts, ``"invalid: self-contact"`` from the first state on in which a hole touches itself.
+    """
+    J = np.asarray(volume_ratio(path))
+    volumes = np.asarray(cell_volumes(path.model))
+    gap = np.asarray(min_gap(path))
+    values = {
+        "mu": path.mu,
+        "free_stretch": free_stretch(path),
+        "status": _status_texts(path.status, gap),
+        "newton_iterations": path.newton_iterations,
+        "residual": path.residual,
+        "energy": path.energy,
+        "J_min": J.min(axis=1),
+        "J_max": J.max(axis=1),
+        "J_mean": J @ volumes / volumes.sum(),
+        "area_reduction": area_reduction(path),
+        "rotation_deg": rotation_angle(path),
+        "core_rotation_deg": core_rotation(path),
+        "negative_pivots": path.negative_pivots,
+        "lowest_eigenvalue": path.lowest_eigenvalue,
+        "min_gap": gap,
+        "surface_ratio": surface_ratio(path),
+    }
+    return {name: values[name] if name == "status" else np.asarray(values[name]) for name in COLUMNS}
+
+
+def events(table):
+    """What happens along a path with the columns ``table`` of `history`, as a list of dictionaries in the order of mu.
+
+    Each holds ``event`` ("bifurcation", "crease" or "self-contact"), ``mu`` of the first state that shows it, ``mu_before`` of
+    the state before (None where it is the first), and ``text``. A bifurcation, or fold, is a change of the negative pivots.
+    """
+    mu, pivots = np.asarray(table["mu"]), np.asarray(table["negative_pivots"])
+    found = []
+
+    def add(k, event, text):
+        before = float(mu[k - 1]) if k else None
+        where = f"between mu = {before:.4f} and {mu[k]:.4f}" if k else f"at or before mu = {mu[k]:.4f}"
+        found.append({"event": event, "mu": float(mu[k]), "mu_before": before, "text": f"{text} {where}"})
+
+    for k in range(1, len(mu)):
+        if pivots[k] != pivots[k - 1]:
+            add(k, "bifurcation", f"negative pivots of the tangent go from {pivots[k - 1]} to {pivots[k]}")
+    for k in np.flatnonzero(np.asarray(table["surface_ratio"]) > CREASE_RATIO)[:1]:
+        add(k, "crease", f"a hole's surface is compressed past the crease limit (stretch ratio {CREASE_RATIO})")
+    for k in np.flatnonzero(np.asarray(table["min_gap"]) <= 0)[:1]:
+        add(k, "self-contact", "a hole's boundary touches itself")
+    return sorted(found, key=lambda e: e["mu"])
+
+
+class Recorder:
+    """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; pass it as ``on_step``.
+
+    ``case`` is the `cases.Case` behind ``model`` and ``gel``. Earlier results in ``folder`` are removed, other files stay.
+    Raises ValueError when the folder cannot be written.
+    """
+
+    def __init__(self, folder, case, model, gel):
+        self.folder, self.case, self.model, self.gel = open_folder(folder), case, model, gel
+        self.records = []  # (step, row, outlines) of each accepted state
+        self.started = time.perf_counter()
+        _clear(self.folder)
+        self._write_history()
+        self._write_summary("running", "the sweep has not ended")
+
+    @property
+    def steps(self):
+        """The accepted steps so far."""
+        return [step for step, _, _ in self.records]
+
+    @property
+    def table(self):
+        """The columns of ``history.csv`` so far."""
+        return {name: [row[name] for _, row, _ in self.records] for name in COLUMNS}
+
+    def __call__(self, step):
+        """Take one accepted step to disk."""
+        one = Path.from_steps(self.model, self.gel, [step], stop=step.status)
+        row = {name: column[0] for name, column in history(one).items()}
+        if self.records and self.records[-1][1]["status"] == SELF_CONTACT:
+            row["status"] = SELF_CONTACT
+        self.records.append((step, row, [np.asarray(loop)[0] for loop in outlines(one)]))
+        write_atomically(self.folder / "states.npz", lambda stream: np.savez(stream, **self._states()))
+        with (self.folder / "history.csv").open("a", newline="") as stream:
+            _csv_writer(stream).writerow(_csv_row(row))
+            stream.flush()
+            os.fsync(stream.fileno())
+        self._write_summary("running", "the sweep has not ended")
+
+    def finish(self, status, text):
+        """Close the record with ``status`` "complete", "stopped", "interrupted" or "failed", and the reason as ``text``."""
+        self._write_history()
+        self._write_summary(status, text)
+
+    def _states(self):
+        steps = self.steps
+        arrays = {name: np.array([getattr(step, name) for step in steps]) for name in STEP_ARRAYS}
+        arrays["status"] = np.array([step.status.name for step in steps])
+        arrays["nodes"] = np.asarray(self.model.cloud.nodes)
+        for i, loops in enumerate(zip(*(loops for _, _, loops in self.records), strict=True)):
+            arrays[f"outline_{i}"] = np.array(loops)
+        return arrays
+
+    def _write_history(self):
+        def write(stream):
+            text = io.StringIO(newline="")
+            writer = _csv_writer(text)
+            writer.writerow(COLUMNS)
+            writer.writerows(_csv_row(row) for _, row, _ in self.records)
+            stream.write(text.getvalue().encode())
+
+        write_atomically(self.folder / "history.csv", write)
+
+    def _write_summary(self, status, text):
+        table = self.table
+        summary = {
+            "format": FORMAT,
+            "case": self.case.name,
+            "options": self.case.table(),
+            "versions": {name: version(name) for name in ("jaxgel", "jax", "jaxlib", "numpy", "scipy")}
+            | {"python": platform.python_version(), "platform": platform.platform()},
+            "nodes": len(self.model.cloud.nodes),
+            "cells": int(self.model.n_cells),
+            "quadrature_points": int(self.model.n_points),
+            "status": status,
+            "reason": text,
+            "wall_seconds": round(time.perf_counter() - self.started, 3),
+            "states": len(self.records),
+            "mu_reached": float(table["mu"][-1]) if self.records else None,
+            "events": events(table),
+        }
+        encoded = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False).encode()
+        write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded))
+
+
+STEP_ARRAYS = ("mu", "x", "pressure", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """A run's folder as read from disk; k states of n nodes."""
+
+    folder: File
+    """Where it lies."""
+    summary: dict
+    """Content of ``summary.json``."""
+    history: dict
+    """Columns of ``history.csv``: name -> (k,) array, status a list of texts."""
+    states: dict
+    """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm."""
+
+    @property
+    def mu(self):
+        """(k,) chemical potential in kT."""
+        return self.states["mu"]
+
+    @property
+    def x(self):
+        """(k, n, 2) deformed node positions in mm."""
+        return self.states["x"]
+
+    @property
+    def outlines(self):
+        """(k, m, 2) deformed outline of each hole, in mm, a list of closed loops as in `observables.outlines`."""
+        return [self.states[f"outline_{i}"] for i in range(len(self.states)) if f"outline_{i}" in self.states]
+
+
+def load_run(folder, *, max_bytes=MAX_BYTES):
+    """The `Run` in a folder written by `Recorder`, finished or not; nothing in it is executed or unpickled.
+
+    Raises ValueError for a folder without a run, a damaged or foreign file, and one with more than ``max_bytes`` in a file.
+    """
+    folder = File(folder)
+    if not (folder / "summary.json").is_file():
+        raise ValueError(f"folder: {str(folder)!r} holds no summary.json; expected a folder written by jaxgel run")
+    summary = _guarded(folder / "summary.json", _read_summary, max_bytes)
+    table = _guarded(folder / "history.csv", _read_history, max_bytes)
+    states = _guarded(folder / "states.npz", _read_states, max_bytes) if table["mu"].size else None
+    if states is None:
+        raise ValueError(f"folder: {str(folder)!r} holds no accepted state; its run ended as {summary['status']!r}: {summary['reason']}")
+    k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in states.npz
+    if not np.array_equal(states["mu"][:k], table["mu"][:k]):
+        raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their mu differ")
+    states = {name: a if name == "nodes" else a[:k] for name, a in states.items()}
+    return Run(folder, summary, {name: column[:k] for name, column in table.items()}, states)
+
+
+def load_path(folder):
+    """The `sweep.Path` of a run's folder, on the model built again from the options in its ``summary.json``.
+
+    Raises ValueError as `load_run`, and when the nodes differ from the stored ones (written by another version).
+    """
+    run = load_run(folder)
+    case = cases.from_table(run.summary["options"], run.summary["case"])
+    model = case.model()
+    nodes = np.asarray(model.cloud.nodes)
+    if nodes.shape != run.states["nodes"].shape or np.abs(nodes - run.states["nodes"]).max() > 1e-9:
+        raise ValueError(f"folder: the nodes in {str(run.folder)!r} are not those of this version of jaxgel; run the case again")
+    steps = [_step(run.states, i) for i in range(len(run.mu))]
+    return Path.from_steps(model, case.gel, steps, stop=steps[-1].status)
+
+
+def open_folder(folder):
+    """The folder as a ``pathlib.Path``, made where it is missing; ValueError when it cannot be written."""
+    folder = File(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".jaxgel-probe.part"
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as problem:
+        raise ValueError(f"out: cannot write in {str(folder)!r}: {problem.strerror}; choose a folder that can be written") from None
+    return folder
+
+
+def write_atomically(file, write):
+    """Call ``write(stream)`` on a file beside ``file`` and move it there once it is on disk, so that no reader sees half of it."""
+    part = file.with_name(file.name + ".part")
+    with part.open("wb") as stream:
+        write(stream)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(file)
+
+
+def _clear(folder):
+    for name in FILES:
+        (folder / name).unlink(missing_ok=True)
+        (folder / f"{name}.part").unlink(missing_ok=True)
+    if (folder / "vtu").is_dir():
+        shutil.rmtree(folder / "vtu")
+
+
+def _step(states, i):
+    """The accepted step ``i`` of the arrays of ``states.npz``."""
+    values = {name: states[name][i] if states[name].ndim > 1 else states[name][i].item() for name in STEP_ARRAYS}
+    return Step(**values, status=Status[str(states["status"][i])])
+
+
+def _status_texts(status, gap):
+    """Status texts (k,) of a path, with the first self-contact and all that follows it invalid."""
+    touched = np.logical_or.accumulate(np.asarray(gap) <= 0)
+    return [SELF_CONTACT if t else s.name.lower().replace("_", " ") for s, t in zip(status, touched, strict=True)]
+
+
+def _csv_writer(stream):
+    return csv.writer(stream, lineterminator="\n")
+
+
+def _csv_row(row):
+    return [str(int(v)) if n in INTEGER_COLUMNS else v if n == "status" else repr(float(v)) for n, v in row.items()]
+
+
+def _guarded(file, read, max_bytes):
+    """``read(bytes, max_bytes)`` of a file, with everything that the parsers raise on damaged bytes turned into one ValueError."""
+    try:
+        if file.stat().st_size > max_bytes:
+            raise ValueError(f"it has {file.stat().st_size} bytes, more than the {max_bytes} allowed")
+        return read(file.read_bytes(), max_bytes)
+    except Exception as problem:
+        text = " ".join(str(problem).split())[:200] or type(problem).__name__
+        raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {text}") from None
+
+
+def _read_summary(content, _):
+    summary = json.loads(content)
+    wanted = {"format": int, "case": str, "options": dict, "status": str, "reason": str, "events": list}
+    for key, kind in wanted.items():
+        if not isinstance(summary[key], kind):
+            raise ValueError(f"{key} is not of type {kind.__name__}")
+    if summary["format"] != FORMAT:
+        raise ValueError(f"format {summary['format']}, this version reads {FORMAT}")
+    return summary
+
+
+def _read_history(content, _):
+    lines = content.decode().splitlines(keepends=True)
+    complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
+    header, *rows = csv.reader(complete)
+    if tuple(header) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
+        raise ValueError(f"columns are not {', '.join(COLUMNS)}")
+    columns = {name: [row[i] for row in rows] for i, name in enumerate(COLUMNS)}
+    kinds = {name: int if name in INTEGER_COLUMNS else float for name in COLUMNS}
+    return {name: c if name == "status" else np.array(c, dtype=float).astype(kinds[name]) for name, c in columns.items()}
+
+
+def _read_states(content, max_bytes):
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        if sum(member.file_size for member in archive.infolist()) > max_bytes:
+            raise ValueError(f"its arrays take more than the {max_bytes} bytes allowed")
+        arrays = {m.filename.removesuffix(".npy"): _read_array(archive.read(m)) for m in archive.infolist()}
+    (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
+    shapes = dict.fromkeys((*STEP_ARRAYS, "status"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
+    shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape or arrays[name].dtype.kind not in "fiU":
+            raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
+    if not np.isfinite(arrays["x"]).all():
+        raise ValueError("x is not finite")
+    return arrays
+
+
+def _read_array(content):
+    """The array in the bytes of an .npy file, its size checked before anything is made of it."""
+    stream = io.BytesIO(content)
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    shape, fortran, dtype = read_header[np.lib.format.read_magic(stream)](stream)
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(content) - stream.tell():
+        raise ValueError(f"an array {shape} of {dtype} does not fit its bytes")
+    return np.frombuffer(content, dtype, offset=stream.tell()).reshape(shape, order="F" if fortran else "C")

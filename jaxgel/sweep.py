@@ -1,0 +1,221 @@
+"""Continuation in the chemical potential: equilibria at given values of mu, or at values chosen on the way.
+
+A step knows nothing of the sweep: it is a predicted state and Newton's method. The sweep extrapolates, cuts a step that failed, and
+always ends: with all states, or with those so far and a status that says why it stopped.
+"""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+
+from .equilibrium import Status, dry_state, energy_at, prepare, solve
+from .material import check_gel
+
+MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
+MAX_STEPS = 400  # accepted states of a sweep with chosen steps
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Step:
+    """One accepted state of a sweep; scalars are Python numbers."""
+
+    mu: float
+    """Chemical potential, kT."""
+    x: np.ndarray
+    """(n, 2) nodal positions, mm."""
+    pressure: np.ndarray
+    """(g,) pressure of the volume groups, kT/v."""
+    status: Status
+    """Always ``Status.CONVERGED`` for an accepted state."""
+    newton_iterations: int
+    """Linear solves spent on it, including those of intermediate and failed attempts."""
+    residual: float
+    """Norm of the residual over that of the network's nodal forces."""
+    energy: float
+    """Total energy, kT/v mm^2."""
+    negative_pivots: int
+    """Negative eigenvalues of the tangent: 0 on a stable branch."""
+    lowest_eigenvalue: float = float("nan")
+    """Lowest eigenvalue of the tangent; nan where it was not computed."""
+    factor: object = None
+    """Factor of the tangent next to the state; None for a state read from a file."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Path:
+    """Accepted states of a sweep in the order of mu; k of them."""
+
+    model: object
+    """The ``Model``."""
+    gel: object
+    """The ``Gel``."""
+    mu: np.ndarray
+    """(k,) chemical potentials, kT."""
+    x: np.ndarray
+    """(k, n, 2) nodal positions, mm."""
+    pressure: np.ndarray
+    """(k, g) pressure of the volume groups, kT/v."""
+    status: list
+    """(k,) ``Status`` of each state."""
+    newton_iterations: np.ndarray
+    """(k,) linear solves spent on each state."""
+    residual: np.ndarray
+    """(k,) relative residuals."""
+    energy: np.ndarray
+    """(k,) total energies, kT/v mm^2."""
+    negative_pivots: np.ndarray
+    """(k,) negative eigenvalues of the tangent."""
+    lowest_eigenvalue: np.ndarray
+    """(k,) lowest eigenvalue of the tangent, nan where not computed."""
+    stop: Status
+    """``CONVERGED`` where the sweep reached its end, otherwise why it stopped."""
+    stop_text: str
+    """The reason in one line, with mu."""
+
+    @classmethod
+    def from_steps(cls, model, gel, steps, *, stop=Status.CONVERGED, stop_text=""):
+        """Path of the given steps (at least one)."""
+        columns = {name: [getattr(step, name) for step in steps] for name in _COLUMNS}
+        return cls(
+            model=model,
+            gel=gel,
+            x=jnp.stack([step.x for step in steps]),
+            pressure=jnp.stack([step.pressure for step in steps]),
+            status=columns.pop("status"),
+            stop=stop,
+            stop_text=stop_text or stop.text,
+            **{name: np.array(column) for name, column in columns.items()},
+        )
+
+    def __len__(self):
+        return len(self.mu)
+
+
+_COLUMNS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue")
+
+
+class SweepFailed(ArithmeticError):
+    """Not even the first state of a sweep was found; the text says why."""
+
+
+def sweep(model, gel, *, mu, branch="stable", loads=None, on_step=None, start=None, max_steps=MAX_STEPS):
+    """``Path`` of equilibria at the given increasing values ``mu`` (k,), or from ``mu = (first, last)`` in steps chosen on the way.
+
+    A tuple of two numbers means chosen steps; a list or array means those values. ``loads`` (n, 2) are dead nodal forces, see
+    ``load_vector``. ``on_step(step)`` is called with each accepted ``Step``; ``start`` is a Step to continue from. Raises
+    ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first state is not found; later failures end the
+    path early, with the reason in ``path.stop`` and ``path.stop_text``.
+    """
+    targets, chosen = check_mu(mu)
+    check_gel(gel)
+    problem = prepare(model, gel, loads)
+    steps, stop, where = _chosen(problem, targets, on_step, start, max_steps) if chosen else _given(problem, targets, on_step, start)
+    if not steps:
+        raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}")
+    return Path.from_steps(model, gel, steps, stop=stop, stop_text="" if stop.ok else f"stopped after mu = {where:.6g}: {stop.text}")
+
+
+def check_mu(mu):
+    """The values of mu as an array (k,) and whether steps are to be chosen between two; ValueError, one line, if unusable."""
+    values = np.atleast_1d(np.asarray(mu, dtype=float))
+    if values.ndim != 1 or len(values) == 0 or not np.all(np.isfinite(values)):
+        raise ValueError(f"mu: {mu} is not accepted, it must be a list of finite numbers (chemical potential in kT)")
+    if np.any(np.diff(values) <= 0):
+        k = int(np.argmax(np.diff(values) <= 0))
+        raise ValueError(f"mu: {values[k]:g} is followed by {values[k + 1]:g}, the values must increase")
+    return values, isinstance(mu, tuple) and len(values) == 2
+
+
+def _given(problem, targets, on_step, start):
+    """States at the given values; a failed step is cut, its intermediate states are not kept."""
+    done = [start] if start is not None else []
+    for target in targets:
+        step, status = _reach(problem, target, done)
+        if step is None:
+            return _own(done, start), status, done[-1].mu if done else target
+        done.append(step)
+        if on_step is not None:
+            on_step(step)
+    return _own(done, start), Status.CONVERGED, targets[-1]
+
+
+def _reach(problem, target, done):
+    """Step at ``target`` from the states done, by way of intermediate states where the direct one fails; or None and a status."""
+    history, spent, cuts, goal = list(done[-3:]), 0, 0, target
+    while True:
+        found = _attempt(problem, goal, history)
+        spent += found.newton_iterations
+        if found.status.ok:
+            if goal == target:
+                return dataclasses.replace(found, newton_iterations=spent), found.status
+            history.append(found)
+            goal = target if cuts <= 1 else min(target, 2 * goal - history[-2].mu)
+            cuts = max(0, cuts - 1)
+        elif not history or cuts >= MAX_CUTS:
+            return None, found.status if not history else Status.STEP_TOO_SMALL
+        else:
+            cuts += 1
+            goal = history[-1].mu + 0.5 * (goal - history[-1].mu)
+
+
+def _chosen(problem, targets, on_step, start, max_steps):
+    """States from the first to the last value, the step set by the number of Newton iterations the last one took."""
+    first, last = targets
+    done = [start] if start is not None else []
+    step, least, spent = (last - first) / 8, 1e-5 * (last - first), 0
+    goal = first if not done else min(last, done[-1].mu + step)
+    while len(done) < max_steps:
+        found = _attempt(problem, goal, done[-3:])
+        spent += found.newton_iterations
+        if found.status.ok:
+            done.append(dataclasses.replace(found, newton_iterations=spent))
+            if on_step is not None:
+                on_step(done[-1])
+            if goal >= last:
+                return _own(done, start), Status.CONVERGED, last
+            step *= {0: 2.0, 1: 2.0, 2: 2.0, 3: 1.5, 4: 1.0}.get(found.newton_iterations, 0.6)
+            spent = 0
+        elif not done:
+            return [], found.status, goal
+        else:
+            step = 0.4 * (goal - done[-1].mu)
+            if step < least:
+                return _own(done, start), Status.STEP_TOO_SMALL, done[-1].mu
+        goal = done[-1].mu + step
+        goal = last if goal > last - 0.3 * step else goal
+    return _own(done, start), Status.TOO_MANY_STEPS, done[-1].mu
+
+
+def _own(done, start):
+    return done if start is None else done[1:]
+
+
+def _attempt(problem, mu, history):
+    """``Step`` at ``mu`` (whatever its status) from the state extrapolated from up to three states before it."""
+    x, pressure = _predict(problem, mu, history)
+    found = solve(problem, mu, x, pressure)
+    energy = float(energy_at(found.x, problem.model, problem.gel, mu, problem.loads)) if found.status.ok else float("nan")
+    negative = found.factor.negative_pivots if found.factor is not None else (history[-1].negative_pivots if history else 0)
+    return Step(
+        mu=float(mu),
+        x=found.x,
+        pressure=found.pressure,
+        status=found.status,
+        newton_iterations=found.iterations,
+        residual=found.residual,
+        energy=energy,
+        negative_pivots=negative,
+        factor=found.factor,
+    )
+
+
+def _predict(problem, mu, history):
+    """Positions and pressures at ``mu`` by Lagrange extrapolation through the states of ``history``; the dry state without any."""
+    if not history:
+        return dry_state(problem)
+    at = np.array([step.mu for step in history])
+    others = [np.delete(at, i) for i in range(len(at))]
+    weights = [np.prod((mu - other) / (a - other)) for a, other in zip(at, others, strict=True)]
+    x = sum(w * step.x for w, step in zip(weights, history, strict=True))
+    return x, sum(w * step.pressure for w, step in zip(weights, history, strict=True))

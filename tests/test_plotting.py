@@ -1,0 +1,126 @@
+"""Figures carry what they say they carry; axes come in and go out."""
+
+import dataclasses
+import xml.etree.ElementTree as ElementTree
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from PIL import Image
+
+from jaxgel import plotting, results
+from jaxgel.plotting import CURVES, animate_pattern, field_values, plot_curve, plot_curves, plot_pattern, plot_patterns, write_series
+
+pytestmark = pytest.mark.xdist_group("small run")
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+def lines(ax, style):
+    """The drawn lines of a style that hold at least one point."""
+    return [line for line in ax.lines if line.get_linestyle() == style and np.isfinite(line.get_ydata()).any() and len(line.get_xdata()) > 2]
+
+
+@pytest.mark.parametrize("field", ["J", "stretch", None])
+def test_a_pattern_is_drawn_on_the_axes_given(path, field):
+    ax = plt.figure().add_subplot()
+    assert plot_pattern(path, 2, ax=ax, field=field) is ax
+    assert ax.get_aspect() == 1.0
+    assert ax.get_title() == rf"$\mu = {path.mu[2]:.4f}\,kT$"
+    assert "mm" in ax.get_xlabel()
+    assert "mm" in ax.get_ylabel()
+    assert len(ax.figure.axes) == (1 if field is None else 2)
+
+
+def test_a_pattern_shows_all_four_walls_and_leaves_out_free_edges(path):
+    ax = plot_pattern(path)
+    assert sum(patch.get_hatch() is not None for patch in ax.patches) == 4
+
+
+def test_field_j_is_the_volume_ratio(path):
+    """Mean J from the triangles against that of the cells: they differ by what J varies along a deformed edge."""
+    J, cloud = field_values(path, "J"), path.model.cloud
+    corners = np.asarray(cloud.vertices)[np.asarray(cloud.triangles)]
+    area = np.linalg.det(plotting._edges(corners)) / 2
+    np.testing.assert_allclose(J @ area / area.sum(), results.history(path)["J_mean"], rtol=1e-3)
+
+
+def test_the_largest_stretch_is_at_least_the_root_of_the_volume_ratio(path):
+    assert np.all(field_values(path, "stretch") >= np.sqrt(field_values(path, "J")) * (1 - 1e-12))
+
+
+def test_a_row_of_patterns_takes_the_nearest_states(path):
+    axes = plot_patterns(path, at=[path.mu[0] - 1, path.mu[-1] + 1])
+    assert [ax.get_title() for ax in axes] == [rf"$\mu = {mu:.4f}\,kT$" for mu in (path.mu[0], path.mu[-1])]
+    assert len(axes[0].figure.axes) == 3  # one colour bar for all
+
+
+@pytest.mark.parametrize("against", ["mu", "free_stretch"])
+@pytest.mark.parametrize("quantity", CURVES)
+def test_a_curve_holds_the_values_of_the_history(path, quantity, against):
+    table = results.history(path)
+    ax = plot_curve(path, quantity, against=against)
+    curve = lines(ax, "-")[0]
+    column = next(iter(CURVES[quantity][1]))
+    np.testing.assert_allclose(curve.get_xdata(), table[against])
+    np.testing.assert_allclose(curve.get_ydata(), table[column] * (100 if quantity == "area_reduction" else 1))
+    assert ax.get_ylabel() == CURVES[quantity][0]
+
+
+def test_unstable_states_are_dashed(path):
+    unstable = dataclasses.replace(path, negative_pivots=np.array([0, 0, 2, 2]))
+    ax = plot_curve(unstable, "area_reduction")
+    (dashed,) = lines(ax, "--")
+    (solid,) = lines(ax, "-")
+    np.testing.assert_array_equal(np.isfinite(dashed.get_ydata()), [False, True, True, True])
+    np.testing.assert_array_equal(np.isfinite(solid.get_ydata()), [True, True, False, False])
+
+
+def test_events_are_marked_and_what_is_invalid_is_shaded(path, monkeypatch):
+    monkeypatch.setattr(results, "min_gap", lambda _: np.array([1.0, 1.0, -0.1, -0.2]))
+    axes = plot_curves(path)
+    assert axes.shape == (5, 2)
+    for ax, against in zip(axes[0], ("mu", "free_stretch"), strict=True):
+        left = results.history(path)[against][2]
+        assert any(np.allclose(np.min(patch.get_xy(), axis=0)[0] if patch.get_xy().__class__ is np.ndarray else patch.get_x(), left) for patch in ax.patches)
+    labels = [text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()]
+    assert "self-contact" in labels
+    assert "invalid after self-contact" in labels
+
+
+def test_names_that_do_not_exist_are_refused(path):
+    with pytest.raises(ValueError, match="field: 'pressure' is not one of J, stretch"):
+        plot_pattern(path, field="pressure")
+    with pytest.raises(ValueError, match="quantity: 'turn' is not one of rotation"):
+        plot_curve(path, "turn")
+
+
+def test_the_animation_has_a_frame_per_state(path, tmp_path):
+    animate_pattern(path, tmp_path / "pattern.gif")
+    with Image.open(tmp_path / "pattern.gif") as image:
+        assert image.n_frames == len(path.mu)
+
+
+def test_the_callers_settings_stay(path):
+    before = dict(mpl.rcParams)
+    plot_curves(path)
+    assert dict(mpl.rcParams) == before
+
+
+def test_paraview_files_hold_every_state_in_the_order_of_mu(path, tmp_path):
+    write_series(path, tmp_path)
+    sets = ElementTree.parse(tmp_path / "series.pvd").getroot().findall("Collection/DataSet")
+    np.testing.assert_allclose([float(s.get("timestep")) for s in sets], path.mu)
+    for entry in sets:
+        content = (tmp_path / entry.get("file")).read_bytes()
+        start = content.index(b"<VTKFile")
+        header = ElementTree.fromstring(content[start : content.index(b"<AppendedData")] + b"</VTKFile>")
+        piece = header.find("UnstructuredGrid/Piece")
+        assert int(piece.get("NumberOfCells")) == len(path.model.cloud.triangles)
+        names = {array.get("Name") for array in piece.iter("DataArray")}
+        assert {"displacement", "J", "invalid"} <= names
