@@ -61,8 +61,10 @@ def main():
 
 def compare(threads, runs):
     """Rows of both solvers at one number of threads, printed as they come."""
-    from ngsolve_sweep import ROWS
-
+    try:
+        from ngsolve_sweep import ROWS
+    except ImportError as missing:
+        sys.exit(f'sweep.py: {missing}; pip install "jaxgel[bench]"')
     cases = [{"ngsolve": dataclasses.asdict(row)} for row in ROWS] + [{"spacing": spacing} for spacing in SPACINGS]
     rows = []
     for case in cases:

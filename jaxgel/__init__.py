@@ -13,6 +13,7 @@ from .discretisation import Model, discretise, make_probe  # noqa: E402
 from .equilibrium import Status  # noqa: E402
 from .geometry import Plate  # noqa: E402
 from .holes import Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse  # noqa: E402
+from .loads import load_vector  # noqa: E402
 from .material import ArrudaBoyce, Gel, Gent, free_energy, free_swelling, paper_stress, paper_tangent, uniaxial_swelling  # noqa: E402
 from .observables import (  # noqa: E402
     area_reduction,
@@ -51,6 +52,7 @@ __all__ = [
     "discretise",
     "free_energy",
     "free_swelling",
+    "load_vector",
     "make_cloud",
     "make_probe",
     "min_gap",

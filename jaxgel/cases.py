@@ -66,7 +66,7 @@ class SweepOptions:
         """What `sweep.sweep` takes as ``mu``: a list of values, or the two ends for chosen steps."""
         if self.mu is not None:
             return list(self.mu)
-        return (self.mu_start, self.mu_end) if self.steps == "auto" else list(np.linspace(self.mu_start, self.mu_end, self.steps))
+        return (self.mu_start, self.mu_end) if self.steps == "auto" else np.linspace(self.mu_start, self.mu_end, self.steps).tolist()
 
     @property
     def ends(self):
@@ -197,7 +197,7 @@ def _sample(table, holes):
     _known("plate", table, ("sample",))
     if holes:
         raise ValueError(f"holes: plate.sample = {table['sample']!r} has its own; drop one of the two")
-    return sample(table["sample"])
+    return sample(str(table["sample"]))
 
 
 def _plate(table, holes, name):
@@ -209,11 +209,13 @@ def _plate(table, holes, name):
         raise ValueError("holes: not a list of sections; write [[holes]] above each hole")
     size = [_number("plate", key, table[key], above=0.0) for key in ("width", "height")]
     edges = {"edges": table["edges"]} if "edges" in table else {}
+    if not isinstance(table.get("edges", ""), str | dict):
+        raise ValueError(f'plate.edges: {table["edges"]!r} is neither a condition nor a table such as {{ top = "free" }}')
     return Plate(*size, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name, **edges)
 
 
 def _hole(i, table):
-    kind = table.get("kind")
+    kind = str(table.get("kind"))
     if kind not in HOLES:
         raise ValueError(f"holes[{i}].kind: {kind!r} is unknown; {did_you_mean(kind, HOLES)}")
     fields = {f.name: f for f in dataclasses.fields(HOLES[kind])}

@@ -16,7 +16,7 @@ from . import cases
 from .geometry import did_you_mean
 from .results import Recorder, events, load_path, load_run, open_folder
 from .samples import sample, sample_names
-from .sweep import sweep
+from .sweep import SweepFailed, sweep
 
 DONE, UNUSABLE, STOPPED, INTERRUPTED = 0, 2, 3, 130
 OPTIONS = {
@@ -33,7 +33,7 @@ def main(argv=None):
     except ValueError as problem:
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return UNUSABLE
-    except OSError as problem:  # a full disk, a folder that went away
+    except (SweepFailed, OSError) as problem:  # no first state; a full disk, a folder that went away
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return STOPPED
 
@@ -42,34 +42,37 @@ def run(args):
     """``jaxgel run``: sweep a case and write its folder."""
     changes = {section: {key: getattr(args, key) for key in keys if getattr(args, key) is not None} for section, keys in OPTIONS.items()}
     case = cases.load_case(args.case, changes)
-    folder = File(args.out) if args.out else File("out") / case.name
-    model = case.model()
-    recorder = Recorder(folder, case, model, case.gel)
+    folder = open_folder(args.out or File("out") / case.name)
     say = _silent if args.quiet else print
-    d = case.discretisation
+    model, d = case.model(), case.discretisation
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {d.basis} basis, {d.method} method")
+    recorder = Recorder(folder, case, model, case.gel)
     try:
-        with _Progress(case.sweep.ends, args.quiet) as progress:
-
-            def on_step(step):
-                recorder(step)
-                progress.show(recorder.records[-1][1])
-
-            path = sweep(model, case.gel, mu=case.sweep.values, branch=case.sweep.branch, on_step=on_step)
+        path = _sweep(case, model, recorder, args.quiet)
     except KeyboardInterrupt:
         recorder.finish("interrupted", "stopped by the user")
-        _report(recorder, folder, say)
+        _report(recorder, say)
         return INTERRUPTED
     except Exception as problem:
         recorder.finish("failed", " ".join(str(problem).split()) or type(problem).__name__)
         raise
     recorder.finish("complete" if path.stop.ok else "stopped", path.stop_text)
-    if recorder.records:
-        _draw(path, folder, recorder.table, plots=not args.no_plots)
-    _report(recorder, folder, say)
+    _draw(path, folder, recorder.table, plots=not args.no_plots)
+    _report(recorder, say)
     if not path.stop.ok:
         print(f"jaxgel: the sweep stopped early: {path.stop_text}", file=sys.stderr)
     return DONE if path.stop.ok else STOPPED
+
+
+def _sweep(case, model, recorder, quiet):
+    """The path of a case, recorded and shown while it grows."""
+    with _Progress(case.sweep.ends, quiet) as progress:
+
+        def on_step(step):
+            recorder(step)
+            progress.show(recorder.records[-1][1])
+
+        return sweep(model, case.gel, mu=case.sweep.values, branch=case.sweep.branch, on_step=on_step)
 
 
 def plot(args):
@@ -131,7 +134,7 @@ def _draw(path, folder, table, plots):
     animate_pattern(path, folder / "pattern.gif")
 
 
-def _report(recorder, folder, say, most_rows=9):
+def _report(recorder, say, most_rows=9):
     """Print a table of at most ``most_rows`` states, the events, and where the files are."""
     table = recorder.table
     k = len(recorder.records)
@@ -146,7 +149,7 @@ def _report(recorder, folder, say, most_rows=9):
         )
     for event in events(table):
         say(f"{event['event']}: {event['text']}")
-    say(f"{k} states in {folder}")
+    say(f"{k} states in {recorder.folder}")
 
 
 def _silent(*_):

@@ -8,6 +8,7 @@ parameters while all lists (neighbours, cells, edges) stay as they are.
 
 import dataclasses
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +16,7 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from .geometry import arc_point, arcs, check_plate, edge_lines, equal_arc_length, inside_holes, reference_plate
+from .geometry import arc_points, arcs, check_plate, edge_lines, equal_arc_length, inside_holes, outline_points, reference_plate
 from .partition import partition
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
@@ -58,6 +59,8 @@ class Topology:
     """(n,) local distance of the nodes, mm; a node's support is dmax times this."""
     wall_nodes: dict
     """Edge name -> (k,) node numbers on that edge of the plate, in order along it."""
+    cache: dict = dataclasses.field(default_factory=dict)
+    """Neighbour lists and the like, filled by later stages."""
 
     @functools.cached_property
     def morph(self):
@@ -110,7 +113,8 @@ def make_cloud(plate, *, spacing=None, nodes_per_hole=None):
     plate, a spacing that is not positive, or one that leaves a ligament without a node.
     """
     reference = reference_plate(plate)
-    topology = _make_topology(reference, spacing, nodes_per_hole)
+    with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
+        topology = _make_topology(reference, spacing, nodes_per_hole)
     cloud = Cloud(reference, jnp.asarray(topology.partition.vertices), topology)
     return cloud if reference is plate else cloud.at(plate)
 
@@ -118,7 +122,7 @@ def make_cloud(plate, *, spacing=None, nodes_per_hole=None):
 def place(topology, plate):
     """Positions (v, 2) of all vertices for the holes of ``plate``; a pure function, smooth in every hole parameter."""
     part, n = topology.partition, topology.n_background
-    on_outlines = [jax.vmap(lambda s, arc=o.arc: arc_point(plate, arc, s))(jnp.asarray(o.s)) for o in topology.outlines]
+    on_outlines = [arc_points(plate, o.arc, o.s) for o in topology.outlines]
     outline = jnp.concatenate(on_outlines) if on_outlines else jnp.zeros((0, 2))
     background = jnp.asarray(part.vertices[:n])
     if on_outlines:
@@ -140,7 +144,7 @@ def _make_topology(plate, spacing, nodes_per_hole):
         nodes_per_hole = max(8, round(plate.nodes_per_hole * own / spacing))
     background, squares = _background(plate, spacing)
     outlines = _outlines(plate, nodes_per_hole, len(background))
-    outline_vertices = [np.asarray(jax.vmap(lambda s, a=o.arc: arc_point(plate, a, s))(jnp.asarray(o.s))) for o in outlines]
+    outline_vertices = [np.asarray(arc_points(plate, o.arc, o.s)) for o in outlines]
     outline_vertices = np.concatenate(outline_vertices) if outlines else np.zeros((0, 2))
     segments = np.concatenate([_segments(o) - len(background) for o in outlines]) if outlines else np.zeros((0, 2), dtype=int)
     gel = _gel_polygon(plate, outlines, outline_vertices, len(background))
@@ -190,9 +194,9 @@ def _outlines(plate, nodes_per_hole, offset):
 
 def _fraction_of_hole(plate, arc):
     """Length of the arc over the length of its whole hole's outline."""
-    point = jax.vmap(plate.holes[arc.hole].point)
-    whole = np.asarray(point(jnp.linspace(0.0, 1.0, 4001)))
-    part = np.asarray(point(jnp.linspace(arc.start, arc.end, 4001)))
+    hole = plate.holes[arc.hole]
+    whole = np.asarray(outline_points(hole, np.linspace(0.0, 1.0, 4001)))
+    part = np.asarray(outline_points(hole, np.linspace(arc.start, arc.end, 4001)))
     return _length(part) / _length(whole)
 
 
@@ -219,8 +223,8 @@ def _gel_polygon(plate, outlines, outline_vertices, offset):
         for this, following in zip(own, own[1:] + own[:1], strict=True):
             ring.append(outline_vertices[this.vertices - offset])
             stop = following.arc.start + (following.arc.start <= this.arc.end - 1e-12 or len(own) == 1)
-            outside = jnp.linspace(this.arc.end, stop, 66)[1:-1]
-            ring.append(np.asarray(jax.vmap(hole.point)(outside % 1.0)))
+            outside = np.linspace(this.arc.end, stop, 66)[1:-1]
+            ring.append(np.asarray(outline_points(hole, outside % 1.0)))
         rings.append(shapely.Polygon(np.concatenate(ring)))
     return shapely.difference(box, shapely.union_all(rings))
 
@@ -236,23 +240,26 @@ def _wall_nodes(plate, nodes, tolerance):
 
 def _check_ligaments(topology):
     """Refuse a cloud with a ligament narrower than the spacing and no node in it."""
-    plate, part, n = topology.plate, topology.partition, topology.n_background
-    walls = [shapely.LineString(line) for line in _wall_segments(plate)]
-    curves = [shapely.LineString(part.vertices[o.vertices[np.r_[: len(o.vertices), 0]]]) for o in topology.outlines if o.closed]
+    part, n = topology.partition, topology.n_background
     free = topology.node_vertices[topology.node_vertices < n]
     tree = cKDTree(part.vertices[free]) if len(free) else None
-    for i, curve in enumerate(curves):
-        for j, other in enumerate(curves[i + 1 :] + walls, start=i + 1):
-            line = shapely.shortest_line(curve, other)
-            if line.length >= topology.spacing:
-                continue
-            middle = np.asarray(line.centroid.coords)[0]
-            if tree is None or tree.query(middle)[0] > topology.spacing:
-                across = f"hole {i} and " + (f"hole {j}" if j < len(curves) else "the plate's edge")
-                raise ValueError(
-                    f"spacing: {topology.spacing:g} mm leaves no node in the {line.length:.3g} mm ligament between {across}; "
-                    f"use a spacing below {line.length:.3g}"
-                )
+    boundaries = [(f"holes[{o.arc.hole}]", o.closed, _curve(part.vertices[o.vertices], o.closed)) for o in topology.outlines]
+    boundaries += [("the plate's edge", False, shapely.LineString(line)) for line in _wall_segments(topology.plate)]
+    for (name, closed, curve), (other_name, _, other) in itertools.combinations(boundaries, 2):
+        cut = not closed and other_name == "the plate's edge"
+        line = shapely.shortest_line(curve, other)
+        if name == other_name or cut or line.length >= topology.spacing:
+            continue  # arcs of one hole, a hole that the edge cuts, a wide ligament
+        middle = np.asarray(line.centroid.coords)[0]
+        if tree is None or tree.query(middle)[0] > topology.spacing:
+            raise ValueError(
+                f"spacing: {topology.spacing:g} mm leaves no node in the {line.length:.3g} mm ligament between {name} and {other_name}; "
+                f"use a spacing below {line.length:.3g}"
+            )
+
+
+def _curve(points, closed):
+    return shapely.LineString(points[np.r_[: len(points), 0]] if closed else points)
 
 
 def _wall_segments(plate):

@@ -150,7 +150,10 @@ def discretise(cloud, *, basis="quadratic", dmax=None, method="mixed", quadratur
         _, dphi = evaluate_points(cloud.nodes, points, lists.nodes, lists.support, owner, basis=basis, kind=kind)
     else:
         skin = (0.25 * cloud.spacing if is_moved(cloud) else 0.0) if skin is None else float(skin)
-        lists = _conforming_lists(cloud.topology, basis, dmax, skin)
+        key = ("conforming", basis, dmax, skin)
+        if key not in cloud.topology.cache:
+            cloud.topology.cache[key] = _conforming_lists(cloud.topology, basis, dmax, skin)
+        lists = cloud.topology.cache[key]
         dphi, weight = _corrected_gradients(cloud.nodes, cloud.vertices, lists, basis, kind)
     probes = _observed(cloud, lists, basis, dmax, kind)
     model = Model(cloud, _blocks(lists, dphi, weight), *probes, lists, basis, dmax, method, quadrature, kind)
@@ -202,17 +205,20 @@ def is_moved(cloud):
     return cloud.plate is not cloud.topology.plate
 
 
-def evaluate_points(nodes, points, lists, supports, owner, *, basis, kind):
-    """Shape functions (p, a) and gradients (p, a, 2) at ``points`` (p, 2) with the node list (l, a) and supports of their owners (p,)."""
+def evaluate_points(nodes, points, lists, supports, owner, *, basis, kind, gradients=True):
+    """Shape functions (p, a) at ``points`` (p, 2) with the node list (l, a) and supports of their owners (p,), and their gradients.
+
+    Without ``gradients`` only the values; with them the pair of values (p, a) and gradients (p, a, 2).
+    """
     padding = -len(points) % BATCH  # whole batches only: one program instead of two
     padded = jnp.concatenate([points, jnp.broadcast_to(points[:1], (padding, 2))])
     owner = np.concatenate([owner, np.repeat(owner[:1], padding)]).astype(np.int32)
-    phi, dphi = _evaluate_batches(nodes, padded, lists, supports, owner, basis=basis, kind=kind)
-    return phi[: len(points)], dphi[: len(points)]
+    result = _evaluate_batches(nodes, padded, lists, supports, owner, basis=basis, kind=kind, gradients=gradients)
+    return jax.tree.map(lambda values: values[: len(points)], result)
 
 
-@functools.partial(jax.jit, static_argnames=("basis", "kind"))
-def _evaluate_batches(nodes, points, lists, supports, owner, *, basis, kind):
+@functools.partial(jax.jit, static_argnames=("basis", "kind", "gradients"))
+def _evaluate_batches(nodes, points, lists, supports, owner, *, basis, kind, gradients):
     @jax.checkpoint
     def one(point):
         x, owner = point
@@ -222,6 +228,8 @@ def _evaluate_batches(nodes, points, lists, supports, owner, *, basis, kind):
             value = shape_functions(x, neighbours, support, basis=basis, kind=kind).real
             return value, value
 
+        if not gradients:
+            return phi(x)[0]
         gradient, value = jax.jacfwd(phi, has_aux=True)(x)
         return value, gradient
 
@@ -242,10 +250,10 @@ def _corrected_gradients(nodes, vertices, lists, basis, kind):
     triangle_points = jnp.einsum("qk,tki->tqi", TRIANGLE_POINTS, vertices[part.triangles]).reshape(-1, 2)
     start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
     edge_points = (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
-    owner = np.concatenate([np.repeat(part.cell_of_triangle, 3), np.repeat(edge_owner, 2)])
-    points = jnp.concatenate([triangle_points, edge_points])
-    phi, dphi = evaluate_points(nodes, points, lists.nodes, lists.support, owner, basis=basis, kind=kind)
-    arrays = (nodes, vertices, phi[len(triangle_points) :], dphi[: len(triangle_points)])
+    shared = dict(lists=lists.nodes, supports=lists.support, basis=basis, kind=kind)
+    _, dphi = evaluate_points(nodes, triangle_points, owner=np.repeat(part.cell_of_triangle, 3), **shared)
+    trace = evaluate_points(nodes, edge_points, owner=np.repeat(edge_owner, 2), gradients=False, **shared)
+    arrays = (nodes, vertices, trace, dphi)
     return _correct(*arrays, part.triangles, part.cell_of_triangle, edges, edge_owner, lists.nodes, lists.support, lists.wall)
 
 
@@ -294,7 +302,7 @@ def _conforming_lists(topology, basis, dmax, skin):
     numbers = (3 * order[:, None] + np.arange(3)).ravel()
     counts = 3 * np.bincount(part.cell_of_triangle)
     groups = _groups(counts)
-    wall_nodes = _wall_ends(topology, edges)
+    wall_nodes = wall_ends(topology, edges)
     hit = (nodes[edge_owner][:, None, :] == wall_nodes[:, :, None]) & (supports[edge_owner] > 0)[:, None, :]
     wall = np.where(hit.any(axis=2), hit.argmax(axis=2), -1)
     if np.any((wall < 0) != (wall_nodes < 0)):
@@ -342,7 +350,7 @@ def _pad_rows(values, counts, rows):
     return np.where(real, values[np.where(real, start[:, None] + column, 0)], -1)
 
 
-def _wall_ends(topology, edges):
+def wall_ends(topology, edges):
     """Wall nodes (e, 2) between which each essential contour edge lies, -1 for all other edges."""
     plate, vertices = topology.plate, topology.partition.vertices
     nodes = vertices[topology.node_vertices]

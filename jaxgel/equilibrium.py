@@ -13,24 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .constraints import free_dofs
-from .energy import (
-    all_volumes,
-    internal_force,
-    mixed_terms,
-    network_force,
-    tangent,
-    tangent_constants,
-    tangent_pattern,
-    total_energy,
-    volume_ratios,
-)
+from .energy import all_volumes, total_energy
 from .linear_solve import SingularTangent, factor
+from .mixed import condensed_rhs, constants, linearise, pressure_step, tangent, tangent_pattern
 
-MAX_ITERATIONS = 25
+MAX_ITERATIONS = 30
 TOLERANCE = 1e-10  # of the residual, relative to the forces of the network
-CONSTRAINT_TOLERANCE = 1e-11  # of J - J*(p), relative to J* - 1 (plus round-off in J)
-
-ROUND_OFF = 1e-3  # J* - 1 below which the constraint is met to round-off in J: 1e-14 / CONSTRAINT_TOLERANCE
+CONSTRAINT_TOLERANCE = 1e-11  # of J - J*(p), see ``mixed.linearise``
+SLOW = 0.1  # a step that leaves more than this of the imbalance makes a new factor worth its cost
 
 
 class Status(enum.IntEnum):
@@ -81,8 +71,8 @@ class Problem:
     """(n, 2) dead nodal loads, kT/v mm."""
     pattern: object
     """Pattern of the tangent."""
-    constants: tuple
-    """``energy.tangent_constants``."""
+    fixed: object
+    """``mixed.Constants`` of the model."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -99,10 +89,8 @@ class Equilibrium:
     """Number of linear solves."""
     residual: float
     """Norm of the residual over the norm of the network's nodal forces."""
-    contraction: float
-    """Ratio of the last two Newton corrections; nan with fewer than two."""
     factor: object
-    """``linear_solve.Factor`` of the tangent of the last iteration, None where there was none."""
+    """The last ``linear_solve.Factor``, of a tangent near the state; None where the start was the solution."""
 
 
 def prepare(model, gel, loads=None):
@@ -110,63 +98,104 @@ def prepare(model, gel, loads=None):
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
     pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology))
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
-    return Problem(model, gel, loads, pattern, tangent_constants(model))
+    return Problem(model, gel, loads, pattern, constants(model))
 
 
-def dry_state(problem):
+def dry_state(model, gel):
     """Positions (n, 2) and pressures (g,) to start from without a previous state: the dry nodes, p = -Nv."""
-    return problem.model.cloud.nodes, jnp.full(len(all_volumes(problem.model)), -problem.gel.Nv)
+    return model.cloud.nodes, -gel.Nv * jnp.ones_like(all_volumes(model))
 
 
 def solve(problem, mu, x, pressure):
     """``Equilibrium`` at the chemical potential ``mu`` (kT), from positions ``x`` (n, 2) and pressures (g,).
 
-    Newton's method on the mixed form (see ``energy``): every p is feasible, so no line search guards J > 1. The last factor is kept;
-    it belongs to the iterate before the last correction, which differs from the tangent at the solution by that correction.
+    Newton's method on the mixed form (see ``mixed``): every p is feasible, so no line search guards J > 1. A factor serves for as
+    long as each correction leaves less than ``SLOW`` of the imbalance; the last one is kept.
     """
-    args = problem.model, problem.gel, jnp.asarray(mu, dtype=float)
-    free, kept, sizes, size, contraction = problem.pattern.free, None, [], np.inf, np.nan
-    for iteration in range(MAX_ITERATIONS + 1):
-        rhs, stiffness, measures = _newton_system(x, pressure, *args, problem.loads, free)
-        size, constraint = (float(m) for m in measures)
+    args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
+    now, measures = _linearise(x, pressure, *args, problem.pattern.free)
+    kept, basis, iterations, before = None, None, 0, np.inf
+    while True:
+        size, constraint = float(measures[0]), float(measures[1])
         if not np.isfinite(size + constraint):
-            return Equilibrium(x, pressure, Status.NOT_FINITE, iteration, size, contraction, kept)
+            return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, kept)
         if size < TOLERANCE and constraint < CONSTRAINT_TOLERANCE:
-            return Equilibrium(x, pressure, Status.CONVERGED, iteration, size, contraction, kept)
-        if iteration == MAX_ITERATIONS:
-            break
+            return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept)
+        if iterations == MAX_ITERATIONS:
+            return Equilibrium(x, pressure, Status.NOT_CONVERGED, iterations, size, kept)
+        imbalance = max(size / TOLERANCE, constraint / CONSTRAINT_TOLERANCE)
         try:
-            pairs = _tangent(x, pressure, stiffness, *args[:2], problem.constants)
-            kept = factor(problem.pattern, pairs)
-            correction, _ = kept.solve(np.asarray(rhs))
+            if kept is None or imbalance > SLOW * before:
+                basis = now
+                kept = factor(problem.pattern, _tangent(x, pressure, basis, *args[:2], problem.fixed))
+            rhs = _rhs(now, basis, problem.model, problem.pattern.free)
+            correction, _ = kept.solve(np.asarray(rhs), refine=False)
         except SingularTangent:
-            return Equilibrium(x, pressure, Status.SINGULAR, iteration, size, contraction, kept)
-        x, pressure = _update(x, pressure, correction, *args, free)
-        sizes.append(np.linalg.norm(correction))
-        contraction = sizes[-1] / sizes[-2] if len(sizes) > 1 else np.nan
-    return Equilibrium(x, pressure, Status.NOT_CONVERGED, MAX_ITERATIONS, size, contraction, kept)
+            return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, kept)
+        x, pressure, now, measures = _advance(x, pressure, correction, now, basis, *args, problem.pattern.free)
+        iterations, before = iterations + 1, imbalance
 
 
 @jax.jit
-def _newton_system(x, p, model, gel, mu, loads, free):
-    """Right-hand side (f,) of the condensed Newton step, stiffness k (g,), and the residual and constraint measures."""
-    error, k, star = mixed_terms(x, p, model, gel, mu)
-    rhs = (loads - internal_force(x, p + k * error, model, gel)).ravel()[free]
-    imbalance = (loads - internal_force(x, p, model, gel)).ravel()[free]
-    scale = jnp.linalg.norm(network_force(x, model, gel)) + jnp.linalg.norm(loads)
-    return rhs, k, (jnp.linalg.norm(imbalance) / scale, jnp.max(jnp.abs(error) / (star - 1 + ROUND_OFF)))
+def _linearise(x, p, model, gel, mu, loads, fixed, free):
+    """``mixed.linearise``, and the measures (relative residual, constraint)."""
+    now, (network, constraint) = linearise(x, p, model, gel, mu, loads, fixed)
+    return now, (jnp.linalg.norm(now.rhs.ravel()[free]) / (network + jnp.linalg.norm(loads)), constraint)
+
+
+@jax.jit
+def _rhs(now, basis, model, free):
+    return condensed_rhs(now, basis, model).ravel()[free]
 
 
 _tangent = jax.jit(tangent)
 
 
 @jax.jit
-def _update(x, p, correction, model, gel, mu, free):
-    """Positions and pressures after a Newton correction (f,) of the free degrees of freedom."""
-    dx = jnp.zeros(x.size).at[free].set(correction).reshape(x.shape)
-    error, k, _ = mixed_terms(x, p, model, gel, mu)
-    _, dJ = jax.jvp(lambda y: volume_ratios(y, model), (x,), (dx,))
-    return x + dx, p + k * (dJ + error)
+def _advance(x, p, correction, now, basis, model, gel, mu, loads, fixed, free):
+    """Positions and pressures after a correction (f,) of the free degrees of freedom, linearised there."""
+    dx = jnp.zeros(x.size).at[free].add(correction).reshape(x.shape)
+    x, p = x + dx, p + pressure_step(dx, now, basis, model)
+    return x, p, *_linearise(x, p, model, gel, mu, loads, fixed, free)
+
+
+def solve_traced(model, gel, mu, loads, x, pressure):
+    """``solve`` inside jit or vmap: positions (n, 2), pressures (g,) and a dict of status, iterations, residual, negative pivots.
+
+    The loop is a ``while_loop``; only the sparse solves leave for the host. Positions are nan where it did not converge.
+    """
+    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology))
+    free, fixed = pattern.free, constants(model)
+    args = model, gel, mu, loads, fixed, free
+
+    def going(state):
+        _, _, _, (size, constraint), iterations, _ = state
+        done = (size < TOLERANCE) & (constraint < CONSTRAINT_TOLERANCE)
+        return ~done & jnp.isfinite(size + constraint) & (iterations < MAX_ITERATIONS)
+
+    def step(state):
+        x, p, now, _, iterations, _ = state
+        shapes = (jax.ShapeDtypeStruct(free.shape, x.dtype), jax.ShapeDtypeStruct((), int))
+        system = tangent(x, p, now, model, gel, fixed), _rhs(now, now, model, free)
+        correction, negative = jax.pure_callback(functools.partial(_host_step, pattern), shapes, *system, vmap_method="sequential")
+        return *_advance(x, p, correction, now, now, *args), iterations + 1, negative
+
+    state = (x, pressure, *_linearise(x, pressure, *args), jnp.asarray(0), jnp.asarray(0))
+    x, p, _, (size, constraint), iterations, negative = jax.lax.while_loop(going, step, state)
+    done = (size < TOLERANCE) & (constraint < CONSTRAINT_TOLERANCE)
+    failed = jnp.where(jnp.isfinite(size + constraint), int(Status.NOT_CONVERGED), int(Status.NOT_FINITE))
+    status = jnp.where(done, int(Status.CONVERGED), failed)
+    report = dict(status=status, newton_iterations=iterations, residual=size, negative_pivots=negative)
+    return jnp.where(done, x, jnp.nan), p, report
+
+
+def _host_step(pattern, pairs, rhs):
+    """Newton correction (f,) and number of negative pivots; nan and -1 where the tangent is singular."""
+    try:
+        made = factor(pattern, pairs)
+        return made.solve(rhs)[0], np.asarray(made.negative_pivots)
+    except SingularTangent:
+        return np.full(rhs.shape, np.nan), np.asarray(-1)
 
 
 energy_at = jax.jit(total_energy)

@@ -172,6 +172,11 @@ def arc_point(plate, arc, s):
     return plate.holes[arc.hole].point(arc_parameter(plate, arc, s))
 
 
+def arc_points(plate, arc, s):
+    """Points (m, 2) in mm at the shares ``s`` (m,) of the arc; compiled once per kind of hole."""
+    return outline_points(plate.holes[arc.hole], arc_parameter(plate, arc, jnp.asarray(s)))
+
+
 def equal_arc_length(plate, arc, n_intervals):
     """Shares s along the arc that cut it into pieces of equal length, corners being cuts.
 
@@ -210,7 +215,7 @@ def check_plate(plate):
     touch = TOUCH * min(plate.width, plate.height)
     inner = []
     for k, hole in enumerate(plate.holes):
-        shape = shapely.Polygon(np.asarray(_points(hole, np.union1d(np.arange(1440) / 1440, hole.corners))))
+        shape = shapely.Polygon(np.asarray(outline_points(hole, np.union1d(np.arange(1440) / 1440, hole.corners))))
         if not shape.is_valid or not shape.exterior.is_ccw:
             raise ValueError(f"holes[{k}]: its outline crosses itself or runs clockwise; give a simple anticlockwise outline")
         if shape.intersection(box).area <= touch**2:
@@ -277,7 +282,8 @@ def _meet(hole, t, axis, coordinate):
 
 
 @jax.jit
-def _points(hole, t):
+def outline_points(hole, t):
+    """Points (m, 2) of the outline at the parameters ``t`` (m,), mm; compiled once per kind of hole."""
     return jax.vmap(hole.point)(t)
 
 
@@ -300,7 +306,7 @@ def _arcs_of_hole(plate, k):
     hole, tolerance = plate.holes[k], 1e-12 * max(plate.width, plate.height)
 
     def outward(t):
-        return _outward(plate, np.asarray(_points(hole, np.atleast_1d(t))))
+        return _outward(plate, np.asarray(outline_points(hole, np.atleast_1d(t))))
 
     t = _outline_samples(hole, lambda t: outward(t).max(axis=1))
     distances = outward(t)
@@ -389,7 +395,7 @@ def _check_sides_along_edges(plate, hole, where, touch):
     """Refuse a straight side on the plate's edge: whether the edge cuts it is not defined once the hole moves."""
     if not hole.corners:
         return
-    corners = np.asarray(_points(hole, np.asarray(hole.corners)))
+    corners = np.asarray(outline_points(hole, np.asarray(hole.corners)))
     on_edge = np.abs(_outward(plate, corners)) < touch
     for side in np.flatnonzero((on_edge & np.roll(on_edge, -1, axis=0)).any(axis=1)):
         middle = (corners[side] + corners[(side + 1) % len(corners)]) / 2

@@ -5,14 +5,18 @@ of freedom. Factors are SciPy's SuperLU in symmetric mode: no row exchange, so t
 (Sylvester). Pivots too small for that are found by the residual of the solve, which is always checked and refined.
 """
 
+import collections
 import dataclasses
+import functools
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 MAX_REFINEMENTS = 6
+REMEMBERED_BYTES = 2**28  # most that the factors kept for `solve_near` may fill
+NEARNESS = 1e-2  # largest relative difference of two tangents of which one's factor refines the other's solutions
 
 
 class SingularTangent(ArithmeticError):
@@ -35,6 +39,8 @@ class Pattern:
     """(f + 1,) column starts of the permuted CSC matrix."""
     order: np.ndarray
     """(f,) fill-reducing order: row k of the permuted matrix is free degree of freedom order[k]."""
+    remembered: collections.deque = dataclasses.field(default_factory=collections.deque)
+    """The latest factors, newest last."""
 
     def matrix(self, pairs):
         """The permuted free-free matrix (f, f), CSC, from pair blocks (n_pairs, 2, 2)."""
@@ -54,25 +60,27 @@ class Factor:
     negative_pivots: int
     """Number of negative pivots = number of negative eigenvalues of the matrix."""
 
-    def solve(self, rhs, matrix=None):
+    def solve(self, rhs, matrix=None, *, tolerance=1e-8, refine=True):
         """Solution (f,) or (f, r) for the right-hand side, and its relative residual; refined against ``matrix`` where given.
 
-        Raises ``SingularTangent`` where refinement does not bring the residual below 1e-8 of the right-hand side.
+        Without ``refine`` the first solution is taken if its residual is below the tolerance, which serves a Newton step.
+
+        Raises ``SingularTangent`` where refinement does not bring the residual below ``tolerance`` times the right-hand side.
         """
         matrix = self.matrix if matrix is None else matrix
         rhs = np.asarray(rhs)[self.pattern.order]
         scale = np.linalg.norm(rhs)
         if scale == 0.0:
             return np.zeros_like(rhs), 0.0
-        with threadpool_limits(1, user_api="blas"):
+        with _one_thread():
             solution, error = self.lu.solve(rhs), np.inf
             for _ in range(MAX_REFINEMENTS):
                 residual = rhs - matrix @ solution
                 previous, error = error, np.linalg.norm(residual) / scale
-                if error < 1e-13 or not error < 0.5 * previous:
+                if error < 1e-14 or not error < 0.5 * previous or (error < tolerance and not refine):
                     break
                 solution = solution + self.lu.solve(residual)
-        if not error < 1e-8:
+        if not error < tolerance:
             raise SingularTangent(f"the linear solve left a relative residual of {error:.1e}")
         unpermuted = np.empty_like(solution)
         unpermuted[self.pattern.order] = solution
@@ -108,7 +116,7 @@ def factor(pattern, pairs):
     if not np.all(np.isfinite(matrix.data)):
         raise SingularTangent("the tangent is not finite")
     try:
-        with threadpool_limits(1, user_api="blas"):
+        with _one_thread():
             lu = splu(
                 matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, relax=10, panel_size=20, options=dict(SymmetricMode=True, Equil=False)
             )
@@ -116,7 +124,50 @@ def factor(pattern, pairs):
         raise SingularTangent(str(error)) from error
     # SymmetricMode post-orders rows and columns alike; only then are the signs of diag U the inertia
     negative = int(np.sum(lu.U.diagonal() < 0)) if np.array_equal(lu.perm_r, lu.perm_c) else -1
-    return Factor(pattern, matrix, lu, negative)
+    made = Factor(pattern, matrix, lu, negative)
+    pattern.remembered.append(made)
+    while len(pattern.remembered) > 1 and len(pattern.remembered) * 12 * lu.nnz > REMEMBERED_BYTES:
+        pattern.remembered.popleft()
+    return made
+
+
+def solve_near(pattern, pairs, rhs):
+    """Solution (f,) or (f, r) for the tangent given by pair blocks (n_pairs, 2, 2), with a remembered factor where one is near.
+
+    The factors of a sweep so serve its derivatives: the solution is refined against the given tangent, so it does not depend on
+    which factor was used. NaN where the tangent is singular: for use inside compiled programs, which cannot raise.
+    """
+    matrix = pattern.matrix(pairs)
+    try:
+        nearest = _nearest(pattern, matrix)
+        if nearest is not None:
+            try:
+                return nearest.solve(rhs, matrix, tolerance=1e-12)[0]
+            except SingularTangent:
+                pass
+        return factor(pattern, pairs).solve(rhs)[0]
+    except SingularTangent:
+        return np.full(np.shape(rhs), np.nan)
+
+
+def _nearest(pattern, matrix):
+    """The remembered factor whose tangent differs least from ``matrix``, or None; judged by a sample of the entries."""
+    sample = slice(None, None, max(1, matrix.nnz // 4096))
+    wanted = matrix.data[sample]
+    scale = np.linalg.norm(wanted)
+    distance = [np.linalg.norm(made.matrix.data[sample] - wanted) for made in pattern.remembered]
+    best = int(np.argmin(distance)) if distance else -1
+    return pattern.remembered[best] if best >= 0 and distance[best] < NEARNESS * scale else None
+
+
+def _one_thread():
+    """Context in which BLAS uses one thread: several fight over fronts as small as these."""
+    return _thread_pools().limit(limits=1, user_api="blas")
+
+
+@functools.cache
+def _thread_pools():
+    return ThreadpoolController()  # searching the loaded libraries takes milliseconds, so once
 
 
 def _fill_reducing_order(row, column, size):

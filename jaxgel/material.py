@@ -173,7 +173,8 @@ def free_swelling(mu, gel):
 def uniaxial_swelling(mu, gel):
     """Stretch l2 (...) of the gel that swells along x2 only, at ``mu`` (...): dW/dl2 = 0 at F = diag(1, l2, 1); Eq. (59).
 
-    Exists for every mu up to 1e5 with a neo-Hookean network and chi <= 1/2; NaN where no root is connected with the dry state.
+    Exists for every mu with a neo-Hookean network and chi <= 1/2, up to l2 = LARGEST_SWELLING; NaN where no root is connected with
+    the dry state.
     """
     return _volume_ratio_or_nan(_uniaxial, mu, gel)
 

@@ -67,7 +67,7 @@ def cell_volumes(model):
     """Dry volume (n_cells,) of every cell, mm^2 (per unit depth)."""
     volumes = jnp.zeros(model.n_cells)
     for block in model.blocks:
-        volumes = volumes.at[block.cells].set(jnp.sum(block.weight, axis=1))
+        volumes = volumes.at[block.cells].add(jnp.sum(block.weight, axis=1))
     return volumes
 
 
@@ -210,7 +210,7 @@ def _by_cell(values, model):
     """Values (n_cells,) in the order of the cells, summed over their volume groups, from values (g,) of all groups."""
     by_cell = jnp.zeros(model.n_cells)
     for block, part in zip(model.blocks, by_block(values, model), strict=True):
-        by_cell = by_cell.at[block.cells].set(jnp.sum(part, axis=1))
+        by_cell = by_cell.at[block.cells].add(jnp.sum(part, axis=1))
     return by_cell
 
 

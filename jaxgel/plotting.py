@@ -13,12 +13,14 @@ import numpy as np
 import scipy.sparse
 from matplotlib.animation import PillowWriter
 from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.tri import Triangulation
 from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkGroup, VtkTriangle
 
-from .observables import deformed_vertices, free_stretch
+from .observables import deformed_vertices, free_stretch, volume_ratio
 from .results import CREASE_RATIO, SELF_CONTACT, events, history, open_folder
 
 STYLE = {
@@ -65,7 +67,7 @@ def plot_pattern(path, k=-1, *, ax=None, field="stretch", limits=None, colorbar=
     """
     ax = plt.subplots(figsize=(3.6, 3.3), layout="constrained")[1] if ax is None else ax
     (vertices,), (values,) = _pictured(path, [k], field)
-    gel = _Gel(ax, path.model.cloud, vertices, values, limits)
+    gel = _Gel(ax, path.model.cloud, vertices, values, limits or _range([values]))
     _frame(ax, path.model.cloud, [vertices], path.mu[k])
     if colorbar and values is not None:
         ax.figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
@@ -133,10 +135,10 @@ def plot_curves(path, *, axes=None, table=None):
         if row[1].get_legend() is not None:
             row[1].get_legend().remove()
     marks = [
-        plt.Line2D([], [], color=WALL, linewidth=0.9, linestyle=MARKS[e], label=e) for e in dict.fromkeys(e["event"] for e in events(table))
+        Line2D([], [], color=WALL, linewidth=0.9, linestyle=MARKS[e], label=e) for e in dict.fromkeys(e["event"] for e in events(table))
     ]
     if np.any(np.asarray(table["negative_pivots"]) > 0):
-        marks.append(plt.Line2D([], [], color=LINE, linestyle="--", label="unstable branch"))
+        marks.append(Line2D([], [], color=LINE, linestyle="--", label="unstable branch"))
     if SELF_CONTACT in table["status"]:
         marks.append(Rectangle((0, 0), 1, 1, color=SHADE, label="invalid after self-contact"))
     if marks:
@@ -174,7 +176,7 @@ def write_series(path, folder, *, table=None):
     cloud = path.model.cloud
     used, triangles = np.unique(np.asarray(cloud.triangles), return_inverse=True)
     vertices = np.asarray(deformed_vertices(path))
-    dry, deformed, J = np.asarray(cloud.vertices)[used], vertices[:, used], _field_on_triangles(cloud, vertices, "J")
+    dry, deformed, J = np.asarray(cloud.vertices)[used], vertices[:, used], _field_on_triangles(path, vertices, "J")
     invalid = [text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]]
     folder = open_folder(folder)
     (folder / "vtu").mkdir(exist_ok=True)
@@ -201,16 +203,19 @@ def write_series(path, folder, *, table=None):
 def field_values(path, field):
     """Values (k, t) of a field of ``FIELDS`` on the triangles of a path's cloud, constant in each cell; ValueError for another name.
 
-    Both follow from the deformation gradient between the vertices, averaged over the dry volume of a cell.
+    "J" is `observables.volume_ratio`; with the paper's quadrature, whose cells are other squares, and for "stretch" it follows
+    from the deformation gradient between the vertices, averaged over the dry volume of a cell.
     """
-    return _field_on_triangles(path.model.cloud, np.asarray(deformed_vertices(path)), field)
+    return _field_on_triangles(path, np.asarray(deformed_vertices(path)), field)
 
 
-def _field_on_triangles(cloud, vertices, field):
-    """Values (k, t) of a field from the deformed vertices (k, v, 2)."""
+def _field_on_triangles(path, vertices, field):
+    """Values (k, t) of a field, with the deformed vertices (k, v, 2) at hand."""
     _one_of("field", field, FIELDS)
-    triangles, cells = np.asarray(cloud.triangles), np.asarray(cloud.cell_of_triangle)
-    dry = _edges(np.asarray(cloud.vertices)[triangles])
+    triangles, cells = np.asarray(path.model.cloud.triangles), np.asarray(path.model.cloud.cell_of_triangle)
+    if field == "J" and path.model.quadrature == "conforming":
+        return np.asarray(volume_ratio(path))[:, cells]
+    dry = _edges(np.asarray(path.model.cloud.vertices)[triangles])
     F = _edges(vertices[:, triangles]) @ np.linalg.inv(dry)
     volume = np.linalg.det(dry)
     average = scipy.sparse.csr_array((volume, (cells, np.arange(len(cells)))), shape=(cells.max() + 1, len(cells)))
@@ -229,40 +234,40 @@ def _pictured(path, states, field):
     """Vertices (v, 2) and triangle values (t,), or None without a field, of each of the given states, as two lists."""
     chosen = dataclasses.replace(path, x=np.asarray(path.x)[states])
     vertices = np.asarray(deformed_vertices(chosen))
-    values = [None] * len(states) if field is None else list(_field_on_triangles(path.model.cloud, vertices, field))
+    values = [None] * len(states) if field is None else list(_field_on_triangles(chosen, vertices, field))
     return list(vertices), values
 
 
 def _range(values):
     """Lowest and highest of all values, or None without any."""
-    return None if values[0] is None else (np.min(values), np.max(values))
+    return None if values[0] is None else (float(np.min(values)), float(np.max(values)))
 
 
 class _Gel:
-    """Filled triangles and outline of the gel on some axes, which `move` takes to another state."""
+    """The filled gel and its outline on some axes, which `move` takes to another state.
+
+    A field is drawn as the mean of the cells around each vertex and linear in the triangles.
+    """
 
     def __init__(self, ax, cloud, vertices, values, limits):
-        self.triangles = np.asarray(cloud.triangles)
+        self.ax, self.limits, self.cells = ax, limits or (None, None), None
+        self.triangles, self.mean = np.asarray(cloud.triangles), _vertex_mean(cloud)
         self.boundary = _boundary(self.triangles)
-        lowest, highest = limits or (None, None)
-        plain = values is None
-        self.cells = ax.tripcolor(
-            Triangulation(*vertices.T, self.triangles),
-            facecolors=np.zeros(len(self.triangles)) if plain else values,
-            cmap=mpl.colors.ListedColormap([GEL]) if plain else "cividis",
-            vmin=lowest,
-            vmax=highest,
-            antialiased=False,
-            rasterized=True,
-        )
-        self.outline = LineCollection(vertices[self.boundary], colors=LINE, linewidths=0.7, capstyle="round")
-        ax.add_collection(self.outline)
+        self.outline = ax.add_collection(LineCollection([], colors=LINE, linewidths=0.7, capstyle="round"))
+        self.move(vertices, values)
 
     def move(self, vertices, values):
-        """Draw another state: vertices (v, 2) and triangle values (t,) or None."""
-        self.cells.set_verts(vertices[self.triangles])
-        if values is not None:
-            self.cells.set_array(values)
+        """Draw another state: vertices (v, 2) and triangle values (t,), or None for a plain fill."""
+        if self.cells is not None:
+            self.cells.remove()
+        mesh = Triangulation(*vertices.T, self.triangles)
+        if values is None:
+            plain = {"facecolors": np.zeros(len(self.triangles)), "cmap": ListedColormap([GEL]), "antialiased": False}
+            self.cells = self.ax.tripcolor(mesh, rasterized=True, **plain)
+        else:
+            lowest, highest = self.limits
+            colours = {"cmap": "cividis", "vmin": lowest, "vmax": highest, "shading": "gouraud"}
+            self.cells = self.ax.tripcolor(mesh, self.mean @ values, rasterized=True, **colours)
         self.outline.set_segments(vertices[self.boundary])
 
 
@@ -274,6 +279,15 @@ def _frame(ax, cloud, states, mu):
 
 def _mu_text(mu):
     return rf"$\mu = {float(mu):.4f}\,kT$"
+
+
+def _vertex_mean(cloud):
+    """Sparse matrix (v, t) that takes values on triangles to the mean over the cells around each vertex."""
+    triangles, cells = np.asarray(cloud.triangles), np.asarray(cloud.cell_of_triangle)
+    _, representative = np.unique(cells, return_index=True)  # values are constant in a cell: one triangle stands for it
+    pairs = np.unique(np.stack([triangles.ravel(), np.repeat(representative[cells], 3)]), axis=1)
+    touches = scipy.sparse.csr_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(len(cloud.vertices), len(triangles)))
+    return touches / np.maximum(touches.sum(axis=1), 1.0)[:, None]
 
 
 def _boundary(triangles):

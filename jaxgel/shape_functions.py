@@ -8,6 +8,7 @@ Sources: Deng et al. (2020), Eqs. (17)-(37), for the interpolating complex form;
 interpolating MLS; Belytschko, Lu & Gu (1994) for the MLS; Bai et al. (2012) for the improved complex variable MLS.
 """
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -113,6 +114,7 @@ def _complex_monomials(r, order, *, conjugates):
     return jnp.stack([z, c] if order == 1 else [z, c, z * z, c * c, z * c], axis=1)
 
 
+@jax.custom_jvp
 def _solve(matrix, rhs):
     """Solution (m,) of a Hermitian positive definite system with m <= 6, written out so that many systems run side by side."""
     m = rhs.shape[0]
@@ -127,6 +129,14 @@ def _solve(matrix, rhs):
         known = sum(a[i][j] * s for j, s in zip(range(m - 1, i, -1), solution, strict=True))
         solution.append((a[i][m] - known) / a[i][i])
     return jnp.stack(solution[::-1])
+
+
+@_solve.defjvp
+def _solve_jvp(primals, tangents):
+    """A x = b gives A dx = db - dA x: a second solve instead of the derivative of the elimination."""
+    matrix, rhs = primals
+    solution = _solve(matrix, rhs)
+    return solution, _solve(matrix, tangents[1] - tangents[0] @ solution)
 
 
 def _safe_sqrt(squared):

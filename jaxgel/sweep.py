@@ -5,12 +5,17 @@ always ends: with all states, or with those so far and a status that says why it
 """
 
 import dataclasses
+import functools
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .equilibrium import Status, dry_state, energy_at, prepare, solve
+from .equilibrium import Status, dry_state, energy_at, prepare, solve, solve_traced
+from .implicit import state_tangents
+from .constraints import free_dofs
 from .material import check_gel
+from .mixed import state_pressure, tangent_pattern
 
 MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
@@ -107,6 +112,8 @@ def sweep(model, gel, *, mu, branch="stable", loads=None, on_step=None, start=No
     ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first state is not found; later failures end the
     path early, with the reason in ``path.stop`` and ``path.stop_text``.
     """
+    if is_traced((model, gel, mu, loads)):
+        return _traced_sweep(model, gel, mu, loads, max_steps)
     targets, chosen = check_mu(mu)
     check_gel(gel)
     problem = prepare(model, gel, loads)
@@ -114,6 +121,11 @@ def sweep(model, gel, *, mu, branch="stable", loads=None, on_step=None, start=No
     if not steps:
         raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}")
     return Path.from_steps(model, gel, steps, stop=stop, stop_text="" if stop.ok else f"stopped after mu = {where:.6g}: {stop.text}")
+
+
+def is_traced(tree):
+    """Whether any leaf of the pytree is a JAX tracer."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def check_mu(mu):
@@ -213,9 +225,113 @@ def _attempt(problem, mu, history):
 def _predict(problem, mu, history):
     """Positions and pressures at ``mu`` by Lagrange extrapolation through the states of ``history``; the dry state without any."""
     if not history:
-        return dry_state(problem)
+        return dry_state(problem.model, problem.gel)
     at = np.array([step.mu for step in history])
     others = [np.delete(at, i) for i in range(len(at))]
     weights = [np.prod((mu - other) / (a - other)) for a, other in zip(at, others, strict=True)]
     x = sum(w * step.x for w, step in zip(weights, history, strict=True))
     return x, sum(w * step.pressure for w, step in zip(weights, history, strict=True))
+
+
+# --- sweeps inside JAX transformations ---------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class _Static:
+    """What identifies a traced sweep besides its arrays; hashable."""
+
+    structure: object
+    """Tree structure of (model, gel, mu, loads)."""
+    floating: tuple
+    """Which leaves are floating-point arrays, that is differentiable."""
+    chosen: tuple | None
+    """(first, last) of chosen steps."""
+    max_steps: int
+    """Most steps."""
+
+    def join(self, floats, rest):
+        """(model, gel, mu, loads) from the two kinds of leaves."""
+        floats, rest = iter(floats), iter(rest)
+        return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
+
+
+def _traced_sweep(model, gel, mu, loads, max_steps):
+    """``sweep`` under differentiation, jit or vmap; states that are not reached are nan, with their status."""
+    chosen = isinstance(mu, tuple) and len(mu) == 2
+    if chosen and is_traced(mu):
+        raise ValueError("mu: chosen steps need concrete numbers (first, last); differentiate with respect to a list of values instead")
+    gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
+    loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads, dtype=float)
+    values = jnp.zeros(0) if chosen else jnp.atleast_1d(jnp.asarray(mu, dtype=float))
+    leaves, structure = jax.tree.flatten((model, gel, values, loads))
+    floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
+    static = _Static(structure, floating, tuple(map(float, mu)) if chosen else None, max_steps)
+    floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
+    x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
+    values = report.pop("mu") if chosen else values
+    energy = jax.vmap(lambda x, mu: energy_at(x, model, gel, mu, loads))(x, values)
+    pressure = jax.vmap(lambda x, mu: state_pressure(x, model, gel, mu))(x, values)
+    report.pop("mu", None)
+    return Path(model=model, gel=gel, mu=values, x=x, pressure=pressure, energy=energy, stop=None, stop_text="", **report)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _states(static, floats, rest):
+    """Equilibria (k, n, 2) and what is known of them: mu, status, iterations, residual, negative pivots, lowest eigenvalue (k,)."""
+    inputs = static.join(floats, rest)
+    if is_traced(inputs):
+        if static.chosen is not None:
+            raise ValueError("mu: chosen steps cannot be found inside jit or vmap; give a list of values")
+        return _scan_states(*inputs)
+    model, gel, mu, loads = inputs
+    wanted = static.chosen if static.chosen is not None else list(np.asarray(mu))
+    path = sweep(model, gel, mu=wanted, loads=loads, max_steps=static.max_steps)
+    missing = 0 if static.chosen is not None else len(mu) - len(path)
+
+    def pad(values, fill):
+        return jnp.concatenate([jnp.asarray(values), jnp.full((missing, *np.shape(values)[1:]), fill)])
+
+    report = dict(
+        mu=jnp.asarray(path.mu) if static.chosen is not None else mu,
+        status=pad(np.array(path.status, dtype=int), int(path.stop)),
+        newton_iterations=pad(path.newton_iterations, 0),
+        residual=pad(path.residual, jnp.nan),
+        negative_pivots=pad(path.negative_pivots, -1),
+        lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
+    )
+    return pad(path.x, jnp.nan), report
+
+
+@_states.defjvp
+def _states_jvp(static, primals, tangents):
+    """The rule of ``implicit.state_tangents`` at every state; what is reported of the states has no derivative."""
+    floats, rest = primals
+    x, report = _states(static, floats, rest)
+    model, gel, mu, loads = static.join(floats, rest)
+    zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
+    model_dot, gel_dot, mu_dot, loads_dot = static.join(tangents[0], zeros)
+    if static.chosen is not None:
+        mu, mu_dot = report["mu"], jnp.zeros_like(report["mu"])
+    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology))
+    x_dot = state_tangents(x, (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot), pattern)
+    return (x, report), (x_dot, jax.tree.map(_no_tangent, report))
+
+
+def _no_tangent(values):
+    floating = jnp.issubdtype(values.dtype, jnp.floating)
+    return jnp.zeros_like(values) if floating else np.zeros(values.shape, dtype=jax.dtypes.float0)
+
+
+def _scan_states(model, gel, mu, loads):
+    """Equilibria (k, n, 2) and their report at the given mu (k,) as one traced loop; linear extrapolation between states."""
+    start, pressure = dry_state(model, gel)
+
+    def step(carry, mu):
+        (mu_1, x_1, p_1), (mu_2, x_2, p_2), count = carry
+        ratio = jnp.where(count > 1, (mu - mu_1) / jnp.where(count > 1, mu_1 - mu_2, 1.0), 0.0)
+        found = solve_traced(model, gel, mu, loads, x_1 + ratio * (x_1 - x_2), p_1 + ratio * (p_1 - p_2))
+        x, p, report = found
+        return ((mu, x, p), (mu_1, x_1, p_1), count + 1), (x, report)
+
+    _, (x, report) = jax.lax.scan(step, ((mu[0], start, pressure),) * 2 + (0,), mu)
+    return x, dict(report, mu=mu, lowest_eigenvalue=jnp.full(mu.shape, jnp.nan))

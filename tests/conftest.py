@@ -1,19 +1,26 @@
 """Strict flags for every test, and one small run that several tests look at."""
 
+import functools
 import os
+from pathlib import Path
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process per core already; has to stand before NumPy is imported
+# before anything imports NumPy or JAX: the test processes share the cores, and what one of them has compiled
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA mistakes its own tuning flags for missing processor features in that cache
 os.environ["MPLBACKEND"] = "Agg"
 
 import jax
+import numpy as np
 import pytest
 
+import jaxgel
 import jaxgel.cli
 from jaxgel.results import load_path
 
 jax.config.update("jax_enable_x64", True)
-jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 @pytest.fixture(scope="session")
@@ -29,3 +36,53 @@ def run_folder(tmp_path_factory):
 def path(run_folder):
     """The path of ``run_folder``."""
     return load_path(run_folder)
+
+
+@pytest.fixture(scope="session")
+def cloud_of():
+    """Function: name of a sample -> its cloud at twice the paper's spacing, the lattice's and the square's at their own; made once."""
+
+    @functools.cache
+    def make(name):
+        plate = jaxgel.sample(name)
+        return jaxgel.make_cloud(plate, spacing=plate.spacing * (1 if name in ("lattice", "square") else 2))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def coarse_model(cloud_of):
+    """Sample 1 with 321 nodes and the default options."""
+    return jaxgel.discretise(cloud_of("sample-1"))
+
+
+@pytest.fixture(scope="session")
+def coarse_path(coarse_model):
+    """Sample 1 with 321 nodes from the dry nodes to mu = -0.9178."""
+    return jaxgel.sweep(coarse_model, coarse_model.cloud.plate.gel, mu=np.linspace(-4.9678, -0.9178, 10))
+
+
+@pytest.fixture(scope="session")
+def tiny_plate():
+    """A plate of 4 x 4 mm with one round hole, free at the top; its gel is that of the samples."""
+    hole = jaxgel.Circle(centre=(0.1, -0.2), radius=1.1)
+    return jaxgel.Plate(4, 4, [hole], edges={"top": "free"}, spacing=2 / 3, nodes_per_hole=12, cells=6, gel=jaxgel.Gel(Nv=1e-3, chi=1e-4))
+
+
+@pytest.fixture(scope="session")
+def tiny_model(tiny_plate):
+    """The tiny plate with 56 nodes, small enough for dense Hessians."""
+    return jaxgel.discretise(jaxgel.make_cloud(tiny_plate))
+
+
+@pytest.fixture(scope="session")
+def tiny_displacement_model(tiny_plate):
+    """The tiny plate with the paper's scheme: J at every Gauss point of square cells."""
+    cloud = jaxgel.make_cloud(tiny_plate)
+    return jaxgel.discretise(cloud, basis="linear", dmax=2.5, method="displacement", quadrature="paper")
+
+
+@pytest.fixture(scope="session")
+def square_model(cloud_of):
+    """The paper's unit square with 7 x 7 nodes and the default options."""
+    return jaxgel.discretise(cloud_of("square"))

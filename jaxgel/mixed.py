@@ -1,0 +1,206 @@
+"""The mixed form: the pressure of each volume group as an unknown next to the positions, linearised and condensed.
+
+L(x, p) = network(x) + sum_g V_g [p_g J_g - g*(p_g)] with J_g the mean volume ratio of the group and J*(p) = dg*/dp the volume ratio at
+which the gel carries the pressure p, so every p is feasible. One Newton step, with G_g = d(V_g J_g)/dx and k = dp/dJ at J*(p):
+
+    [network'' + sum p_g S_g    G     ] [dx]   [loads - network' - G p]
+    [G^T                       -V / k ] [dp] = [V (J* - J)            ]
+
+Eliminating dp = k (G^T dx / V + J - J*) group by group leaves the condensed tangent K = network'' + sum_g [p S_g + (k/V) G_g G_g^T], which
+is the Hessian of the total energy wherever J = J*(p). In the plane V J = x_1^T S x_2 with a constant antisymmetric matrix S per cell, so
+for a neo-Hookean network and one pressure per cell the quadrature points are not needed after the setup.
+"""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .energy import all_volumes, by_block, deformation_gradients, network_energy, volume_ratios
+from .linear_solve import analyse
+from .material import bulk_stiffness, neo_hookean, osmotic, volume_ratio_at
+
+CHUNK = 32  # cells whose tangents are added up together: few enough to stay in the cache
+ROTATION = np.array([[0.0, 1.0], [-1.0, 0.0]])  # det(a, b) = a . ROTATION b; cof F = R F R^T
+ROUND_OFF = 1e-3  # swelling J* - 1 below which the constraint is judged absolutely
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["pairs", "slots", "laplacian", "crossed"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Constants:
+    """What all tangents of a model have in common."""
+
+    pairs: jax.Array
+    """(p, 2) node pairs i <= j that share a cell."""
+    slots: tuple
+    """Per block (c, t) the pair of each entry a <= b of a cell's node list; one past the end for padding."""
+    laplacian: jax.Array
+    """(p,) sum of w dphi_i . dphi_j over all points."""
+    crossed: tuple
+    """Per block (c, a, a) the matrices S_ab = sum_q w (dphi_a1 dphi_b2 - dphi_a2 dphi_b1) of the cells."""
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["rhs", "gradients", "stiffness", "error"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Linearisation:
+    """The mixed form about one state."""
+
+    rhs: jax.Array
+    """(n, 2) loads less internal forces, kT/v mm."""
+    gradients: tuple
+    """Per block (c, g, a, 2) gradients G of the groups' volumes V J with respect to the cells' nodes, mm."""
+    stiffness: jax.Array
+    """(g,) bulk stiffness k = dp/dJ at J*(p), kT/v."""
+    error: jax.Array
+    """(g,) constraint error J - J*(p)."""
+
+
+def constants(model):
+    """``Constants`` of a model."""
+    pairs, slots = node_pairs(model.lists)
+    blocks = tuple((block.dphi, block.weight) for block in model.blocks)
+    laplacian, crossed = _constants(np.zeros(len(pairs)), blocks, slots)
+    return Constants(jnp.asarray(pairs), tuple(map(jnp.asarray, slots)), laplacian, crossed)
+
+
+@jax.jit
+def _constants(total, blocks, slots):
+    def laplacian(arrays):
+        return jnp.einsum("q,qai,qbi->ab", arrays[1], arrays[0], arrays[0])
+
+    def crossed(arrays):
+        return jnp.einsum("q,qai,ij,qbj->ab", arrays[1], arrays[0], ROTATION, arrays[0])
+
+    for arrays, slot in zip(blocks, slots, strict=True):
+        total = _add_cells(total, laplacian, arrays, slot, arrays[0].shape[2])
+    return total, tuple(lax.map(crossed, arrays, batch_size=CHUNK) for arrays in blocks)
+
+
+def node_pairs(lists):
+    """Node pairs (p, 2), i <= j, that share a cell, and per block the slots (c, t) of ``Constants``; host, kept with the lists."""
+    if "pairs" not in lists.cache:
+        n, keys = len(lists.topology.node_vertices), []
+        for cells in lists.cells:
+            real = lists.support[cells] > 0
+            a, b = np.triu_indices(int(real.sum(axis=1).max()))
+            nodes = lists.nodes[cells].astype(np.int64)
+            keys.append(np.where(real[:, a] & real[:, b], nodes[:, a] * n + nodes[:, b], n * n))
+        unique = np.unique(np.concatenate([key.ravel() for key in keys]))
+        unique = unique[unique < n * n]
+        slots = tuple(np.searchsorted(unique, key).astype(np.int32) for key in keys)
+        lists.cache["pairs"] = np.stack([unique // n, unique % n], axis=1), slots
+    return lists.cache["pairs"]
+
+
+def tangent_pattern(lists, free):
+    """``linear_solve.Pattern`` of the tangent for the free degrees of freedom (f,); kept with the lists."""
+    key = ("pattern", free.tobytes())
+    if key not in lists.cache:
+        lists.cache[key] = analyse(node_pairs(lists)[0], len(lists.topology.node_vertices), free)
+    return lists.cache[key]
+
+
+def state_pressure(x, model, gel, mu):
+    """Pressure (g,) of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x`` (n, 2)."""
+    return osmotic(volume_ratios(x, model), mu, gel)
+
+
+def linearise(x, p, model, gel, mu, loads, fixed):
+    """``Linearisation`` at positions ``x`` (n, 2) and pressures ``p`` (g,), and two measures of the distance from equilibrium.
+
+    The measures are the norm of the network's forces (the scale of residuals) and the largest |J - J*| relative to J* - 1.
+    """
+    gradients, J = _volume_gradients(x, model, fixed)
+    star = volume_ratio_at(p, mu, gel)
+    error = jnp.where(all_volumes(model) > 0, J - star, 0.0)
+    network = _network_force(x, model, gel, fixed)
+    rhs = loads - network - _nodal_sum(gradients, p, model)
+    measures = jnp.linalg.norm(network), jnp.max(jnp.abs(error) / (star - 1 + ROUND_OFF))
+    return Linearisation(rhs, gradients, bulk_stiffness(star, gel), error), measures
+
+
+def condensed_rhs(now, basis, model):
+    """Right-hand side (n, 2) of the condensed step with the gradients and stiffness of ``basis``: those of the factorised tangent."""
+    return now.rhs - _nodal_sum(basis.gradients, basis.stiffness * now.error, model)
+
+
+def pressure_step(dx, now, basis, model):
+    """Step (g,) of the pressures that belongs to the step ``dx`` (n, 2) of the positions."""
+    volumes = all_volumes(model)
+    parts = [jnp.einsum("cgai,cai->cg", G, dx[b.nodes]).ravel() for G, b in zip(basis.gradients, model.blocks, strict=True)]
+    return basis.stiffness * (jnp.concatenate(parts) / jnp.where(volumes > 0, volumes, 1.0) + now.error)
+
+
+def tangent(x, p, basis, model, gel, fixed):
+    """Condensed tangent K by node pairs (p, 2, 2), kT/v, about the linearisation ``basis`` at ``x`` (n, 2) and ``p`` (g,)."""
+    quadratic = gel.network is neo_hookean
+    total = jnp.zeros((len(fixed.pairs), 2, 2))
+    if quadratic:
+        total += gel.Nv * fixed.laplacian[:, None, None] * jnp.eye(2)
+
+    def cell(arrays):
+        x, dphi, weight, p, k_over_V, S, G = arrays
+        if model.method != "mixed":
+            S, p = jnp.einsum("q,qai,ij,qbj->ab", weight * p, dphi, ROTATION, dphi), jnp.ones(1)
+        K = jnp.einsum("g,gai,gbk->abik", k_over_V, G, G) + p[0] * S[:, :, None, None] * ROTATION
+        if not quadratic:
+            A = jax.vmap(jax.hessian(lambda F: gel.network(F, gel)))(jnp.einsum("ai,qaj->qij", x, dphi))
+            K += jnp.einsum("q,qijkl,qaj,qbl->abik", weight, A, dphi, dphi)
+        return K
+
+    volumes = all_volumes(model)
+    k_over_V = jnp.where(volumes > 0, basis.stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
+    groups = by_block(p, model), by_block(k_over_V, model), fixed.crossed, basis.gradients, fixed.slots
+    for block, pressure, k_over_V, S, G, slot in zip(model.blocks, *groups, strict=True):
+        total = _add_cells(total, cell, (x[block.nodes], block.dphi, block.weight, pressure, k_over_V, S, G), slot, S.shape[1])
+    return total
+
+
+def _volume_gradients(x, model, fixed):
+    """Per block the gradients (c, g, a, 2) of the groups' volumes V J, and the volume ratios J (g,) of all groups; 2 for padding."""
+    gradients, content = [], []
+    for block, S in zip(model.blocks, fixed.crossed, strict=True):
+        local = x[block.nodes] - x[block.nodes[:, :1]]  # S annihilates translations; without this round-off grows like (x / spacing)^2
+        if model.method == "mixed":
+            G = jnp.einsum("cab,cbj,ij->cai", S, local, ROTATION)[:, None]
+        else:
+            cofactor = jnp.einsum("ik,cqkl,jl->cqij", ROTATION, deformation_gradients(x, block), ROTATION)
+            G = jnp.einsum("cq,cqij,cqaj->cqai", block.weight, cofactor, block.dphi)
+        gradients.append(G)
+        content.append(0.5 * jnp.einsum("cgai,cai->cg", G, local).ravel())  # V J is quadratic in x
+    volumes = all_volumes(model)
+    return tuple(gradients), jnp.where(volumes > 0, jnp.concatenate(content) / jnp.where(volumes > 0, volumes, 1.0), 2.0)
+
+
+def _nodal_sum(gradients, p, model):
+    """sum_g p_g G_g (n, 2)."""
+    total = jnp.zeros((model.n_nodes, 2))
+    for block, G, pressure in zip(model.blocks, gradients, by_block(p, model), strict=True):
+        total = total.at[block.nodes].add(jnp.einsum("cg,cgai->cai", pressure, G))
+    return total
+
+
+def _network_force(x, model, gel, fixed):
+    """Nodal forces (n, 2) of the network, kT/v mm."""
+    if gel.network is not neo_hookean:
+        return jax.grad(network_energy)(x, model, gel)
+    i, j = fixed.pairs[:, 0], fixed.pairs[:, 1]
+    entries = gel.Nv * fixed.laplacian[:, None]
+    return jnp.zeros_like(x).at[i].add(entries * x[j]).at[j].add(jnp.where((i != j)[:, None], entries * x[i], 0.0))
+
+
+def _add_cells(total, cell, arrays, slots, n):
+    """``total`` (p, ...) plus the upper entries of the cell matrices ``cell(arrays[c])`` (n, n, ...) at their ``slots`` (c, t)."""
+    a, b = np.triu_indices(n)
+
+    def add(total, chunk):
+        arrays, slots = chunk
+        return total.at[slots].add(jax.vmap(cell)(arrays)[:, a, b], mode="drop"), None
+
+    whole = len(slots) // CHUNK * CHUNK
+    head = jax.tree.map(lambda v: v[:whole].reshape(whole // CHUNK, CHUNK, *v.shape[1:]), (arrays, slots))
+    total, _ = lax.scan(add, total, head)
+    return add(total, jax.tree.map(lambda v: v[whole:], (arrays, slots)))[0]
