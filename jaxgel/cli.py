@@ -143,9 +143,10 @@ def _report(recorder, say, most_rows=9):
         say("     kT           deg        deg    %                       mm")
     for i in np.unique(np.linspace(0, k - 1, min(k, most_rows)).round().astype(int)) if k else ():
         row = {name: column[i] for name, column in table.items()}
+        unstable = ", unstable" if row["negative_pivots"] else ""
         say(
             f"{row['mu']:8.4f}  {row['free_stretch']:.4f}  {row['rotation_deg']:8.3f}  {row['core_rotation_deg']:7.3f}"
-            f"  {100 * row['area_reduction']:8.3f}      {row['J_mean']:7.4f}  {row['min_gap']:6.3f}  {row['status']}"
+            f"  {100 * row['area_reduction']:8.3f}      {row['J_mean']:7.4f}  {row['min_gap']:6.3f}  {row['status']}{unstable}"
         )
     for event in events(table):
         say(f"{event['event']}: {event['text']}")

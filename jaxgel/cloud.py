@@ -16,7 +16,9 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
+from .background import find_ligaments, make_background
 from .geometry import arc_points, arcs, check_plate, edge_lines, equal_arc_length, inside_holes, outline_points, reference_plate
+from .morph import make_morph
 from .partition import partition
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
@@ -64,8 +66,13 @@ class Topology:
 
     @functools.cached_property
     def morph(self):
-        """Thin-plate interpolation (n_background, controls) of the controls' displacement, and the controls' vertex numbers."""
-        return _thin_plate_morph(self)
+        """How the background follows the outlines, ``morph.Morph``."""
+        n, ends = self.n_background, []
+        for o in self.outlines:
+            ends += [(o.arc.start_edge, o.vertices[0] - n), (o.arc.end_edge, o.vertices[-1] - n)]
+        nodes = np.concatenate([o.vertices[::OUTLINE_SEGMENTS] for o in self.outlines]) - n
+        n_outline = sum(len(o.vertices) for o in self.outlines)
+        return make_morph(self.plate, *np.split(self.partition.vertices, [n, n + n_outline])[:2], nodes, ends)
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["plate", "vertices"], meta_fields=["topology"])
@@ -105,16 +112,19 @@ class Cloud:
         return Cloud(plate, place(self.topology, plate), self.topology)
 
 
-def make_cloud(plate, *, spacing=None, nodes_per_hole=None):
+def make_cloud(plate, *, spacing=None, nodes_per_hole=None, across=None):
     """Node cloud of a plate: grid points ``spacing`` apart (mm) outside the holes, and ``nodes_per_hole`` on each whole hole.
 
-    Both default to the plate's own; a new spacing scales the number of nodes on the holes with it. A plate made by ``Plate.at``
-    is given the topology of the plate it came from, so that its parameters may be traced. Raises ValueError for an unusable
-    plate, a spacing that is not positive, or one that leaves a ligament without a node.
+    Both default to the plate's own; a new spacing scales the number of nodes on the holes with it. ``across`` refines ligaments,
+    between holes and between a hole and a wall, until at least that many nodes lie across, those on the two outlines (or on the
+    wall) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate made by
+    ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Raises ValueError for an
+    unusable plate, a spacing that is not positive or leaves a ligament without a node, and an ``across`` that is not at least 2 or
+    takes more than ``background.MAX_HALVINGS`` halvings.
     """
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
-        topology = _make_topology(reference, spacing, nodes_per_hole)
+        topology = _make_topology(reference, spacing, nodes_per_hole, across)
     cloud = Cloud(reference, jnp.asarray(topology.partition.vertices), topology)
     return cloud if reference is plate else cloud.at(plate)
 
@@ -126,70 +136,89 @@ def place(topology, plate):
     outline = jnp.concatenate(on_outlines) if on_outlines else jnp.zeros((0, 2))
     background = jnp.asarray(part.vertices[:n])
     if on_outlines:
-        matrix, controls, wall_source = topology.morph
-        displacement = outline - part.vertices[n : n + len(outline)]
-        background = background + matrix @ _control_displacement(displacement, controls, wall_source, n)
+        background = background + topology.morph.displacement(outline - part.vertices[n : n + len(outline)])
     placed = jnp.concatenate([background, outline])
     ends, f = placed[part.cut_ends], part.cut_fractions[:, None]
     return jnp.concatenate([placed, (1 - f) * ends[:, 0] + f * ends[:, 1]])
 
 
-def _make_topology(plate, spacing, nodes_per_hole):
+def _make_topology(plate, spacing, nodes_per_hole, across):
     check_plate(plate)
-    own = plate.spacing or min(plate.width, plate.height) / 40
-    spacing = own if spacing is None else float(spacing)
-    if not (np.isfinite(spacing) and 0 < spacing <= min(plate.width, plate.height) / 2):
-        raise ValueError(f"spacing: {spacing} is not in (0, {min(plate.width, plate.height) / 2:g}], half the plate's shorter side")
-    if nodes_per_hole is None:
-        nodes_per_hole = max(8, round(plate.nodes_per_hole * own / spacing))
-    background, squares = _background(plate, spacing)
-    outlines = _outlines(plate, nodes_per_hole, len(background))
-    outline_vertices = [np.asarray(arc_points(plate, o.arc, o.s)) for o in outlines]
-    outline_vertices = np.concatenate(outline_vertices) if outlines else np.zeros((0, 2))
-    segments = np.concatenate([_segments(o) - len(background) for o in outlines]) if outlines else np.zeros((0, 2), dtype=int)
-    gel = _gel_polygon(plate, outlines, outline_vertices, len(background))
-    part = partition(background, squares, segments, outline_vertices, gel)
-
-    free = np.flatnonzero(~inside_holes(plate, background, 1e-9 * spacing)) if outlines else np.arange(len(background))
-    node_vertices = np.concatenate([free, *(o.vertices[::OUTLINE_SEGMENTS] for o in outlines)])
-    topology = Topology(
-        plate=plate,
-        spacing=spacing,
-        n_background=len(background),
-        partition=part,
-        outlines=outlines,
-        node_vertices=node_vertices,
-        node_spacing=np.full(len(node_vertices), spacing),
-        wall_nodes=_wall_nodes(plate, part.vertices[node_vertices], 1e-9 * spacing),
-    )
+    spacing, nodes_per_hole = _check_sizes(plate, spacing, nodes_per_hole, across)
+    background = make_background(plate, spacing)
+    outlines, points = _outlines(plate, nodes_per_hole, background)
+    if across is not None and outlines:
+        curves = [points[_loop(o) - len(background.vertices)] for o in outlines]
+        gel = _gel_polygon(plate, outlines, points, len(background.vertices))
+        ligaments = find_ligaments(_walls(plate), curves, [o.arc for o in outlines], gel)
+        background = make_background(plate, spacing, ligaments, across - 2)
+        outlines, points = _outlines(plate, nodes_per_hole, background)
+    topology = assemble(plate, spacing, background, outlines, points)
     _check_ligaments(topology)
     return topology
 
 
-def _background(plate, spacing):
-    """Grid vertices (b, 2) and the squares between them, as loops of four vertex numbers."""
-    nx, ny = max(1, round(plate.width / spacing)), max(1, round(plate.height / spacing))
-    x = np.linspace(-plate.width / 2, plate.width / 2, nx + 1)
-    y = np.linspace(-plate.height / 2, plate.height / 2, ny + 1)
-    vertices = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    first = (np.arange(nx)[:, None] * (ny + 1) + np.arange(ny)[None, :]).ravel()
-    return vertices, list(np.stack([first, first + ny + 1, first + ny + 2, first + 1], axis=1))
+def assemble(plate, spacing, background, outlines, points):
+    """``Topology`` of a background and the fine outlines numbered after it, with their points (o, 2)."""
+    n = len(background.vertices)
+    segments = [np.stack([_loop(o)[:-1], _loop(o)[1:]], axis=1) - n for o in outlines]
+    gel = _gel_polygon(plate, outlines, points, n)
+    part = partition(background.vertices, background.loops, _joined(segments, int), points, gel)
+    free = np.flatnonzero(~inside_holes(plate, background.vertices, 1e-9 * spacing))
+    node_vertices = np.concatenate([free, *(o.vertices[::OUTLINE_SEGMENTS] for o in outlines)])
+    nodes = part.vertices[node_vertices]
+    return Topology(
+        plate=plate,
+        spacing=spacing,
+        n_background=n,
+        partition=part,
+        outlines=outlines,
+        node_vertices=node_vertices,
+        node_spacing=spacing / 2.0 ** background.fewest_halvings(nodes),
+        wall_nodes=_wall_nodes(plate, nodes, 1e-9 * spacing),
+    )
 
 
-def _outlines(plate, nodes_per_hole, offset):
-    """The fine outline of every arc, numbered from ``offset`` on."""
-    found = []
+def _check_sizes(plate, spacing, nodes_per_hole, across):
+    """Spacing in mm and nodes per hole, the plate's own where they are None; ValueError for unusable ones."""
+    own, shorter = plate.spacing or min(plate.width, plate.height) / 40, min(plate.width, plate.height)
+    spacing = own if spacing is None else float(spacing)
+    if not (np.isfinite(spacing) and 0 < spacing <= shorter / 2):
+        raise ValueError(f"spacing: {spacing} is not in (0, {shorter / 2:g}], half the plate's shorter side")
+    if across is not None and not (isinstance(across, int | np.integer) and not isinstance(across, bool) and across >= 2):
+        raise ValueError(f"across: {across!r} is not a whole number of at least 2, the two nodes on the outlines included")
+    return spacing, max(8, round(plate.nodes_per_hole * own / spacing)) if nodes_per_hole is None else nodes_per_hole
+
+
+def _outlines(plate, nodes_per_hole, background):
+    """The fine outline of every arc, numbered after the background, and its points (o, 2); its intervals are halved as the squares are."""
+    found, lines, offset = [], [], len(background.vertices)
     for arc in arcs(plate):
-        closed = arc.closed
+        points = functools.partial(arc_points, plate, arc)
         intervals = max(2, round(nodes_per_hole * _fraction_of_hole(plate, arc)))
-        s = np.asarray(equal_arc_length(plate, arc, intervals))
-        ends = np.append(s, s[0] + 1.0) if closed else s
+        ends = equal_arc_length(plate, arc, intervals)
+        ends = np.append(ends, ends[0] + 1.0) if arc.closed else ends
+        for halvings in range(len(background.halved)):
+            at = np.linspace(ends[:-1], ends[1:], OUTLINE_SEGMENTS + 1)
+            depth = background.halvings(np.asarray(points(at.ravel()))).reshape(at.shape).max(axis=0)
+            ends = np.sort(np.append(ends, at[OUTLINE_SEGMENTS // 2, depth > halvings]))
         steps = np.arange(OUTLINE_SEGMENTS) / OUTLINE_SEGMENTS
         fine = (ends[:-1, None] + steps * np.diff(ends)[:, None]).ravel()
-        fine = fine if closed else np.append(fine, ends[-1])
+        fine = fine if arc.closed else np.append(fine, ends[-1])
         found.append(Outline(arc, fine, offset + np.arange(len(fine))))
+        lines.append(np.asarray(points(fine)))
         offset += len(fine)
-    return tuple(found)
+    return tuple(found), _joined(lines, float)
+
+
+def _joined(parts, dtype):
+    """Arrays (k, 2) one after the other; (0, 2) for none."""
+    return np.concatenate([np.zeros((0, 2), dtype), *parts])
+
+
+def _loop(outline):
+    """Vertex numbers along the outline; the first one again at the end of a closed one."""
+    return np.append(outline.vertices, outline.vertices[0]) if outline.closed else outline.vertices
 
 
 def _fraction_of_hole(plate, arc):
@@ -202,12 +231,6 @@ def _fraction_of_hole(plate, arc):
 
 def _length(line):
     return np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
-
-
-def _segments(outline):
-    """(s, 2) vertex numbers of the fine outline's segments."""
-    v = outline.vertices
-    return np.stack([v, np.roll(v, -1)], axis=1) if outline.closed else np.stack([v[:-1], v[1:]], axis=1)
 
 
 def _gel_polygon(plate, outlines, outline_vertices, offset):
@@ -243,8 +266,8 @@ def _check_ligaments(topology):
     part, n = topology.partition, topology.n_background
     free = topology.node_vertices[topology.node_vertices < n]
     tree = cKDTree(part.vertices[free]) if len(free) else None
-    boundaries = [(f"holes[{o.arc.hole}]", o.closed, _curve(part.vertices[o.vertices], o.closed)) for o in topology.outlines]
-    boundaries += [("the plate's edge", False, shapely.LineString(line)) for line in _wall_segments(topology.plate)]
+    boundaries = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(part.vertices[_loop(o)])) for o in topology.outlines]
+    boundaries += [("the plate's edge", False, wall) for wall in _walls(topology.plate)]
     for (name, closed, curve), (other_name, _, other) in itertools.combinations(boundaries, 2):
         cut = not closed and other_name == "the plate's edge"
         line = shapely.shortest_line(curve, other)
@@ -258,69 +281,8 @@ def _check_ligaments(topology):
             )
 
 
-def _curve(points, closed):
-    return shapely.LineString(points[np.r_[: len(points), 0]] if closed else points)
-
-
-def _wall_segments(plate):
+def _walls(plate):
+    """The sides of the plate, shapely LineStrings in the order of ``geometry.EDGES``."""
     w, h = plate.width / 2, plate.height / 2
-    corners = [(-w, -h), (w, -h), (w, h), (-w, h)]
-    return [(corners[i], corners[(i + 1) % 4]) for i in range(4)]
-
-
-def _control_displacement(outline_displacement, controls, wall_source, n):
-    """Displacement (controls, 2) of the morph's control points: outline nodes as given, wall points slide along their wall."""
-    outline, (first, second, fraction, axis) = controls, wall_source
-    moved = outline_displacement[outline - n]
-    padded = jnp.concatenate([outline_displacement, jnp.zeros((1, 2))])  # number -1: a corner of the plate, at rest
-    slide = (1 - fraction)[:, None] * padded[first] + fraction[:, None] * padded[second]
-    return jnp.concatenate([moved, slide * jax.nn.one_hot(axis, 2)])
-
-
-def _thin_plate_morph(topology):
-    """Interpolation matrix (n_background, controls), the outline controls' vertex numbers, and the sources of the wall controls."""
-    part, n, plate = topology.partition, topology.n_background, topology.plate
-    background = part.vertices[:n]
-    outline = np.concatenate([o.vertices[::OUTLINE_SEGMENTS] for o in topology.outlines])
-    on_wall = {edge: [] for edge in edge_lines(plate)}
-    for o in topology.outlines:
-        for edge, vertex in ((o.arc.start_edge, o.vertices[0]), (o.arc.end_edge, o.vertices[-1])):
-            if edge is not None:
-                on_wall[edge].append(vertex)
-    walls, sources = [], []
-    for edge, (axis, coordinate) in edge_lines(plate).items():
-        along = np.flatnonzero(np.abs(background[:, axis] - coordinate) < 1e-9 * topology.spacing)
-        t = part.vertices[:, 1 - axis]
-        stops = [(-np.inf, -1)] + sorted((t[v], v - n) for v in on_wall[edge]) + [(np.inf, -1)]
-        half = (plate.height if axis == 0 else plate.width) / 2
-        for vertex in along:
-            k = np.searchsorted([s for s, _ in stops], t[vertex]) - 1
-            (a, first), (b, second) = stops[k], stops[k + 1]
-            a, b = max(a, -half), min(b, half)
-            walls.append(vertex)
-            sources.append((first, second, (t[vertex] - a) / (b - a), 1 - axis))
-    walls, unique = np.unique(walls, return_index=True)
-    first, second, fraction, axis = (np.array(column)[unique] for column in zip(*sources, strict=True))
-    corner = np.isin(np.abs(background[walls]) @ [1.0, 1.0], [plate.width / 2 + plate.height / 2])
-    fraction, first, second = np.where(corner, 0.0, fraction), np.where(corner, -1, first), np.where(corner, -1, second)
-
-    points = np.concatenate([part.vertices[outline], background[walls]])
-    matrix = _thin_plate_matrix(points, background, max(plate.width, plate.height))
-    matrix[walls] = np.eye(len(points))[len(outline) :]
-    return matrix, outline, (first, second, fraction, axis)
-
-
-def _thin_plate_matrix(controls, points, length):
-    """Matrix (p, c) of the thin-plate spline that takes values at ``controls`` (c, 2) to ``points`` (p, 2), exact for linear fields."""
-
-    def kernel(a, b):
-        r2 = np.sum((a[:, None] - b[None]) ** 2, axis=-1) / length**2
-        return 0.5 * r2 * np.log(np.where(r2 > 0, r2, 1.0))
-
-    def linear(a):
-        return np.concatenate([np.ones((len(a), 1)), a / length], axis=1)
-
-    tail = linear(controls)
-    system = np.block([[kernel(controls, controls), tail], [tail.T, np.zeros((3, 3))]])
-    evaluate = np.concatenate([kernel(points, controls), linear(points)], axis=1)
-    return np.linalg.solve(system, evaluate.T)[: len(controls)].T
+    left, right, bottom, top = [(-w, -h), (-w, h)], [(w, -h), (w, h)], [(-w, -h), (w, -h)], [(-w, h), (w, h)]
+    return [shapely.LineString(side) for side in (left, right, bottom, top)]

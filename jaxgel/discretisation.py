@@ -43,13 +43,17 @@ class Block:
     """(c, q) quadrature weights, mm^2; 0 for padded points."""
 
 
-@_pytree(data=("nodes", "phi", "dphi"))
+@_pytree(data=("points", "nodes", "support", "phi", "dphi"))
 @dataclasses.dataclass(frozen=True)
 class Probe:
     """Shape functions at chosen material points."""
 
+    points: jax.Array
+    """(p, 2) the points on the dry plate, mm."""
     nodes: jax.Array
     """(p, a) node numbers."""
+    support: jax.Array
+    """(p, a) support radius of each node, mm; 0 for padding."""
     phi: jax.Array
     """(p, a) shape functions."""
     dphi: jax.Array
@@ -171,13 +175,13 @@ def make_probe(model, points, reference_points=None):
 def _probe(cloud, points, neighbours, basis, kind):
     lists, supports = neighbours
     phi, dphi = evaluate_points(cloud.nodes, jnp.asarray(points), lists, supports, np.arange(len(lists)), basis=basis, kind=kind)
-    return Probe(lists, phi, dphi)
+    return Probe(jnp.asarray(points), lists, supports, phi, dphi)
 
 
-def _probe_lists(cloud, dmax, reference_points):
-    """Padded node lists (p, a) and supports (p, a) of material points (p, 2), made on the reference plate."""
+def _probe_lists(cloud, dmax, reference_points, room=0.0):
+    """Padded node lists (p, a) and supports (p, a) of material points (p, 2) and all points within ``room`` mm of them."""
     topology = cloud.topology
-    support, skin = dmax * topology.node_spacing, 0.25 * topology.spacing * is_moved(cloud)
+    support, skin = dmax * topology.node_spacing, room + 0.25 * topology.spacing * is_moved(cloud)
     reaching = _reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, skin)
     return _pad_nodes(*reaching, support)
 
@@ -191,10 +195,11 @@ def _observed(cloud, lists, basis, dmax, kind):
     midline = np.stack([x, np.zeros_like(x)], axis=1)
     midline = midline[~inside_holes(plate, midline, -1e-9 * topology.spacing)]
     fixed = np.concatenate([midline, [plate.core]])
-    if "observed" not in lists.cache:
+    key = ("observed", is_moved(cloud))
+    if key not in lists.cache:
         reference = np.concatenate([topology.partition.vertices[outline], fixed])
-        lists.cache["observed"] = _probe_lists(cloud, dmax, reference)
-    probe = _probe(cloud, jnp.concatenate([cloud.vertices[outline], fixed]), lists.cache["observed"], basis, kind)
+        lists.cache[key] = _probe_lists(cloud, dmax, reference, plate.width / (MIDLINE_POINTS - 1))
+    probe = _probe(cloud, jnp.concatenate([cloud.vertices[outline], fixed]), lists.cache[key], basis, kind)
     cut = len(outline), len(outline) + len(midline)
     parts = (slice(0, cut[0]), slice(*cut), slice(cut[1], None))
     return tuple(jax.tree.map(lambda leaf, part=part: leaf[part], probe) for part in parts)
@@ -417,6 +422,7 @@ def _check_support(topology, points, support, basis):
     distance, index = cKDTree(nodes).query(points, k=need)
     index = np.minimum(index, len(nodes) - 1)  # a missing neighbour is infinitely far
     lonely = np.flatnonzero((distance >= support[index]).any(axis=1))
+    lonely = [k for k in lonely if np.sum(np.linalg.norm(nodes - points[k], axis=1) < support) < need]  # farther nodes may reach
     if len(lonely):
         x, y = points[lonely[0]]
         raise ValueError(

@@ -10,13 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
+from jax import lax
 
 from .cloud import OUTLINE_SEGMENTS
 from .discretisation import make_probe
 from .energy import all_volumes, by_block, volume_ratios
 from .material import cauchy_stress as cauchy_stress_at
 from .material import free_swelling, volume_ratio_at
+from .shape_functions import shape_functions
 
+EXTREMUM_ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each gains a factor Nv over the bulk stiffness
 _ANTICLOCKWISE = ("bottom", "right", "top", "left")
 
@@ -24,8 +27,8 @@ _ANTICLOCKWISE = ("bottom", "right", "top", "left")
 def rotation_angle(path):
     """Rotation of the midline (k,), degrees: the angle to the x axis of the line through its highest and its lowest point.
 
-    The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the parabolas through
-    the sampled extremum and its neighbours, so the angle is a smooth function of the state until another sample takes over.
+    The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the interpolated line, not of
+    samples, so the angle is a smooth function of the state until another extremum takes over.
     """
     return _over_states(_rotation_angle, path)
 
@@ -37,12 +40,12 @@ def core_rotation(path):
 
 def area_reduction(path):
     """Area reduction 1 - A/A0 (k,) of all holes together, measured on their deformed outlines; nan for a plate without holes."""
-    return _over_states(lambda x, model: 1 - jnp.sum(_hole_areas(x, model)) / jnp.sum(_hole_areas(model.cloud.nodes, model)), path)
+    return _over_states(_area_reduction, path)
 
 
 def area_reduction_per_hole(path):
     """Area reduction 1 - A/A0 (k, holes) of each hole."""
-    return _over_states(lambda x, model: 1 - _hole_areas(x, model) / _hole_areas(model.cloud.nodes, model), path)
+    return _over_states(_area_reduction_per_hole, path)
 
 
 def outlines(path):
@@ -137,21 +140,35 @@ def _mapped(function):
 
 
 def _rotation_angle(x, model):
-    line = model.midline.position(x)
-    top, bottom = _extremum(line, 1.0), _extremum(line, -1.0)
+    height = model.midline.position(x)[:, 1]
+    top, bottom = (_extremum(x, model, jnp.argmax(sign * height)) for sign in (1, -1))
     rise, run = top[1] - bottom[1], top[0] - bottom[0]
     return jnp.degrees(jnp.arctan(rise / jnp.where(run == 0, 1.0, run)))
 
 
-def _extremum(line, sign):
-    """Point (2,) of the line (m, 2) with the largest sign * y, on the parabola through the sampled extremum and its neighbours."""
-    i = jnp.argmax(sign * line[:, 1])
-    inner = jnp.clip(i, 1, len(line) - 2)
-    before, at, after = line[inner - 1], line[inner], line[inner + 1]
-    slope, curvature = (after - before) / 2, after - 2 * at + before
-    bent = (curvature[1] != 0) & (i == inner)  # at an end of the midline, the wall, the extremum stays where it is
-    t = jnp.where(bent, jnp.clip(-slope[1] / jnp.where(bent, curvature[1], 1.0), -1.0, 1.0), 0.0)
-    return jnp.where(i == inner, at + t * slope + t**2 / 2 * curvature, line[i])
+def _extremum(x, model, i):
+    """Point (2,) of the deformed midline that is extremal in y next to its sample ``i``, which stays where it is at an end of the line.
+
+    It solves dy/ds = 0 along the interpolated line; the last Newton step is differentiated, so the extremum moves with the state.
+    """
+    line = model.midline
+    neighbours, support, numbers = model.cloud.nodes[line.nodes[i]], line.support[i], line.nodes[i]
+    start, reach = line.points[i, 0], line.points[1, 0] - line.points[0, 0]
+
+    def point(s):
+        at = jnp.stack([s, line.points[i, 1]])
+        return shape_functions(at, neighbours, support, basis=model.basis, kind="imls") @ x[numbers]
+
+    slope = jax.grad(lambda s: point(s)[1])
+
+    def newton(s):
+        rate = jax.grad(slope)(s)
+        step = jnp.where(rate == 0, 0.0, -slope(s) / jnp.where(rate == 0, 1.0, rate))
+        return jnp.clip(s + step, start - reach, start + reach)
+
+    s = lax.stop_gradient(lax.fori_loop(0, EXTREMUM_ITERATIONS, lambda _, s: newton(s), start))
+    at_end = (i == 0) | (i == len(line.points) - 1)
+    return point(jnp.where(at_end, start, newton(s)))
 
 
 def _core_rotation(x, model):
@@ -197,6 +214,14 @@ def _hole_areas(x, model):
     """Area (holes,) inside each closed loop, mm^2, by the shoelace formula."""
     areas = [0.5 * jnp.sum(loop[:, 0] * jnp.roll(loop[:, 1], -1) - loop[:, 1] * jnp.roll(loop[:, 0], -1)) for loop in _loops(x, model)]
     return jnp.stack(areas) if areas else jnp.zeros(0)
+
+
+def _area_reduction(x, model):
+    return 1 - jnp.sum(_hole_areas(x, model)) / jnp.sum(_hole_areas(model.cloud.nodes, model))
+
+
+def _area_reduction_per_hole(x, model):
+    return 1 - _hole_areas(x, model) / _hole_areas(model.cloud.nodes, model)
 
 
 def _cell_volume_ratio(x, model):

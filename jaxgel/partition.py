@@ -49,37 +49,51 @@ def partition(background, squares, outline_loops, outline_vertices, gel):
     ``outline_vertices`` (o, 2) the fine outline vertices, ``outline_loops`` their segments (s, 2) as numbers into it.
     """
     known = np.concatenate([background, outline_vertices])
-    size = np.sqrt(np.median([shapely.Polygon(background[loop]).area for loop in squares[:: max(1, len(squares) // 50)]]))
-    pieces, squares_area = _clip(background, squares, gel)
+    squares = np.array([*squares, None], dtype=object)[:-1]  # an array of arrays, also if all loops are equally long
+    boxes = _polygons(background, squares)
+    tolerance = SNAP * np.sqrt(np.median(shapely.area(boxes)))
+    shapely.prepare(gel)
+    whole = shapely.covers(gel, boxes)
+    pieces, square = _clip(boxes, np.flatnonzero(~whole), gel)
     segments = np.asarray(outline_loops, dtype=int).reshape(-1, 2) + len(background)
-    vertices, loops, cut_ends, cut_fractions = _number_vertices(pieces, known, segments, SNAP * size)
-    triangles, piece_of_triangle = _triangulate(vertices, loops)
+    same = _coinciding(background, outline_vertices, tolerance)
+    vertices, loops, cut_ends, cut_fractions = _number_vertices(pieces, known, same, segments, tolerance)
+    triangles, piece_of_triangle = _triangulate(vertices, [[same[loop]] for loop in squares[whole]] + loops)
+    squares_area = shapely.area(np.concatenate([boxes[whole], boxes[square]]))
     cell_of_triangle = _merge_slivers(vertices, triangles, piece_of_triangle, squares_area)
     return Partition(vertices, cut_ends, cut_fractions, triangles, cell_of_triangle)
 
 
-def _clip(background, squares, gel):
-    """Pieces of gel in each square, as shapely polygons with all background vertices kept, and their squares' areas."""
-    boxes = np.array([shapely.Polygon(background[loop]) for loop in squares])
-    shapely.prepare(gel)
-    whole = shapely.covers(gel, boxes)
-    cut = ~whole & shapely.intersects(gel, boxes)
-    shapely.prepare(boxes[cut])
-    pieces, areas = list(boxes[whole]), list(shapely.area(boxes[whole]))
-    for box, piece in zip(boxes[cut], shapely.intersection(boxes[cut], gel), strict=True):
-        for part in shapely.get_parts(piece):
-            if part.geom_type == "Polygon" and part.area > 1e-12 * box.area:
-                pieces.append(part)
-                areas.append(box.area)
-    return pieces, np.array(areas)
+def _polygons(vertices, loops):
+    """Shapely polygons around the loops of vertex numbers."""
+    owner = np.repeat(np.arange(len(loops)), [len(loop) for loop in loops])
+    return shapely.polygons(shapely.linearrings(vertices[np.concatenate(loops)], indices=owner))
 
 
-def _number_vertices(pieces, known, segments, tolerance):
+def _clip(boxes, numbers, gel):
+    """Pieces of gel in the boxes with these ``numbers``, as shapely polygons, and the box (k,) of each."""
+    numbers = numbers[shapely.intersects(gel, boxes[numbers])]
+    parts, owner = shapely.get_parts(shapely.intersection(boxes[numbers], gel), return_index=True)
+    square = numbers[owner]
+    solid = (shapely.get_type_id(parts) == shapely.GeometryType.POLYGON) & (shapely.area(parts) > 1e-12 * shapely.area(boxes[square]))
+    return parts[solid], square[solid]
+
+
+def _coinciding(background, outline_vertices, tolerance):
+    """Numbers (k,) that known vertices go by: their own, but an outline vertex where a background vertex lies on it."""
+    number = np.arange(len(background) + len(outline_vertices))
+    if len(outline_vertices):
+        distance, nearest = cKDTree(outline_vertices).query(background)
+        number[: len(background)] = np.where(distance < tolerance, len(background) + nearest, number[: len(background)])
+    return number
+
+
+def _number_vertices(pieces, known, same, segments, tolerance):
     """Give every piece's vertices global numbers: known vertices first, the rest are cuts of outline segments by grid lines."""
     rings = [[np.asarray(ring.coords)[:-1] for ring in (p.exterior, *p.interiors)] for p in pieces]
-    coordinates = np.concatenate([ring for piece in rings for ring in piece])
+    coordinates = np.concatenate([ring for piece in rings for ring in piece] + [np.zeros((0, 2))])
     distance, number = cKDTree(known).query(coordinates)
-    fresh = distance > tolerance
+    number, fresh = same[number], distance > tolerance
     cuts, inverse = _unique_points(coordinates[fresh], tolerance)
     number[fresh] = len(known) + inverse
     cut_ends, cut_fractions = _locate_on_segments(cuts, known, segments, tolerance)
@@ -122,51 +136,65 @@ def _locate_on_segments(cuts, known, segments, tolerance):
 
 
 def _triangulate(vertices, loops):
-    """Constrained Delaunay triangles (t, 3) of every piece, anticlockwise, and their pieces (t,)."""
-    polygons = np.array([shapely.Polygon(vertices[loop[0]], [vertices[hole] for hole in loop[1:]]) for loop in loops])
-    triangles, owner = [], []
-    for piece, (loop, polygon) in enumerate(zip(loops, polygons, strict=True)):
-        if len(loop) == 1 and len(loop[0]) == 4 and polygon.area > 0.999 * polygon.minimum_rotated_rectangle.area:
-            a, b, c, d = loop[0]
-            found = [(a, b, c), (a, c, d)]
-        else:
-            number = {tuple(vertices[i]): i for ring in loop for i in ring}
-            parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-            found = [tuple(number[tuple(xy)] for xy in np.asarray(t.exterior.coords)[:-1]) for t in parts]
-        triangles += found
-        owner += [piece] * len(found)
-    triangles = np.array(triangles)
+    """Triangles (t, 3) of every piece, anticlockwise, and their pieces (t,) in order: halves of rectangles, constrained Delaunay else."""
+    plain = np.array([len(loop) == 1 and len(loop[0]) == 4 for loop in loops])
+    corners = np.array([loop[0] for loop, four in zip(loops, plain, strict=True) if four]).reshape(-1, 4)
+    a, b, c, d = (vertices[corners[:, i]] for i in range(4))
+    parallelogram = np.abs(a + c - b - d).sum(axis=1) < 1e-9 * np.abs(c - a).sum(axis=1)
+    plain[plain] = parallelogram
+    halves, piece = corners[parallelogram][:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(np.flatnonzero(plain), 2)
+    if not plain.all():
+        others = np.flatnonzero(~plain)
+        found, owner = _constrained_delaunay(vertices, [loops[i] for i in others])
+        halves, piece = np.concatenate([halves, found]), np.concatenate([piece, others[owner]])
+    order = np.argsort(piece, kind="stable")
+    triangles = halves[order]
     negative = _signed_areas(vertices, triangles) < 0
     triangles[negative] = triangles[negative][:, ::-1]
-    return triangles, np.array(owner)
+    return triangles, piece[order]
+
+
+def _constrained_delaunay(vertices, loops):
+    """Triangles (t, 3) of the pieces and their pieces (t,)."""
+    polygons = [shapely.Polygon(vertices[loop[0]], [vertices[hole] for hole in loop[1:]]) for loop in loops]
+    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(polygons)), return_index=True)
+    used = np.unique(np.concatenate([ring for loop in loops for ring in loop]))
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    return used[cKDTree(vertices[used]).query(corners)[1]], owner
 
 
 def _merge_slivers(vertices, triangles, piece_of_triangle, square_area):
     """Cell numbers (t,) after small pieces joined the neighbour with the longest common edge, smallest piece first."""
-    n_pieces = piece_of_triangle.max() + 1
-    area = np.bincount(piece_of_triangle, _signed_areas(vertices, triangles), n_pieces)
-    edges, owner = _contour_edges(triangles, piece_of_triangle)
-    length = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
-    opposite = {tuple(edge): piece for edge, piece in zip(edges, owner, strict=True)}
-    common = [{} for _ in range(n_pieces)]
-    for (i, j), piece, size in zip(edges, owner, length, strict=True):
-        other = opposite.get((j, i))
-        if other is not None:
-            common[piece][other] = common[piece].get(other, 0.0) + size
-
-    root = np.arange(n_pieces)
-    for piece in np.argsort(area):
+    area = np.bincount(piece_of_triangle, _signed_areas(vertices, triangles))
+    small = area < SLIVER * square_area
+    root = np.arange(len(area))
+    common = _common_edges(vertices, *_contour_edges(triangles, piece_of_triangle), small)
+    for piece in np.flatnonzero(small)[np.argsort(area[small])]:
         if area[piece] >= SLIVER * square_area[piece]:
-            continue
+            continue  # others joined it
         neighbours = {}
-        for other, size in common[piece].items():
+        for other, length in common.get(piece, ()):
             if root[other] != root[piece]:
-                neighbours[root[other]] = neighbours.get(root[other], 0.0) + size
+                neighbours[root[other]] = neighbours.get(root[other], 0.0) + length
         if neighbours:
             host = max(neighbours, key=neighbours.get)
             area[host] += area[root[piece]]
             root[root == root[piece]] = host
     return np.unique(root[piece_of_triangle], return_inverse=True)[1]
+
+
+def _common_edges(vertices, edges, owner, small):
+    """Small piece -> [(neighbour, length of a common edge)]."""
+    n = len(vertices)
+    key, reverse = edges @ [n, 1], edges @ [1, n]
+    order = np.argsort(key)
+    at = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
+    chosen = np.flatnonzero((key[at] == reverse) & small[owner])
+    length = np.linalg.norm(vertices[edges[chosen, 1]] - vertices[edges[chosen, 0]], axis=1)
+    common = {}
+    for piece, other, size in zip(owner[chosen], owner[at[chosen]], length, strict=True):
+        common.setdefault(piece, []).append((other, size))
+    return common
 
 
 def _contour_edges(triangles, owner):

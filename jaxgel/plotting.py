@@ -45,7 +45,7 @@ CURVES = {
     "min_gap": ("smallest gap (mm)", {"min_gap": "within a hole"}),
 }
 AGAINST = {"mu": MU, "free_stretch": "free-swelling stretch"}
-MARKS = {"bifurcation": ":", "crease": "--", "self-contact": "-"}
+MARKS = {"bifurcation": ":", "crease": "-.", "self-contact": "-"}
 
 
 def _styled(draw):

@@ -18,6 +18,7 @@ from .material import check_gel
 from .mixed import state_pressure, tangent_pattern
 
 MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
+GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of a chosen step after so many corrections; 0.6 after more
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 
 
@@ -186,7 +187,7 @@ def _chosen(problem, targets, on_step, start, max_steps):
                 on_step(done[-1])
             if goal >= last:
                 return _own(done, start), Status.CONVERGED, last
-            step *= {0: 2.0, 1: 2.0, 2: 2.0, 3: 1.5, 4: 1.0}.get(found.newton_iterations, 0.6)
+            step *= 2.0 if found.newton_iterations < 4 else GROWTH.get(found.newton_iterations, 0.6)
             spent = 0
         elif not done:
             return [], found.status, goal

@@ -2,6 +2,7 @@
 
 import functools
 import os
+import time
 from pathlib import Path
 
 # before anything imports NumPy or JAX: the test processes share the cores, and what one of them has compiled
@@ -18,17 +19,28 @@ import pytest
 
 import jaxgel
 import jaxgel.cli
-from jaxgel.results import load_path
+from jaxgel.results import load_path, write_atomically
 
 jax.config.update("jax_enable_x64", True)
 
 
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory):
-    """Folder of ``jaxgel run sample-1`` on a coarse cloud at four given mu, with figures."""
-    folder = tmp_path_factory.mktemp("run") / "sample-1"
-    arguments = ["run", "sample-1", "--spacing", "1.1", "--steps", "4", "--out", str(folder), "--quiet"]
-    assert jaxgel.cli.main(arguments) == 0
+    """Folder of ``jaxgel run sample-1`` on a coarse cloud at four given mu, with figures; one run serves all test processes."""
+    shared = tmp_path_factory.getbasetemp()
+    shared = shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared
+    folder, done = shared / "small-run" / "sample-1", shared / "small-run" / "exit-code"
+    try:
+        folder.parent.mkdir()
+    except FileExistsError:  # another process is at it
+        deadline = time.monotonic() + 300
+        while not done.exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+    else:
+        arguments = ["run", "sample-1", "--spacing", "1.1", "--steps", "4", "--out", str(folder), "--quiet"]
+        code = jaxgel.cli.main(arguments)
+        write_atomically(done, lambda stream: stream.write(str(code).encode()))
+    assert done.read_text() == "0"
     return folder
 
 

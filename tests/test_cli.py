@@ -27,19 +27,16 @@ def hole(x, y, radius):
     return f'[[holes]]\nkind = "circle"\ncentre = [{x}, {y}]\nradius = {radius}\n'
 
 
-@pytest.mark.xdist_group("small run")
 def test_a_run_leaves_the_files_of_the_interface(run_folder):
     assert {file.name for file in run_folder.iterdir()} == FILES
 
 
-@pytest.mark.xdist_group("small run")
 def test_plot_draws_the_figures_of_a_folder_again(run_folder, tmp_path, capsys):
     assert cli.main(["plot", str(run_folder), "--out", str(tmp_path / "again")]) == 0
     assert {file.name for file in (tmp_path / "again").iterdir()} == FILES - {"summary.json", "history.csv", "states.npz"}
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.xdist_group("small run")
 def test_a_run_prints_a_table_its_events_and_where_its_files_are(tmp_path, capsys):
     arguments = ["run", "sample-1", "--mu-start", "-4.9", "--mu-end=-4e0", "--steps", "2", *SMALL, "--out", str(tmp_path / "run")]
     assert cli.main(arguments) == 0
@@ -50,7 +47,6 @@ def test_a_run_prints_a_table_its_events_and_where_its_files_are(tmp_path, capsy
     np.testing.assert_allclose(load_run(tmp_path / "run").mu, [-4.9, -4.0])
 
 
-@pytest.mark.xdist_group("small run")
 def test_options_reach_the_model(tmp_path):
     options = ["--basis", "linear", "--dmax", "2.0", "--method", "displacement", "--quadrature", "paper", "--nodes-per-hole", "16"]
     arguments = [
@@ -131,7 +127,6 @@ def check_refused(arguments, message, capsys):
     assert printed.out == ""
 
 
-@pytest.mark.xdist_group("small run")
 def test_a_sweep_that_stops_early_is_exit_code_3_with_its_reason(path, tmp_path, monkeypatch, capsys):
     stopped = dataclasses.replace(path, stop=Status.STEP_TOO_SMALL, stop_text="stopped after mu = -0.9: reason")
     monkeypatch.setattr(cli, "sweep", lambda *_, on_step, **__: [on_step(step) for step in steps_of(path)] and stopped)

@@ -12,8 +12,6 @@ from PIL import Image
 from jaxgel import plotting, results
 from jaxgel.plotting import CURVES, animate_pattern, field_values, plot_curve, plot_curves, plot_pattern, plot_patterns, write_series
 
-pytestmark = pytest.mark.xdist_group("small run")
-
 
 @pytest.fixture(autouse=True)
 def close_figures():

@@ -12,8 +12,6 @@ from jaxgel.observables import area_reduction, min_gap, outlines, rotation_angle
 from jaxgel.results import COLUMNS, SELF_CONTACT, Recorder, events, history, load_path, load_run, write_atomically
 from jaxgel.sweep import Step
 
-pytestmark = pytest.mark.xdist_group("small run")
-
 INTERFACE = (
     "mu, free_stretch, status, newton_iterations, residual, energy, J_min, J_max, J_mean, area_reduction, rotation_deg, "
     "core_rotation_deg, negative_pivots, lowest_eigenvalue, min_gap, surface_ratio"

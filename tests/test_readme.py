@@ -1,0 +1,54 @@
+"""What the README shows can be typed."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from jaxgel import cases, cli
+from jaxgel.results import load_run
+
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    """The README's code blocks in a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+
+
+def test_the_quick_start_runs_and_draws(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (code,) = blocks("python")
+    assert len([line for line in code.splitlines() if line.strip()]) <= 10
+    exec(compile(code, "README.md", "exec"), {})
+    assert (tmp_path / "pattern.png").stat().st_size > 0
+    assert len(capsys.readouterr().out.splitlines()) == 3
+
+
+def test_the_case_file_can_be_run(tmp_path):
+    (text,) = blocks("toml")
+    (tmp_path / "valve.toml").write_text(text)
+    changes = ["--mu-start", "-3", "--mu-end", "-2", "--steps", "2", "--spacing", "0.8", "--no-plots", "--quiet"]
+    assert cli.main(["run", str(tmp_path / "valve.toml"), "--out", str(tmp_path / "out"), *changes]) == 0
+    assert len(load_run(tmp_path / "out").mu) == 2
+
+
+@pytest.mark.parametrize("command", re.findall(r"jaxgel (run [^`\n]*|plot DIR|samples)", README))
+def test_commands_in_the_text_are_commands(command):
+    words = command.split()
+    if words[-1] == "--help":
+        return
+    args = cli._parse(words)
+    if words[0] == "run" and not words[1].endswith(".toml"):
+        assert cases.load_case(args.case).name == args.case
+
+
+def test_the_installed_and_the_documented_dependencies_agree():
+    project = (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")
+    listed = re.search(r"^dependencies = \[(.*?)^\]", project, flags=re.MULTILINE | re.DOTALL)
+    table = re.search(r"^\| package \|.*?\n\n", README, flags=re.MULTILINE | re.DOTALL)
+    assert listed
+    assert table
+    names = {re.match(r"[\w-]+", entry).group() for entry in re.findall(r'"([^"]+)"', listed.group(1))}
+    documented = {name.strip() for row in table.group().splitlines()[2:] if row for name in row.split("|")[1].split(",")}
+    assert documented == names
