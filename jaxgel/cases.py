@@ -42,7 +42,7 @@ class SweepOptions:
     """First value."""
     mu_end: float = -0.9178
     """Last value."""
-    steps: str | int = "auto"
+    steps: str | int = 40
     """"auto", or the number of equally spaced values with both ends included."""
     mu: tuple | None = None
     """The values themselves, increasing; then the three above are not used."""

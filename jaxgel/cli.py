@@ -186,7 +186,7 @@ def _parser():
     p.add_argument("--mu-start", type=_real, metavar="A", help="first chemical potential in kT (default: -4.9678)")
     p.add_argument("--mu-end", type=_real, metavar="B", help="last chemical potential in kT (default: -0.9178)")
     p.add_argument(
-        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values of mu, both ends included (default: auto)"
+        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values of mu, both ends included (default: 40)"
     )
     p.add_argument("--branch", metavar="|".join(cases.BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
     p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")

@@ -106,11 +106,12 @@ def dry_state(model, gel):
     return model.cloud.nodes, -gel.Nv * jnp.ones_like(all_volumes(model))
 
 
-def solve(problem, mu, x, pressure):
+def solve(problem, mu, x, pressure, *, fresh=False):
     """``Equilibrium`` at the chemical potential ``mu`` (kT), from positions ``x`` (n, 2) and pressures (g,).
 
     Newton's method on the mixed form (see ``mixed``): every p is feasible, so no line search guards J > 1. A factor serves for as
-    long as each correction leaves less than ``SLOW`` of the imbalance; the last one is kept.
+    long as each correction leaves less than ``SLOW`` of the imbalance; the last one is kept. With ``fresh`` every correction gets its
+    own factor, and so does the solution.
     """
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
     now, measures = _linearise(x, pressure, *args, problem.pattern.free)
@@ -120,12 +121,13 @@ def solve(problem, mu, x, pressure):
         if not np.isfinite(size + constraint):
             return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, kept)
         if size < TOLERANCE and constraint < CONSTRAINT_TOLERANCE:
+            kept = factor(problem.pattern, _tangent(x, pressure, now, *args[:2], problem.fixed)) if fresh else kept
             return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept)
         if iterations == MAX_ITERATIONS:
             return Equilibrium(x, pressure, Status.NOT_CONVERGED, iterations, size, kept)
         imbalance = max(size / TOLERANCE, constraint / CONSTRAINT_TOLERANCE)
         try:
-            if kept is None or imbalance > SLOW * before:
+            if fresh or kept is None or imbalance > SLOW * before:
                 basis = now
                 kept = factor(problem.pattern, _tangent(x, pressure, basis, *args[:2], problem.fixed))
             rhs = _rhs(now, basis, problem.model, problem.pattern.free)
@@ -136,11 +138,39 @@ def solve(problem, mu, x, pressure):
         iterations, before = iterations + 1, imbalance
 
 
+def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
+    """``Equilibrium`` under a force along ``mode`` (f,) that holds mode . (x - origin) at ``amplitude``, and the force ().
+
+    Newton's method on the system bordered by the pin; the tangent may be indefinite but must not be singular.
+    """
+    args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
+    free, force, origin = problem.pattern.free, 0.0, np.asarray(origin).ravel()[problem.pattern.free]
+    now, measures = _linearise(x, pressure, *args, free)
+    for iterations in range(MAX_ITERATIONS):
+        rhs = np.asarray(_rhs(now, now, problem.model, free)) + force * mode
+        miss = amplitude - mode @ (np.asarray(x).ravel()[free] - origin)
+        size = float(np.linalg.norm(np.asarray(now.rhs).ravel()[free] + force * mode) * float(measures[2]))
+        if not np.isfinite(size + float(measures[1])):
+            return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, None), force
+        if size < TOLERANCE and float(measures[1]) < CONSTRAINT_TOLERANCE and abs(miss) < 1e-9 * abs(amplitude):
+            return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept), force
+        try:
+            kept = factor(problem.pattern, _tangent(x, pressure, now, *args[:2], problem.fixed))
+            both, _ = kept.solve(np.stack([rhs, mode], axis=1))
+        except SingularTangent:
+            return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None), force
+        more = (miss - mode @ both[:, 0]) / (mode @ both[:, 1])
+        x, pressure, now, measures = _advance(x, pressure, both[:, 0] + more * both[:, 1], now, now, *args, free)
+        force += more
+    return Equilibrium(x, pressure, Status.NOT_CONVERGED, MAX_ITERATIONS, size, None), force
+
+
 @jax.jit
 def _linearise(x, p, model, gel, mu, loads, fixed, free):
-    """``mixed.linearise``, and the measures (relative residual, constraint)."""
+    """``mixed.linearise``, and the measures (relative residual, constraint, 1 / scale of the residual)."""
     now, (network, constraint) = linearise(x, p, model, gel, mu, loads, fixed)
-    return now, (jnp.linalg.norm(now.rhs.ravel()[free]) / (network + jnp.linalg.norm(loads)), constraint)
+    per_force = 1 / (network + jnp.linalg.norm(loads))
+    return now, (jnp.linalg.norm(now.rhs.ravel()[free]) * per_force, constraint, per_force)
 
 
 @jax.jit
@@ -169,7 +199,7 @@ def solve_traced(model, gel, mu, loads, x, pressure):
     args = model, gel, mu, loads, fixed, free
 
     def going(state):
-        _, _, _, (size, constraint), iterations, _ = state
+        _, _, _, (size, constraint, _), iterations, _ = state
         done = (size < TOLERANCE) & (constraint < CONSTRAINT_TOLERANCE)
         return ~done & jnp.isfinite(size + constraint) & (iterations < MAX_ITERATIONS)
 
@@ -181,7 +211,7 @@ def solve_traced(model, gel, mu, loads, x, pressure):
         return *_advance(x, p, correction, now, now, *args), iterations + 1, negative
 
     state = (x, pressure, *_linearise(x, pressure, *args), jnp.asarray(0), jnp.asarray(0))
-    x, p, _, (size, constraint), iterations, negative = jax.lax.while_loop(going, step, state)
+    x, p, _, (size, constraint, _), iterations, negative = jax.lax.while_loop(going, step, state)
     done = (size < TOLERANCE) & (constraint < CONSTRAINT_TOLERANCE)
     failed = jnp.where(jnp.isfinite(size + constraint), int(Status.NOT_CONVERGED), int(Status.NOT_FINITE))
     status = jnp.where(done, int(Status.CONVERGED), failed)

@@ -2,7 +2,7 @@
 
 The tangent is handed over as 2 x 2 blocks of node pairs (i <= j); a ``Pattern`` knows where they go in the matrix of the free degrees
 of freedom. Factors are SciPy's SuperLU in symmetric mode: no row exchange, so that the signs of the pivots give the inertia
-(Sylvester). Pivots too small for that are found by the residual of the solve, which is always checked and refined.
+(Sylvester). Pivots too small for that are found by the residual of the solve, which is always checked.
 """
 
 import collections
@@ -14,7 +14,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 from threadpoolctl import ThreadpoolController
 
-MAX_REFINEMENTS = 6
+MAX_REFINEMENTS = 20
+BACKWARD_ERROR = 1e-12  # largest of an accepted solution
 REMEMBERED_BYTES = 2**28  # most that the factors kept for `solve_near` may fill
 NEARNESS = 1e-2  # largest relative difference of two tangents of which one's factor refines the other's solutions
 
@@ -60,31 +61,36 @@ class Factor:
     negative_pivots: int
     """Number of negative pivots = number of negative eigenvalues of the matrix."""
 
-    def solve(self, rhs, matrix=None, *, tolerance=1e-8, refine=True):
-        """Solution (f,) or (f, r) for the right-hand side, and its relative residual; refined against ``matrix`` where given.
+    def solve(self, rhs, matrix=None, *, refine=True):
+        """Solution (f,) or (f, r) for the right-hand side, and its backward error |b - K x| / (|K| |x| + |b|).
 
-        Without ``refine`` the first solution is taken if its residual is below the tolerance, which serves a Newton step.
-
-        Raises ``SingularTangent`` where refinement does not bring the residual below ``tolerance`` times the right-hand side.
+        It is refined, against ``matrix`` where that is given in place of the factorised one, until the residual stops falling; without
+        ``refine`` the first solution is taken where it will do for a Newton step. Raises ``SingularTangent`` where refinement does
+        not converge, or to no better backward error than ``BACKWARD_ERROR``.
         """
         matrix = self.matrix if matrix is None else matrix
         rhs = np.asarray(rhs)[self.pattern.order]
-        scale = np.linalg.norm(rhs)
-        if scale == 0.0:
-            return np.zeros_like(rhs), 0.0
         with _one_thread():
-            solution, error = self.lu.solve(rhs), np.inf
+            solution, before = self.lu.solve(rhs), np.inf
             for _ in range(MAX_REFINEMENTS):
                 residual = rhs - matrix @ solution
-                previous, error = error, np.linalg.norm(residual) / scale
-                if error < 1e-14 or not error < 0.5 * previous or (error < tolerance and not refine):
+                size = np.linalg.norm(residual)
+                error = float(size / (self.norm * np.linalg.norm(solution) + np.linalg.norm(rhs) + np.finfo(float).tiny))
+                if not size < 0.5 * before or (not refine and error < BACKWARD_ERROR):
                     break
-                solution = solution + self.lu.solve(residual)
-        if not error < tolerance:
-            raise SingularTangent(f"the linear solve left a relative residual of {error:.1e}")
+                solution, before = solution + self.lu.solve(residual), size
+            else:
+                error = np.inf
+        if not error < BACKWARD_ERROR:
+            raise SingularTangent(f"the linear solve left a backward error of {error:.1e}")
         unpermuted = np.empty_like(solution)
         unpermuted[self.pattern.order] = solution
-        return unpermuted, float(error)
+        return unpermuted, error
+
+    @functools.cached_property
+    def norm(self):
+        """Largest column sum of the matrix, an upper bound of its spectral norm."""
+        return float(np.abs(self.matrix).sum(axis=0).max())
 
 
 def analyse(pair_nodes, n_nodes, free):
@@ -142,7 +148,7 @@ def solve_near(pattern, pairs, rhs):
         nearest = _nearest(pattern, matrix)
         if nearest is not None:
             try:
-                return nearest.solve(rhs, matrix, tolerance=1e-12)[0]
+                return nearest.solve(rhs, matrix)[0]
             except SingularTangent:
                 pass
         return factor(pattern, pairs).solve(rhs)[0]

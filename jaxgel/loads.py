@@ -18,7 +18,7 @@ def load_vector(model, *, body_force=None, traction=None):
     ``body_force`` is a constant (2,) or a function from a dry point (2,), mm, to (2,): force per dry area in kT/v per mm. ``traction``
     maps edges of the plate, "left", "right", "bottom", "top", to constants (2,) or functions of the dry point: force per dry length in
     kT/v. On held edges the shape functions are linear between the wall nodes, as in ``discretise``; there only the component along
-    a roller edge has an effect. Raises ValueError for an unknown edge or a force that is no vector. Deng et al. (2020), Eq. (51).
+    a roller edge has an effect. Raises ValueError for an unknown edge or a force that is no vector. Deng et al. (2020), Eq. (50).
 
     >>> import jaxgel
     >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("square"), spacing=0.25), basis="linear")

@@ -16,7 +16,9 @@ from .implicit import state_tangents
 from .constraints import free_dofs
 from .material import check_gel
 from .mixed import state_pressure, tangent_pattern
+from .stability import stable_state
 
+BRANCHES = ("stable", "symmetric")
 MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of a chosen step after so many corrections; 0.6 after more
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
@@ -46,6 +48,8 @@ class Step:
     """Lowest eigenvalue of the tangent; nan where it was not computed."""
     factor: object = None
     """Factor of the tangent next to the state; None for a state read from a file."""
+    switched: bool = False
+    """Whether the state left an unstable branch: it does not continue the states before it."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -108,17 +112,22 @@ class SweepFailed(ArithmeticError):
 def sweep(model, gel, *, mu, branch="stable", loads=None, on_step=None, start=None, max_steps=MAX_STEPS):
     """``Path`` of equilibria at the given increasing values ``mu`` (k,), or from ``mu = (first, last)`` in steps chosen on the way.
 
-    A tuple of two numbers means chosen steps; a list or array means those values. ``loads`` (n, 2) are dead nodal forces, see
+    A tuple of two numbers means chosen steps; a list or array means those values. Where the branch that is followed loses its stability,
+    ``branch="stable"`` crosses to the stable branch that leaves it; ``"symmetric"`` goes on, as a perfectly symmetric cloud would.
+    Either way ``path.negative_pivots`` says of each state whether it is stable (0). ``loads`` (n, 2) are dead nodal forces, see
     ``load_vector``. ``on_step(step)`` is called with each accepted ``Step``; ``start`` is a Step to continue from. Raises
     ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first state is not found; later failures end the
     path early, with the reason in ``path.stop`` and ``path.stop_text``.
     """
+    if branch not in BRANCHES:
+        raise ValueError(f"branch: {branch!r} is not one of {', '.join(BRANCHES)}")
     if is_traced((model, gel, mu, loads)):
-        return _traced_sweep(model, gel, mu, loads, max_steps)
+        return _traced_sweep(model, gel, mu, branch, loads, max_steps)
     targets, chosen = check_mu(mu)
     check_gel(gel)
     problem = prepare(model, gel, loads)
-    steps, stop, where = _chosen(problem, targets, on_step, start, max_steps) if chosen else _given(problem, targets, on_step, start)
+    attempt = functools.partial(_attempt, problem, branch == "stable")
+    steps, stop, where = _chosen(attempt, targets, on_step, start, max_steps) if chosen else _given(attempt, targets, on_step, start)
     if not steps:
         raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}")
     return Path.from_steps(model, gel, steps, stop=stop, stop_text="" if stop.ok else f"stopped after mu = {where:.6g}: {stop.text}")
@@ -140,11 +149,11 @@ def check_mu(mu):
     return values, isinstance(mu, tuple) and len(values) == 2
 
 
-def _given(problem, targets, on_step, start):
+def _given(attempt, targets, on_step, start):
     """States at the given values; a failed step is cut, its intermediate states are not kept."""
     done = [start] if start is not None else []
     for target in targets:
-        step, status = _reach(problem, target, done)
+        step, status = _reach(attempt, target, done)
         if step is None:
             return _own(done, start), status, done[-1].mu if done else target
         done.append(step)
@@ -153,11 +162,11 @@ def _given(problem, targets, on_step, start):
     return _own(done, start), Status.CONVERGED, targets[-1]
 
 
-def _reach(problem, target, done):
+def _reach(attempt, target, done):
     """Step at ``target`` from the states done, by way of intermediate states where the direct one fails; or None and a status."""
-    history, spent, cuts, goal = list(done[-3:]), 0, 0, target
+    history, spent, cuts, goal = list(done), 0, 0, target
     while True:
-        found = _attempt(problem, goal, history)
+        found = attempt(goal, history)
         spent += found.newton_iterations
         if found.status.ok:
             if goal == target:
@@ -172,14 +181,14 @@ def _reach(problem, target, done):
             goal = history[-1].mu + 0.5 * (goal - history[-1].mu)
 
 
-def _chosen(problem, targets, on_step, start, max_steps):
+def _chosen(attempt, targets, on_step, start, max_steps):
     """States from the first to the last value, the step set by the number of Newton iterations the last one took."""
     first, last = targets
     done = [start] if start is not None else []
     step, least, spent = (last - first) / 8, 1e-5 * (last - first), 0
     goal = first if not done else min(last, done[-1].mu + step)
     while len(done) < max_steps:
-        found = _attempt(problem, goal, done[-3:])
+        found = attempt(goal, done)
         spent += found.newton_iterations
         if found.status.ok:
             done.append(dataclasses.replace(found, newton_iterations=spent))
@@ -204,10 +213,17 @@ def _own(done, start):
     return done if start is None else done[1:]
 
 
-def _attempt(problem, mu, history):
-    """``Step`` at ``mu`` (whatever its status) from the state extrapolated from up to three states before it."""
+def _attempt(problem, stable, mu, done):
+    """``Step`` at ``mu`` (whatever its status) from the state extrapolated from up to three states of its branch."""
+    history = _same_branch(done)
     x, pressure = _predict(problem, mu, history)
     found = solve(problem, mu, x, pressure)
+    switched = False
+    if stable and found.status.ok and found.factor is not None and found.factor.negative_pivots > 0:
+        found = dataclasses.replace(solve(problem, mu, found.x, found.pressure, fresh=True), iterations=found.iterations)
+        other = stable_state(problem, mu, found.x, found.pressure, found.factor) if found.factor.negative_pivots > 0 else None
+        if other is not None:
+            found, switched = dataclasses.replace(other, iterations=found.iterations + other.iterations), True
     energy = float(energy_at(found.x, problem.model, problem.gel, mu, problem.loads)) if found.status.ok else float("nan")
     negative = found.factor.negative_pivots if found.factor is not None else (history[-1].negative_pivots if history else 0)
     return Step(
@@ -220,7 +236,15 @@ def _attempt(problem, mu, history):
         energy=energy,
         negative_pivots=negative,
         factor=found.factor,
+        switched=switched,
     )
+
+
+def _same_branch(done):
+    """The last states, at most three, that lie on one branch."""
+    recent = done[-3:]
+    first = max((k for k, step in enumerate(recent) if step.switched), default=0)
+    return recent[first:]
 
 
 def _predict(problem, mu, history):
@@ -247,6 +271,8 @@ class _Static:
     """Which leaves are floating-point arrays, that is differentiable."""
     chosen: tuple | None
     """(first, last) of chosen steps."""
+    branch: str
+    """Branch to follow."""
     max_steps: int
     """Most steps."""
 
@@ -256,8 +282,11 @@ class _Static:
         return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
 
 
-def _traced_sweep(model, gel, mu, loads, max_steps):
-    """``sweep`` under differentiation, jit or vmap; states that are not reached are nan, with their status."""
+def _traced_sweep(model, gel, mu, branch, loads, max_steps):
+    """``sweep`` under differentiation, jit or vmap; states that are not reached are nan, with their status.
+
+    Under jit or vmap the branch that continues the dry state is followed whatever its stability.
+    """
     chosen = isinstance(mu, tuple) and len(mu) == 2
     if chosen and is_traced(mu):
         raise ValueError("mu: chosen steps need concrete numbers (first, last); differentiate with respect to a list of values instead")
@@ -266,7 +295,7 @@ def _traced_sweep(model, gel, mu, loads, max_steps):
     values = jnp.zeros(0) if chosen else jnp.atleast_1d(jnp.asarray(mu, dtype=float))
     leaves, structure = jax.tree.flatten((model, gel, values, loads))
     floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
-    static = _Static(structure, floating, tuple(map(float, mu)) if chosen else None, max_steps)
+    static = _Static(structure, floating, tuple(map(float, mu)) if chosen else None, branch, max_steps)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     values = report.pop("mu") if chosen else values
@@ -286,7 +315,7 @@ def _states(static, floats, rest):
         return _scan_states(*inputs)
     model, gel, mu, loads = inputs
     wanted = static.chosen if static.chosen is not None else list(np.asarray(mu))
-    path = sweep(model, gel, mu=wanted, loads=loads, max_steps=static.max_steps)
+    path = sweep(model, gel, mu=wanted, branch=static.branch, loads=loads, max_steps=static.max_steps)
     missing = 0 if static.chosen is not None else len(mu) - len(path)
 
     def pad(values, fill):

@@ -1,0 +1,190 @@
+"""Facts about sparse symmetric systems in the pattern of a small model's tangent, against dense linear algebra."""
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info
+
+import jaxgel
+from jaxgel.constraints import free_dofs
+from jaxgel.linear_solve import Pattern, SingularTangent, analyse, factor, solve_near
+from jaxgel.mixed import node_pairs
+
+
+@pytest.fixture(scope="module")
+def lists(tiny_model):
+    return tiny_model.lists
+
+
+@pytest.fixture(scope="module")
+def pattern(lists):
+    """Of the free degrees of freedom; an own one, so that it remembers only what is done here."""
+    return analyse(node_pairs(lists)[0], len(lists.topology.node_vertices), free_dofs(lists.topology))
+
+
+def random_pairs(pattern, seed, shift=0.0):
+    """Blocks (p, 2, 2) of a random symmetric matrix, indefinite unless shifted."""
+    random = np.random.default_rng(seed)
+    blocks = random.normal(size=(pattern.n_pairs, 2, 2))
+    return symmetric(pattern, blocks) + shift * diagonal(pattern)
+
+
+def symmetric(pattern, blocks):
+    on_diagonal = diagonal(pattern).any(axis=(1, 2))
+    return np.where(on_diagonal[:, None, None], blocks + blocks.transpose(0, 2, 1), blocks)
+
+
+def diagonal(pattern):
+    """Blocks of the unit matrix: the pairs (i, i)."""
+    probe = np.arange(pattern.n_pairs)
+    blocks = np.zeros((pattern.n_pairs, 2, 2))
+    is_self = np.zeros(pattern.n_pairs, dtype=bool)
+    columns = np.repeat(np.arange(len(pattern.free)), np.diff(pattern.indptr))
+    is_self[np.unique(pattern.source[pattern.indices == columns] // 4)] = True
+    blocks[is_self[probe]] = np.eye(2)
+    return blocks
+
+
+def dense(pattern, pairs):
+    """The matrix (f, f) in the order of the free degrees of freedom."""
+    K = np.empty((len(pattern.free),) * 2)
+    K[np.ix_(pattern.order, pattern.order)] = pattern.matrix(pairs).toarray()
+    return K
+
+
+def test_pattern_puts_every_block_in_its_place(lists, pattern):
+    pairs, n = node_pairs(lists)[0], len(lists.topology.node_vertices)
+    blocks = random_pairs(pattern, 0)
+    full = np.zeros((2 * n, 2 * n))
+    for (i, j), block in zip(pairs, blocks, strict=True):
+        full[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = block
+        full[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = block.T
+    np.testing.assert_array_equal(dense(pattern, blocks), full[np.ix_(pattern.free, pattern.free)])
+    np.testing.assert_array_equal(dense(pattern, diagonal(pattern)), np.eye(len(pattern.free)))
+
+
+def test_pairs_are_the_nodes_that_share_a_cell(lists):
+    pairs = {tuple(pair) for pair in node_pairs(lists)[0]}
+    expected = set()
+    for nodes, support in zip(lists.nodes, lists.support, strict=True):
+        real = nodes[support > 0]
+        expected |= {(i, j) for i in real for j in real if i <= j}
+    assert pairs == expected
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_inertia_and_solution_of_random_symmetric_matrices(seed, pattern):
+    """From indefinite (no shift) to nearly definite ones; without pivoting the refinement repairs the growth of round-off."""
+    blocks = random_pairs(pattern, seed, shift=float(seed % 10) * 2)
+    K = dense(pattern, blocks)
+    made = factor(pattern, blocks)
+    assert made.negative_pivots == np.sum(np.linalg.eigvalsh(K) < 0)
+    rhs = np.random.default_rng(100 + seed).normal(size=len(K))
+    solution, error = made.solve(rhs)
+    assert error < 1e-8
+    assert np.linalg.norm(K @ solution - rhs) < 2e-8 * np.linalg.norm(rhs)
+    if error < 1e-13:
+        np.testing.assert_allclose(solution, np.linalg.solve(K, rhs), atol=1e-10 * np.linalg.cond(K) * np.abs(solution).max())
+
+
+def test_several_right_hand_sides_at_once(pattern):
+    made = factor(pattern, random_pairs(pattern, 1, shift=30.0))
+    rhs = np.random.default_rng(2).normal(size=(len(pattern.free), 3))
+    together, _ = made.solve(rhs)
+    np.testing.assert_allclose(together, np.stack([made.solve(b)[0] for b in rhs.T], axis=1), atol=1e-14)
+
+
+def test_zero_right_hand_side_has_the_zero_solution(pattern):
+    solution, error = factor(pattern, random_pairs(pattern, 3, shift=30.0)).solve(np.zeros(len(pattern.free)))
+    assert error == 0.0
+    assert np.all(solution == 0)
+
+
+def test_factor_refines_solutions_of_a_nearby_matrix(pattern):
+    blocks = random_pairs(pattern, 4, shift=30.0)
+    near = blocks + 1e-2 * random_pairs(pattern, 5)
+    rhs = np.random.default_rng(6).normal(size=len(pattern.free))
+    solution, error = factor(pattern, blocks).solve(rhs, pattern.matrix(near))
+    assert error < 1e-10
+    np.testing.assert_allclose(solution, np.linalg.solve(dense(pattern, near), rhs), rtol=0, atol=1e-9 * np.abs(solution).max())
+
+
+def test_factor_refuses_a_matrix_that_is_not_near(pattern):
+    made = factor(pattern, random_pairs(pattern, 7, shift=30.0))
+    with pytest.raises(SingularTangent, match=r"^the linear solve left a relative residual of \d"):
+        made.solve(np.ones(len(pattern.free)), pattern.matrix(random_pairs(pattern, 8)))
+
+
+def test_solve_near_does_not_depend_on_what_is_remembered(lists):
+    args = node_pairs(lists)[0], len(lists.topology.node_vertices), free_dofs(lists.topology)
+    fresh, experienced = analyse(*args), analyse(*args)
+    blocks = random_pairs(fresh, 9, shift=30.0)
+    for seed in range(3):
+        factor(experienced, blocks + 1e-4 * random_pairs(fresh, 20 + seed))
+    rhs = np.random.default_rng(10).normal(size=len(fresh.free))
+    remembered = len(experienced.remembered)
+    solution = solve_near(experienced, blocks, rhs)
+    assert len(experienced.remembered) == remembered  # no new factor was needed
+    np.testing.assert_allclose(solution, solve_near(fresh, blocks, rhs), atol=1e-11 * np.abs(solution).max())
+
+
+def no_stiffness_along_one_component(pattern):
+    blocks = random_pairs(pattern, 11, shift=30.0)
+    columns = np.repeat(np.arange(len(pattern.free)), np.diff(pattern.indptr))
+    touched = np.zeros(4 * pattern.n_pairs, dtype=bool)
+    touched[pattern.source[(pattern.indices == 7) | (columns == 7)]] = True
+    return np.where(touched.reshape(blocks.shape), 0.0, blocks)
+
+
+def rank_one(pattern):
+    """All entries equal: after one pivot nothing is left but round-off."""
+    return np.ones((pattern.n_pairs, 2, 2))
+
+
+@pytest.mark.parametrize("make", [no_stiffness_along_one_component, lambda pattern: np.zeros((pattern.n_pairs, 2, 2)), rank_one])
+def test_singular_matrices_are_detected(make, pattern):
+    rhs = np.random.default_rng(12).normal(size=len(pattern.free))
+    with pytest.raises(SingularTangent):
+        factor(pattern, make(pattern)).solve(rhs)
+    assert np.all(np.isnan(solve_near(pattern, make(pattern), rhs)))
+
+
+def test_floating_plate_is_singular(tiny_model):
+    """The Laplacian of all nodes has the translations in its kernel; a load along them has no solution."""
+    every = analyse(node_pairs(tiny_model.lists)[0], tiny_model.n_nodes, np.arange(2 * tiny_model.n_nodes))
+    laplacian = np.asarray(jaxgel.mixed.constants(tiny_model).laplacian)[:, None, None] * np.eye(2)
+    with pytest.raises(SingularTangent):
+        factor(every, laplacian).solve(np.ones(2 * tiny_model.n_nodes))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_matrices_that_are_not_finite_are_refused(value, pattern):
+    blocks = random_pairs(pattern, 13, shift=30.0) + np.where(diagonal(pattern) > 0, value, 0.0)
+    with pytest.raises(SingularTangent, match="the tangent is not finite"):
+        factor(pattern, blocks)
+
+
+def test_blas_threads_are_left_as_they_were(pattern):
+    before = [pool["num_threads"] for pool in threadpool_info()]
+    factor(pattern, random_pairs(pattern, 14, shift=30.0)).solve(np.ones(len(pattern.free)))
+    assert [pool["num_threads"] for pool in threadpool_info()] == before
+
+
+def test_order_fills_less_than_the_natural_one(coarse_model):
+    """On 321 nodes; the whole point of finding an order once."""
+    lists = coarse_model.lists
+    pattern = analyse(node_pairs(lists)[0], len(lists.topology.node_vertices), free_dofs(lists.topology))
+    assert sorted(pattern.order) == list(range(len(pattern.free)))
+    rank = np.argsort(pattern.order)
+    natural = Pattern(pattern.n_pairs, pattern.free, *in_order(pattern, rank), np.arange(len(rank)))
+    blocks = diagonal(pattern) * 100 + symmetric(pattern, np.full((pattern.n_pairs, 2, 2), -0.1))
+    np.testing.assert_allclose(dense(natural, blocks), dense(pattern, blocks))
+    assert factor(pattern, blocks).lu.nnz < 0.8 * factor(natural, blocks).lu.nnz
+
+
+def in_order(pattern, rank):
+    """Source, indices and indptr with row and column k of the permuted matrix at place order[k]."""
+    columns = np.repeat(np.arange(len(rank)), np.diff(pattern.indptr))
+    row, column = pattern.order[pattern.indices], pattern.order[columns]
+    by_column = np.lexsort((row, column))
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=len(rank)))])
+    return pattern.source[by_column], row[by_column].astype(pattern.indices.dtype), indptr.astype(pattern.indptr.dtype)
