@@ -1,4 +1,4 @@
-"""The background grid of a cloud, halved where ligaments are narrow: a quadtree whose neighbouring squares differ by one halving.
+"""The background grid of a cloud, halved where ligaments are narrow: a quadtree whose neighbouring squares differ by at most one halving.
 
 Squares are the integration cells before they are clipped, their corners the background vertices. Host NumPy on the reference plate.
 """
@@ -11,6 +11,7 @@ import shapely
 from .geometry import EDGES
 
 MAX_HALVINGS = 8  # of a background square
+REACH = range(-2, 3)  # squares of each size are at least two abreast, so that a support spans few sizes
 _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
@@ -53,9 +54,9 @@ def make_background(plate, spacing, ligaments=None, intervals=0):
     size = np.array([plate.width, plate.height])
     counts = np.maximum(1, np.round(size / spacing).astype(int))
     halved = [] if ligaments is None else _narrow_squares(*ligaments, -size / 2, size / counts, counts, intervals)
-    for k in range(len(halved) - 1, 0, -1):  # a square may only be halved if all its neighbours exist
+    for k in range(len(halved) - 1, 0, -1):  # a square may only be halved if all squares of its size around it exist
         square = np.stack(np.divmod(halved[k], counts[1] * 2**k), axis=1)
-        near = np.concatenate([square + [i, j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        near = np.concatenate([square + [i, j] for i in REACH for j in REACH])
         parents = near[((near >= 0) & (near < counts * 2**k)).all(axis=1)] // 2
         halved[k - 1] = np.union1d(halved[k - 1], parents @ [counts[1] * 2 ** (k - 1), 1])
     vertices, loops = _corners(counts, halved)

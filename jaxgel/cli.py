@@ -57,6 +57,7 @@ def run(args):
         recorder.finish("failed", " ".join(str(problem).split()) or type(problem).__name__)
         raise
     recorder.finish("complete" if path.stop.ok else "stopped", path.stop_text)
+    say("drawing" if not args.no_plots else "writing", "the results")
     _draw(path, folder, recorder.table, plots=not args.no_plots)
     _report(recorder, say)
     if not path.stop.ok:
@@ -99,8 +100,9 @@ class _Progress:
     def __init__(self, ends, quiet):
         self.start = ends[0]
         span = max(ends[1] - ends[0], 1e-12)
-        form = "{percentage:3.0f}%|{bar:24}| {elapsed} {postfix}"
+        form = "{percentage:3.0f}%|{bar:24}| {elapsed}{postfix}"
         self.bar = tqdm(total=span, bar_format=form, disable=True if quiet else None, leave=False)
+        self.bar.set_postfix_str("compiling")
 
     def __enter__(self):
         return self
@@ -139,14 +141,14 @@ def _report(recorder, say, most_rows=9):
     table = recorder.table
     k = len(recorder.records)
     if k:
-        say("      mu  stretch  rotation   core  area reduction  J mean  gap     status")
-        say("     kT           deg        deg    %                       mm")
+        say(f"{'mu':>8} {'stretch':>8} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
+        say(f"{'kT':>8} {'':>8} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {'mm':>7}")
     for i in np.unique(np.linspace(0, k - 1, min(k, most_rows)).round().astype(int)) if k else ():
         row = {name: column[i] for name, column in table.items()}
         unstable = ", unstable" if row["negative_pivots"] else ""
         say(
-            f"{row['mu']:8.4f}  {row['free_stretch']:.4f}  {row['rotation_deg']:8.3f}  {row['core_rotation_deg']:7.3f}"
-            f"  {100 * row['area_reduction']:8.3f}      {row['J_mean']:7.4f}  {row['min_gap']:6.3f}  {row['status']}{unstable}"
+            f"{row['mu']:8.4f} {row['free_stretch']:8.4f} {row['rotation_deg']:9.3f} {row['core_rotation_deg']:8.3f}"
+            f" {100 * row['area_reduction']:9.3f} {row['J_mean']:7.4f} {row['min_gap']:7.3f}  {row['status']}{unstable}"
         )
     for event in events(table):
         say(f"{event['event']}: {event['text']}")

@@ -22,6 +22,7 @@ from .morph import make_morph
 from .partition import partition
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
+GRADING = 0.75  # slope of the node spacing between large squares and small ones
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -174,9 +175,18 @@ def assemble(plate, spacing, background, outlines, points):
         partition=part,
         outlines=outlines,
         node_vertices=node_vertices,
-        node_spacing=spacing / 2.0 ** background.fewest_halvings(nodes),
+        node_spacing=_graded(nodes, spacing / 2.0 ** background.fewest_halvings(nodes)),
         wall_nodes=_wall_nodes(plate, nodes, 1e-9 * spacing),
     )
+
+
+def _graded(nodes, spacing):
+    """Spacings (n,) of the nodes (n, 2), raised near larger ones so that none falls by more than ``GRADING`` times the distance."""
+    graded = spacing.copy()
+    for size in np.unique(spacing)[1:]:
+        distance = cKDTree(nodes[spacing == size]).query(nodes)[0]
+        graded = np.maximum(graded, size - GRADING * distance)
+    return graded
 
 
 def _check_sizes(plate, spacing, nodes_per_hole, across):

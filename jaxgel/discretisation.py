@@ -202,7 +202,10 @@ def _observed(cloud, lists, basis, dmax, kind):
     probe = _probe(cloud, jnp.concatenate([cloud.vertices[outline], fixed]), lists.cache[key], basis, kind)
     cut = len(outline), len(outline) + len(midline)
     parts = (slice(0, cut[0]), slice(*cut), slice(cut[1], None))
-    return tuple(jax.tree.map(lambda leaf, part=part: leaf[part], probe) for part in parts)
+    outline, midline, core = (jax.tree.map(lambda leaf, part=part: leaf[part], probe) for part in parts)
+    if inside_holes(plate, [plate.core])[0]:
+        core = dataclasses.replace(core, dphi=jnp.full_like(core.dphi, jnp.nan))
+    return outline, midline, core
 
 
 def is_moved(cloud):

@@ -198,8 +198,9 @@ def equal_arc_length(plate, arc, n_intervals):
 def inside_holes(plate, points, tolerance=0.0):
     """Boolean (p,): whether each of ``points`` (p, 2) lies in a hole, on its outline, or within ``tolerance`` mm of it."""
     points, inside = np.asarray(points, dtype=float), np.zeros(len(points), dtype=bool)
-    for hole in plate.holes:
-        inside |= np.asarray(_excess(hole, points)) <= tolerance
+    with jax.ensure_compile_time_eval():  # numbers, also where a program around it is being compiled
+        for hole in plate.holes:
+            inside |= np.asarray(_excess(hole, points)) <= tolerance
     return inside
 
 

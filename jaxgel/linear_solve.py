@@ -66,22 +66,22 @@ class Factor:
 
         It is refined, against ``matrix`` where that is given in place of the factorised one, until the residual stops falling; without
         ``refine`` the first solution is taken where it will do for a Newton step. Raises ``SingularTangent`` where refinement does
-        not converge, or to no better backward error than ``BACKWARD_ERROR``.
+        not converge, or to no better backward error than ``BACKWARD_ERROR`` and a residual of 1e-4 of the right-hand side.
         """
         matrix = self.matrix if matrix is None else matrix
         rhs = np.asarray(rhs)[self.pattern.order]
-        with _one_thread():
-            solution, before = self.lu.solve(rhs), np.inf
+        with _one_thread(), np.errstate(over="ignore", invalid="ignore"):  # a diverging Newton iterate ends as a status
+            solution, before, scale = self.lu.solve(rhs), np.inf, np.linalg.norm(rhs)
             for _ in range(MAX_REFINEMENTS):
                 residual = rhs - matrix @ solution
                 size = np.linalg.norm(residual)
-                error = float(size / (self.norm * np.linalg.norm(solution) + np.linalg.norm(rhs) + np.finfo(float).tiny))
+                error = float(size / (self.norm * np.linalg.norm(solution) + scale + np.finfo(float).tiny))
                 if not size < 0.5 * before or (not refine and error < BACKWARD_ERROR):
                     break
                 solution, before = solution + self.lu.solve(residual), size
             else:
                 error = np.inf
-        if not error < BACKWARD_ERROR:
+        if not (error < BACKWARD_ERROR and size <= 1e-4 * scale):
             raise SingularTangent(f"the linear solve left a backward error of {error:.1e}")
         unpermuted = np.empty_like(solution)
         unpermuted[self.pattern.order] = solution

@@ -159,11 +159,12 @@ def _extremum(x, model, i):
         at = jnp.stack([s, line.points[i, 1]])
         return shape_functions(at, neighbours, support, basis=model.basis, kind="imls") @ x[numbers]
 
-    slope = jax.grad(lambda s: point(s)[1])
+    def slope(s):
+        return jax.jvp(lambda s: point(s)[1], (s,), (1.0,))[1]
 
     def newton(s):
-        rate = jax.grad(slope)(s)
-        step = jnp.where(rate == 0, 0.0, -slope(s) / jnp.where(rate == 0, 1.0, rate))
+        value, rate = jax.jvp(slope, (s,), (1.0,))
+        step = jnp.where(rate == 0, 0.0, -value / jnp.where(rate == 0, 1.0, rate))
         return jnp.clip(s + step, start - reach, start + reach)
 
     s = lax.stop_gradient(lax.fori_loop(0, EXTREMUM_ITERATIONS, lambda _, s: newton(s), start))

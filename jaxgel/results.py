@@ -55,6 +55,7 @@ COLUMNS = (
 INTEGER_COLUMNS = ("newton_iterations", "negative_pivots")
 CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
 SELF_CONTACT = "invalid: self-contact"
+SWITCHED = "switched to the stable branch"
 FORMAT = 1  # raised when the meaning of a file changes
 MAX_BYTES = 2**31  # most that `load_run` reads of one file
 FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "series.pvd")
@@ -72,7 +73,7 @@ def history(path):
     values = {
         "mu": path.mu,
         "free_stretch": free_stretch(path),
-        "status": _status_texts(path.status, gap),
+        "status": _status_texts(path, gap),
         "newton_iterations": path.newton_iterations,
         "residual": path.residual,
         "energy": path.energy,
@@ -94,7 +95,8 @@ def events(table):
     """What happens along a path with the columns ``table`` of `history`, as a list of dictionaries in the order of mu.
 
     Each holds ``event`` ("bifurcation", "crease" or "self-contact"), ``mu`` of the first state that shows it, ``mu_before`` of
-    the state before (None where it is the first), and ``text``. A bifurcation, or fold, is a change of the negative pivots.
+    the state before (None where it is the first), and ``text``. A bifurcation, or fold, is a change of the negative pivots, or
+    where the path left an unstable branch.
     """
     mu, pivots = np.asarray(table["mu"]), np.asarray(table["negative_pivots"])
     found = []
@@ -104,6 +106,8 @@ def events(table):
         where = f"between mu = {before:.4f} and {mu[k]:.4f}" if k else f"at or before mu = {mu[k]:.4f}"
         found.append({"event": event, "mu": float(mu[k]), "mu_before": before, "text": f"{text} {where}"})
 
+    for k in [k for k, text in enumerate(table.get("status", ())) if text == SWITCHED]:
+        add(k, "bifurcation", "the branch became unstable and the path went over to the stable one")
     for k in range(1, len(mu)):
         if pivots[k] != pivots[k - 1]:
             add(k, "bifurcation", f"negative pivots of the tangent go from {pivots[k - 1]} to {pivots[k]}")
@@ -145,6 +149,8 @@ class Recorder:
         row = {name: column[0] for name, column in history(one).items()}
         if self.records and self.records[-1][1]["status"] == SELF_CONTACT:
             row["status"] = SELF_CONTACT
+        elif step.switched and row["status"] != SELF_CONTACT:
+            row["status"] = SWITCHED
         self.records.append((step, row, [np.asarray(loop)[0] for loop in outlines(one)]))
         write_atomically(self.folder / "states.npz", lambda stream: np.savez(stream, **self._states()))
         with (self.folder / "history.csv").open("a", newline="") as stream:
@@ -199,7 +205,7 @@ class Recorder:
         write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded))
 
 
-STEP_ARRAYS = ("mu", "x", "pressure", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue")
+STEP_ARRAYS = ("mu", "x", "pressure", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -303,10 +309,12 @@ def _step(states, i):
     return Step(**values, status=Status[str(states["status"][i])])
 
 
-def _status_texts(status, gap):
+def _status_texts(path, gap):
     """Status texts (k,) of a path, with the first self-contact and all that follows it invalid."""
+    texts = [status.name.lower().replace("_", " ") for status in path.status]
+    switched = getattr(path, "switched", np.zeros(len(texts), dtype=bool))
     touched = np.logical_or.accumulate(np.asarray(gap) <= 0)
-    return [SELF_CONTACT if t else s.name.lower().replace("_", " ") for s, t in zip(status, touched, strict=True)]
+    return [SELF_CONTACT if t else SWITCHED if s else text for text, s, t in zip(texts, switched, touched, strict=True)]
 
 
 def _csv_writer(stream):
@@ -359,7 +367,7 @@ def _read_states(content, max_bytes):
     shapes = dict.fromkeys((*STEP_ARRAYS, "status"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
     shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
     for name, shape in shapes.items():
-        if arrays[name].shape != shape or arrays[name].dtype.kind not in "fiU":
+        if arrays[name].shape != shape or arrays[name].dtype.kind not in "bfiU":
             raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
     if not np.isfinite(arrays["x"]).all():
         raise ValueError("x is not finite")

@@ -125,6 +125,8 @@ def sweep(model, gel, *, mu, branch="stable", loads=None, on_step=None, start=No
         return _traced_sweep(model, gel, mu, branch, loads, max_steps)
     targets, chosen = check_mu(mu)
     check_gel(gel)
+    if start is not None and not targets[-1 if chosen else 0] > start.mu:
+        raise ValueError(f"mu: {targets[-1 if chosen else 0]:g} is not above the start's mu = {start.mu:g}")
     problem = prepare(model, gel, loads)
     attempt = functools.partial(_attempt, problem, branch == "stable")
     steps, stop, where = _chosen(attempt, targets, on_step, start, max_steps) if chosen else _given(attempt, targets, on_step, start)

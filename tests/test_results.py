@@ -35,10 +35,10 @@ def table(**columns):
     return plain | {name: np.asarray(column) for name, column in columns.items()}
 
 
-def steps_of(path):
-    """The steps that the path was made from."""
-    names = ("mu", "x", "pressure", "status", *results.STEP_ARRAYS[3:])
-    return [Step(**{name: getattr(path, name)[k] for name in names}) for k in range(len(path.mu))]
+def steps_of(path, switched=None):
+    """The steps that the path was made from; number ``switched`` went over to another branch."""
+    names = [name for name in ("status", *results.STEP_ARRAYS) if name != "switched"]
+    return [Step(**{name: getattr(path, name)[k] for name in names}, switched=k == switched) for k in range(len(path.mu))]
 
 
 def test_history_has_exactly_the_columns_of_the_interface_and_a_row_per_state(run_folder, path):
@@ -96,6 +96,16 @@ def test_a_change_of_negative_pivots_is_a_bifurcation():
     found = events(table(negative_pivots=[0, 0, 2, 2, 1]))
     assert [(e["event"], e["mu"], e["mu_before"]) for e in found] == [("bifurcation", -3.0, -4.0), ("bifurcation", -1.0, -2.0)]
     assert "from 0 to 2" in found[0]["text"]
+
+
+def test_a_step_to_the_stable_branch_is_a_bifurcation(path, tmp_path):
+    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    for step in steps_of(path, switched=2):
+        recorder(step)
+    run = load_run(tmp_path)
+    assert run.history["status"] == ["converged", "converged", "switched to the stable branch", "converged"]
+    assert {"event": "bifurcation", "mu": path.mu[2], "mu_before": path.mu[1]}.items() <= run.summary["events"][0].items()
+    np.testing.assert_array_equal(run.states["switched"], [False, False, True, False])
 
 
 def test_crease_and_self_contact_are_reported_once_where_they_first_show():

@@ -1,0 +1,142 @@
+"""Derivatives of whole sweeps against differences of the re-solved problem, and against each other."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+import jaxgel
+
+MU = [-3.5, -2.2, -1.5]
+STEP = 1e-5  # of the value; central differences of states solved to 1e-13 are then good to about 1e-8 and the kinks of the weights to 1e-6
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    return jaxgel.make_cloud(jaxgel.sample("sample-1"), spacing=22 / 18)
+
+
+@pytest.fixture(scope="module")
+def start(cloud):
+    """Semi-axes, shift of the centres, tilt, Nv, chi and the last mu, as one flat vector, and the way back."""
+    gel = cloud.plate.gel
+    tree = dict(axes=jnp.array([5.0, 4.0]), shift=jnp.array([0.1, -0.05]), tilt=0.02, Nv=gel.Nv, chi=gel.chi, mu=MU[-1])
+    return ravel_pytree(jax.tree.map(lambda v: jnp.asarray(v, dtype=float), tree))
+
+
+@pytest.fixture(scope="module")
+def path_at(cloud, start):
+    plate = cloud.plate
+    signs = [np.sign(hole.centre) for hole in plate.holes]
+
+    def path_at(vector):
+        p = start[1](vector)
+        theta = [
+            dict(semi_axes=p["axes"], centre=hole.centre + sign * p["shift"], angle=hole.angle + p["tilt"])
+            for hole, sign in zip(plate.holes, signs, strict=True)
+        ]
+        model = jaxgel.discretise(cloud.at(plate.at(theta)))
+        return jaxgel.sweep(model, jaxgel.Gel(p["Nv"], p["chi"]), mu=jnp.stack([*map(jnp.asarray, MU[:-1]), p["mu"]]))
+
+    return path_at
+
+
+@pytest.fixture(scope="module")
+def observables(path_at):
+    """Last rotation, last area reduction and a sum over the whole curve, (3,)."""
+
+    def observables(vector):
+        path = path_at(vector)
+        return jnp.stack([jaxgel.rotation_angle(path)[-1], jaxgel.area_reduction(path)[-1], jnp.sum(jaxgel.core_rotation(path) ** 2)])
+
+    return observables
+
+
+@pytest.fixture(scope="module")
+def jacobian(observables, start):
+    return np.asarray(jax.jacrev(observables)(start[0]))
+
+
+def test_gradients_are_those_of_the_resolved_problem(observables, start, jacobian):
+    vector = np.asarray(start[0])
+    for k, value in enumerate(vector):
+        step = np.zeros(len(vector))
+        step[k] = STEP * max(abs(value), 0.1)
+        difference = (np.asarray(observables(vector + step)) - np.asarray(observables(vector - step))) / (2 * step[k])
+        scale = np.abs(difference) + 1e-3 * np.abs(jacobian * vector).max(axis=1) / max(abs(value), 1e-2)
+        np.testing.assert_array_less(np.abs(jacobian[:, k] - difference), 1e-6 * scale)
+
+
+def test_forward_equals_reverse(observables, start, jacobian):
+    direction = np.random.default_rng(0).normal(size=len(start[0])) * np.abs(start[0])
+    _, forward = jax.jvp(observables, (start[0],), (direction,))
+    scale = np.abs(jacobian) @ np.abs(direction)  # of the terms, which nearly cancel in the third observable
+    np.testing.assert_array_less(np.abs(forward - jacobian @ direction), 1e-10 * scale)
+
+
+def test_second_derivatives_are_differences_of_gradients(cloud):
+    model = jaxgel.discretise(cloud)
+
+    def gradient(v):
+        return jax.grad(lambda v: jaxgel.area_reduction(jaxgel.sweep(model, jaxgel.Gel(v[0], v[1]), mu=[-2.0, -1.5]))[-1])(v)
+
+    at, direction, step = jnp.array([1e-3, 1e-4]), jnp.array([1e-3, 1e-2]), 1e-3
+    _, product = jax.jvp(gradient, (at,), (direction,))
+    difference = (gradient(at + step * direction) - gradient(at - step * direction)) / (2 * step)
+    np.testing.assert_allclose(product, difference, rtol=1e-5)
+
+
+def test_chosen_steps_have_the_derivative_of_given_ones(cloud):
+    model = jaxgel.discretise(cloud)
+
+    def last_area(chi, mu):
+        return jaxgel.area_reduction(jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=mu))[-1]
+
+    chosen, given = (jax.jvp(lambda chi, mu=mu: last_area(chi, mu), (1e-4,), (1.0,)) for mu in ((MU[0], MU[-1]), MU))
+    np.testing.assert_allclose(chosen, given, rtol=1e-9)
+
+
+def test_a_batch_of_gels_under_vmap_equals_single_sweeps(cloud):
+    model = jaxgel.discretise(cloud)
+
+    def positions(chi):
+        return jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=MU).x
+
+    chi = jnp.array([1e-4, 0.05, 0.1])
+    batch = jax.jit(jax.vmap(positions))(chi)
+    single = np.stack([positions(c) for c in chi])
+    np.testing.assert_allclose(batch, single, atol=1e-10 * 22)
+
+
+def test_a_stopped_gradient_is_noticed(cloud, monkeypatch):
+    """The check of this file has teeth: a contour that pretends not to move with the nodes gives another shape gradient."""
+    from jaxgel import discretisation
+
+    plate = cloud.plate
+
+    def rotation(size):
+        model = jaxgel.discretise(cloud.at(plate.at([dict(semi_axes=jnp.array([5.0, 4.0]) * size)] * 4)))
+        return jaxgel.core_rotation(jaxgel.sweep(model, plate.gel, mu=MU))[-1]
+
+    true = jax.grad(rotation)(1.0)
+    correct = discretisation._correct
+
+    def stopped(nodes, vertices, trace, *rest):
+        return correct(nodes, vertices, jax.lax.stop_gradient(trace), *rest)
+
+    monkeypatch.setattr(discretisation, "_correct", stopped)
+    assert abs(jax.grad(rotation)(1.0) - true) > 1e-6 * abs(true)
+
+
+def test_states_out_of_reach_are_nan_and_say_so(cloud):
+    model = jaxgel.discretise(cloud)
+
+    def sweep(Nv):
+        path = jaxgel.sweep(model, jaxgel.Gel(Nv, 1e-4), mu=[-2.0, -1.0, 9.0])
+        return path.x[-1, 0, 0], (path.x, path.status)
+
+    _, (x, status) = jax.value_and_grad(sweep, has_aux=True)(1e-3)
+    reached = np.asarray(status) == jaxgel.Status.CONVERGED
+    assert reached[0] and not reached[-1]
+    assert np.all(np.isnan(x[~reached])) and np.all(np.isfinite(x[reached]))
