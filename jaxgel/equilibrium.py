@@ -144,7 +144,8 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
     Newton's method on the system bordered by the pin; the tangent may be indefinite but must not be singular.
     """
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
-    free, force, origin = problem.pattern.free, 0.0, np.asarray(origin).ravel()[problem.pattern.free]
+    free, force, kept = problem.pattern.free, 0.0, None
+    origin = np.asarray(origin).ravel()[free]
     now, measures = _linearise(x, pressure, *args, free)
     for iterations in range(MAX_ITERATIONS):
         rhs = np.asarray(_rhs(now, now, problem.model, free)) + force * mode

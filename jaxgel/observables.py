@@ -141,7 +141,7 @@ def _mapped(function):
 
 def _rotation_angle(x, model):
     height = model.midline.position(x)[:, 1]
-    top, bottom = (_extremum(x, model, jnp.argmax(sign * height)) for sign in (1, -1))
+    top, bottom = jax.vmap(lambda i: _extremum(x, model, i))(jnp.stack([jnp.argmax(height), jnp.argmin(height)]))
     rise, run = top[1] - bottom[1], top[0] - bottom[0]
     return jnp.degrees(jnp.arctan(rise / jnp.where(run == 0, 1.0, run)))
 

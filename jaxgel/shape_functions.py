@@ -44,8 +44,8 @@ def shape_functions(x, neighbours, support, *, basis="quadratic", kind="iicvmls"
     support = jnp.broadcast_to(jnp.asarray(support, dtype=neighbours.dtype), neighbours.shape[:1])
     scale = lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
     offset = neighbours - x
-    monomials = _complex_monomials if kind in ("iicvmls", "icvmls") else _real_monomials
-    p = monomials(offset / scale, order, conjugates=kind != "icvmls")
+    real = kind in ("imls", "mls")
+    p = _real_monomials(offset / scale, order) if real else _complex_monomials(offset / scale, order, conjugates=kind == "iicvmls")
     distance_squared = jnp.sum(offset**2, axis=1)
     if kind in ("iicvmls", "imls"):
         return _interpolating(p, distance_squared, support)
@@ -99,8 +99,8 @@ def _least_squares(p, w):
     return weighted @ _solve((weighted.T @ p).T, at_x)
 
 
-def _real_monomials(r, order, *, conjugates):
-    """(x, y) or (x, y, x^2, xy, y^2) for the offsets ``r`` (n, 2); ``conjugates`` has no meaning for real bases."""
+def _real_monomials(r, order):
+    """(x, y) or (x, y, x^2, xy, y^2) for the offsets ``r`` (n, 2)."""
     x, y = r[:, 0], r[:, 1]
     return jnp.stack([x, y] if order == 1 else [x, y, x * x, x * y, y * y], axis=1)
 

@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .constraints import free_dofs
 from .equilibrium import Status, dry_state, energy_at, prepare, solve, solve_traced
 from .implicit import state_tangents
-from .constraints import free_dofs
 from .material import check_gel
 from .mixed import state_pressure, tangent_pattern
 from .stability import stable_state

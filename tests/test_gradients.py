@@ -136,7 +136,7 @@ def test_states_out_of_reach_are_nan_and_say_so(cloud):
         path = jaxgel.sweep(model, jaxgel.Gel(Nv, 1e-4), mu=[-2.0, -1.0, 9.0])
         return path.x[-1, 0, 0], (path.x, path.status)
 
-    _, (x, status) = jax.value_and_grad(sweep, has_aux=True)(1e-3)
+    (_, (x, status)), _ = jax.value_and_grad(sweep, has_aux=True)(1e-3)
     reached = np.asarray(status) == jaxgel.Status.CONVERGED
     assert reached[0] and not reached[-1]
     assert np.all(np.isnan(x[~reached])) and np.all(np.isfinite(x[reached]))

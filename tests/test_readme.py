@@ -18,11 +18,15 @@ def blocks(language):
 
 def test_the_quick_start_runs_and_draws(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (code,) = blocks("python")
-    assert len([line for line in code.splitlines() if line.strip()]) <= 10
-    exec(compile(code, "README.md", "exec"), {})
+    quick_start, design = blocks("python")
+    assert len([line for line in quick_start.splitlines() if line.strip()]) <= 10
+    names = {}
+    exec(compile(quick_start, "README.md", "exec"), names)
     assert (tmp_path / "pattern.png").stat().st_size > 0
     assert len(capsys.readouterr().out.splitlines()) == 3
+
+    exec(compile(design, "README.md", "exec"), names)
+    assert names["angle"] > names["rotation"](names["jnp"].array([5.0, 4.0]))
 
 
 def test_the_case_file_can_be_run(tmp_path):
