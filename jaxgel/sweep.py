@@ -78,6 +78,8 @@ class Path:
     """(k,) negative eigenvalues of the tangent."""
     lowest_eigenvalue: np.ndarray
     """(k,) lowest eigenvalue of the tangent, nan where not computed."""
+    switched: np.ndarray
+    """(k,) whether the state left an unstable branch for a stable one."""
     stop: Status
     """``CONVERGED`` where the sweep reached its end, otherwise why it stopped."""
     stop_text: str
@@ -102,7 +104,7 @@ class Path:
         return len(self.mu)
 
 
-_COLUMNS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue")
+_COLUMNS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 
 
 class SweepFailed(ArithmeticError):
@@ -330,6 +332,7 @@ def _states(static, floats, rest):
         residual=pad(path.residual, jnp.nan),
         negative_pivots=pad(path.negative_pivots, -1),
         lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
+        switched=pad(path.switched, False),
     )
     return pad(path.x, jnp.nan), report
 
@@ -366,4 +369,4 @@ def _scan_states(model, gel, mu, loads):
         return ((mu, x, p), (mu_1, x_1, p_1), count + 1), (x, report)
 
     _, (x, report) = jax.lax.scan(step, ((mu[0], start, pressure),) * 2 + (0,), mu)
-    return x, dict(report, mu=mu, lowest_eigenvalue=jnp.full(mu.shape, jnp.nan))
+    return x, dict(report, mu=mu, lowest_eigenvalue=jnp.full(mu.shape, jnp.nan), switched=jnp.zeros(mu.shape, dtype=bool))
