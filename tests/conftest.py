@@ -24,6 +24,12 @@ from jaxgel.results import load_path, write_atomically
 jax.config.update("jax_enable_x64", True)
 
 
+def pytest_xdist_auto_num_workers(config):
+    """Workers of ``-n auto``: one per core, but each with 6 GiB, since compiled programs pile up in a test process."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return max(1, min(os.cpu_count() or 1, memory // (6 * 2**30)))
+
+
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory):
     """Folder of ``jaxgel run sample-1`` on a coarse cloud at four given mu, with figures; one run serves all test processes."""
