@@ -16,7 +16,7 @@ from threadpoolctl import ThreadpoolController
 
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
-REMEMBERED_BYTES = 2**28  # most that the factors kept for `solve_near` may fill
+REMEMBERED_BYTES = 2**29  # most that the factors kept for `solve_near` may fill, those of all patterns together
 NEARNESS = 1e-2  # largest relative difference of two tangents of which one's factor refines the other's solutions
 
 
@@ -40,8 +40,6 @@ class Pattern:
     """(f + 1,) column starts of the permuted CSC matrix."""
     order: np.ndarray
     """(f,) fill-reducing order: row k of the permuted matrix is free degree of freedom order[k]."""
-    remembered: collections.deque = dataclasses.field(default_factory=collections.deque)
-    """The latest factors, newest last."""
 
     def matrix(self, pairs):
         """The permuted free-free matrix (f, f), CSC, from pair blocks (n_pairs, 2, 2)."""
@@ -87,6 +85,11 @@ class Factor:
         unpermuted[self.pattern.order] = solution
         return unpermuted, error
 
+    @property
+    def size(self):
+        """Bytes it fills: the triangular factors twice, as SuperLU keeps them and as SciPy hands them out, and the matrix."""
+        return 24 * self.lu.nnz + 12 * self.matrix.nnz
+
     @functools.cached_property
     def norm(self):
         """Largest column sum of the matrix, an upper bound of its spectral norm."""
@@ -131,10 +134,13 @@ def factor(pattern, pairs):
     # SymmetricMode post-orders rows and columns alike; only then are the signs of diag U the inertia
     negative = int(np.sum(lu.U.diagonal() < 0)) if np.array_equal(lu.perm_r, lu.perm_c) else -1
     made = Factor(pattern, matrix, lu, negative)
-    pattern.remembered.append(made)
-    while len(pattern.remembered) > 1 and len(pattern.remembered) * 12 * lu.nnz > REMEMBERED_BYTES:
-        pattern.remembered.popleft()
+    _remembered.append(made)
+    while len(_remembered) > 1 and sum(kept.size for kept in _remembered) > REMEMBERED_BYTES:
+        _remembered.popleft()
     return made
+
+
+_remembered = collections.deque()  # the latest factors, newest last; not kept by the patterns, which compiled programs keep alive
 
 
 def solve_near(pattern, pairs, rhs):
@@ -161,9 +167,10 @@ def _nearest(pattern, matrix):
     sample = slice(None, None, max(1, matrix.nnz // 4096))
     wanted = matrix.data[sample]
     scale = np.linalg.norm(wanted)
-    distance = [np.linalg.norm(made.matrix.data[sample] - wanted) for made in pattern.remembered]
+    known = [made for made in _remembered if made.pattern is pattern]
+    distance = [np.linalg.norm(made.matrix.data[sample] - wanted) for made in known]
     best = int(np.argmin(distance)) if distance else -1
-    return pattern.remembered[best] if best >= 0 and distance[best] < NEARNESS * scale else None
+    return known[best] if best >= 0 and distance[best] < NEARNESS * scale else None
 
 
 def _one_thread():

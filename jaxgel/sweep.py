@@ -92,8 +92,8 @@ class Path:
         return cls(
             model=model,
             gel=gel,
-            x=jnp.stack([step.x for step in steps]),
-            pressure=jnp.stack([step.pressure for step in steps]),
+            x=np.stack([step.x for step in steps]),
+            pressure=np.stack([step.pressure for step in steps]),
             status=columns.pop("status"),
             stop=stop,
             stop_text=stop_text or stop.text,

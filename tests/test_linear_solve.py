@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
+from jaxgel import linear_solve
 from jaxgel.constraints import free_dofs
 from jaxgel.linear_solve import Pattern, SingularTangent, analyse, factor, solve_near
 from jaxgel.mixed import constants, node_pairs
@@ -111,17 +112,28 @@ def test_factor_refuses_a_matrix_that_is_not_near(pattern):
         made.solve(np.ones(len(pattern.free)), pattern.matrix(random_pairs(pattern, 8)))
 
 
-def test_solve_near_does_not_depend_on_what_is_remembered(lists):
+def test_solve_near_does_not_depend_on_what_is_remembered(lists, monkeypatch):
     args = node_pairs(lists)[0], len(lists.topology.node_vertices), free_dofs(lists.topology)
     fresh, experienced = analyse(*args), analyse(*args)
     blocks = random_pairs(fresh, 9, shift=30.0)
+    rhs = np.random.default_rng(10).normal(size=len(fresh.free))
+    direct = solve_near(fresh, blocks, rhs)
     for seed in range(3):
         factor(experienced, blocks + 1e-4 * random_pairs(fresh, 20 + seed))
-    rhs = np.random.default_rng(10).normal(size=len(fresh.free))
-    remembered = len(experienced.remembered)
-    solution = solve_near(experienced, blocks, rhs)
-    assert len(experienced.remembered) == remembered  # no new factor was needed
-    np.testing.assert_allclose(solution, solve_near(fresh, blocks, rhs), atol=1e-11 * np.abs(solution).max())
+    monkeypatch.setattr(linear_solve, "factor", None)  # no new factor is needed
+    np.testing.assert_allclose(solve_near(experienced, blocks, rhs), direct, atol=1e-11 * np.abs(direct).max())
+
+
+def test_remembered_factors_fill_bounded_memory(pattern, monkeypatch):
+    blocks = random_pairs(pattern, 15, shift=30.0)
+    size = factor(pattern, blocks).size
+    monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 3.5 * size)
+    for seed in range(6):
+        factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed))
+    assert len(linear_solve._remembered) == 3
+    monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 0)
+    factor(pattern, blocks)
+    assert len(linear_solve._remembered) == 1  # the latest stays, however large
 
 
 def no_stiffness_along_one_component(pattern):
