@@ -49,16 +49,17 @@ def partition(background, squares, outline_loops, outline_vertices, gel):
     ``outline_vertices`` (o, 2) the fine outline vertices, ``outline_loops`` their segments (s, 2) as numbers into it.
     """
     known = np.concatenate([background, outline_vertices])
+    segments = np.asarray(outline_loops, dtype=int).reshape(-1, 2) + len(background)
+    lines = shapely.STRtree(shapely.linestrings(known[segments]))
     squares = np.array([*squares, None], dtype=object)[:-1]  # an array of arrays, also if all loops are equally long
     boxes = _polygons(background, squares)
     tolerance = SNAP * np.sqrt(np.median(shapely.area(boxes)))
     shapely.prepare(gel)
     whole = shapely.covers(gel, boxes)
+    whole[lines.query(boxes, predicate="dwithin", distance=tolerance)[0]] = False  # a side may lie along an outline
     pieces, square = _clip(boxes, np.flatnonzero(~whole), gel)
-    segments = np.asarray(outline_loops, dtype=int).reshape(-1, 2) + len(background)
-    same = _coinciding(background, outline_vertices, tolerance)
-    vertices, loops, cut_ends, cut_fractions = _number_vertices(pieces, known, same, segments, tolerance)
-    triangles, piece_of_triangle = _triangulate(vertices, [[same[loop]] for loop in squares[whole]] + loops)
+    vertices, loops, cut_ends, cut_fractions = _number_vertices(pieces, known, segments, lines, tolerance)
+    triangles, piece_of_triangle = _triangulate(vertices, [[loop] for loop in squares[whole]] + loops)
     squares_area = shapely.area(np.concatenate([boxes[whole], boxes[square]]))
     cell_of_triangle = _merge_slivers(vertices, triangles, piece_of_triangle, squares_area)
     return Partition(vertices, cut_ends, cut_fractions, triangles, cell_of_triangle)
@@ -79,24 +80,20 @@ def _clip(boxes, numbers, gel):
     return parts[solid], square[solid]
 
 
-def _coinciding(background, outline_vertices, tolerance):
-    """Numbers (k,) that known vertices go by: their own, but an outline vertex where a background vertex lies on it."""
-    number = np.arange(len(background) + len(outline_vertices))
-    if len(outline_vertices):
-        distance, nearest = cKDTree(outline_vertices).query(background)
-        number[: len(background)] = np.where(distance < tolerance, len(background) + nearest, number[: len(background)])
-    return number
+def _number_vertices(pieces, known, segments, lines, tolerance):
+    """Give every piece's vertices global numbers: known vertices first, the rest are cuts of outline segments by grid lines.
 
-
-def _number_vertices(pieces, known, same, segments, tolerance):
-    """Give every piece's vertices global numbers: known vertices first, the rest are cuts of outline segments by grid lines."""
+    Background vertices on an outline have no say: they would not follow it.
+    """
     rings = [[np.asarray(ring.coords)[:-1] for ring in (p.exterior, *p.interiors)] for p in pieces]
     coordinates = np.concatenate([ring for piece in rings for ring in piece] + [np.zeros((0, 2))])
-    distance, number = cKDTree(known).query(coordinates)
-    number, fresh = same[number], distance > tolerance
+    on_outline = lines.query(shapely.points(known), predicate="dwithin", distance=tolerance)[0]
+    usable = np.union1d(np.setdiff1d(np.arange(len(known)), on_outline), segments)
+    distance, nearest = cKDTree(known[usable]).query(coordinates)
+    number, fresh = usable[nearest], distance > tolerance
     cuts, inverse = _unique_points(coordinates[fresh], tolerance)
     number[fresh] = len(known) + inverse
-    cut_ends, cut_fractions = _locate_on_segments(cuts, known, segments, tolerance)
+    cut_ends, cut_fractions = _locate_on_segments(cuts, known, segments, lines, tolerance)
 
     loops, start = [], 0
     for piece in rings:
@@ -120,12 +117,11 @@ def _unique_points(points, tolerance):
     return points[representatives], inverse
 
 
-def _locate_on_segments(cuts, known, segments, tolerance):
+def _locate_on_segments(cuts, known, segments, lines, tolerance):
     """Outline segment (n, 2) and fraction (n,) of each cut point."""
     if len(cuts) == 0:
         return np.zeros((0, 2), dtype=int), np.zeros(0)
-    lines = shapely.linestrings(known[segments])
-    _, nearest = shapely.STRtree(lines).query_nearest(shapely.points(cuts), all_matches=False)
+    _, nearest = lines.query_nearest(shapely.points(cuts), all_matches=False)
     ends = segments[nearest]
     along = known[ends[:, 1]] - known[ends[:, 0]]
     fraction = np.einsum("ni,ni->n", cuts - known[ends[:, 0]], along) / np.einsum("ni,ni->n", along, along)
