@@ -20,6 +20,7 @@ from .background import find_ligaments, make_background
 from .geometry import arc_points, arcs, check_plate, edge_lines, equal_arc_length, inside_holes, outline_points, reference_plate
 from .morph import make_morph
 from .partition import partition
+from .quadrature import cell_quadrature
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
 GRADING = 0.75  # slope of the node spacing between large squares and small ones
@@ -50,6 +51,10 @@ class Topology:
     """The reference plate."""
     spacing: float
     """Distance of the background nodes, mm."""
+    nodes_per_hole: int
+    """Nodes on the outline of each whole hole."""
+    across: int | None
+    """Nodes asked for across every ligament; None for no refinement."""
     n_background: int
     """Number of background vertices; outline vertices follow them, cut points come last."""
     partition: object
@@ -64,6 +69,11 @@ class Topology:
     """Edge name -> (k,) node numbers on that edge of the plate, in order along it."""
     cache: dict = dataclasses.field(default_factory=dict)
     """Neighbour lists and the like, filled by later stages."""
+
+    @functools.cached_property
+    def quadrature(self):
+        """Quadrature points of the cells, ``quadrature.Quadrature``."""
+        return cell_quadrature(self.partition, self.n_background)
 
     @functools.cached_property
     def morph(self):
@@ -154,12 +164,12 @@ def _make_topology(plate, spacing, nodes_per_hole, across):
         ligaments = find_ligaments(_walls(plate), curves, [o.arc for o in outlines], gel)
         background = make_background(plate, spacing, ligaments, across - 2)
         outlines, points = _outlines(plate, nodes_per_hole, background)
-    topology = assemble(plate, spacing, background, outlines, points)
+    topology = assemble(plate, spacing, background, outlines, points, nodes_per_hole, across)
     _check_ligaments(topology)
     return topology
 
 
-def assemble(plate, spacing, background, outlines, points):
+def assemble(plate, spacing, background, outlines, points, nodes_per_hole=0, across=None):
     """``Topology`` of a background and the fine outlines numbered after it, with their points (o, 2)."""
     n = len(background.vertices)
     segments = [np.stack([_loop(o)[:-1], _loop(o)[1:]], axis=1) - n for o in outlines]
@@ -171,6 +181,8 @@ def assemble(plate, spacing, background, outlines, points):
     return Topology(
         plate=plate,
         spacing=spacing,
+        nodes_per_hole=nodes_per_hole,
+        across=across,
         n_background=n,
         partition=part,
         outlines=outlines,

@@ -15,12 +15,15 @@ from jax import lax
 from scipy.spatial import cKDTree
 
 from .geometry import edge_lines, inside_holes
+from .quadrature import EDGE_POINTS, edge_points, square_cells
 from .shape_functions import n_monomials, shape_functions
 
-TRIANGLE_POINTS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6  # barycentric, equal weights, exact for quadratics
-EDGE_POINTS = np.array([0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12)])  # equal weights, exact for cubics
+DMAX = 2.95  # support radius over spacing: nearly three grid lines to each side, and clear of the third, where round-off would decide
+PAPER_DMAX = 3.5
 BATCH = 256  # points whose shape functions are evaluated together
 MIDLINE_POINTS = 401  # samples of the plate's midline
+SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of the spacing
+STEEPEST = 100.0  # largest gradient of a shape function in an accepted model, over 1 / spacing; 1 to 15 is usual
 REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
 
 
@@ -88,7 +91,7 @@ class Lists:
     """Sparsity patterns and the like, filled by later stages."""
 
 
-@_pytree(data=("cloud", "blocks", "outline", "midline", "core"), meta=("lists", "basis", "dmax", "method", "quadrature", "kind"))
+@_pytree(data=("cloud", "blocks", "outline", "midline", "core", "contact"), meta=("lists", "basis", "dmax", "method", "quadrature", "kind"))
 @dataclasses.dataclass(frozen=True)
 class Model:
     """A cloud with its cells, quadrature points and shape functions: all that is needed to integrate an energy."""
@@ -115,6 +118,8 @@ class Model:
     """``"conforming"`` or ``"paper"``."""
     kind: str
     """Kind of shape functions, see ``shape_functions``."""
+    contact: object = None
+    """The ``contact.Contact`` of hole boundaries with themselves; None where they may overlap."""
 
     @property
     def n_nodes(self):
@@ -135,7 +140,7 @@ class Model:
 def discretise(cloud, *, basis="quadratic", dmax=None, method="mixed", quadrature="conforming", kind="imls", cells=None, skin=None):
     """``Model`` of a cloud: cells, quadrature points, shape function gradients.
 
-    ``dmax`` is the support radius over the node spacing (2.5 by default, 3.5 for the paper's quadrature). ``quadrature="conforming"``
+    ``dmax`` is the support radius over the node spacing (2.95 by default, 3.5 for the paper's quadrature). ``quadrature="conforming"``
     partitions the gel exactly and corrects the gradients so that linear fields are integrated exactly (patch test);
     ``"paper"`` takes 4 x 4 Gauss points in each of ``cells`` x ``cells`` squares and drops the points in holes (Table 1).
     ``skin`` (mm) enlarges the neighbour lists by the distance that points of a moved cloud may have come closer; by default 0 on
@@ -143,7 +148,7 @@ def discretise(cloud, *, basis="quadratic", dmax=None, method="mixed", quadratur
     too few neighbours for the basis.
     """
     _check_options(basis, method, quadrature, kind)
-    dmax = (3.5 if quadrature == "paper" else 2.5) if dmax is None else float(dmax)
+    dmax = (PAPER_DMAX if quadrature == "paper" else DMAX) if dmax is None else float(dmax)
     if not dmax > 1.0:
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
     if quadrature == "paper":
@@ -153,7 +158,7 @@ def discretise(cloud, *, basis="quadratic", dmax=None, method="mixed", quadratur
         owner = np.concatenate([np.repeat(c, (n >= 0).sum(axis=1)) for c, n in zip(lists.cells, lists.points, strict=True)])
         _, dphi = evaluate_points(cloud.nodes, points, lists.nodes, lists.support, owner, basis=basis, kind=kind)
     else:
-        skin = (0.25 * cloud.spacing if is_moved(cloud) else 0.0) if skin is None else float(skin)
+        skin = (SKIN * cloud.spacing if is_moved(cloud) else 0.0) if skin is None else float(skin)
         key = ("conforming", basis, dmax, skin)
         if key not in cloud.topology.cache:
             cloud.topology.cache[key] = _conforming_lists(cloud.topology, basis, dmax, skin)
@@ -181,8 +186,8 @@ def _probe(cloud, points, neighbours, basis, kind):
 def _probe_lists(cloud, dmax, reference_points, room=0.0):
     """Padded node lists (p, a) and supports (p, a) of material points (p, 2) and all points within ``room`` mm of them."""
     topology = cloud.topology
-    support, skin = dmax * topology.node_spacing, room + 0.25 * topology.spacing * is_moved(cloud)
-    reaching = _reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, skin)
+    support, skin = dmax * topology.node_spacing, room + SKIN * topology.spacing * is_moved(cloud)
+    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, skin)
     return _pad_nodes(*reaching, support)
 
 
@@ -194,7 +199,8 @@ def _observed(cloud, lists, basis, dmax, kind):
     x = plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS)
     midline = np.stack([x, np.zeros_like(x)], axis=1)
     midline = midline[~inside_holes(plate, midline, -1e-9 * topology.spacing)]
-    fixed = np.concatenate([midline, [plate.core]])
+    in_hole = inside_holes(plate, [plate.core])[0]  # then any point of the gel: 0 times nan would spoil every reverse derivative
+    fixed = np.concatenate([midline, midline[:1] if in_hole else [plate.core]])
     key = ("observed", is_moved(cloud))
     if key not in lists.cache:
         reference = np.concatenate([topology.partition.vertices[outline], fixed])
@@ -203,7 +209,7 @@ def _observed(cloud, lists, basis, dmax, kind):
     cut = len(outline), len(outline) + len(midline)
     parts = (slice(0, cut[0]), slice(*cut), slice(cut[1], None))
     outline, midline, core = (jax.tree.map(lambda leaf, part=part: leaf[part], probe) for part in parts)
-    if inside_holes(plate, [plate.core])[0]:
+    if in_hole:
         core = dataclasses.replace(core, dphi=jnp.full_like(core.dphi, jnp.nan))
     return outline, midline, core
 
@@ -248,31 +254,26 @@ def _evaluate_batches(nodes, points, lists, supports, owner, *, basis, kind, gra
 
 
 def _corrected_gradients(nodes, vertices, lists, basis, kind):
-    """Gradients (p, a, 2) at the points of all triangles, corrected cell by cell, and weights (p,).
+    """Gradients (p, a, 2) at the points of all cells, corrected cell by cell, and weights (p,).
 
     The correction adds one constant vector per cell and node so that sum_q w_q dphi_a(q) equals the contour integral of phi_a n, the
     integration constraint of Chen et al. (2001); essential edges carry the linear trace between their two wall nodes.
     """
-    part = lists.topology.partition
-    edges, edge_owner = part.contour_edges
-    triangle_points = jnp.einsum("qk,tki->tqi", TRIANGLE_POINTS, vertices[part.triangles]).reshape(-1, 2)
-    start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
-    edge_points = (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
+    topology = lists.topology
+    edges, edge_owner = topology.partition.contour_edges
+    quadrature = topology.quadrature
     shared = dict(lists=lists.nodes, supports=lists.support, basis=basis, kind=kind)
-    _, dphi = evaluate_points(nodes, triangle_points, owner=np.repeat(part.cell_of_triangle, 3), **shared)
-    trace = evaluate_points(nodes, edge_points, owner=np.repeat(edge_owner, 2), gradients=False, **shared)
-    arrays = (nodes, vertices, trace, dphi)
-    return _correct(*arrays, part.triangles, part.cell_of_triangle, edges, edge_owner, lists.nodes, lists.support, lists.wall)
+    _, dphi = evaluate_points(nodes, quadrature.points(vertices), owner=quadrature.owner, **shared)
+    on_edges = edge_points(vertices, edges)
+    trace = evaluate_points(nodes, on_edges, owner=np.repeat(edge_owner, len(EDGE_POINTS)), gradients=False, **shared)
+    weight = quadrature.weights(vertices)
+    corrected = _correct(nodes, vertices, trace, dphi, weight, quadrature.owner, edges, edge_owner, lists.nodes, lists.support, lists.wall)
+    return corrected, weight
 
 
 @jax.jit
-def _correct(nodes, vertices, trace, dphi, triangles, triangle_owner, edges, edge_owner, lists, supports, wall):
+def _correct(nodes, vertices, trace, dphi, weight, owner, edges, edge_owner, lists, supports, wall):
     n_cells = len(lists)
-    corner = vertices[triangles]
-    u, v = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    weight = jnp.repeat((u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 6, 3)
-    owner = jnp.repeat(triangle_owner, 3)
-
     start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
     along = end - start
     linear = jax.vmap(_linear_trace)(start, along, nodes[lists[edge_owner]], wall)
@@ -282,7 +283,7 @@ def _correct(nodes, vertices, trace, dphi, triangles, triangle_owner, edges, edg
     integral = jax.ops.segment_sum(weight[:, None, None] * dphi, owner, n_cells)
     correction = (flux - integral) / jax.ops.segment_sum(weight, owner, n_cells)[:, None, None]
     real = (supports > 0)[owner][:, :, None]
-    return jnp.where(real, dphi + correction[owner], 0.0), weight
+    return jnp.where(real, dphi + correction[owner], 0.0)
 
 
 def _linear_trace(start, along, nodes, wall):
@@ -295,20 +296,16 @@ def _linear_trace(start, along, nodes, wall):
 
 def _conforming_lists(topology, basis, dmax, skin):
     """``Lists`` of the conforming cells, made on the reference plate."""
-    part = topology.partition
+    part, quadrature = topology.partition, topology.quadrature
     edges, edge_owner = part.contour_edges
-    inner = np.einsum("qk,tki->tqi", TRIANGLE_POINTS, part.vertices[part.triangles]).reshape(-1, 2)
-    start, end = part.vertices[edges[:, 0]], part.vertices[edges[:, 1]]
-    on_edge = (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
+    inner, on_edge = np.asarray(quadrature.points(part.vertices)), edge_points(part.vertices, edges)
     support = dmax * topology.node_spacing
     points = np.concatenate([inner, on_edge])
     _check_support(topology, points, support, basis)
-    owner = np.concatenate([np.repeat(part.cell_of_triangle, 3), np.repeat(edge_owner, 2)])
-    nodes, supports = _pad_nodes(*_reaching_nodes(topology, points, owner, support, skin), support)
+    owner = np.concatenate([quadrature.owner, np.repeat(edge_owner, len(EDGE_POINTS))])
+    nodes, supports = _pad_nodes(*reaching_nodes(topology, points, owner, support, skin), support)
 
-    order = np.argsort(part.cell_of_triangle, kind="stable")
-    numbers = (3 * order[:, None] + np.arange(3)).ravel()
-    counts = 3 * np.bincount(part.cell_of_triangle)
+    numbers, counts = np.arange(len(inner)), np.bincount(quadrature.owner)
     groups = _groups(counts)
     wall_nodes = wall_ends(topology, edges)
     hit = (nodes[edge_owner][:, None, :] == wall_nodes[:, :, None]) & (supports[edge_owner] > 0)[:, None, :]
@@ -320,7 +317,7 @@ def _conforming_lists(topology, basis, dmax, skin):
 
 def _groups(counts):
     """Cell numbers in groups of similar numbers of points: whole squares and cut cells."""
-    cut = counts > 6
+    cut = counts > len(EDGE_POINTS) ** 2
     return tuple(group for group in (np.flatnonzero(~cut), np.flatnonzero(cut)) if len(group))
 
 
@@ -329,11 +326,13 @@ def _blocks(lists, dphi, weight):
     blocks = []
     for cells, numbers in zip(lists.cells, lists.points, strict=True):
         n = int((lists.support[cells] > 0).sum(axis=1).max())
-        blocks.append(Block(cells, lists.nodes[cells, :n], dphi[numbers, :n], jnp.where(numbers >= 0, weight[numbers], 0.0)))
+        real = numbers >= 0
+        at = np.where(real, numbers, numbers[:, :1])  # padding repeats a point of its own cell, where every energy is finite
+        blocks.append(Block(cells, lists.nodes[cells, :n], dphi[at, :n], jnp.where(real, weight[at], 0.0)))
     return tuple(blocks)
 
 
-def _reaching_nodes(topology, points, owner, support, skin):
+def reaching_nodes(topology, points, owner, support, skin):
     """Numbers of the nodes that reach each owner's points, ascending, all owners in a row, and their counts (owners,)."""
     nodes = topology.partition.vertices[topology.node_vertices]
     pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max() + skin, output_type="ndarray")
@@ -381,7 +380,7 @@ def _paper_lists(topology, basis, dmax, cells):
     """``Lists``, points (p, 2) and weights (p,) of square cells with 4 x 4 Gauss points, points in holes dropped (Table 1)."""
     plate = topology.plate
     own = plate.cells if plate.cells and topology.spacing == plate.spacing else round(min(plate.width, plate.height) / topology.spacing)
-    points, weight = _square_cells(plate, own if cells is None else cells)
+    points, weight = square_cells(plate, own if cells is None else cells)
     outside = ~inside_holes(plate, points.reshape(-1, 2)).reshape(weight.shape)
     keep = outside[outside.any(axis=1)]
     points, weight = points[outside], weight[outside]
@@ -389,20 +388,10 @@ def _paper_lists(topology, basis, dmax, cells):
     _check_support(topology, points, support, basis)
     counts = keep.sum(axis=1)
     owner = np.repeat(np.arange(len(counts)), counts)
-    nodes, supports = _pad_nodes(*_reaching_nodes(topology, points, owner, support, 0.0), support)
+    nodes, supports = _pad_nodes(*reaching_nodes(topology, points, owner, support, 0.0), support)
     members = np.arange(len(counts))
     numbers = _pad_rows(np.arange(len(points)), counts, members)
     return Lists(topology, nodes, supports, (numbers,), (members,), np.full((0, 2), -1)), points, weight
-
-
-def _square_cells(plate, side):
-    """Gauss points (c, 16, 2) and weights (c, 16) of ``side`` x ``side`` background cells."""
-    g, w = np.polynomial.legendre.leggauss(4)
-    middle = (np.arange(side) + 0.5) / side - 0.5
-    centres = np.stack(np.meshgrid(middle * plate.width, middle * plate.height, indexing="ij"), axis=-1).reshape(-1, 1, 2)
-    half = np.array([plate.width, plate.height]) / (2 * side)
-    local = np.stack(np.meshgrid(g, g, indexing="ij"), axis=-1).reshape(1, -1, 2) * half
-    return centres + local, np.broadcast_to(np.outer(w, w).ravel() * half.prod(), (len(centres), 16))
 
 
 # --- checks ------------------------------------------------------------------------------------------------------------------
@@ -438,10 +427,12 @@ def _check_reproduction(model):
     """Refuse, outside traces, a model whose gradients do not reproduce the coordinates: neighbours on too few lines."""
     if isinstance(model.cloud.vertices, jax.core.Tracer):
         return
-    nodes = np.asarray(model.cloud.nodes)
+    nodes, steepest = np.asarray(model.cloud.nodes), STEEPEST / model.cloud.topology.node_spacing.min()
     for block in model.blocks:
-        error = np.abs(np.einsum("cai,cqaj->cqij", nodes[block.nodes], np.asarray(block.dphi)) - np.eye(2)).max(axis=(2, 3))
-        bad = np.argwhere(~(error < REPRODUCTION) & (np.asarray(block.weight) > 0))
+        dphi = np.asarray(block.dphi)
+        error = np.abs(np.einsum("cai,cqaj->cqij", nodes[block.nodes], dphi) - np.eye(2)).max(axis=(2, 3))
+        poor = ~(error < REPRODUCTION) | ~(np.abs(dphi).max(axis=(2, 3)) < steepest)
+        bad = np.argwhere(poor & (np.asarray(block.weight) > 0))
         if len(bad):
             x, y = nodes[block.nodes[bad[0, 0], 0]]
             raise ValueError(

@@ -1,6 +1,6 @@
 """Dead loads, body force and edge traction, as nodal forces that are consistent with the shape functions.
 
-The integrals run over the triangles and edges that partition the dry gel, with the points of the conforming quadrature, whatever the
+The integrals run over the cells and edges that partition the dry gel, with the points of the conforming quadrature, whatever the
 model's own quadrature is. So the sum of the nodal forces is the total load, and a uniform traction balances a uniform stress.
 """
 
@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .discretisation import EDGE_POINTS, TRIANGLE_POINTS, make_probe, wall_ends
+from .discretisation import make_probe, wall_ends
 from .geometry import EDGES, did_you_mean, edge_lines
+from .quadrature import edge_points
 
 
 def load_vector(model, *, body_force=None, traction=None):
@@ -36,16 +37,11 @@ def load_vector(model, *, body_force=None, traction=None):
 
 
 def _body_load(model, body_force):
-    part = model.lists.topology.partition
-
-    def in_triangles(vertices):
-        return jnp.einsum("qk,tki->tqi", TRIANGLE_POINTS, vertices[part.triangles]).reshape(-1, 2)
-
-    points = in_triangles(model.cloud.vertices)
-    a, b, c = (model.cloud.vertices[part.triangles[:, k]] for k in range(3))
-    u, v = b - a, c - a
-    weight = jnp.repeat((u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 6, 3)
-    return _true_trace(model, points, in_triangles(part.vertices), weight[:, None] * _at_points(body_force, points, "body_force"))
+    topology, vertices = model.lists.topology, model.cloud.vertices
+    quadrature = topology.quadrature
+    points = quadrature.points(vertices)
+    load = quadrature.weights(vertices)[:, None] * _at_points(body_force, points, "body_force")
+    return _true_trace(model, points, quadrature.points(topology.partition.vertices), load)
 
 
 def _edge_load(model, edge, force):
@@ -55,16 +51,12 @@ def _edge_load(model, edge, force):
     on = np.abs(part.vertices[ends][:, :, axis] - coordinate).max(axis=1) < 1e-9 * topology.spacing
     ends = ends[on]
 
-    def along_edge(vertices):
-        start, end = vertices[ends[:, 0]], vertices[ends[:, 1]]
-        return (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
-
-    points = along_edge(model.cloud.vertices)
+    points = edge_points(model.cloud.vertices, ends)
     length = jnp.linalg.norm(jnp.diff(model.cloud.vertices[ends], axis=1)[:, 0], axis=1)
     load = jnp.repeat(length / 2, 2)[:, None] * _at_points(force, points, f"traction: {edge}")
     wall = np.repeat(wall_ends(topology, ends), 2, axis=0)
     if np.all(wall < 0):
-        return _true_trace(model, points, along_edge(part.vertices), load)
+        return _true_trace(model, points, edge_points(part.vertices, ends), load)
     return _linear_trace(model, points, wall, 1 - axis, load)
 
 

@@ -9,9 +9,9 @@ import pytest
 
 import jaxgel
 from jaxgel.constraints import free_dofs
-from jaxgel.discretisation import EDGE_POINTS
 from jaxgel.energy import deformation_gradients, network_energy, residual
 from jaxgel.material import bulk_stiffness
+from jaxgel.quadrature import EDGE_POINTS
 from jaxgel.shape_functions import shape_functions
 
 GAUSS_POINTS = {
@@ -113,7 +113,7 @@ def test_integrated_gradients_are_those_of_the_linear_trace_on_held_walls():
 def test_every_cell_integrates_gradients_to_the_flux_through_its_contour(tiny_model):
     """With shape functions of all nodes at once, evaluated here, on the cells that touch no held wall."""
     part, nodes = tiny_model.cloud.topology.partition, tiny_model.cloud.nodes
-    phi = jax.jit(jax.vmap(lambda x: shape_functions(x, nodes, 2.5 * tiny_model.cloud.spacing, kind="imls")))
+    phi = jax.jit(jax.vmap(lambda x: shape_functions(x, nodes, tiny_model.dmax * tiny_model.cloud.spacing, kind="imls")))
     edges, owner = part.contour_edges
     start, end = part.vertices[edges[:, 0]], part.vertices[edges[:, 1]]
     points = start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]
@@ -157,7 +157,9 @@ def test_weights_are_positive_and_add_up_to_the_area_of_the_cells(fixture, reque
     for block in model.blocks:
         np.testing.assert_allclose(jnp.sum(block.weight, axis=1), cells[np.asarray(block.cells)], rtol=1e-12)
         assert jnp.min(block.weight) >= 0
-    assert model.n_points == 3 * len(part.triangles)
+    halves = np.bincount(part.cell_of_triangle)
+    whole = (halves == 2) & np.isclose(cells, model.cloud.spacing**2, rtol=1e-9)
+    assert model.n_points == 4 * whole.sum() + 3 * halves[~whole].sum()
     assert model.n_cells == part.n_cells
     np.testing.assert_array_equal(np.sort(np.concatenate([block.cells for block in model.blocks])), np.arange(model.n_cells))
 
@@ -258,7 +260,7 @@ def test_neighbours_on_too_few_lines_are_refused_with_the_point():
     cloud = jaxgel.make_cloud(jaxgel.Plate(8, 8, [jaxgel.Rectangle((0.0, -2.0), (5.0, 3.2))]), spacing=0.5, nodes_per_hole=40)
     message = r"^dmax: 2.5 is too small for the quadratic basis near the point \(-?\d\S*, -?\d\S*\): its neighbours lie on too few lines"
     with pytest.raises(ValueError, match=message):
-        jaxgel.discretise(cloud)
+        jaxgel.discretise(cloud, dmax=2.5)
 
 
 def test_paper_quadrature_cannot_follow_moving_holes(tiny_plate):

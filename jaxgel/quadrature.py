@@ -1,0 +1,102 @@
+"""Quadrature points of the integration cells, which move with the cells' vertices, and the paper's fixed ones.
+
+A whole background square carries 2 x 2 Gauss points, which do not prefer one of its diagonals; every other cell is integrated over its
+triangles. Index letters: ``p`` point, ``k`` vertex.
+"""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+
+EDGE_POINTS = np.array([0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12)])  # equal weights, exact for cubics
+_TRIANGLE = np.array([[1, 1], [4, 1], [1, 4]]) / 6  # local coordinates, equal weights, exact for quadratics
+_SQUARE = np.stack(np.meshgrid(EDGE_POINTS, EDGE_POINTS, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Quadrature:
+    """Points of all cells, ordered by cell; NumPy arrays."""
+
+    corners: np.ndarray
+    """(p, 4) vertices of the triangle (the last one without weight) or quadrilateral that a point belongs to."""
+    values: np.ndarray
+    """(p, 4) weights with which the corners make the point."""
+    slopes: np.ndarray
+    """(p, 2, 4) and its derivatives by two local coordinates."""
+    share: np.ndarray
+    """(p,) quadrature weight over the Jacobian determinant of the local coordinates."""
+    owner: np.ndarray
+    """(p,) cell number."""
+
+    def points(self, vertices):
+        """The points (p, 2) for vertices (v, 2), mm."""
+        return jnp.einsum("pk,pki->pi", self.values, vertices[self.corners])
+
+    def weights(self, vertices):
+        """Their weights (p,), mm^2: they add up to the area of each cell."""
+        a, b = jnp.einsum("plk,pki->lpi", self.slopes, vertices[self.corners])
+        return self.share * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def cell_quadrature(partition, n_background):
+    """``Quadrature`` of a ``Partition`` whose first ``n_background`` vertices are those of the background squares."""
+    triangles, owner = partition.triangles, partition.cell_of_triangle
+    order = np.argsort(owner, kind="stable")
+    first, count = np.unique(owner[order], return_index=True)[1], np.bincount(owner)
+    pairs = order[first[count == 2][:, None] + [0, 1]]
+    squares, is_square = _squares(partition.vertices, triangles[pairs], n_background)
+    rest = ~np.isin(owner, owner[pairs[is_square, 0]])
+
+    padded = np.concatenate([triangles[rest], triangles[rest][:, :1]], axis=1)
+    r, s = _TRIANGLE.T
+    slope = np.array([[-1.0, 1, 0, 0], [-1, 0, 1, 0]])
+    parts = [_rule(padded, owner[rest], np.stack([1 - r - s, r, s, 0 * r], axis=1), np.broadcast_to(slope, (3, 2, 4)), 1 / 6)]
+    r, s = _SQUARE.T
+    values = np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=1)
+    slopes = np.stack([np.stack([s - 1, 1 - s, s, -s], axis=1), np.stack([r - 1, -r, r, 1 - r], axis=1)], axis=1)
+    parts.append(_rule(squares, owner[pairs[is_square, 0]], values, slopes, 1 / 4))
+
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    order = np.argsort(columns[-1], kind="stable")
+    return Quadrature(*(column[order] for column in columns))
+
+
+def _squares(vertices, triangles, n_background):
+    """Anticlockwise corners (s, 4) of the pairs of ``triangles`` (c, 2, 3) that halve a background square, and which they are (c,)."""
+    one, two = triangles[:, 0], triangles[:, 1]
+    alone = ~(two[:, :, None] == one[:, None, :]).any(axis=2)  # the corner of the second triangle that the first has not
+    fits = (alone.sum(axis=1) == 1) & (triangles < n_background).all(axis=(1, 2))
+    one, fourth = one[fits], two[fits][np.arange(fits.sum()), alone[fits].argmax(axis=1)]
+    apart = ~(one[:, :, None] == two[fits][:, None, :]).any(axis=2)  # opposite the common diagonal
+    at = apart.argmax(axis=1)[:, None]
+    a, b, c = (np.take_along_axis(one, (at + k) % 3, axis=1)[:, 0] for k in range(3))
+    corners = np.stack([a, b, fourth, c], axis=1)
+    x = vertices[corners]
+    size = np.abs(x[:, 2] - x[:, 0]).sum(axis=1)
+    good = np.abs(x[:, 0] + x[:, 2] - x[:, 1] - x[:, 3]).sum(axis=1) < 1e-9 * size
+    fits[fits] = good
+    return corners[good], fits
+
+
+def _rule(corners, owner, values, slopes, share):
+    """Columns of a ``Quadrature`` for elements with ``corners`` (e, 4) and the rule of one of them."""
+    e, q = len(corners), len(values)
+    columns = np.repeat(corners, q, axis=0), np.tile(values, (e, 1)), np.tile(slopes, (e, 1, 1))
+    return *columns, np.full(e * q, share), np.repeat(owner, q)
+
+
+def edge_points(vertices, edges):
+    """Points (2 e, 2) of the edges (e, 2) for vertices (v, 2)."""
+    start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    return (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
+
+
+def square_cells(plate, side):
+    """Gauss points (c, 16, 2) and weights (c, 16) of the paper's ``side`` x ``side`` background cells with 4 x 4 points each."""
+    g, w = np.polynomial.legendre.leggauss(4)
+    middle = (np.arange(side) + 0.5) / side - 0.5
+    centres = np.stack(np.meshgrid(middle * plate.width, middle * plate.height, indexing="ij"), axis=-1).reshape(-1, 1, 2)
+    half = np.array([plate.width, plate.height]) / (2 * side)
+    local = np.stack(np.meshgrid(g, g, indexing="ij"), axis=-1).reshape(1, -1, 2) * half
+    return centres + local, np.broadcast_to(np.outer(w, w).ravel() * half.prod(), (len(centres), 16))
