@@ -2,7 +2,8 @@
 
 Invariant: the residual r(x; model, gel, mu, loads) vanishes on the free degrees of freedom. Differentiated, K dx = -dr at fixed x, with
 the tangent K of the state itself. Written as a rule for tangents, it gives forward, reverse and second derivatives alike; the linear
-solves run on the host with the factors that the sweep left behind (``linear_solve.solve_near``).
+solves run on the host with the factors that the sweep left behind (``linear_solve.solve_near``), and a state that nothing asks about
+costs none.
 """
 
 import functools
@@ -16,6 +17,8 @@ from .energy import residual
 from .linear_solve import solve_near
 from .mixed import constants, linearise, state_pressure, tangent
 
+TOGETHER_BYTES = 2**28  # positions gathered cell by cell of the states that are differentiated together
+
 
 @functools.partial(jax.jit, static_argnames="pattern")
 def state_tangents(x, inputs, inputs_dot, pattern):
@@ -25,35 +28,48 @@ def state_tangents(x, inputs, inputs_dot, pattern):
     """
     model, gel, mu, loads = inputs
     model_dot, gel_dot, mu_dot, loads_dot = inputs_dot
-    fixed = constants(model)
     moved = jax.jvp(lambda cloud: cloud.nodes, (model.cloud,), (model_dot.cloud,))[1]
     held = np.ones(moved.size)
     held[pattern.free] = 0.0
     carried = held.reshape(moved.shape) * moved
 
-    def one(state):
+    def imbalance(state):
         x, mu, mu_dot = state
-        args, dots = (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot)
-        _, imbalance = jax.jvp(residual, (x, *args), (carried, *dots))
-        pressure = state_pressure(x, model, gel, mu)
-        pairs = tangent(x, pressure, linearise(x, pressure, *args, fixed)[0], model, gel, fixed)
-        correction = _solve(pattern, pairs, lambda v: _free_product(v, x, args, pattern), -imbalance.ravel()[pattern.free])
-        return carried.ravel().at[pattern.free].add(correction).reshape(x.shape)
+        return jax.jvp(residual, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1].ravel()[pattern.free]
 
-    return lax.map(one, (x, mu, mu_dot))
+    def product(v):  # of the block-diagonal free-free tangents of all states with v (k, f)
+        return _over_states(lambda s: _free_product(*s, (model, gel, loads), pattern), (v, x, mu), model)
+
+    def solve(_, rhs):
+        fixed = constants(model)
+        return lax.map(lambda s: _solve(*s, (model, gel, loads), fixed, pattern), (rhs, x, mu))
+
+    rhs = -_over_states(imbalance, (x, mu, mu_dot), model)
+    correction = lax.custom_linear_solve(product, rhs, solve, symmetric=True)
+    return jnp.broadcast_to(carried.ravel(), (len(x), carried.size)).at[:, pattern.free].add(correction).reshape(x.shape)
 
 
-def _free_product(v, x, args, pattern):
-    """Product (f,) of the free-free tangent with ``v`` (f,)."""
+def _over_states(function, states, model):
+    """``function`` of each state, for as many of them at once as memory allows: per cell that is one product of small matrices."""
+    one = 16 * sum(block.nodes.size for block in model.blocks)
+    return lax.map(function, states, batch_size=min(len(states[0]), max(1, TOGETHER_BYTES // one)))
+
+
+def _free_product(v, x, mu, args, pattern):
+    """Product (f,) of the free-free tangent at ``x`` with ``v`` (f,)."""
+    model, gel, loads = args
     direction = jnp.zeros(x.size).at[pattern.free].add(v).reshape(x.shape)
-    return jax.jvp(lambda x: residual(x, *args), (x,), (direction,))[1].ravel()[pattern.free]
+    return jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (direction,))[1].ravel()[pattern.free]
 
 
-def _solve(pattern, pairs, product, rhs):
-    """Solution (f,) of product(v) = rhs on the host, differentiable in whatever ``product`` depends on."""
+def _solve(rhs, x, mu, args, fixed, pattern):
+    """Solution (f,) for the tangent at ``x``, on the host; 0 for 0 at no cost."""
+    model, gel, loads = args
 
-    def host(_, rhs):
+    def solution(rhs):
+        pressure = state_pressure(x, model, gel, mu)
+        pairs = tangent(x, pressure, linearise(x, pressure, model, gel, mu, loads, fixed)[0], model, gel, fixed)
         shape = jax.ShapeDtypeStruct(rhs.shape, rhs.dtype)
         return jax.pure_callback(functools.partial(solve_near, pattern), shape, pairs, rhs, vmap_method="sequential")
 
-    return lax.custom_linear_solve(product, rhs, host, symmetric=True)
+    return lax.cond(jnp.any(rhs != 0), solution, jnp.zeros_like, rhs)

@@ -1,0 +1,101 @@
+"""Cost of the gradient of a sweep: sample 1, 30 mu to -0.9178, against the sweep alone.
+
+    python benchmarks/gradient.py [--out DIR] [--spacing H] [--repeats N]
+
+Two objectives, the rotation at the last mu and the sum of squares of the core rotation over the whole curve; 4 and 60 design
+parameters (semi-axes, or Fourier modes of the outlines). Prints medians after compilation and the cost of a gradient over the cost of
+the sweep, (value and gradient - value) / value, and writes gradient.json into DIR. Both times include the discretisation of the
+moved cloud. One thread for the factorisations; XLA uses what the machine has.
+"""  # fmt: skip
+
+import argparse
+import json
+import platform
+import time
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxgel
+
+MU = np.linspace(-4.9678, -0.9178, 30).tolist()  # kT
+MODES = 7  # cos and sin of 2 phi ... 8 phi on each of four holes, with radius: 60 parameters
+TARGETS = {"last state": 0.15, "whole curve": 0.3}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/gradient"), help="folder for gradient.json (out/gradient)")
+    parser.add_argument("--spacing", type=float, default=None, help="node spacing in mm (the paper's 0.55)")
+    parser.add_argument("--repeats", type=int, default=5, help="runs of which the median is taken (5)")
+    options = parser.parse_args()
+    rows = []
+    print(f"{'parameters':>10} {'objective':>12} {'sweep':>8} {'+ gradient':>10} {'cost':>6} {'target':>7} {'compile':>8}")
+    for name, (objectives, start) in problems(options.spacing).items():
+        for label, objective in objectives.items():
+            compile_value, value = median_time(objective, start, options.repeats)
+            compile_both, both = median_time(jax.value_and_grad(objective), start, options.repeats)
+            row = dict(parameters=name, objective=label, sweep_s=value, both_s=both, cost=(both - value) / value)
+            row |= dict(target=TARGETS[label], first_call_s=compile_value + compile_both)
+            rows.append(row)
+            print(
+                f"{name:>10} {label:>12} {value:7.3f}s {both:9.3f}s {row['cost']:6.2f} {row['target']:7.2f} {row['first_call_s']:7.1f}s",
+                flush=True,
+            )
+    result = {"rows": rows, "jax": jax.__version__, "machine": platform.machine()}
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "gradient.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
+def problems(spacing):
+    """Number of parameters -> ({objective's name: function of the parameters}, start)."""
+    ellipses = jaxgel.sample("sample-1")
+    centres = [np.asarray(hole.centre) for hole in ellipses.holes]
+    fourier = jaxgel.Plate(
+        22, 22, [jaxgel.Fourier(c, 4.5, np.zeros(MODES), np.zeros(MODES)) for c in centres], spacing=ellipses.spacing, gel=ellipses.gel
+    )
+
+    tilts = [hole.angle for hole in ellipses.holes]
+
+    def axes(p):
+        both = zip(centres, tilts, strict=True)
+        return [{"semi_axes": p[:2], "centre": c + np.sign(c) * p[2], "angle": tilt + p[3]} for c, tilt in both]
+
+    def modes(p):
+        return [{"radius": q[0], "cos": q[1 : 1 + MODES], "sin": q[1 + MODES :]} for q in p.reshape(4, -1)]
+
+    one = np.concatenate([[4.5, 0.3], np.zeros(2 * MODES - 1)])
+    other = np.concatenate([[4.5, -0.3], np.zeros(2 * MODES - 1)])
+    return {
+        "4": (objectives(ellipses, axes, spacing), jnp.array([5.0, 4.0, 0.0, 0.0])),
+        "60": (objectives(fourier, modes, spacing), jnp.asarray(np.concatenate([one, other, one, other]))),
+    }
+
+
+def objectives(plate, theta, spacing):
+    """The two objectives of a design vector that ``theta`` turns into hole parameters."""
+    cloud = jaxgel.make_cloud(plate, spacing=spacing)
+
+    def path(p):
+        return jaxgel.sweep(jaxgel.discretise(cloud.at(plate.at(theta(p)))), plate.gel, mu=MU)
+
+    return {
+        "last state": lambda p: jaxgel.core_rotation(path(p))[-1],
+        "whole curve": lambda p: jnp.sum(jaxgel.core_rotation(path(p)) ** 2),
+    }
+
+
+def median_time(function, start, repeats):
+    """Seconds of the first call, and the median of ``repeats`` more, each at slightly other parameters."""
+    seconds = []
+    for k in range(repeats + 1):
+        begin = time.perf_counter()
+        jax.block_until_ready(function(start * (1 + 1e-6 * k)))
+        seconds.append(time.perf_counter() - begin)
+    return seconds[0], float(np.median(seconds[1:]))
+
+
+if __name__ == "__main__":
+    main()
