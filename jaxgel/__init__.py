@@ -8,13 +8,17 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
+from .branches import continue_branch, deflated, imperfection, switch  # noqa: E402
 from .cloud import Cloud, make_cloud  # noqa: E402
+from .critical import CriticalPoint, critical_points  # noqa: E402
 from .discretisation import Model, discretise, make_probe  # noqa: E402
 from .equilibrium import Status  # noqa: E402
 from .geometry import Plate  # noqa: E402
 from .holes import Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse  # noqa: E402
+from .inverse import Design, DesignProblem, optimise, verify  # noqa: E402
 from .loads import load_vector  # noqa: E402
 from .material import ArrudaBoyce, Gel, Gent, free_energy, free_swelling, paper_stress, paper_tangent, uniaxial_swelling  # noqa: E402
+from .objectives import Constraint, limit, misfit, reading, weighted_sum  # noqa: E402
 from .observables import (  # noqa: E402
     area_reduction,
     area_reduction_per_hole,
@@ -34,6 +38,10 @@ __all__ = [
     "ArrudaBoyce",
     "Circle",
     "Cloud",
+    "Constraint",
+    "CriticalPoint",
+    "Design",
+    "DesignProblem",
     "Ellipse",
     "Fourier",
     "Gel",
@@ -48,23 +56,34 @@ __all__ = [
     "area_reduction",
     "area_reduction_per_hole",
     "cauchy_stress",
+    "continue_branch",
     "core_rotation",
+    "critical_points",
+    "deflated",
     "discretise",
     "free_energy",
     "free_swelling",
+    "imperfection",
+    "limit",
     "load_vector",
     "make_cloud",
     "make_probe",
     "min_gap",
+    "misfit",
+    "optimise",
     "outlines",
     "paper_stress",
     "paper_tangent",
+    "reading",
     "rotation_angle",
     "sample",
     "sample_names",
     "shape_functions",
     "surface_ratio",
     "sweep",
+    "switch",
     "uniaxial_swelling",
+    "verify",
     "volume_ratio",
+    "weighted_sum",
 ]

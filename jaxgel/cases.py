@@ -5,7 +5,7 @@ A table has the sections of a case file, all but ``plate`` optional:
     [plate]            sample = "sample-1", or width, height (mm) and edges = {left = "roller", ...}
     [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample
     [gel]              Nv, chi
-    [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch
+    [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
     [discretisation]   spacing (mm), nodes_per_hole, basis, dmax, method, quadrature
 """
 
@@ -32,6 +32,7 @@ BASES = ("linear", "quadratic")
 METHODS = ("mixed", "displacement")
 QUADRATURES = ("conforming", "paper")
 BRANCHES = ("stable", "symmetric")
+CONTACT = ("on", "off", "stop")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +49,13 @@ class SweepOptions:
     """The values themselves, increasing; then the three above are not used."""
     branch: str = "stable"
     """"stable" or "symmetric"."""
+    imperfection: float = 0.0
+    """Size of the load along the first bifurcation's mode, see `branches.imperfection`; 0 for none."""
+    contact: str = "on"
+    """Where hole boundaries meet: "on" keeps them apart, "off" lets them overlap, "stop" ends the sweep."""
 
     def __post_init__(self):
-        for name in ("mu_start", "mu_end"):
+        for name in ("mu_start", "mu_end", "imperfection"):
             _number("sweep", name, getattr(self, name))
         if self.steps != "auto" and (type(self.steps) is not int or self.steps < 2):
             raise ValueError(f"sweep.steps: {self.steps!r} is neither 'auto' nor a whole number of at least 2")
@@ -60,6 +65,7 @@ class SweepOptions:
             _number("sweep", "mu", value)
         check_mu(self.values)
         _choice("sweep", "branch", self.branch, BRANCHES)
+        _choice("sweep", "contact", self.contact, CONTACT)
 
     @property
     def values(self):

@@ -1,4 +1,4 @@
-"""The command line ``jaxgel``: run a case, draw a run's folder, list the built-in cases.
+"""The command line ``jaxgel``: run a case, draw a run's folder, design holes, test gradients, list the built-in cases.
 
 Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the sweep stopped early; 130 interrupted. What a run had
 finished by then is in its folder in every case.
@@ -13,6 +13,8 @@ import numpy as np
 from tqdm import tqdm
 
 from . import cases
+from .branches import imperfect_loads
+from .critical import critical_points, write_points
 from .geometry import did_you_mean
 from .results import Recorder, events, load_path, load_run, open_folder
 from .samples import sample, sample_names
@@ -20,7 +22,7 @@ from .sweep import SweepFailed, sweep
 
 DONE, UNUSABLE, STOPPED, INTERRUPTED = 0, 2, 3, 130
 OPTIONS = {
-    "sweep": ("mu_start", "mu_end", "steps", "branch"),
+    "sweep": ("mu_start", "mu_end", "steps", "branch", "imperfection", "contact"),
     "discretisation": ("spacing", "nodes_per_hole", "basis", "dmax", "method", "quadrature"),
 }
 
@@ -40,8 +42,7 @@ def main(argv=None):
 
 def run(args):
     """``jaxgel run``: sweep a case and write its folder."""
-    changes = {section: {key: getattr(args, key) for key in keys if getattr(args, key) is not None} for section, keys in OPTIONS.items()}
-    case = cases.load_case(args.case, changes)
+    case = cases.load_case(args.case, _changes(args))
     folder = open_folder(args.out or File("out") / case.name)
     say = _silent if args.quiet else print
     model, d = case.model(), case.discretisation
@@ -65,15 +66,24 @@ def run(args):
     return DONE if path.stop.ok else STOPPED
 
 
+def _changes(args):
+    """Sections and entries of a case that the options replace."""
+    given = vars(args)
+    return {section: {key: given[key] for key in keys if given.get(key) is not None} for section, keys in OPTIONS.items()}
+
+
 def _sweep(case, model, recorder, quiet):
     """The path of a case, recorded and shown while it grows."""
+    loads = imperfect_loads(case, model)
     with _Progress(case.sweep.ends, quiet) as progress:
 
         def on_step(step):
             recorder(step)
             progress.show(recorder.records[-1][1])
 
-        return sweep(model, case.gel, mu=case.sweep.values, branch=case.sweep.branch, on_step=on_step)
+        return sweep(
+            model, case.gel, mu=case.sweep.values, branch=case.sweep.branch, contact=case.sweep.contact, loads=loads, on_step=on_step
+        )
 
 
 def plot(args):
@@ -82,6 +92,107 @@ def plot(args):
     table = load_run(folder).history
     _draw(load_path(folder), open_folder(args.out) if args.out else folder, table, plots=True)
     return DONE
+
+
+def critical(args):
+    """``jaxgel critical``: locate the bifurcations and folds of a case's symmetric branch, and draw their modes."""
+    case = cases.load_case(args.case, _changes(args))
+    folder = open_folder(args.out or File("out") / f"{case.name}-critical")
+    say, model = _silent if args.quiet else print, case.model()
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from mu = {case.sweep.mu_start:g} to {case.sweep.mu_end:g}")
+    points = critical_points(model, case.gel, mu=(case.sweep.mu_start, case.sweep.mu_end), most=args.most)
+    write_points(points, folder, case.table())
+    for point in points:
+        say(f"mu = {point.mu:.7f}: {point.text}")
+    if not points:
+        say("the symmetric branch is stable and does not fold back")
+    elif not args.no_plots:
+        _draw_modes(model, points, folder)
+    say(f"{len(points)} critical points in {folder}")
+    return DONE
+
+
+def _draw_modes(model, points, folder):
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    from .plotting import plot_modes
+
+    figure = plot_modes(model, points)[0].figure
+    figure.savefig(folder / "modes.png")
+    plt.close(figure)
+
+
+def check_grad(args):
+    """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
+    from .check_gradient import STATES, check_gradient, failures, write_table
+
+    changes = {
+        section: {key: getattr(args, key) for key in keys if getattr(args, key, None) is not None} for section, keys in OPTIONS.items()
+    }
+    case = cases.load_case(args.case, changes)
+    folder = open_folder(args.out or File("out") / case.name)
+    try:
+        rows = check_gradient(case, states=args.states or STATES, quiet=args.quiet)
+    except ArithmeticError as problem:
+        print(f"jaxgel: {problem}", file=sys.stderr)
+        return STOPPED
+    write_table(rows, folder)
+    say = _silent if args.quiet else print
+    say(f"{'objective':<15} {'family':<10} {'slope':>10}  {'remainder at h = 1, 1/2, 1/4 ...':<50} {'rate':>6}")
+    for row in rows:
+        remainders = " ".join(f"{r:9.2e}" for r in row.remainders)
+        say(f"{row.objective:<15} {row.family:<10} {row.slope:10.3e}  {remainders:<50} {row.rate:6.3f}")
+    failed = failures(rows)
+    if failed:
+        named = ", ".join(f"{objective} by {family}" for objective, family in failed)
+        print(f"jaxgel: the remainder does not fall as h^2: {named}", file=sys.stderr)
+    return STOPPED if failed else DONE
+
+
+def design(args):
+    """``jaxgel design``: search the best holes of a study, verify them, and write the study's folder."""
+    from .study import load_study
+
+    study = load_study(args.study)
+    return _design(study, args.out or File("out") / study.name, args)
+
+
+def resume(args):
+    """``jaxgel resume``: continue an interrupted design in its folder."""
+    from .search import LOG
+    from .study import resumed_study
+
+    if not (File(args.folder) / LOG).is_file():
+        raise ValueError(f"folder: {args.folder!r} holds no {LOG}; expected a folder written by jaxgel design")
+    return _design(resumed_study(args.folder), args.folder, args, resume=True)
+
+
+def _design(study, folder, args, resume=False):
+    import matplotlib as mpl
+
+    mpl.use("Agg")  # before pyplot, which would look for a screen
+    from .study import run_study
+
+    say = _silent if args.quiet else print
+    found, verified = run_study(study, open_folder(folder), resume=resume or getattr(args, "resume", False), quiet=args.quiet)
+    if verified is None:
+        print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
+        return INTERRUPTED
+    say(f"{study.name}: {len(found.history)} evaluations; {found.text}")
+    for name, value in found.parameters.items():
+        say(f"{name:<12} {np.array2string(value, precision=4, separator=', ')}")
+    for name in ("start", "best"):
+        v = verified[name]
+        say(f"{name} on a fresh cloud of {v['nodes']} nodes: objective {v['value']:.6g}; {v['reason']}")
+    say(f"results in {folder}")
+    valid = found.feasible and verified["best"]["valid"]
+    if not valid:
+        reason = verified["best"]["reason"] if found.feasible else "no design met all constraints"
+        print(f"jaxgel: the design is not usable: {reason}", file=sys.stderr)
+    return DONE if valid else STOPPED
 
 
 def list_samples(_):
@@ -191,10 +302,18 @@ def _parser():
         "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values of mu, both ends included (default: 40)"
     )
     p.add_argument("--branch", metavar="|".join(cases.BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
+    p.add_argument(
+        "--imperfection", type=_real, metavar="EPS", help="push along the first bifurcation's mode by EPS node spacings (default: 0)"
+    )
+    p.add_argument(
+        "--contact",
+        metavar="|".join(cases.CONTACT),
+        help="where a hole's sides meet: keep them apart, let them overlap, or stop (default: on)",
+    )
     p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
     p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
     p.add_argument("--basis", metavar="|".join(cases.BASES), help="basis of the shape functions (default: quadratic)")
-    p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.5, paper quadrature 3.5)")
+    p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95, paper quadrature 3.5)")
     p.add_argument("--method", metavar="|".join(cases.METHODS), help="one pressure per cell, or displacement only (default: mixed)")
     p.add_argument(
         "--quadrature", metavar="|".join(cases.QUADRATURES), help="cells along the true outline, or the paper's (default: conforming)"
@@ -203,10 +322,45 @@ def _parser():
     p.add_argument("--quiet", action="store_true", help="print nothing but errors")
     p.set_defaults(command=run)
 
+    p = commands.add_parser("critical", help="find where the symmetric branch becomes unstable or folds back", allow_abbrev=False)
+    p.add_argument("case", metavar="CASE", help="a built-in name or the path of a TOML file")
+    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/CASE-critical)")
+    p.add_argument("--mu-start", type=_real, metavar="A", help="lower end of the search in kT (default: -4.9678)")
+    p.add_argument("--mu-end", type=_real, metavar="B", help="upper end of the search in kT (default: -0.9178)")
+    p.add_argument("--most", type=_whole, default=4, metavar="N", help="number of points after which the search ends (default: 4)")
+    p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
+    p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figure of the modes")
+    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    p.set_defaults(command=critical)
+
     p = commands.add_parser("plot", help="draw the figures of a run's folder again", allow_abbrev=False)
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
     p.add_argument("--out", metavar="DIR", help="where the figures go (default: the same folder)")
     p.set_defaults(command=plot)
+
+    p = commands.add_parser("check-grad", help="Taylor test of a case's gradients", allow_abbrev=False)
+    p.add_argument("case", metavar="CASE", help="a built-in name (see jaxgel samples) or the path of a TOML file")
+    p.add_argument("--out", metavar="DIR", help="folder of the table (default: out/CASE)")
+    p.add_argument("--mu-start", type=_real, metavar="A", help="first chemical potential in kT (default: the case's)")
+    p.add_argument("--mu-end", type=_real, metavar="B", help="last chemical potential in kT (default: the case's)")
+    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of mu (default: 4)")
+    p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
+    p.add_argument("--branch", metavar="|".join(cases.BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
+    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    p.set_defaults(command=check_grad)
+
+    p = commands.add_parser("design", help="search the best holes of a study and verify them", allow_abbrev=False)
+    p.add_argument("study", metavar="STUDY.toml", help="the path of a study's TOML file")
+    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
+    p.add_argument("--resume", action="store_true", help="continue the search whose log is in the folder")
+    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    p.set_defaults(command=design)
+
+    p = commands.add_parser("resume", help="continue an interrupted design, to the same result", allow_abbrev=False)
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel design")
+    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    p.set_defaults(command=resume)
 
     p = commands.add_parser("samples", help="list the built-in cases", allow_abbrev=False)
     p.set_defaults(command=list_samples)

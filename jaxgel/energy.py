@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .contact import contact_energy
+
 
 def deformation_gradients(x, block):
     """Deformation gradients (c, q, 2, 2) at the quadrature points of a block for nodal positions ``x`` (n, 2)."""
@@ -45,10 +47,12 @@ def by_block(values, model):
 def total_energy(x, model, gel, mu, loads):
     """Total energy (), kT/v mm^2, at nodal positions ``x`` (n, 2): free energy of the gel less the work of dead ``loads`` (n, 2).
 
+    It includes the self-contact of a model that has it.
     The weak form of Deng et al. (2020), Eqs. (3) and (10), is its first variation. NaN where a volume ratio is not above 1.
     """
     swelling = jax.vmap(lambda J: gel.volumetric(J, gel) - mu * (J - 1))(volume_ratios(x, model))
-    return network_energy(x, model, gel) + jnp.sum(all_volumes(model) * swelling) - jnp.sum(loads * x)
+    touch = contact_energy(x, model) if model.contact is not None else 0.0
+    return network_energy(x, model, gel) + jnp.sum(all_volumes(model) * swelling) - jnp.sum(loads * x) + touch
 
 
 def network_energy(x, model, gel):

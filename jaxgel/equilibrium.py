@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .constraints import free_dofs
+from .contact import closest, crosses, outline_loops, step_limit
 from .energy import all_volumes, total_energy
 from .linear_solve import SingularTangent, factor
 from .mixed import condensed_rhs, constants, linearise, pressure_step, tangent, tangent_pattern
@@ -34,6 +35,8 @@ class Status(enum.IntEnum):
     TOO_MANY_STEPS = 5
     INTERRUPTED = 6
     SELF_CONTACT = 7
+    CROSSED = 8
+    NEARLY_SINGULAR = 9
 
     @property
     def ok(self):
@@ -56,6 +59,9 @@ _TEXTS = {
     Status.TOO_MANY_STEPS: "the largest number of steps was reached; raise max_steps",
     Status.INTERRUPTED: "interrupted by the user; the states so far are kept",
     Status.SELF_CONTACT: "hole boundaries touch or overlap; without contact the states from here on are invalid",
+    Status.CROSSED: "a hole's boundary passed through itself: use smaller steps in mu, or stiffer contact (see with_contact)",
+    Status.NEARLY_SINGULAR: "converged, but a fold or bifurcation is near: derivatives grow like 1 / lowest_eigenvalue and hold for tiny "
+    "changes only",
 }
 
 
@@ -73,6 +79,8 @@ class Problem:
     """Pattern of the tangent."""
     fixed: object
     """``mixed.Constants`` of the model."""
+    apart: object = None
+    """The same ``Problem`` without self-contact, for states in which no outline is near itself; None where there is no contact."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,14 +99,17 @@ class Equilibrium:
     """Norm of the residual over the norm of the network's nodal forces."""
     factor: object
     """The last ``linear_solve.Factor``, of a tangent near the state; None where the start was the solution."""
+    apart: bool = False
+    """Whether contact was left out, as no outline is near itself."""
 
 
 def prepare(model, gel, loads=None):
     """``Problem`` for a model; ``loads`` (n, 2) are dead nodal forces in kT/v mm, none by default."""
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
-    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology))
+    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
-    return Problem(model, gel, loads, pattern, constants(model))
+    apart = None if model.contact is None else prepare(dataclasses.replace(model, contact=None), gel, loads)
+    return Problem(model, gel, loads, pattern, constants(model) if apart is None else apart.fixed, apart)
 
 
 def dry_state(model, gel):
@@ -111,8 +122,35 @@ def solve(problem, mu, x, pressure, *, fresh=False):
 
     Newton's method on the mixed form (see ``mixed``): every p is feasible, so no line search guards J > 1. A factor serves for as
     long as each correction leaves less than ``SLOW`` of the imbalance; the last one is kept. With ``fresh`` every correction gets its
-    own factor, and so does the solution.
+    own factor, and so does the solution. Contact is left out until an outline comes near itself; a state in which one crosses itself
+    is not accepted.
     """
+    if problem.apart is not None and not touches(problem.model, x):
+        found = solve(problem.apart, mu, x, pressure, fresh=fresh)
+        if not (found.status.ok and touches(problem.model, found.x)):
+            return dataclasses.replace(found, apart=True)
+    found = _newton(problem, mu, x, pressure, fresh=fresh or problem.apart is not None)
+    if problem.apart is not None and found.status.ok and overlaps(problem.model, found.x):
+        return dataclasses.replace(found, status=Status.CROSSED)
+    return found
+
+
+def acting(problem, state):
+    """The problem that the ``Equilibrium`` solves: the one without contact where contact was not needed."""
+    return problem.apart if state.apart else problem
+
+
+def touches(model, x):
+    """Whether an outline comes so near itself that contact acts."""
+    return not float(_closest(x, model)) >= 1.0
+
+
+def overlaps(model, x):
+    """Whether a hole's outline crosses itself, another one or a wall."""
+    return crosses([np.asarray(loop) for loop in _loops(x, model)], model.lists.topology.plate)
+
+
+def _newton(problem, mu, x, pressure, *, fresh):
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
     now, measures = _linearise(x, pressure, *args, problem.pattern.free)
     kept, basis, iterations, before = None, None, 0, np.inf
@@ -186,7 +224,8 @@ _tangent = jax.jit(tangent)
 def _advance(x, p, correction, now, basis, model, gel, mu, loads, fixed, free):
     """Positions and pressures after a correction (f,) of the free degrees of freedom, linearised there."""
     dx = jnp.zeros(x.size).at[free].add(correction).reshape(x.shape)
-    x, p = x + dx, p + pressure_step(dx, now, basis, model)
+    share = step_limit(x, dx, model) if model.contact is not None else 1.0
+    x, p = x + share * dx, p + share * pressure_step(dx, now, basis, model)
     return x, p, *_linearise(x, p, model, gel, mu, loads, fixed, free)
 
 
@@ -195,7 +234,7 @@ def solve_traced(model, gel, mu, loads, x, pressure):
 
     The loop is a ``while_loop``; only the sparse solves leave for the host. Positions are nan where it did not converge.
     """
-    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology))
+    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact)
     free, fixed = pattern.free, constants(model)
     args = model, gel, mu, loads, fixed, free
 
@@ -228,6 +267,9 @@ def _host_step(pattern, pairs, rhs):
     except SingularTangent:
         return np.full(rhs.shape, np.nan), np.asarray(-1)
 
+
+_closest = jax.jit(closest)
+_loops = jax.jit(outline_loops)
 
 energy_at = jax.jit(total_energy)
 """Compiled ``energy.total_energy``."""

@@ -40,6 +40,12 @@ class Pattern:
     """(f + 1,) column starts of the permuted CSC matrix."""
     order: np.ndarray
     """(f,) fill-reducing order: row k of the permuted matrix is free degree of freedom order[k]."""
+    narrower: object = None
+    """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
+
+    def fitting(self, pairs):
+        """The narrower pattern where it holds all of the pair blocks (n_pairs, 2, 2), otherwise this one."""
+        return self.narrower if self.narrower is not None and not np.any(np.asarray(pairs)[self.narrower.n_pairs :]) else self
 
     def matrix(self, pairs):
         """The permuted free-free matrix (f, f), CSC, from pair blocks (n_pairs, 2, 2)."""
@@ -121,6 +127,7 @@ def analyse(pair_nodes, n_nodes, free):
 
 def factor(pattern, pairs):
     """``Factor`` of the tangent given by pair blocks (n_pairs, 2, 2); raises ``SingularTangent``."""
+    pattern = pattern.fitting(pairs)
     matrix = pattern.matrix(pairs)
     if not np.all(np.isfinite(matrix.data)):
         raise SingularTangent("the tangent is not finite")
@@ -149,6 +156,7 @@ def solve_near(pattern, pairs, rhs):
     The factors of a sweep so serve its derivatives: the solution is refined against the given tangent, so it does not depend on
     which factor was used. NaN where the tangent is singular: for use inside compiled programs, which cannot raise.
     """
+    pattern = pattern.fitting(pairs)
     matrix = pattern.matrix(pairs)
     try:
         nearest = _nearest(pattern, matrix)

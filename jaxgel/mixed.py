@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .contact import contact_force, contact_tangents, layout
 from .energy import all_volumes, by_block, deformation_gradients, network_energy, volume_ratios
 from .linear_solve import analyse
 from .material import bulk_stiffness, neo_hookean, osmotic, volume_ratio_at
@@ -95,11 +96,35 @@ def node_pairs(lists):
     return lists.cache["pairs"]
 
 
-def tangent_pattern(lists, free):
-    """``linear_solve.Pattern`` of the tangent for the free degrees of freedom (f,); kept with the lists."""
-    key = ("pattern", free.tobytes())
+def contact_pairs(lists):
+    """Node pairs (e, 2), i <= j, that share a hole's outline but no cell, and for each of `contact.layout`'s groups the slots (h, t).
+
+    The slots count the pairs that share a cell first; one past the end for padding. Host, kept with the lists.
+    """
+    if "contact pairs" not in lists.cache:
+        n, known, keys = len(lists.topology.node_vertices), node_pairs(lists)[0] @ [len(lists.topology.node_vertices), 1], []
+        for group in layout(lists):
+            a, b = np.triu_indices(group.nodes.shape[1])
+            i, j = group.nodes[:, a], group.nodes[:, b]
+            keys.append(np.where((i < n) & (j < n), i * n + j, n * n))
+        new = np.setdiff1d(np.concatenate([key.ravel() for key in keys]), [*known, n * n])
+        every, end = np.concatenate([known, new]), len(known) + len(new)
+        order = np.argsort(every)
+        places = [np.append(order, end)[np.searchsorted(every[order], key)].astype(np.int32) for key in keys]
+        lists.cache["contact pairs"] = np.stack([new // n, new % n], axis=1), places
+    return lists.cache["contact pairs"]
+
+
+def tangent_pattern(lists, free, contact=None):
+    """``linear_solve.Pattern`` of the tangent for the free degrees of freedom (f,), with or without ``contact``; kept with the lists."""
+    key = ("pattern", free.tobytes(), contact is not None)
     if key not in lists.cache:
-        lists.cache[key] = analyse(node_pairs(lists)[0], len(lists.topology.node_vertices), free)
+        n, pairs = len(lists.topology.node_vertices), node_pairs(lists)[0]
+        if contact is None:
+            lists.cache[key] = analyse(pairs, n, free)
+        else:
+            apart = tangent_pattern(lists, free)
+            lists.cache[key] = dataclasses.replace(analyse(np.concatenate([pairs, contact_pairs(lists)[0]]), n, free), narrower=apart)
     return lists.cache[key]
 
 
@@ -117,7 +142,8 @@ def linearise(x, p, model, gel, mu, loads, fixed):
     star = volume_ratio_at(p, mu, gel)
     error = jnp.where(all_volumes(model) > 0, J - star, 0.0)
     network = _network_force(x, model, gel, fixed)
-    rhs = loads - network - _nodal_sum(gradients, p, model)
+    touch = contact_force(x, model) if model.contact is not None else 0.0
+    rhs = loads - network - touch - _nodal_sum(gradients, p, model)
     measures = jnp.linalg.norm(network), jnp.max(jnp.abs(error) / (star - 1 + ROUND_OFF))
     return Linearisation(rhs, gradients, bulk_stiffness(star, gel), error), measures
 
@@ -135,7 +161,10 @@ def pressure_step(dx, now, basis, model):
 
 
 def tangent(x, p, basis, model, gel, fixed):
-    """Condensed tangent K by node pairs (p, 2, 2), kT/v, about the linearisation ``basis`` at ``x`` (n, 2) and ``p`` (g,)."""
+    """Condensed tangent K by node pairs (p, 2, 2), kT/v, about the linearisation ``basis`` at ``x`` (n, 2) and ``p`` (g,).
+
+    With contact the pairs of `contact_pairs` follow.
+    """
     quadratic = gel.network is neo_hookean
     total = jnp.zeros((len(fixed.pairs), 2, 2))
     if quadratic:
@@ -156,6 +185,16 @@ def tangent(x, p, basis, model, gel, fixed):
     groups = by_block(p, model), by_block(k_over_V, model), fixed.crossed, basis.gradients, fixed.slots
     for block, pressure, k_over_V, S, G, slot in zip(model.blocks, *groups, strict=True):
         total = _add_cells(total, cell, (x[block.nodes], block.dphi, block.weight, pressure, k_over_V, S, G), slot, S.shape[1])
+    return total if model.contact is None else _add_contact(total, x, model)
+
+
+def _add_contact(total, x, model):
+    """The tangent with that of contact: blocks (p + e, 2, 2) of the pairs that share a cell and then of `contact_pairs`."""
+    more, slots = contact_pairs(model.lists)
+    total = jnp.concatenate([total, jnp.zeros((len(more), 2, 2))])
+    for blocks, slot in zip(contact_tangents(x, model), slots, strict=True):
+        a, b = np.triu_indices(blocks.shape[1])
+        total = total.at[slot].add(blocks[:, a, b], mode="drop")
     return total
 
 

@@ -13,6 +13,7 @@ import shapely
 from jax import lax
 
 from .cloud import OUTLINE_SEGMENTS
+from .contact import outline_loops
 from .discretisation import make_probe
 from .energy import all_volumes, by_block, volume_ratios
 from .material import cauchy_stress as cauchy_stress_at
@@ -21,7 +22,6 @@ from .shape_functions import shape_functions
 
 EXTREMUM_ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each gains a factor Nv over the bulk stiffness
-_ANTICLOCKWISE = ("bottom", "right", "top", "left")
 
 
 def rotation_angle(path):
@@ -48,17 +48,22 @@ def area_reduction_per_hole(path):
     return _over_states(_area_reduction_per_hole, path)
 
 
+def aspect_ratio(path):
+    """Length over width (k, holes) of each hole: the root of the ratio of its principal second moments of area; 2 for a 2:1 ellipse."""
+    return _over_states(_aspect_ratio, path)
+
+
 def outlines(path):
     """Deformed outline of each hole: a list over holes of closed loops (k, m, 2), mm, without repeating the first point.
 
     A hole cut by the plate's edge is closed along the edge.
     """
-    return _over_states(_loops, path)
+    return _over_states(outline_loops, path)
 
 
 def dry_outlines(model):
     """Outline of each hole on the dry plate: a list over holes of closed loops (m, 2), mm."""
-    return _loops(model.cloud.nodes, model)
+    return outline_loops(model.cloud.nodes, model)
 
 
 def volume_ratio(path):
@@ -86,7 +91,12 @@ def surface_ratio(path):
     from zero traction. The surface of a nearly incompressible block in plane strain creases at 2.4 (stretch 0.647; Hong, Zhao & Suo
     2009) and wrinkles at 3.4 (stretch 0.544; Biot 1963).
     """
-    return _surface_ratio(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model)
+    return jnp.max(surface_ratios(path), axis=1, initial=1.0)
+
+
+def surface_ratios(path):
+    """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for a plate without holes."""
+    return _surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model)
 
 
 def deformed_vertices(path):
@@ -177,43 +187,11 @@ def _core_rotation(x, model):
     return jnp.degrees(jnp.arctan2(F[1, 0] - F[0, 1], F[0, 0] + F[1, 1]))
 
 
-def _loops(x, model):
-    points = model.outline.position(x)
-    loops = []
-    for parts in _loop_layout(model.lists.topology):
-        loops.append(jnp.concatenate([points[part] if isinstance(part, slice) else jnp.asarray(part) for part in parts]))
-    return loops
-
-
-@functools.cache
-def _loop_layout(topology):
-    """Per hole the slices of outline points and the plate's corners (j, 2) that make its closed loop, anticlockwise."""
-    stops = np.cumsum([0] + [len(o.s) for o in topology.outlines])
-    layout = []
-    for k in range(len(topology.plate.holes)):
-        own = [i for i, o in enumerate(topology.outlines) if o.arc.hole == k]
-        parts = []
-        for i, following in zip(own, own[1:] + own[:1], strict=True):
-            parts.append(slice(int(stops[i]), int(stops[i + 1])))
-            if not topology.outlines[i].closed:
-                parts.append(_corners_between(topology, topology.outlines[i], topology.outlines[following]))
-        layout.append(parts)
-    return layout
-
-
-def _corners_between(topology, outline, following):
-    """Corners (j, 2) of the plate between the end of one arc and the start of the next, going round the plate anticlockwise."""
-    w, h = topology.plate.width / 2, topology.plate.height / 2
-    corner_after = {"bottom": (w, -h), "right": (w, h), "top": (-w, h), "left": (-w, -h)}
-    first = _ANTICLOCKWISE.index(outline.arc.end_edge)
-    last = _ANTICLOCKWISE.index(following.arc.start_edge)
-    passed = [_ANTICLOCKWISE[(first + j) % 4] for j in range((last - first) % 4)]
-    return np.array([corner_after[edge] for edge in passed]).reshape(-1, 2)
-
-
 def _hole_areas(x, model):
     """Area (holes,) inside each closed loop, mm^2, by the shoelace formula."""
-    areas = [0.5 * jnp.sum(loop[:, 0] * jnp.roll(loop[:, 1], -1) - loop[:, 1] * jnp.roll(loop[:, 0], -1)) for loop in _loops(x, model)]
+    areas = [
+        0.5 * jnp.sum(loop[:, 0] * jnp.roll(loop[:, 1], -1) - loop[:, 1] * jnp.roll(loop[:, 0], -1)) for loop in outline_loops(x, model)
+    ]
     return jnp.stack(areas) if areas else jnp.zeros(0)
 
 
@@ -223,6 +201,30 @@ def _area_reduction(x, model):
 
 def _area_reduction_per_hole(x, model):
     return 1 - _hole_areas(x, model) / _hole_areas(model.cloud.nodes, model)
+
+
+def _aspect_ratio(x, model):
+    return jnp.stack([_length_over_width(loop) for loop in outline_loops(x, model)])
+
+
+def _length_over_width(loop):
+    """Aspect ratio () of the ellipse with the second moments of a polygon (m, 2), by Green's theorem edge by edge."""
+    a, b = loop - jnp.mean(loop, axis=0), jnp.roll(loop - jnp.mean(loop, axis=0), -1, axis=0)
+    twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    area, first = jnp.sum(twice) / 2, twice @ (a + b) / 6
+    total = a + b
+    second = (
+        jnp.einsum("m,mi,mj->ij", twice, total, total) + jnp.einsum("m,mi,mj->ij", twice, a, a) + jnp.einsum("m,mi,mj->ij", twice, b, b)
+    ) / 24
+    second = second - jnp.outer(first, first) / area
+    mean, spread = (second[0, 0] + second[1, 1]) / 2, _hypot((second[0, 0] - second[1, 1]) / 2, second[0, 1])
+    return jnp.sqrt((mean + spread) / (mean - spread))
+
+
+def _hypot(a, b):
+    """sqrt(a^2 + b^2) (), with derivative 0 at 0."""
+    square = a**2 + b**2
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
 def _cell_volume_ratio(x, model):
@@ -242,17 +244,17 @@ def _by_cell(values, model):
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, 0, None, None))
-def _surface_ratio(x, mu, gel, model):
+def _surface_ratios(x, mu, gel, model):
     chords = _chords(model.lists.topology)
     if len(chords) == 0:
-        return jnp.ones(())
+        return jnp.zeros(0)
     dry, deformed = (jnp.diff(model.outline.position(y)[chords], axis=1)[:, 0] for y in (model.cloud.nodes, x))
     tangential = jnp.linalg.norm(deformed, axis=1) / jnp.linalg.norm(dry, axis=1)
     J = volume_ratio_at(-gel.Nv, mu, gel)
     for _ in range(SURFACE_ITERATIONS):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
         force = jax.vmap(lambda t, n: jax.grad(gel.network)(jnp.diag(jnp.stack([t, n])), gel)[1, 1])
         J = volume_ratio_at(-force(tangential, J / tangential) / tangential, mu, gel)
-    return jnp.max(J / tangential**2)
+    return J / tangential**2
 
 
 @functools.cache

@@ -6,6 +6,7 @@ a stable branch, a dashed line one with negative pivots, and what follows a self
 
 import dataclasses
 import functools
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -20,8 +21,8 @@ from matplotlib.tri import Triangulation
 from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkGroup, VtkTriangle
 
-from .observables import deformed_vertices, free_stretch, volume_ratio
-from .results import CREASE_RATIO, SELF_CONTACT, events, history, open_folder
+from .observables import deformed_vertices, free_stretch, outlines, volume_ratio
+from .results import CREASE_RATIO, SELF_CONTACT, WRINKLE_RATIO, events, history, open_folder
 
 STYLE = {
     "font.size": 8.5,
@@ -45,7 +46,7 @@ CURVES = {
     "min_gap": ("smallest gap (mm)", {"min_gap": "within a hole"}),
 }
 AGAINST = {"mu": MU, "free_stretch": "free-swelling stretch"}
-MARKS = {"bifurcation": ":", "crease": "-.", "self-contact": "-"}
+MARKS = {"bifurcation": ":", "crease": "-.", "wrinkle": (0, (5, 1, 1, 1, 1, 1)), "contact": "--", "self-contact": "-"}
 
 
 def _styled(draw):
@@ -111,6 +112,7 @@ def plot_curve(path, quantity, *, ax=None, against="mu", table=None):
         ax.fill_between(table[against], table["J_min"], table["J_max"], color=COLOURS[0], alpha=0.25, linewidth=0, label="all cells")
     if quantity == "surface_ratio":
         ax.axhline(CREASE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (1, 1)), label="crease limit")
+        ax.axhline(WRINKLE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (3, 2)), label="wrinkle limit")
     _mark_events(ax, table, against)
     ax.set(xlabel=AGAINST[against], ylabel=label)
     ax.margins(x=0.02)
@@ -143,6 +145,34 @@ def plot_curves(path, *, axes=None, table=None):
         marks.append(Rectangle((0, 0), 1, 1, color=SHADE, label="invalid after self-contact"))
     if marks:
         axes[0, 0].figure.legend(handles=marks, loc="outside upper center", ncols=len(marks), frameon=False, fontsize=7.5)
+    return axes
+
+
+@_styled
+def plot_modes(model, points, *, axes=None, size=0.05):
+    """Axes, one per mode of the `critical.CriticalPoint`s: the gel moved along the mode, and the outlines of the critical state dashed.
+
+    The largest displacement is ``size`` times the plate's shorter side.
+    """
+    shown = [(point, mode) for point in points for mode in point.modes]
+    if axes is None:
+        axes = plt.subplots(1, len(shown), figsize=(2.3 * len(shown) + 0.5, 2.75), sharey=True, layout="constrained", squeeze=False)[1]
+    plate, axes = model.cloud.plate, np.ravel(axes)
+    for ax, (point, mode) in zip(axes, shown, strict=True):
+        moved = point.x + size * min(plate.width, plate.height) * mode / np.linalg.norm(mode, axis=1).max()
+        states = SimpleNamespace(model=model, x=np.stack([point.x, moved]))
+        vertices = np.asarray(deformed_vertices(states))
+        _Gel(ax, model.cloud, vertices[1], None, None)
+        for loop in outlines(states):
+            ax.plot(*np.append(loop[0], loop[0, :1], axis=0).T, color=COLOURS[1], linewidth=0.8, linestyle=(0, (4, 2)))
+        _frame(ax, model.cloud, vertices, float(point.mu))
+        ax.set_title(f"{point.kind}, {_mu_text(point.mu)}")
+        ax.label_outer()
+    handles = [
+        Line2D([], [], color=COLOURS[1], linestyle=(0, (4, 2)), label="outline at the critical state"),
+        Line2D([], [], color=LINE, label="moved along the mode"),
+    ]
+    axes[0].figure.legend(handles=handles, loc="outside lower center", ncols=2 if len(shown) > 1 else 1, frameon=False, fontsize=7.5)
     return axes
 
 

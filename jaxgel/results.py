@@ -20,6 +20,7 @@ from pathlib import Path as File
 import numpy as np
 
 from . import cases
+from .contact import with_contact
 from .equilibrium import Status
 from .observables import (
     area_reduction,
@@ -54,7 +55,9 @@ COLUMNS = (
 )
 INTEGER_COLUMNS = ("newton_iterations", "negative_pivots")
 CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
+WRINKLE_RATIO = 3.4  # the same for wrinkles, stretch 0.544 (Biot 1963)
 SELF_CONTACT = "invalid: self-contact"
+IN_CONTACT = "a hole's sides touch"
 SWITCHED = "switched to the stable branch"
 FORMAT = 1  # raised when the meaning of a file changes
 MAX_BYTES = 2**31  # most that `load_run` reads of one file
@@ -65,7 +68,8 @@ def history(path):
     """The columns of ``history.csv`` for every state of a path: a dictionary from each name in ``COLUMNS`` to (k,) values.
 
     Energy in kT/v mm^2, angles in degrees, gap in mm; J is the volume ratio of a cell and its mean is weighted with the dry
-    volume. ``status`` is a list of texts, ``"invalid: self-contact"`` from the first state on in which a hole touches itself.
+    volume. ``status`` is a list of texts: with contact, whether a hole's sides are within its range; without, ``"invalid: self-contact"``
+    from the first state on in which a hole's boundary crosses itself.
     """
     J = np.asarray(volume_ratio(path))
     volumes = np.asarray(cell_volumes(path.model))
@@ -94,9 +98,9 @@ def history(path):
 def events(table):
     """What happens along a path with the columns ``table`` of `history`, as a list of dictionaries in the order of mu.
 
-    Each holds ``event`` ("bifurcation", "crease" or "self-contact"), ``mu`` of the first state that shows it, ``mu_before`` of
-    the state before (None where it is the first), and ``text``. A bifurcation, or fold, is a change of the negative pivots, or
-    where the path left an unstable branch.
+    Each holds ``event`` ("bifurcation", "crease", "wrinkle", "contact" or "self-contact"), ``mu`` of the first state that shows it,
+    ``mu_before`` of the state before (None where it is the first), and ``text``. A bifurcation, or fold, is a change of the negative
+    pivots, or where the path left an unstable branch.
     """
     mu, pivots = np.asarray(table["mu"]), np.asarray(table["negative_pivots"])
     found = []
@@ -111,8 +115,11 @@ def events(table):
     for k in range(1, len(mu)):
         if pivots[k] != pivots[k - 1]:
             add(k, "bifurcation", f"negative pivots of the tangent go from {pivots[k - 1]} to {pivots[k]}")
-    for k in np.flatnonzero(np.asarray(table["surface_ratio"]) > CREASE_RATIO)[:1]:
-        add(k, "crease", f"a hole's surface is compressed past the crease limit (stretch ratio {CREASE_RATIO})")
+    for name, ratio in (("crease", CREASE_RATIO), ("wrinkle", WRINKLE_RATIO)):
+        for k in np.flatnonzero(np.asarray(table["surface_ratio"]) > ratio)[:1]:
+            add(k, name, f"a hole's surface is compressed past the {name} limit (stretch ratio {ratio})")
+    for k in [k for k, text in enumerate(table.get("status", ())) if text == IN_CONTACT][:1]:
+        add(k, "contact", "a hole's sides first touch")
     for k in np.flatnonzero(np.asarray(table["min_gap"]) <= 0)[:1]:
         add(k, "self-contact", "a hole's boundary touches itself")
     return sorted(found, key=lambda e: e["mu"])
@@ -126,7 +133,7 @@ class Recorder:
     """
 
     def __init__(self, folder, case, model, gel):
-        self.folder, self.case, self.model, self.gel = open_folder(folder), case, model, gel
+        self.folder, self.case, self.model, self.gel = open_folder(folder), case, _of_case(model, case), gel
         self.records = []  # (step, row, outlines) of each accepted state
         self.started = time.perf_counter()
         _clear(self.folder)
@@ -264,7 +271,7 @@ def load_path(folder):
     """
     run = load_run(folder)
     case = cases.from_table(run.summary["options"], run.summary["case"])
-    model = case.model()
+    model = _of_case(case.model(), case)
     nodes = np.asarray(model.cloud.nodes)
     if nodes.shape != run.states["nodes"].shape or np.abs(nodes - run.states["nodes"]).max() > 1e-9:
         raise ValueError(f"folder: the nodes in {str(run.folder)!r} are not those of this version of jaxgel; run the case again")
@@ -314,7 +321,14 @@ def _status_texts(path, gap):
     texts = [status.name.lower().replace("_", " ") for status in path.status]
     switched = getattr(path, "switched", np.zeros(len(texts), dtype=bool))
     touched = np.logical_or.accumulate(np.asarray(gap) <= 0)
+    if path.model.contact is not None:
+        texts = [IN_CONTACT if g < float(path.model.contact.range) else text for g, text in zip(gap, texts, strict=True)]
     return [SELF_CONTACT if t else SWITCHED if s else text for text, s, t in zip(texts, switched, touched, strict=True)]
+
+
+def _of_case(model, case):
+    """The model with the contact that the sweep of the case gives it."""
+    return with_contact(model, case.gel) if case.sweep.contact == "on" else model
 
 
 def _csv_writer(stream):

@@ -1,17 +1,28 @@
-"""Stability of an equilibrium, and the way from an unstable state to the stable branch that left it.
+"""Stability of an equilibrium: the lowest eigenvalues of its tangent, and the way from an unstable state to the stable branch.
 
-A state is stable where its tangent has no negative eigenvalue. The number of negative pivots counts them; inverse iteration with the
-factor that is at hand gives the eigenvalue nearest zero and its mode.
+Eigenvalues are those of K v = lambda N v with the stiffness N of the dry gel's network alone, Nv times the Laplacian: lambda is the
+stiffness against the mode v in units of the network's, without dimension and next to independent of the cloud. A free network has 1, a
+neutral state 0. Modes have v . N v = 1.
 """
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg as sla
 
-from .equilibrium import Status, solve, solve_pinned
+from .energy import residual
+from .equilibrium import Status, acting, solve, solve_pinned
 
-INVERSE_ITERATIONS = 30
+TRACKED = 2  # modes that are carried along a sweep: both of a double eigenvalue
+ACCURACY = 1e-3  # of the lowest eigenvalue, relative
+NEAR = 0.1  # largest relative difference of d . K d for a mode's correction d between a state and the factor that its solution left
+FIRST_ITERATIONS = 6  # inverse iterations for modes of which nothing is known
+MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
+ITERATIONS = 40
 FIRST_AMPLITUDE = 0.02  # of the spacing: largest displacement of the first pinned state
 GROWTH = 1.5  # of the amplitude from one pinned state to the next
 MAX_PINNED = 24  # pinned states before the search for another branch gives up
@@ -19,52 +30,170 @@ MAX_SWITCHES = 6  # branches tried one after the other until one is stable
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Mode:
-    """Eigenvalue of the tangent nearest zero, with its mode."""
+class Modes:
+    """The lowest eigenvalues of a tangent, m of them."""
 
-    eigenvalue: float
-    """kT/v."""
-    vector: np.ndarray
-    """(f,) free degrees of freedom, of unit Euclidean norm; the sign makes the largest entry positive."""
-
-
-def nearest_mode(factor):
-    """``Mode`` of the factorised tangent by inverse iteration, from a fixed start without symmetry."""
-    vector = np.sin(1.0 + np.arange(len(factor.pattern.free)) ** 1.5)
-    vector /= np.linalg.norm(vector)
-    eigenvalue = np.inf
-    for _ in range(INVERSE_ITERATIONS):
-        image, _ = factor.solve(vector, refine=False)
-        before, eigenvalue = eigenvalue, 1.0 / (vector @ image)
-        vector = image / np.linalg.norm(image)
-        if abs(eigenvalue - before) < 1e-6 * abs(eigenvalue):
-            break
-    return Mode(float(eigenvalue), vector * np.sign(vector[np.argmax(np.abs(vector))]))
+    eigenvalues: np.ndarray
+    """(m,) ascending, dimensionless; the first is as accurate as asked for."""
+    vectors: np.ndarray
+    """(f, m) modes on the free degrees of freedom, 1 / sqrt(kT/v), of either sign; see ``oriented``."""
+    negative: int
+    """Number of negative eigenvalues of the tangent, tracked or not."""
 
 
-def stable_state(problem, mu, x, pressure, factor):
-    """``Equilibrium`` without negative pivots at ``mu``, reached from an unstable one (x, pressure, factor); None if none is found.
+def network_stiffness(problem):
+    """Sparse matrix N (f, f) of the free degrees of freedom: Nv times the Laplacian in each direction, kT/v."""
+    pattern = (problem.apart or problem).pattern  # without contact
+    pairs = float(problem.gel.Nv) * np.asarray(problem.fixed.laplacian)[:, None, None] * np.eye(2)
+    rank = np.argsort(pattern.order)
+    matrix = sp.csr_matrix(pattern.matrix(pairs)[rank][:, rank])
+    matrix.eliminate_zeros()
+    return matrix
 
-    Along the mode of the eigenvalue nearest zero the state is pinned at growing amplitudes. The force that holds it points outwards at
-    first; where it changes sign lies an equilibrium of another branch, and Newton's method without the pin finds it.
+
+def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY):
+    """``Modes`` of an ``Equilibrium`` at ``mu``, and that state, with a factor of its own tangent where one had to be made.
+
+    ``stiffness`` is ``network_stiffness(problem)``; ``start`` (f, m) are modes of a nearby state, on which a factor of a nearby tangent
+    will do as long as the state is stable: eigenvalues are Rayleigh quotients of the state's own tangent. Davidson's iteration.
     """
+    nearby = start is not None and getattr(state.factor, "negative_pivots", -1) == 0
+    if not nearby:
+        state = dataclasses.replace(solve(problem, mu, state.x, state.pressure, fresh=True), iterations=state.iterations)
+    start = _lowest_of_factor(state.factor, stiffness) if start is None else _inverse(state.factor, stiffness @ start)
+    start = np.linalg.qr(start)[0]  # next to a singular tangent inverse iteration turns all vectors into one direction
+    eigenvalues, vectors = _davidson(acting(problem, state), stiffness, state, mu, start, accuracy)
+    if nearby and eigenvalues[0] < 0:  # the number of pivots belongs to the factor: on this side of zero it has to be the state's
+        return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, vectors, accuracy=accuracy)
+    return Modes(eigenvalues, vectors, state.factor.negative_pivots), state
+
+
+def _lowest_of_factor(factor, stiffness):
+    """Modes (f, TRACKED) of the factorised tangent with the lowest eigenvalues: the negative ones, or those next to zero."""
+    negative = min(factor.negative_pivots, MOST_NEGATIVE)
+    if negative == 0:
+        vectors = np.sin(1.0 + np.arange(stiffness.shape[0])[:, None] ** 1.5 * np.arange(1, TRACKED + 1))  # no symmetry, always the same
+        for _ in range(FIRST_ITERATIONS):
+            vectors = np.linalg.qr(_inverse(factor, stiffness @ vectors))[0]
+        return vectors
+    below = nearest_modes(factor, stiffness, negative, which="SA")[1]  # of 1 / eigenvalue: the negative ones
+    missing = max(TRACKED - negative, 0)
+    above = [nearest_modes(factor, stiffness, missing, which="LA")[1]] if missing else []
+    return np.concatenate([below, *above], axis=1)[:, :TRACKED]
+
+
+def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
+    """The ``count`` eigenvalues nearest zero of the factorised tangent, ascending, and their modes (f, count), by shift-invert Lanczos.
+
+    ``which`` "SA" takes the negative ones, "LA" the positive ones. With the modes ``before`` (f, count) of a nearby tangent they keep
+    their signs.
+    """
+    order = factor.pattern.order
+    inverse = sla.LinearOperator(stiffness.shape, matvec=factor.lu.solve, dtype=float)
+    start = np.sin(1.0 + np.arange(len(order)) ** 1.5) if before is None else before.sum(axis=1)  # without symmetry, always the same
+    weighted = stiffness[order][:, order]
+    values, vectors = sla.eigsh(factor.matrix, count, weighted, 0.0, which=which, OPinv=inverse, v0=start[order])
+    modes = np.empty_like(vectors)
+    modes[order] = vectors
+    if before is not None:
+        modes = modes * np.where(np.sum(modes * (stiffness @ before), axis=0) < 0, -1.0, 1.0)
+    rank = np.argsort(values)
+    return values[rank], modes[:, rank]
+
+
+def _inverse(factor, rhs):
+    """Solution (f, m) for right-hand sides (f, m) without refinement: enough for a correction."""
+    solution = np.empty_like(rhs)
+    solution[factor.pattern.order] = factor.lu.solve(rhs[factor.pattern.order])
+    return solution
+
+
+def _davidson(problem, stiffness, state, mu, vectors, accuracy):
+    """The lowest eigenvalues (m,) of the state's tangent K and their vectors (f, m), from vectors (f, m).
+
+    Corrections d = K_f^-1 r of the imbalance r = K v - lambda N v come from the state's factor K_f. The last ones gain so little that
+    K d may be taken for r, which is wrong by the distance of K_f from K: at most ``NEAR`` of the gain.
+    """
+    weights, images = stiffness @ vectors, tangent_products(problem, state.x, mu, vectors)
+    eigenvalues, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights)
+    for _ in range(ITERATIONS):
+        vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
+        imbalance = images - weights * eigenvalues
+        d = _inverse(state.factor, imbalance)
+        weighted = stiffness @ d
+        share = vectors.T @ weighted
+        d, weighted = d - vectors @ share, weighted - weights @ share
+        last = NEAR * abs(imbalance[:, 0] @ d[:, 0]) <= accuracy * abs(eigenvalues[0])
+        product = imbalance if last else tangent_products(problem, state.x, mu, d)
+        eigenvalues, turn = _rayleigh_ritz(eigenvalues, images.T @ d, d.T @ product, d.T @ weighted)
+        vectors, weights, images = (np.concatenate(pair, axis=1) for pair in ((vectors, d), (weights, weighted), (images, product)))
+        if last:
+            break
+    return eigenvalues, vectors @ turn
+
+
+def _rayleigh_ritz(eigenvalues, coupling, corner, gram):
+    """Lowest eigenvalues (m,) and coefficients (2 m, m) in the basis of m Ritz vectors and m corrections orthogonal to them."""
+    m = len(eigenvalues)
+    scale = 1 / np.sqrt(np.diagonal(gram) + np.finfo(float).tiny)
+    both = np.block([[np.diag(eigenvalues), coupling * scale], [(coupling * scale).T, 0.5 * (corner + corner.T) * np.outer(scale, scale)]])
+    gram = np.outer(scale, scale) * gram + 1e-9 * np.eye(m)  # two corrections may be the same but for round-off
+    values, coefficients = scipy.linalg.eigh(both, scipy.linalg.block_diag(np.eye(m), gram))
+    coefficients[m:] *= scale[:, None]
+    return values[:m], coefficients[:, :m]
+
+
+def tangent_products(problem, x, mu, vectors):
+    """Products (f, m) of the tangent at positions ``x`` (n, 2), the Hessian of the total energy, with vectors (f, m)."""
+    return np.asarray(_products(x, vectors, problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.pattern.free))
+
+
+@jax.jit
+def _products(x, vectors, model, gel, mu, loads, free):
+    def one(v):
+        return jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (spread(v, x.shape, free),))[1].ravel()[free]
+
+    return jax.vmap(one, in_axes=1, out_axes=1)(vectors)
+
+
+def spread(vector, shape, free):
+    """Nodal field (n, 2) of a vector (f,) of the free degrees of freedom, zero elsewhere."""
+    return jnp.zeros(shape).ravel().at[free].add(vector).reshape(shape)
+
+
+def oriented(vectors, problem):
+    """The modes (f, m) with the sign that makes their product with a fixed field without symmetry positive, on every cloud."""
+    plate = problem.model.cloud.plate
+    x, y = (np.asarray(problem.model.cloud.nodes) / [plate.width, plate.height]).T
+    field = np.stack([np.sin(5.1 * y + 2.3 * x + 0.4), np.sin(3.7 * x - 1.9 * y - 0.9)], axis=1).ravel()[problem.pattern.free]
+    return vectors * np.where(field @ vectors < 0, -1.0, 1.0)
+
+
+def stable_state(problem, mu, state, modes, *, sign=1):
+    """``Equilibrium`` without negative eigenvalues at ``mu`` and its ``Modes``, reached from an unstable state; None if none is found.
+
+    Along ``sign`` times the mode of the lowest eigenvalue the state is pinned at growing amplitudes. The force that holds it points
+    outwards at first; where it changes sign lies an equilibrium of another branch, and Newton's method without the pin finds it.
+    """
+    stiffness = network_stiffness(problem)
     for _ in range(MAX_SWITCHES):
-        found = _across(problem, mu, x, pressure, nearest_mode(factor).vector)
+        mode = sign * oriented(modes.vectors[:, :1], problem)[:, 0]
+        against = np.asarray(problem.loads).ravel()[problem.pattern.free] @ mode < 0  # loads that push choose the side
+        found = _across(problem, mu, state.x, state.pressure, -mode if against else mode)
         if found is None:
             return None
-        if found.factor.negative_pivots == 0:
-            return found
-        x, pressure, factor = found.x, found.pressure, found.factor
+        modes, state = lowest_modes(problem, stiffness, found, mu)
+        if modes.negative == 0:
+            return state, modes
     return None
 
 
 def _across(problem, mu, x, pressure, mode):
     """The next ``Equilibrium`` along ``mode`` (f,), with a factor of its own tangent, or None."""
+    mode = mode / np.linalg.norm(mode)
     start, free = jnp.asarray(x), problem.pattern.free
-    largest = np.abs(mode).max()
-    amplitude, force_before = FIRST_AMPLITUDE * problem.model.cloud.spacing / largest, None
-    direction = jnp.zeros(start.size).at[free].add(mode).reshape(start.shape)
-    x = start + amplitude * direction
+    amplitude, force_before = FIRST_AMPLITUDE * problem.model.cloud.spacing / np.abs(mode).max(), None
+    x = start + amplitude * spread(mode, start.shape, free)
     for _ in range(MAX_PINNED):
         pinned, force = solve_pinned(problem, mu, x, pressure, mode, start, amplitude)
         if not pinned.status.ok:

@@ -6,21 +6,27 @@ always ends: with all states, or with those so far and a status that says why it
 
 import dataclasses
 import functools
+import warnings
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .constraints import free_dofs
-from .equilibrium import Status, dry_state, energy_at, prepare, solve, solve_traced
+from .contact import with_contact
+from .equilibrium import Equilibrium, Status, acting, dry_state, energy_at, overlaps, prepare, solve, solve_traced, touches
 from .implicit import state_tangents
 from .material import check_gel
 from .mixed import state_pressure, tangent_pattern
-from .stability import stable_state
+from .relaxation import relax, relax_along
+from .stability import lowest_modes, network_stiffness, stable_state
 
 BRANCHES = ("stable", "symmetric")
+CONTACT = ("on", "off", "stop")
 MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
+SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of a chosen step after so many corrections; 0.6 after more
+NEARLY_SINGULAR = 1e-3  # eigenvalue, over the network's stiffness, below which a state's derivatives are flagged
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 
 
@@ -45,7 +51,9 @@ class Step:
     negative_pivots: int
     """Negative eigenvalues of the tangent: 0 on a stable branch."""
     lowest_eigenvalue: float = float("nan")
-    """Lowest eigenvalue of the tangent; nan where it was not computed."""
+    """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where it was not computed."""
+    modes: object = None
+    """(f, m) lowest modes, where the next state's are looked for; None for a state read from a file."""
     factor: object = None
     """Factor of the tangent next to the state; None for a state read from a file."""
     switched: bool = False
@@ -77,7 +85,7 @@ class Path:
     negative_pivots: np.ndarray
     """(k,) negative eigenvalues of the tangent."""
     lowest_eigenvalue: np.ndarray
-    """(k,) lowest eigenvalue of the tangent, nan where not computed."""
+    """(k,) lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where not computed."""
     switched: np.ndarray
     """(k,) whether the state left an unstable branch for a stable one."""
     stop: Status
@@ -107,30 +115,40 @@ class Path:
 _COLUMNS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 
 
+class IllPosedDerivative(UserWarning):
+    """A sweep is differentiated at a state without a derivative worth the name: nearly singular, in self-contact, or not reached."""
+
+
 class SweepFailed(ArithmeticError):
     """Not even the first state of a sweep was found; the text says why."""
 
 
-def sweep(model, gel, *, mu, branch="stable", loads=None, on_step=None, start=None, max_steps=MAX_STEPS):
+def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=None, start=None, max_steps=MAX_STEPS):
     """``Path`` of equilibria at the given increasing values ``mu`` (k,), or from ``mu = (first, last)`` in steps chosen on the way.
 
     A tuple of two numbers means chosen steps; a list or array means those values. Where the branch that is followed loses its stability,
     ``branch="stable"`` crosses to the stable branch that leaves it; ``"symmetric"`` goes on, as a perfectly symmetric cloud would.
-    Either way ``path.negative_pivots`` says of each state whether it is stable (0). ``loads`` (n, 2) are dead nodal forces, see
+    Either way ``path.negative_pivots`` says of each state whether it is stable (0). Where the sides of a hole meet, ``contact="on"`` keeps
+    them apart (range and stiffness: ``contact.with_contact``), ``"off"`` lets them overlap, and ``"stop"`` ends the sweep. With contact a
+    stable branch that ends, or turns unstable, is left by relaxation (``switched``). ``loads`` (n, 2) are dead nodal forces, see
     ``load_vector``. ``on_step(step)`` is called with each accepted ``Step``; ``start`` is a Step to continue from. Raises
     ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first state is not found; later failures end the
     path early, with the reason in ``path.stop`` and ``path.stop_text``.
     """
     if branch not in BRANCHES:
         raise ValueError(f"branch: {branch!r} is not one of {', '.join(BRANCHES)}")
+    if contact not in CONTACT:
+        raise ValueError(f"contact: {contact!r} is not one of {', '.join(CONTACT)}")
+    model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
     if is_traced((model, gel, mu, loads)):
-        return _traced_sweep(model, gel, mu, branch, loads, max_steps)
+        return _traced_sweep(model, gel, mu, branch, contact, loads, max_steps)
     targets, chosen = check_mu(mu)
     check_gel(gel)
     if start is not None and not targets[-1 if chosen else 0] > start.mu:
         raise ValueError(f"mu: {targets[-1 if chosen else 0]:g} is not above the start's mu = {start.mu:g}")
     problem = prepare(model, gel, loads)
-    attempt = functools.partial(_attempt, problem, branch == "stable")
+    attempt = functools.partial(_attempt, problem, network_stiffness(problem), branch == "stable")
+    attempt = functools.partial(_until_contact, attempt, model) if contact == "stop" else attempt
     steps, stop, where = _chosen(attempt, targets, on_step, start, max_steps) if chosen else _given(attempt, targets, on_step, start)
     if not steps:
         raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}")
@@ -178,8 +196,8 @@ def _reach(attempt, target, done):
             history.append(found)
             goal = target if cuts <= 1 else min(target, 2 * goal - history[-2].mu)
             cuts = max(0, cuts - 1)
-        elif not history or cuts >= MAX_CUTS:
-            return None, found.status if not history else Status.STEP_TOO_SMALL
+        elif not history or cuts >= MAX_CUTS or found.status is Status.SELF_CONTACT:
+            return None, found.status if not history or found.status is Status.SELF_CONTACT else Status.STEP_TOO_SMALL
         else:
             cuts += 1
             goal = history[-1].mu + 0.5 * (goal - history[-1].mu)
@@ -202,8 +220,8 @@ def _chosen(attempt, targets, on_step, start, max_steps):
                 return _own(done, start), Status.CONVERGED, last
             step *= 2.0 if found.newton_iterations < 4 else GROWTH.get(found.newton_iterations, 0.6)
             spent = 0
-        elif not done:
-            return [], found.status, goal
+        elif not done or found.status is Status.SELF_CONTACT:
+            return _own(done, start), found.status, done[-1].mu if done else goal
         else:
             step = 0.4 * (goal - done[-1].mu)
             if step < least:
@@ -213,23 +231,26 @@ def _chosen(attempt, targets, on_step, start, max_steps):
     return _own(done, start), Status.TOO_MANY_STEPS, done[-1].mu
 
 
+def _until_contact(attempt, model, mu, done):
+    """``attempt`` that ends the sweep where hole boundaries overlap."""
+    step = attempt(mu, done)
+    return dataclasses.replace(step, status=Status.SELF_CONTACT) if step.status.ok and overlaps(model, step.x) else step
+
+
 def _own(done, start):
     return done if start is None else done[1:]
 
 
-def _attempt(problem, stable, mu, done):
+def _attempt(problem, stiffness, stable, mu, done):
     """``Step`` at ``mu`` (whatever its status) from the state extrapolated from up to three states of its branch."""
     history = _same_branch(done)
-    x, pressure = _predict(problem, mu, history)
-    found = solve(problem, mu, x, pressure)
-    switched = False
-    if stable and found.status.ok and found.factor is not None and found.factor.negative_pivots > 0:
-        found = dataclasses.replace(solve(problem, mu, found.x, found.pressure, fresh=True), iterations=found.iterations)
-        other = stable_state(problem, mu, found.x, found.pressure, found.factor) if found.factor.negative_pivots > 0 else None
+    (found, switched), modes = _reached(problem, stable, mu, history), None
+    if found.status.ok:
+        modes, found = lowest_modes(problem, stiffness, found, mu, history[-1].modes if history else None)
+        other = _stable(problem, stiffness, mu, found, modes) if stable and modes.negative > 0 else None
         if other is not None:
-            found, switched = dataclasses.replace(other, iterations=found.iterations + other.iterations), True
-    energy = float(energy_at(found.x, problem.model, problem.gel, mu, problem.loads)) if found.status.ok else float("nan")
-    negative = found.factor.negative_pivots if found.factor is not None else (history[-1].negative_pivots if history else 0)
+            iterations = found.iterations + other[0].iterations
+            found, modes, switched = dataclasses.replace(other[0], iterations=iterations), other[1], True
     return Step(
         mu=float(mu),
         x=found.x,
@@ -237,11 +258,42 @@ def _attempt(problem, stable, mu, done):
         status=found.status,
         newton_iterations=found.iterations,
         residual=found.residual,
-        energy=energy,
-        negative_pivots=negative,
+        energy=float(energy_at(found.x, acting(problem, found).model, problem.gel, mu, problem.loads)) if modes else float("nan"),
+        negative_pivots=modes.negative if modes else -1,
+        lowest_eigenvalue=float(modes.eigenvalues[0]) if modes else float("nan"),
+        modes=modes.vectors if modes else None,
         factor=found.factor,
         switched=switched,
     )
+
+
+def _reached(problem, stable, mu, history):
+    """``Equilibrium`` at ``mu`` from the state that ``history`` predicts, and whether it lies on another branch.
+
+    Where holes touch, a step that moves the gel farther than the range of contact is refused, and a short one that fails relaxes.
+    """
+    x, pressure = _predict(problem, mu, history)
+    if problem.apart is None or not history:
+        return solve(problem, mu, x, pressure), False
+    last, far = history[-1], not np.abs(x - history[-1].x).max() < problem.model.contact.range
+    if far and (touches(problem.model, last.x) or touches(problem.model, x)):
+        return Equilibrium(x, pressure, Status.NOT_CONVERGED, 0, float("nan"), None), False
+    found = solve(problem, mu, x, pressure)
+    if found.status.ok or not stable or mu - last.mu > SNAP:
+        return found, False
+    relaxed = relax(problem, mu, last.x, last.pressure)
+    return dataclasses.replace(relaxed, iterations=found.iterations + relaxed.iterations), relaxed.status.ok
+
+
+def _stable(problem, stiffness, mu, found, modes):
+    """Stable ``Equilibrium`` and its ``Modes`` from an unstable one: next to it on a branch that leaves there, or by relaxation."""
+    other = None if problem.apart is not None and touches(problem.model, found.x) else stable_state(problem, mu, found, modes)
+    if other is None and problem.apart is not None:
+        state = relax_along(problem, mu, found, modes.vectors[:, 0])
+        if state.status.ok:
+            modes, state = lowest_modes(problem, stiffness, state, mu)
+            other = (state, modes) if modes.negative == 0 else None
+    return other
 
 
 def _same_branch(done):
@@ -277,6 +329,8 @@ class _Static:
     """(first, last) of chosen steps."""
     branch: str
     """Branch to follow."""
+    contact: str
+    """What happens where hole boundaries meet."""
     max_steps: int
     """Most steps."""
 
@@ -286,9 +340,10 @@ class _Static:
         return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
 
 
-def _traced_sweep(model, gel, mu, branch, loads, max_steps):
+def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
     """``sweep`` under differentiation, jit or vmap; states that are not reached are nan, with their status.
 
+    Differentiation flags, and warns of, states without a good derivative (``IllPosedDerivative``): nearly singular or self-contacting.
     Under jit or vmap the branch that continues the dry state is followed whatever its stability.
     """
     chosen = isinstance(mu, tuple) and len(mu) == 2
@@ -299,7 +354,7 @@ def _traced_sweep(model, gel, mu, branch, loads, max_steps):
     values = jnp.zeros(0) if chosen else jnp.atleast_1d(jnp.asarray(mu, dtype=float))
     leaves, structure = jax.tree.flatten((model, gel, values, loads))
     floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
-    static = _Static(structure, floating, tuple(map(float, mu)) if chosen else None, branch, max_steps)
+    static = _Static(structure, floating, tuple(map(float, mu)) if chosen else None, branch, contact, max_steps)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     values = report.pop("mu") if chosen else values
@@ -319,7 +374,7 @@ def _states(static, floats, rest):
         return _scan_states(*inputs)
     model, gel, mu, loads = inputs
     wanted = static.chosen if static.chosen is not None else list(np.asarray(mu))
-    path = sweep(model, gel, mu=wanted, branch=static.branch, loads=loads, max_steps=static.max_steps)
+    path = sweep(model, gel, mu=wanted, branch=static.branch, contact=static.contact, loads=loads, max_steps=static.max_steps)
     missing = 0 if static.chosen is not None else len(mu) - len(path)
 
     def pad(values, fill):
@@ -327,7 +382,7 @@ def _states(static, floats, rest):
 
     report = dict(
         mu=jnp.asarray(path.mu) if static.chosen is not None else mu,
-        status=pad(np.array(path.status, dtype=int), int(path.stop)),
+        status=pad(_flagged(path, static.contact), int(path.stop)),
         newton_iterations=pad(path.newton_iterations, 0),
         residual=pad(path.residual, jnp.nan),
         negative_pivots=pad(path.negative_pivots, -1),
@@ -342,14 +397,31 @@ def _states_jvp(static, primals, tangents):
     """The rule of ``implicit.state_tangents`` at every state; what is reported of the states has no derivative."""
     floats, rest = primals
     x, report = _states(static, floats, rest)
+    _warn(report)
     model, gel, mu, loads = static.join(floats, rest)
     zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
     model_dot, gel_dot, mu_dot, loads_dot = static.join(tangents[0], zeros)
     if static.chosen is not None:
         mu, mu_dot = report["mu"], jnp.zeros_like(report["mu"])
-    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology))
+    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact)
     x_dot = state_tangents(x, (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot), pattern)
     return (x, report), (x_dot, jax.tree.map(_no_tangent, report))
+
+
+def _flagged(path, contact):
+    """Statuses (k,), as integers, of the states of a path that is differentiated: also those that have no good derivative."""
+    near = np.abs(path.lowest_eigenvalue) < NEARLY_SINGULAR
+    crossed = [contact != "on" and overlaps(path.model, x) for x in path.x]
+    return np.where(crossed, Status.SELF_CONTACT, np.where(near, Status.NEARLY_SINGULAR, np.array(path.status, dtype=int)))
+
+
+def _warn(report):
+    """Warn of every state whose derivative is ill-posed; inside jit only the statuses can tell."""
+    if is_traced(report):
+        return
+    for status in np.unique(report["status"][np.asarray(report["status"]) != Status.CONVERGED]):
+        at = ", ".join(f"{mu:.6g}" for mu in np.asarray(report["mu"])[np.asarray(report["status"]) == status])
+        warnings.warn(f"sweep: ill-posed derivative at mu = {at}: {Status(int(status)).text}", IllPosedDerivative, stacklevel=2)
 
 
 def _no_tangent(values):

@@ -1,6 +1,7 @@
 """Strict flags for every test, and one small run that several tests look at."""
 
 import functools
+import gc
 import os
 import time
 from pathlib import Path
@@ -104,3 +105,17 @@ def tiny_displacement_model(tiny_plate):
 def square_model(cloud_of):
     """The paper's unit square with 7 x 7 nodes and the default options."""
     return jaxgel.discretise(cloud_of("square"))
+
+
+@pytest.fixture(scope="session")
+def buckling_model(cloud_of):
+    """Sample 4 on a coarse cloud: its symmetric state buckles."""
+    return jaxgel.discretise(cloud_of("sample-4"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget_compiled_programs():
+    """Programs that JAX keeps fill gigabytes over a whole run; the cache on disk has them for the next module."""
+    yield
+    jax.clear_caches()
+    gc.collect()

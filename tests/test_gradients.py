@@ -1,5 +1,8 @@
 """Derivatives of whole sweeps against differences of the re-solved problem, and against each other."""
 
+import itertools
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +10,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import jaxgel
+from jaxgel.sweep import IllPosedDerivative
 
 MU = [-3.5, -2.2, -1.5]
 STEP = 1e-5  # of the value; central differences of states solved to 1e-13 are then good to about 1e-8 and the kinks of the weights to 1e-6
@@ -136,7 +140,35 @@ def test_states_out_of_reach_are_nan_and_say_so(cloud):
         path = jaxgel.sweep(model, jaxgel.Gel(Nv, 1e-4), mu=[-2.0, -1.0, 9.0])
         return path.x[-1, 0, 0], (path.x, path.status)
 
-    (_, (x, status)), _ = jax.value_and_grad(sweep, has_aux=True)(1e-3)
+    with pytest.warns(IllPosedDerivative, match=r"^sweep: ill-posed derivative at mu = 9: "):
+        (_, (x, status)), _ = jax.value_and_grad(sweep, has_aux=True)(1e-3)
     reached = np.asarray(status) == jaxgel.Status.CONVERGED
     assert reached[0] and not reached[-1]
     assert np.all(np.isnan(x[~reached])) and np.all(np.isfinite(x[reached]))
+
+
+def test_derivatives_next_to_a_bifurcation_are_flagged(buckling_model):
+    """The coarse sample 4 has an eigenvalue of 0.02 at -2.1 and next to none where its symmetric state buckles."""
+    gel = buckling_model.cloud.plate.gel
+    critical = float(jaxgel.critical_points(buckling_model, gel, mu=(-2.5, -1.3))[0].mu)
+
+    def core_rotation(chi):
+        path = jaxgel.sweep(buckling_model, jaxgel.Gel(gel.Nv, chi), mu=[-3.0, critical - 0.3, critical - 1e-5], branch="symmetric")
+        return jaxgel.core_rotation(path)[-1], path.status
+
+    with pytest.warns(IllPosedDerivative, match=r"a fold or bifurcation is near"):
+        status = jax.grad(core_rotation, has_aux=True)(gel.chi)[1]
+    assert status.tolist() == [jaxgel.Status.CONVERGED, jaxgel.Status.CONVERGED, jaxgel.Status.NEARLY_SINGULAR]
+
+
+def test_derivatives_of_overlapping_holes_are_flagged(cloud, monkeypatch):
+    model, found = jaxgel.discretise(cloud), itertools.cycle([False, False, True])
+    monkeypatch.setattr(sys.modules["jaxgel.sweep"], "overlaps", lambda *_: next(found))
+
+    def area(chi):
+        path = jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=MU)
+        return jaxgel.area_reduction(path)[-1], path.status
+
+    with pytest.warns(IllPosedDerivative, match=r"hole boundaries touch or overlap"):
+        status = jax.grad(area, has_aux=True)(1e-4)[1]
+    assert status.tolist() == [jaxgel.Status.CONVERGED, jaxgel.Status.CONVERGED, jaxgel.Status.SELF_CONTACT]

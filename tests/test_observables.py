@@ -101,11 +101,11 @@ def test_state_of_sample_1_is_symmetric_under_half_turns(coarse_path):
 
 
 def test_state_of_sample_1_is_nearly_symmetric_under_quarter_turns(coarse_path):
-    """Up to the cells: whole squares are halved along one diagonal."""
+    """Up to the cells along the holes: their triangles and merged slivers lack that symmetry."""
     nodes, x = np.asarray(coarse_path.model.cloud.nodes), np.asarray(coarse_path.x[-1])
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     partner = np.linalg.norm((nodes @ turn.T)[:, None] - nodes[None], axis=2).argmin(axis=1)
-    np.testing.assert_allclose(x[partner], x @ turn.T, atol=3e-3 * np.abs(x - nodes).max())
+    np.testing.assert_allclose(x[partner], x @ turn.T, atol=5e-3 * np.abs(x - nodes).max())
     per_hole = np.asarray(jaxgel.area_reduction_per_hole(coarse_path))[-1]
     np.testing.assert_allclose(per_hole, per_hole.mean(), rtol=2e-3)
 
@@ -169,6 +169,16 @@ def test_outlines_are_closed_anticlockwise_loops_of_the_holes_area(cloud_of):
         [(0.5 if abs(x) == 4 else 1.0) * (0.5 if abs(y) == 4 else 1.0) for x, y in (h.centre for h in model.cloud.plate.holes)]
     )
     np.testing.assert_allclose(areas, share * np.pi * 0.9**2, rtol=4e-4)  # polygons of 160 chords miss 2.6e-4
+
+
+def test_aspect_ratio_is_that_of_the_ellipse(coarse_path):
+    """Sample 1's holes are 10 x 8 mm; squeezed to 0.3 along x, those that lie along x become 3 x 8 mm and the others 2.4 x 10 mm."""
+    nodes = np.asarray(coarse_path.model.cloud.nodes)
+    path = with_states(coarse_path, np.stack([nodes, nodes * [0.3, 1.0]] * 5))
+    ratios = np.asarray(jaxgel.observables.aspect_ratio(path))[:2]
+    along_x = np.array([abs(np.sin(hole.angle)) < 0.5 for hole in path.model.cloud.plate.holes])
+    np.testing.assert_allclose(ratios[0], 1.25, rtol=1e-4)  # polygons of 320 chords: (2 pi / 320)^2 / 6
+    np.testing.assert_allclose(ratios[1], np.where(along_x, 8 / 3, 10 / 2.4), rtol=1e-3)
 
 
 def test_freely_swollen_plate_has_no_stress_and_surface_ratio_one(coarse_path):

@@ -119,7 +119,7 @@ def test_plates_without_holes_have_no_events():
 
 
 def test_rows_from_the_first_self_contact_on_are_invalid(path, tmp_path, monkeypatch):
-    gaps = dict(zip(path.mu, [0.3, -0.01, 0.2, -0.3], strict=True))
+    gaps = dict(zip(path.mu, [0.9, -0.01, 0.2, -0.3], strict=True))  # mm; contact would act below 0.55
     monkeypatch.setattr(results, "min_gap", lambda p: np.array([gaps[mu] for mu in p.mu]))
     expected = ["converged", SELF_CONTACT, SELF_CONTACT, SELF_CONTACT]
     assert history(path)["status"] == expected

@@ -1,0 +1,69 @@
+"""The lattice (Deng et al. 2020, Fig. 13) on its buckled branch, with contact: pattern, aspect ratio, rotation and area against mu.
+
+    python benchmarks/lattice.py [--out benchmarks]
+
+Writes lattice.csv and lattice.png. Finite elements: core rotation 13.35 degrees and energy -1.264174 at mu = -1.9678.
+"""
+
+import argparse
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from tqdm import tqdm
+
+import jaxgel
+from jaxgel.observables import aspect_ratio
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+from jaxgel.plotting import plot_patterns
+
+MU = [-4.9678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.4678, -0.9678, -0.6678, -0.4678, -0.3678, -0.3178, -0.2688, -0.25]
+MU += [-0.24, -0.23, -0.22, -0.21, -0.20, -0.19, -0.18, -0.1688]
+FINITE_ELEMENTS = (-1.9678, 13.35)  # mu, core rotation in degrees
+CENTRE = 12  # the hole at the origin
+
+
+def lattice(mu=MU):
+    """The path on the stable branch."""
+    plate = jaxgel.sample("lattice")
+    with tqdm(total=len(mu)) as bar:
+        return jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel, mu=mu, contact="on", on_step=lambda _: bar.update())
+
+
+def table(path):
+    """Columns (k, 6): mu, aspect ratio of the central hole, core rotation in degrees, area reduction, smallest gap, negative pivots."""
+    columns = path.mu, aspect_ratio(path)[:, CENTRE], np.abs(jaxgel.core_rotation(path)), jaxgel.area_reduction(path)
+    return np.stack([*map(np.asarray, columns), jaxgel.min_gap(path), path.negative_pivots], axis=1)
+
+
+def draw(path, rows, file):
+    """Patterns above, the three curves below."""
+    figure = plt.figure(figsize=(7.2, 5.2), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1))
+    plot_patterns(path, (-2.9678, -0.9678, -0.2688, path.mu[-1]), axes=above.subplots(1, 4, sharey=True), field="J")
+    labels = "length over width of the central hole", "core rotation (°)", "area reduction (%)"
+    for ax, k, label in zip(below.subplots(1, 3), (1, 2, 3), labels, strict=True):
+        ax.plot(rows[:, 0], rows[:, k] * (100 if k == 3 else 1), "o-", color="#0072b2", markersize=2.5, linewidth=1)
+        ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel=label)
+        touching = rows[:, 4] < float(path.model.contact.range)
+        if touching.any():
+            ax.axvline(rows[np.argmax(touching), 0], color="#5c6670", linestyle="--", linewidth=0.8, label="first contact")
+        if k == 2:
+            ax.plot(*FINITE_ELEMENTS, "x", color="#d55e00", label="finite elements")
+        ax.legend(frameon=False, fontsize=7)
+    figure.savefig(file, dpi=180)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent)
+    out = parser.parse_args().out
+    path = lattice()
+    rows = table(path)
+    names = "mu,aspect_ratio,core_rotation_deg,area_reduction,min_gap_mm,negative_pivots"
+    np.savetxt(out / "lattice.csv", rows, delimiter=",", header=names, comments="", fmt="%.6g")
+    draw(path, rows, out / "lattice.png")
+    print(names, *(",".join(f"{value:.5g}" for value in row) for row in rows), path.stop_text, sep="\n")

@@ -1,0 +1,115 @@
+"""Equilibria that satisfy side conditions: held by unknown forces, or at an unknown chemical potential.
+
+The unknowns are the positions x and pressures p, forces s along given columns C and, where there is one condition more than columns,
+mu. The conditions are R (x - origin) + slope (mu - mu_origin) = target. Newton's method factorises the tangent with these rows and columns
+around it, which is regular where the tangent itself is singular. In the mixed form dp carries -dmu, as the osmotic pressure at a
+given volume ratio falls by what mu rises.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from .energy import residual
+from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, _linearise, _rhs, _tangent
+from .linear_solve import SingularTangent, factor
+from .mixed import pressure_step
+
+MAX_ITERATIONS = 15
+PIVOTING = 1e-3  # a pivot below this share of its column's largest entry leaves the order of least fill
+MISS = 1e-10  # largest error of a condition, relative to its target
+ROUND_OFF = 1e-13  # and relative to the positions
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Conditions:
+    """b conditions on a state: rows . (x - origin) + slopes (mu - mu_origin) = targets."""
+
+    rows: np.ndarray
+    """(f, b) on the free degrees of freedom."""
+    slopes: np.ndarray
+    """(b,) on mu."""
+    origin: np.ndarray
+    """(n, 2) positions."""
+    mu_origin: float
+    """Chemical potential, kT."""
+    targets: np.ndarray
+    """(b,) values."""
+
+
+def solve_bordered(problem, mu, x, pressure, columns, conditions):
+    """``Equilibrium`` under forces along ``columns`` (f, m) that meets m or m + 1 ``Conditions``, its mu (), and the forces (m,).
+
+    With m + 1 conditions mu is unknown too. The state has a factor of its own tangent.
+    """
+    free, model, gel = problem.pattern.free, problem.model, problem.gel
+    forces, mu, origin = np.zeros(columns.shape[1]), float(mu), np.asarray(conditions.origin).ravel()[free]
+    b, m = conditions.rows.shape[1], columns.shape[1]
+    for iterations in range(MAX_ITERATIONS + 1):
+        args = model, gel, jnp.asarray(mu), problem.loads, problem.fixed
+        now, measures = _linearise(x, pressure, *args, free)
+        size = float(np.linalg.norm(np.asarray(now.rhs).ravel()[free] + columns @ forces) * float(measures[2]))
+        at = np.asarray(x).ravel()[free]
+        miss = conditions.targets - (at - origin) @ conditions.rows - conditions.slopes * (mu - conditions.mu_origin)
+        allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(at) + MISS * np.abs(conditions.targets)
+        met = size < TOLERANCE and float(measures[1]) < CONSTRAINT_TOLERANCE and np.all(np.abs(miss) <= allowed)
+        if not np.isfinite(size + float(measures[1])) or (iterations == MAX_ITERATIONS and not met):
+            status = Status.NOT_CONVERGED if np.isfinite(size) else Status.NOT_FINITE
+            return Equilibrium(x, pressure, status, iterations, size, None), mu, forces
+        try:
+            pairs = _tangent(x, pressure, now, model, gel, problem.fixed)
+            if met:
+                return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, factor(problem.pattern, pairs)), mu, forces
+            pattern = problem.pattern.fitting(pairs)
+            sides = np.concatenate([columns, -mu_force(problem, x, mu)[:, None]], axis=1)[:, :b]
+            corner = np.concatenate([np.zeros((b, m)), conditions.slopes[:, None]], axis=1)[:, :b]
+            system = Bordered(pattern.order, pattern.matrix(pairs), -sides, conditions.rows, corner)
+            dx, change = system.solve(np.asarray(_rhs(now, now, model, free)) + columns @ forces, miss)
+        except SingularTangent:
+            return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None), mu, forces
+        forces, change_mu = forces + change[:m], float(change[m:].sum())
+        x, pressure = _moved(x, pressure, dx, change_mu, now, model, free)
+        mu += change_mu
+    raise AssertionError("unreachable")
+
+
+class Bordered:
+    """Factor of [[K, sides], [rows^T, corner]] with the permuted tangent K (f, f) and its ``order``; SingularTangent where it has none."""
+
+    def __init__(self, order, matrix, sides, rows, corner):
+        self.order = order
+        self.matrix = sp.block_array([[matrix, sides[order]], [rows[order].T, corner]], format="csc")
+        try:
+            self.lu = splu(self.matrix, permc_spec="NATURAL", diag_pivot_thresh=PIVOTING, options=dict(Equil=False))
+        except RuntimeError as error:
+            raise SingularTangent(str(error)) from error
+
+    def solve(self, upper, lower):
+        """Solution (f,) and (b,) for right-hand sides (f,) and (b,), refined twice."""
+        rhs = np.concatenate([upper[self.order], lower])
+        solution = self.lu.solve(rhs)
+        for _ in range(2):
+            solution += self.lu.solve(rhs - self.matrix @ solution)
+        x = np.empty(len(upper))
+        x[self.order] = solution[: len(upper)]
+        return x, solution[len(upper) :]
+
+
+@jax.jit
+def _moved(x, p, correction, change_mu, now, model, free):
+    dx = jnp.zeros(x.size).at[free].add(correction).reshape(x.shape)
+    return x + dx, p + pressure_step(dx, now, now, model) - change_mu
+
+
+def mu_force(problem, x, mu):
+    """Derivative (f,) of the residual with respect to mu at the positions ``x`` (n, 2), mm."""
+    return np.asarray(_mu_force(x, problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads)).ravel()[problem.pattern.free]
+
+
+@jax.jit
+def _mu_force(x, model, gel, mu, loads):
+    return jax.jvp(lambda mu: residual(x, model, gel, mu, loads), (mu,), (1.0,))[1]

@@ -1,0 +1,230 @@
+"""Optimisers behind one face: functions of a search, which evaluates scaled designs in [0, 1]^n and says which are invalid.
+
+First-order methods (optax) and L-BFGS-B take constraints g >= 0 by an augmented Lagrangian, f + sum (max(0, lambda - rho g)^2 - lambda^2)
+/ (2 rho) (Nocedal & Wright 2006, section 17.4): it is smooth, needs one reverse pass for all constraints together, and allows an
+infeasible start. SLSQP and MMA know constraints themselves. Bounds are kept by projection (optax) or natively: unlike a sigmoid they can be
+reached, and do not flatten the objective near them.
+
+The quasi-Newton methods work in boxes around the best design, the move limits of structural optimisation: an invalid design halves
+the box, so that what the method believes of the objective never rests on a design without a value.
+"""
+
+import functools
+import importlib.util
+
+import numpy as np
+import optax
+import scipy.optimize
+
+METHODS = ("slsqp", "mma", "lbfgs", "adam")
+LEARNING_RATE = 0.02  # of adam, in scaled parameters
+MULTIPLIER_STEPS = 10  # first-order steps between two updates of the multipliers
+PENALTY = 10.0  # first rho; constraints and objective are scaled to 1
+PENALTY_GROWTH = 3.0  # of rho where the violation has not fallen to a quarter
+MARGIN = 1e-3  # by which the augmented Lagrangian wants its constraints met, since it comes from outside
+SHORTEST = 2.0**-8  # of a step that is halved, and of a box
+INNER = 50  # iterations of a quasi-Newton method in one box
+
+
+class Invalid(ArithmeticError):
+    """A design without a usable value; the text says why."""
+
+
+class Exhausted(Exception):
+    """The number of evaluations is used up."""
+
+
+class Stuck(Exception):
+    """No valid design however short the step."""
+
+
+def optimiser(method, step, tolerance):
+    """Function of a search that runs ``method``, a name of ``METHODS`` or an optax GradientTransformation; ValueError for others."""
+    if isinstance(method, optax.GradientTransformation):
+        return functools.partial(first_order, transformation=method, step=step)
+    if method == "adam":
+        return functools.partial(first_order, transformation=optax.adam(LEARNING_RATE), step=step)
+    if method == "mma" and importlib.util.find_spec("nlopt") is None:
+        raise ValueError("method: 'mma' needs nlopt; install it with pip install 'jaxgel[mma]'")
+    if method == "lbfgs":
+        return functools.partial(lbfgs, step=step, tolerance=tolerance)
+    solve = {"slsqp": slsqp, "mma": mma}.get(method) if isinstance(method, str) else None
+    if solve is None:
+        raise ValueError(f"method: {method!r} is neither one of {', '.join(METHODS)} nor an optax GradientTransformation")
+    return functools.partial(in_boxes, solve=solve, step=step, tolerance=tolerance)
+
+
+class Lagrangian:
+    """The augmented Lagrangian of values (1 + c,), its multipliers and penalty."""
+
+    def __init__(self, n_constraints):
+        self.multipliers, self.penalty, self.violation = np.zeros(n_constraints), PENALTY, np.inf
+
+    def value(self, values):
+        """The augmented Lagrangian ()."""
+        kept = self._kept(values)
+        return values[0] + np.sum(kept**2 - self.multipliers**2) / (2 * self.penalty)
+
+    def weights(self, values):
+        """Its derivatives (1 + c,) with respect to the values."""
+        return np.concatenate([[1.0], -self._kept(values)])
+
+    def update(self, values):
+        """New multipliers, and a larger penalty where the violation falls slowly."""
+        self.multipliers = self._kept(values)
+        violation = float(np.max(np.maximum(MARGIN - values[1:], 0.0), initial=0.0))
+        if violation > max(0.25 * self.violation, 2 * MARGIN):
+            self.penalty *= PENALTY_GROWTH
+        self.violation = violation
+
+    def _kept(self, values):
+        return np.maximum(0.0, self.multipliers - self.penalty * (values[1:] - MARGIN))
+
+
+def first_order(search, *, transformation, step):
+    """Steps of an optax transformation, projected on the bounds, until the evaluations are used up; one to an invalid design is halved."""
+    now = search.at(search.start)
+    lagrangian, state = Lagrangian(len(now.values) - 1), transformation.init(now.vector)
+    while True:
+        for _ in range(MULTIPLIER_STEPS):
+            gradient = now.gradient(lagrangian.weights(now.values))
+            update, state = transformation.update(gradient, state, now.vector)
+            now = search.settle(_step(search, now, np.clip(np.asarray(update), -step, step)).vector)
+        lagrangian.update(now.values)
+
+
+def _step(search, now, update):
+    """The evaluation after the longest valid part of an update."""
+    part = 1.0
+    while part >= SHORTEST:
+        target = np.clip(now.vector + part * update, 0.0, 1.0)
+        if np.array_equal(target, now.vector):
+            raise Stuck
+        try:
+            return search.at(target)
+        except Invalid:
+            part *= 0.5
+    raise Stuck
+
+
+def lbfgs(search, *, step, tolerance):
+    """SciPy's L-BFGS-B on the augmented Lagrangian, in boxes of half-width ``step``, with new multipliers after each.
+
+    It ends where the Lagrangian no longer falls and the constraints are met.
+    """
+    centre, reach, lagrangian = search.start, step, None
+    while reach >= SHORTEST * step:
+        here = search.settle(centre)
+        lagrangian = lagrangian or Lagrangian(len(here.values) - 1)
+        low, high = np.maximum(centre - reach, 0.0), np.minimum(centre + reach, 1.0)
+
+        def value_and_gradient(v, worth=lagrangian):
+            there = search.at(v)
+            return worth.value(there.values), there.gradient(worth.weights(there.values))
+
+        options = dict(bounds=np.stack([low, high], axis=1), method="L-BFGS-B", options=dict(ftol=tolerance, maxiter=INNER))
+        try:
+            scipy.optimize.minimize(value_and_gradient, centre, jac=True, **options)
+            failed = False
+        except Invalid:
+            failed = True
+        best = search.best(lambda entry, worth=lagrangian: worth.value(np.array(entry["values"])))
+        fall = lagrangian.value(here.values) - lagrangian.value(np.array(best["values"]))
+        centre = np.array(best["vector"])
+        lagrangian.update(np.array(best["values"]))
+        if failed:
+            reach *= 0.5
+        elif fall <= tolerance and lagrangian.violation < 2 * MARGIN:
+            return
+    raise Stuck
+
+
+def in_boxes(search, *, solve, step, tolerance):
+    """Run ``solve(search, centre, low, high, tolerance)`` in boxes of half-width ``step`` around the best design until none is better.
+
+    Designs compare by objective + PENALTY * violation, so that a box may end next to a constraint and the following one meet it.
+    """
+    centre, reach = search.start, step
+    while reach >= SHORTEST * step:
+        here = search.settle(centre)
+        low, high = np.maximum(centre - reach, 0.0), np.minimum(centre + reach, 1.0)
+        failed = False
+        try:
+            solve(search, centre, low, high, tolerance)
+        except Invalid:
+            failed = True
+        best = search.best(_merit)
+        centre, better = np.array(best["vector"]), _merit(here.entry) - _merit(best) > tolerance
+        inside = np.all((centre > low) | (low == 0)) and np.all((centre < high) | (high == 1))
+        if inside and not better and not failed:
+            return
+        if failed or not better:
+            reach *= 0.5
+    raise Stuck
+
+
+def _merit(entry):
+    """Objective and penalty of a logged design."""
+    return entry["values"][0] + PENALTY * max(0.0, *(-v for v in entry["values"][1:]), 0.0)
+
+
+def slsqp(search, centre, low, high, tolerance):
+    """SciPy's sequential quadratic programming in a box."""
+    constraints = []
+    if len(search.at(centre).values) > 1:
+        constraints = [{"type": "ineq", "fun": lambda v: search.at(v).values[1:], "jac": lambda v: search.at(v).jacobian()[1:]}]
+    scipy.optimize.minimize(
+        lambda v: search.at(v).values[0],
+        centre,
+        jac=lambda v: search.at(v).jacobian()[0],
+        bounds=np.stack([low, high], axis=1),
+        constraints=constraints,
+        method="SLSQP",
+        options=dict(ftol=tolerance, maxiter=INNER),
+    )
+
+
+def mma(search, centre, low, high, tolerance):
+    """The method of moving asymptotes of nlopt (Svanberg 2002) in a box."""
+    import nlopt
+
+    solver = nlopt.opt(nlopt.LD_MMA, len(centre))
+    solver.set_lower_bounds(low)
+    solver.set_upper_bounds(high)
+    raised = []
+
+    def guarded(function):
+        @functools.wraps(function)
+        def call(*args):
+            try:
+                return function(*args)
+            except BaseException as problem:
+                raised.append(problem)
+                raise
+
+        return call
+
+    @guarded
+    def objective(v, gradient):
+        here = search.at(v)
+        if gradient.size:
+            gradient[:] = here.jacobian()[0]
+        return float(here.values[0])
+
+    @guarded
+    def constraints(result, v, gradient):
+        here = search.at(v)
+        result[:] = -here.values[1:]
+        if gradient.size:
+            gradient[:] = -here.jacobian()[1:]
+
+    solver.set_min_objective(objective)
+    count = len(search.at(centre).values) - 1
+    if count:
+        solver.add_inequality_mconstraint(constraints, np.full(count, 1e-8))
+    solver.set_ftol_abs(tolerance)
+    solver.set_maxeval(INNER)
+    try:
+        solver.optimize(centre)
+    except Exception:
+        raise (raised[0] if raised else Stuck) from None

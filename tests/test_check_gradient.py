@@ -1,0 +1,107 @@
+"""The Taylor test of a user's own case: it passes for true gradients, fails for broken ones, and writes its table."""
+
+import csv
+
+import jax
+import numpy as np
+import pytest
+
+from jaxgel import cli
+from jaxgel.cases import from_table
+from jaxgel.check_gradient import FILE, OBJECTIVES, RATE, check_gradient, failures
+
+HOLE = dict(kind="ellipse", centre=[0.3, -0.2], semi_axes=[2.4, 1.6], angle=0.4)
+TABLE = dict(
+    plate=dict(width=8.0, height=8.0, edges={"top": "free"}),
+    holes=[HOLE],
+    sweep=dict(mu_start=-3.0, mu_end=-1.8, steps=2),
+    discretisation=dict(spacing=1.2, nodes_per_hole=14),
+)
+CASE = """
+[plate]
+width = 8.0
+height = 8.0
+edges = { top = "free" }
+
+[[holes]]
+kind = "ellipse"
+centre = [0.3, -0.2]
+semi_axes = [2.4, 1.6]
+angle = 0.4
+
+[sweep]
+mu_start = -3.0
+mu_end = -1.8
+
+[discretisation]
+spacing = 1.2
+nodes_per_hole = 14
+"""
+
+
+@pytest.fixture(scope="module")
+def case():
+    return from_table(TABLE, "small")
+
+
+@pytest.fixture(scope="module")
+def rows(case):
+    return check_gradient(case, directions=3, states=2)
+
+
+def test_the_remainders_fall_quadratically(rows):
+    assert failures(rows) == []
+    smooth = [row.rate for row in rows if row.family in ("Nv", "chi", "mu") and np.isfinite(row.rate)]
+    assert min(smooth) > RATE and np.median(smooth) == pytest.approx(2.0, abs=0.02)  # no kinks where no node moves
+    assert {row.family for row in rows} == {"centre", "semi_axes", "angle", "Nv", "chi", "mu"}
+
+
+def test_an_objective_without_a_value_is_left_out(rows):
+    """The core of this plate lies in the hole."""
+    assert {row.objective for row in rows} == set(OBJECTIVES) - {"core rotation"}
+
+
+def test_a_broken_gradient_is_found(case, monkeypatch):
+    from jaxgel import discretisation
+
+    correct = discretisation._correct
+
+    def stopped(nodes, vertices, trace, *rest):
+        return correct(nodes, vertices, jax.lax.stop_gradient(trace), *rest)
+
+    monkeypatch.setattr(discretisation, "_correct", stopped)
+    jax.clear_caches()
+    broken = check_gradient(case, directions=3, states=2)
+    monkeypatch.undo()
+    jax.clear_caches()
+    assert any(objective == "rotation" and family in ("centre", "semi_axes", "angle") for objective, family in failures(broken))
+
+
+def test_the_command_prints_and_writes_the_table(tmp_path, capsys, monkeypatch, rows):
+    from jaxgel import check_gradient as module
+
+    monkeypatch.setattr(module, "check_gradient", lambda *_, **__: rows)
+    (tmp_path / "small.toml").write_text(CASE)
+    assert cli.main(["check-grad", str(tmp_path / "small.toml"), "--states", "2", "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    written = list(csv.DictReader((tmp_path / "out" / FILE).read_text().splitlines()))
+    assert len(written) == len(rows) == len(printed) - 1
+    assert float(written[0]["remainder at h = 1"]) == rows[0].remainders[0]
+
+    monkeypatch.setattr(module, "failures", lambda _: [("rotation", "centre")])
+    assert cli.main(["check-grad", str(tmp_path / "small.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 3
+    assert capsys.readouterr().err == "jaxgel: the remainder does not fall as h^2: rotation by centre\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check-grad"], "CASE"),
+        (["check-grad", "smaple-1"], "did you mean 'sample-1'"),
+        (["check-grad", "sample-1", "--states", "x"], "states"),
+    ],
+)
+def test_unusable_arguments_are_one_line_and_exit_code_2(arguments, message, capsys):
+    assert cli.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1

@@ -1,0 +1,164 @@
+"""Facts about self-contact: its energy and derivatives, its forces, sweeps into contact, and derivatives through them."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import jaxgel
+from jaxgel import contact
+from jaxgel.contact import pair_energy, with_contact
+from jaxgel.equilibrium import overlaps, touches
+from jaxgel.mixed import constants, contact_pairs, linearise, node_pairs, state_pressure, tangent
+
+GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
+contact_energy, contact_force = jax.jit(contact.contact_energy), jax.jit(contact.contact_force)
+MU = [-3.0, -2.0, -1.6]  # the slit's tips close between the last two
+
+
+@pytest.fixture(scope="module")
+def slit():
+    """Cloud of a small plate with a flat hole."""
+    hole = jaxgel.Ellipse(centre=(0.1, -0.05), semi_axes=(1.2, 0.45), angle=0.1)
+    return jaxgel.make_cloud(jaxgel.Plate(4, 4, [hole], spacing=0.5, nodes_per_hole=16, gel=GEL))
+
+
+@pytest.fixture(scope="module")
+def closed(slit):
+    """The slit with its sides in contact."""
+    path = jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=MU, contact="on")
+    assert path.stop.ok
+    return path
+
+
+@pytest.fixture(scope="module")
+def squeezed():
+    """A plate with a whole hole, one cut by a wall and one in a corner, and nodal positions in which all three touch themselves."""
+    holes = [jaxgel.Circle((0.3, 0.4), 0.7), jaxgel.Circle((0.2, -2.0), 0.6), jaxgel.Circle((-2.0, 2.0), 1.0)]
+    model = with_contact(jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, holes, spacing=0.5, nodes_per_hole=16))), GEL)
+    X = np.asarray(model.cloud.nodes)
+    wall = np.array([-2.0, 2.0])  # the corner stays where it is
+    return model, jnp.asarray(wall + (X - wall) * [0.16, 1.0] + 0.01 * np.sin(7 * X[:, ::-1]) * (np.abs(X) < 1.99))
+
+
+def test_energy_is_zero_where_nothing_is_near(slit):
+    model = with_contact(jaxgel.discretise(slit), GEL)
+    x = 1.2 * model.cloud.nodes
+    assert float(contact_energy(x, model)) == 0.0
+    assert np.all(np.asarray(contact_force(x, model)) == 0.0)
+    assert not touches(model, x)
+
+
+def test_force_is_the_difference_of_energies(squeezed):
+    model, x = squeezed
+    assert float(contact_energy(x, model)) > 0
+    direction = jnp.asarray(np.random.default_rng(0).normal(size=x.shape))
+    difference = (contact_energy(x + 1e-6 * direction, model) - contact_energy(x - 1e-6 * direction, model)) / 2e-6
+    # central difference, step^2 times the third derivative, large where points are close
+    np.testing.assert_allclose(jnp.sum(contact_force(x, model) * direction), difference, rtol=1e-5)
+
+
+def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
+    """The tangent with contact less that without, over all node pairs, against the derivative of the force along a direction."""
+    model, x = squeezed
+    free = jaxgel.discretise(model.cloud)
+    fixed, p = constants(model), state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0)
+    loads = jnp.zeros_like(x)
+    now = jax.jit(linearise)(x, p, model, GEL, -1.0, loads, fixed)[0]
+    blocks = np.array(jax.jit(tangent)(x, p, now, model, GEL, fixed))
+    base = node_pairs(model.lists)[0]
+    blocks[: len(base)] -= np.asarray(jax.jit(tangent)(x, p, now, free, GEL, fixed))
+    i, j = np.concatenate([base, contact_pairs(model.lists)[0]]).T
+    direction = np.random.default_rng(1).normal(size=x.shape)
+    product, other = np.zeros_like(direction), i != j
+    np.add.at(product, i, np.einsum("pkl,pl->pk", blocks, direction[j]))
+    np.add.at(product, j[other], np.einsum("plk,pl->pk", blocks[other], direction[i[other]]))
+    _, expected = jax.jvp(lambda x: contact_force(x, model), (x,), (jnp.asarray(direction),))
+    np.testing.assert_allclose(product, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
+
+
+def test_forces_on_each_hole_sum_to_zero_along_its_walls(squeezed):
+    """A whole hole's in both directions, a cut hole's along its wall, where its mirror image takes up the rest."""
+    model, x = squeezed
+    points = model.outline.position(x)
+    force = np.asarray(contact_force(points, _carried(model)))
+    hole = np.concatenate([np.full(len(o.s), o.arc.hole) for o in model.lists.topology.outlines])
+    total = np.stack([force[hole == k].sum(axis=0) for k in range(3)])
+    scale = np.abs(force).max()
+    assert all(np.abs(force[hole == k]).max() > 0 for k in range(3))
+    np.testing.assert_allclose(total[0], 0.0, atol=1e-12 * scale)
+    assert abs(total[1, 0]) < 1e-12 * scale  # along the wall at the bottom
+    np.testing.assert_allclose(np.sum(np.asarray(contact_force(x, model)), axis=0), total.sum(axis=0), atol=1e-10 * scale)
+
+
+def _carried(model):
+    """The model with outline positions themselves as its degrees of freedom."""
+    m = len(model.outline.points)
+    outline = dataclasses.replace(model.outline, nodes=np.arange(m)[:, None], phi=jnp.ones((m, 1)))
+    return dataclasses.replace(model, outline=outline)
+
+
+@pytest.mark.parametrize(("gap", "pressure"), [(0.75, 0.169), (0.5, 1.25), (0.25, 5.62)])
+def test_parallel_surfaces_press_each_other_as_documented(gap, pressure):
+    slope = jax.jit(jax.grad(lambda g, t: pair_energy(jnp.stack([t, g]), 1.0)))
+    reach = np.sqrt(1 - gap**2)
+    value = -quad(lambda t: float(slope(gap, t)), -reach, reach)[0]
+    assert value == pytest.approx(pressure, rel=5e-3)  # as many digits as are printed
+
+
+def test_contact_changes_nothing_before_holes_touch(slit):
+    model = jaxgel.discretise(slit)
+    on, off = (jaxgel.sweep(model, GEL, mu=MU[:2], contact=option) for option in ("on", "off"))
+    np.testing.assert_array_equal(on.x, off.x)
+    np.testing.assert_array_equal(on.newton_iterations, off.newton_iterations)
+
+
+def test_sides_that_touch_do_not_overlap_and_are_in_equilibrium(closed):
+    assert touches(closed.model, closed.x[-1]) and not overlaps(closed.model, closed.x[-1])
+    assert closed.negative_pivots[-1] == 0 and closed.residual.max() < 1e-10
+    apart = jaxgel.sweep(closed.model, GEL, mu=MU, contact="off")
+    assert overlaps(apart.model, apart.x[-1])
+
+
+def test_a_sweep_told_to_stop_ends_before_the_overlap(slit):
+    path = jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-3.0, -2.0, -1.0], contact="stop")
+    assert path.stop is jaxgel.Status.SELF_CONTACT
+    assert path.stop_text == f"stopped after mu = -2: {path.stop.text}"
+    assert list(path.mu) == [-3.0, -2.0]
+
+
+def test_squares_close_without_crossing(cloud_of):
+    """Sample 7, on the symmetric branch: the sides meet from the corners; without contact they overlap."""
+    model, mu = jaxgel.discretise(cloud_of("sample-7")), [-2.0, -1.0, -0.7, -0.55, -0.46, -0.4]
+    path = jaxgel.sweep(model, GEL, mu=mu, branch="symmetric", contact="on")
+    assert path.stop.ok and touches(path.model, path.x[-1])
+    assert not any(overlaps(path.model, x) for x in path.x)
+    volumes = np.asarray(jaxgel.observables.cell_volumes(model))
+    phi = 1 - volumes.sum() / 22.0**2
+    mean = np.asarray(jaxgel.volume_ratio(path)) @ volumes / volumes.sum()
+    # 325 nodes; outlines and cells measure the same loss to 5e-4 at full size
+    np.testing.assert_allclose(jaxgel.area_reduction(path), (mean - 1) * (1 - phi) / phi, rtol=2e-3)
+
+
+def test_gradient_through_contact_is_that_of_the_resolved_problem(slit, closed):
+    """With respect to a semi-axis, Nv (which sets the stiffness of contact too) and the last mu, along one direction."""
+    plate, nodes = slit.plate, slit.nodes
+
+    def height(v):
+        model = jaxgel.discretise(slit.at(plate.at([dict(semi_axes=jnp.stack([jnp.asarray(1.2), v[0]]))])))
+        mu = jnp.stack([jnp.asarray(MU[0]), jnp.asarray(MU[1]), v[2]])
+        return jnp.sum((jaxgel.sweep(model, jaxgel.Gel(v[1], 1e-4), mu=mu, contact="on").x[-1] - nodes) ** 2)
+
+    at, direction = np.array([0.45, 1e-3, MU[-1]]), np.array([0.1, 1e-3, 0.2])
+    _, slope = jax.jvp(height, (jnp.asarray(at),), (jnp.asarray(direction),))
+    difference = (float(height(at + 1e-5 * direction)) - float(height(at - 1e-5 * direction))) / 2e-5
+    assert float(slope) == pytest.approx(difference, rel=1e-5)  # states to 1e-11 over a step of 1e-5
+    assert touches(closed.model, closed.x[-1])
+
+
+def test_unknown_contact_is_refused(slit):
+    with pytest.raises(ValueError, match=r"^contact: 'of' is not one of on, off, stop"):
+        jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-3.0], contact="of")

@@ -1,0 +1,77 @@
+"""The lowest eigenvalue and the number of negative ones are those of the accepted states, told by dense eigenvalues."""
+
+import csv
+
+import jax
+import numpy as np
+import pytest
+import scipy.linalg
+
+import jaxgel
+from jaxgel.energy import total_energy
+from jaxgel.equilibrium import prepare
+from jaxgel.stability import network_stiffness, oriented
+
+MU = np.linspace(-4.9678, -0.9178, 10)
+
+
+def dense_eigenvalues(path, k):
+    """All eigenvalues of the dense Hessian of the total energy over the network's stiffness."""
+    problem = prepare(path.model, path.gel)
+    free = problem.pattern.free
+
+    def energy(v):
+        x = path.x[k].ravel()
+        return total_energy(jax.numpy.asarray(x).at[free].set(v).reshape(-1, 2), path.model, problem.gel, path.mu[k], problem.loads)
+
+    hessian = jax.jacfwd(jax.grad(energy))(path.x[k].ravel()[free])
+    return scipy.linalg.eigh(np.asarray(hessian), network_stiffness(problem).toarray(), eigvals_only=True)
+
+
+@pytest.fixture(scope="module")
+def tiny_path(tiny_model):
+    return jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=MU)
+
+
+def test_lowest_eigenvalues_along_a_sweep_are_those_of_the_hessian(tiny_path):
+    """To the accuracy that lowest_modes asks for, 1e-3; a factor of two for the estimate of the last gain."""
+    exact = np.array([dense_eigenvalues(tiny_path, k)[0] for k in range(len(MU))])
+    np.testing.assert_allclose(tiny_path.lowest_eigenvalue, exact, rtol=2e-3)
+
+
+def test_the_network_stiffness_is_the_hessian_of_the_networks_energy(tiny_model):
+    """So a gel without pressure has the eigenvalue 1 in every direction."""
+    from jaxgel.energy import network_energy
+
+    problem = prepare(tiny_model, tiny_model.cloud.plate.gel)
+    free, x = problem.pattern.free, jax.numpy.asarray(tiny_model.cloud.nodes)
+    hessian = jax.jacfwd(jax.grad(lambda v: network_energy(x.ravel().at[free].set(v).reshape(-1, 2), tiny_model, problem.gel)))(
+        x.ravel()[free]
+    )
+    np.testing.assert_allclose(np.asarray(hessian), network_stiffness(problem).toarray(), atol=1e-15)
+
+
+@pytest.fixture(scope="module")
+def unstable_path(buckling_model):
+    return jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.2, -1.645, -1.635, -1.3], branch="symmetric")
+
+
+def test_negative_eigenvalues_are_counted_for_the_state_itself(unstable_path):
+    for k in range(len(unstable_path)):
+        exact = dense_eigenvalues(unstable_path, k)
+        assert unstable_path.negative_pivots[k] == np.sum(exact < 0)
+        assert unstable_path.lowest_eigenvalue[k] == pytest.approx(exact[0], rel=2e-3)
+    assert list(unstable_path.negative_pivots[[0, -1]]) == [0, 1]
+
+
+def test_lowest_eigenvalue_is_in_the_history(run_folder):
+    with (run_folder / "history.csv").open() as stream:
+        values = [float(row["lowest_eigenvalue"]) for row in csv.DictReader(stream)]
+    assert len(values) == 4
+    assert np.all(np.isfinite(values)) and np.all(np.array(values) > 0)
+
+
+def test_a_mode_points_the_same_way_whatever_the_sign_it_comes_with(tiny_path):
+    problem = prepare(tiny_path.model, tiny_path.gel)
+    vectors = np.random.default_rng(1).normal(size=(len(problem.pattern.free), 3))
+    np.testing.assert_array_equal(oriented(vectors, problem), oriented(-vectors, problem))
