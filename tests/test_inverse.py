@@ -187,25 +187,14 @@ def judged(plate, cloud):
 
 def test_constraint_gradients_are_those_of_the_resolved_problem(judged):
     at = jnp.array([2.4, 1.6])
-    slopes = np.asarray(jax.jacrev(judged)(at))
+    values, pullback = jax.vjp(judged, at)
+    slopes = np.stack([pullback(row)[0] for row in jnp.eye(len(values))])
     differences = np.stack([(judged(at + STEP * e) - judged(at - STEP * e)) / (2 * STEP) for e in np.eye(2)], axis=1)
     np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-7)  # states are solved to 1e-12, over the step
 
 
 def test_gap_is_the_one_that_min_gap_reports(coarse_path):
     np.testing.assert_allclose(objectives.gap(coarse_path), jaxgel.min_gap(coarse_path), rtol=1e-12)
-
-
-def test_reverse_derivatives_exist_where_the_core_lies_in_a_hole():
-    plate = jaxgel.Plate(6, 6, [jaxgel.Circle((0.0, 0.0), 1.8)], spacing=1.0, nodes_per_hole=12, gel=jaxgel.Gel(1e-3, 1e-4))
-    cloud = jaxgel.make_cloud(plate)
-
-    def reduction(radius):
-        model = jaxgel.discretise(cloud.at(plate.at([{"radius": radius}])))
-        return jaxgel.area_reduction(jaxgel.sweep(model, plate.gel, mu=[-3.0]))[0]
-
-    forward = jax.jvp(reduction, (1.8,), (1.0,))[1]
-    np.testing.assert_allclose(jax.grad(reduction)(1.8), forward, rtol=1e-9)
 
 
 def test_a_search_meets_its_constraints_and_beats_its_start(problem):
