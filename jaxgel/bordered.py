@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from .energy import residual
-from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, _linearise, _rhs, _tangent
+from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, free_rhs, linearised, tangent_at
 from .linear_solve import SingularTangent, factor
 from .mixed import pressure_step
 
@@ -51,7 +51,7 @@ def solve_bordered(problem, mu, x, pressure, columns, conditions):
     b, m = conditions.rows.shape[1], columns.shape[1]
     for iterations in range(MAX_ITERATIONS + 1):
         args = model, gel, jnp.asarray(mu), problem.loads, problem.fixed
-        now, measures = _linearise(x, pressure, *args, free)
+        now, measures = linearised(x, pressure, *args, free)
         size = float(np.linalg.norm(np.asarray(now.rhs).ravel()[free] + columns @ forces) * float(measures[2]))
         at = np.asarray(x).ravel()[free]
         miss = conditions.targets - (at - origin) @ conditions.rows - conditions.slopes * (mu - conditions.mu_origin)
@@ -61,14 +61,14 @@ def solve_bordered(problem, mu, x, pressure, columns, conditions):
             status = Status.NOT_CONVERGED if np.isfinite(size) else Status.NOT_FINITE
             return Equilibrium(x, pressure, status, iterations, size, None), mu, forces
         try:
-            pairs = _tangent(x, pressure, now, model, gel, problem.fixed)
+            pairs = tangent_at(x, pressure, now, model, gel, problem.fixed)
             if met:
                 return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, factor(problem.pattern, pairs)), mu, forces
             pattern = problem.pattern.fitting(pairs)
             sides = np.concatenate([columns, -mu_force(problem, x, mu)[:, None]], axis=1)[:, :b]
             corner = np.concatenate([np.zeros((b, m)), conditions.slopes[:, None]], axis=1)[:, :b]
             system = Bordered(pattern.order, pattern.matrix(pairs), -sides, conditions.rows, corner)
-            dx, change = system.solve(np.asarray(_rhs(now, now, model, free)) + columns @ forces, miss)
+            dx, change = system.solve(np.asarray(free_rhs(now, now, model, free)) + columns @ forces, miss)
         except SingularTangent:
             return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None), mu, forces
         forces, change_mu = forces + change[:m], float(change[m:].sum())

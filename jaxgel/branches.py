@@ -10,7 +10,7 @@ import numpy as np
 
 from .bordered import Conditions, solve_bordered
 from .critical import critical_points
-from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, _linearise, _rhs, _tangent, energy_at, prepare, solve
+from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, energy_at, free_rhs, linearised, prepare, solve, tangent_at
 from .linear_solve import SingularTangent, factor
 from .mixed import pressure_step, state_pressure
 from .stability import lowest_modes, network_stiffness, spread
@@ -168,17 +168,17 @@ def _deflated_newton(problem, mu, x, pressure, known):
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
     free = problem.pattern.free
     weight = 1 / (x.shape[0] * problem.model.cloud.spacing**2)
-    now, measures = _linearise(x, pressure, *args, free)
+    now, measures = linearised(x, pressure, *args, free)
     for iterations in range(MAX_DEFLATED + 1):
         size, constraint = float(measures[0]), float(measures[1])
         if not np.isfinite(size + constraint) or np.abs(np.asarray(x)).max() > 1e3 * problem.model.cloud.plate.width:
             break
         if size < TOLERANCE and constraint < CONSTRAINT_TOLERANCE:
-            made = factor(problem.pattern, _tangent(x, pressure, now, *args[:2], problem.fixed))
+            made = factor(problem.pattern, tangent_at(x, pressure, now, *args[:2], problem.fixed))
             return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, made)
         try:
-            made = factor(problem.pattern, _tangent(x, pressure, now, *args[:2], problem.fixed))
-            step, _ = made.solve(np.asarray(_rhs(now, now, problem.model, free)), refine=False)
+            made = factor(problem.pattern, tangent_at(x, pressure, now, *args[:2], problem.fixed))
+            step, _ = made.solve(np.asarray(free_rhs(now, now, problem.model, free)), refine=False)
         except SingularTangent:
             break
         slope = 0.0  # of log prod_i (1 + 1 / d_i) along the step, d_i the squared distance
@@ -196,7 +196,7 @@ def _deflated_newton(problem, mu, x, pressure, known):
 def _stretched(x, p, step, stretch, now, model, gel, mu, loads, fixed, free):
     dx = jnp.zeros(x.size).at[free].add(step).reshape(x.shape)
     x, p = x + stretch * dx, p + stretch * pressure_step(dx, now, now, model)
-    return x, p, *_linearise(x, p, model, gel, mu, loads, fixed, free)
+    return x, p, *linearised(x, p, model, gel, mu, loads, fixed, free)
 
 
 # --- imperfection ------------------------------------------------------------------------------------------------------------

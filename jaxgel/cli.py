@@ -14,9 +14,9 @@ from tqdm import tqdm
 
 from . import cases
 from .branches import imperfect_loads
-from .critical import critical_points, write_points
+from .critical import critical_points
 from .geometry import did_you_mean
-from .results import Recorder, events, load_path, load_run, open_folder
+from .results import Recorder, events, load_path, load_run, open_folder, write_points
 from .samples import sample, sample_names
 from .sweep import SweepFailed, sweep
 

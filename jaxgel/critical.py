@@ -10,12 +10,9 @@ Phi = phi - w . r at fixed x, v, w:  d mu_c = -(dPhi/dtheta) / (dPhi/dmu). For a
 fold Phi = v . r.
 """
 
-import csv
 import dataclasses
 import functools
-import io
 import itertools
-import json
 
 import jax
 import jax.numpy as jnp
@@ -166,29 +163,6 @@ def _curvature(x, v, model, gel, mu, loads):
         return total_energy(x + t * v, model, gel, mu, loads)
 
     return jax.jvp(lambda t: jax.jvp(along, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
-
-
-def write_points(points, folder, options):
-    """``critical.json`` and ``critical.csv`` with one entry per point, ``critical.npz`` with states and modes, in a folder."""
-    from .results import write_atomically
-
-    names = ("mu", "kind", "multiplicity", "unstable", "slope", "curvature", "imperfection", "text")
-    rows = [{name: getattr(point, name) for name in names} for point in points]
-    entries = [
-        {k: None if v != v else v for k, v in row.items()} | {"symmetries": p.symmetries} for row, p in zip(rows, points, strict=True)
-    ]
-    text = json.dumps({"options": options, "points": entries}, indent=1, allow_nan=False, ensure_ascii=False)
-    write_atomically(folder / "critical.json", lambda stream: stream.write(text.encode()))
-    table = io.StringIO(newline="")
-    writer = csv.DictWriter(table, names)
-    writer.writeheader()
-    writer.writerows(rows)
-    write_atomically(folder / "critical.csv", lambda stream: stream.write(table.getvalue().encode()))
-    arrays = {f"{name}_{k}": getattr(point, name) for k, point in enumerate(points) for name in ("x", "modes")}
-    write_atomically(folder / "critical.npz", lambda stream: np.savez(stream, **arrays))
-
-
-# --- the search --------------------------------------------------------------------------------------------------------------
 
 
 def _locate_all(model, gel, mu, loads, most):

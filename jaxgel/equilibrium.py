@@ -152,14 +152,14 @@ def overlaps(model, x):
 
 def _newton(problem, mu, x, pressure, *, fresh):
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
-    now, measures = _linearise(x, pressure, *args, problem.pattern.free)
+    now, measures = linearised(x, pressure, *args, problem.pattern.free)
     kept, basis, iterations, before = None, None, 0, np.inf
     while True:
         size, constraint = float(measures[0]), float(measures[1])
         if not np.isfinite(size + constraint):
             return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, kept)
         if size < TOLERANCE and constraint < CONSTRAINT_TOLERANCE:
-            kept = factor(problem.pattern, _tangent(x, pressure, now, *args[:2], problem.fixed)) if fresh else kept
+            kept = factor(problem.pattern, tangent_at(x, pressure, now, *args[:2], problem.fixed)) if fresh else kept
             return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept)
         if iterations == MAX_ITERATIONS:
             return Equilibrium(x, pressure, Status.NOT_CONVERGED, iterations, size, kept)
@@ -167,8 +167,8 @@ def _newton(problem, mu, x, pressure, *, fresh):
         try:
             if fresh or kept is None or imbalance > SLOW * before:
                 basis = now
-                kept = factor(problem.pattern, _tangent(x, pressure, basis, *args[:2], problem.fixed))
-            rhs = _rhs(now, basis, problem.model, problem.pattern.free)
+                kept = factor(problem.pattern, tangent_at(x, pressure, basis, *args[:2], problem.fixed))
+            rhs = free_rhs(now, basis, problem.model, problem.pattern.free)
             correction, _ = kept.solve(np.asarray(rhs), refine=False)
         except SingularTangent:
             return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, kept)
@@ -184,9 +184,9 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
     free, force, kept = problem.pattern.free, 0.0, None
     origin = np.asarray(origin).ravel()[free]
-    now, measures = _linearise(x, pressure, *args, free)
+    now, measures = linearised(x, pressure, *args, free)
     for iterations in range(MAX_ITERATIONS):
-        rhs = np.asarray(_rhs(now, now, problem.model, free)) + force * mode
+        rhs = np.asarray(free_rhs(now, now, problem.model, free)) + force * mode
         miss = amplitude - mode @ (np.asarray(x).ravel()[free] - origin)
         size = float(np.linalg.norm(np.asarray(now.rhs).ravel()[free] + force * mode) * float(measures[2]))
         if not np.isfinite(size + float(measures[1])):
@@ -194,7 +194,7 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
         if size < TOLERANCE and float(measures[1]) < CONSTRAINT_TOLERANCE and abs(miss) < 1e-9 * abs(amplitude):
             return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept), force
         try:
-            kept = factor(problem.pattern, _tangent(x, pressure, now, *args[:2], problem.fixed))
+            kept = factor(problem.pattern, tangent_at(x, pressure, now, *args[:2], problem.fixed))
             both, _ = kept.solve(np.stack([rhs, mode], axis=1))
         except SingularTangent:
             return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None), force
@@ -205,7 +205,7 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
 
 
 @jax.jit
-def _linearise(x, p, model, gel, mu, loads, fixed, free):
+def linearised(x, p, model, gel, mu, loads, fixed, free):
     """``mixed.linearise``, and the measures (relative residual, constraint, 1 / scale of the residual)."""
     now, (network, constraint) = linearise(x, p, model, gel, mu, loads, fixed)
     per_force = 1 / (network + jnp.linalg.norm(loads))
@@ -213,11 +213,13 @@ def _linearise(x, p, model, gel, mu, loads, fixed, free):
 
 
 @jax.jit
-def _rhs(now, basis, model, free):
+def free_rhs(now, basis, model, free):
+    """``mixed.condensed_rhs`` on the free degrees of freedom (f,)."""
     return condensed_rhs(now, basis, model).ravel()[free]
 
 
-_tangent = jax.jit(tangent)
+tangent_at = jax.jit(tangent)
+"""Compiled ``mixed.tangent``."""
 
 
 @jax.jit
@@ -226,7 +228,7 @@ def _advance(x, p, correction, now, basis, model, gel, mu, loads, fixed, free):
     dx = jnp.zeros(x.size).at[free].add(correction).reshape(x.shape)
     share = step_limit(x, dx, model) if model.contact is not None else 1.0
     x, p = x + share * dx, p + share * pressure_step(dx, now, basis, model)
-    return x, p, *_linearise(x, p, model, gel, mu, loads, fixed, free)
+    return x, p, *linearised(x, p, model, gel, mu, loads, fixed, free)
 
 
 def solve_traced(model, gel, mu, loads, x, pressure):
@@ -246,11 +248,11 @@ def solve_traced(model, gel, mu, loads, x, pressure):
     def step(state):
         x, p, now, _, iterations, _ = state
         shapes = (jax.ShapeDtypeStruct(free.shape, x.dtype), jax.ShapeDtypeStruct((), int))
-        system = tangent(x, p, now, model, gel, fixed), _rhs(now, now, model, free)
+        system = tangent(x, p, now, model, gel, fixed), free_rhs(now, now, model, free)
         correction, negative = jax.pure_callback(functools.partial(_host_step, pattern), shapes, *system, vmap_method="sequential")
         return *_advance(x, p, correction, now, now, *args), iterations + 1, negative
 
-    state = (x, pressure, *_linearise(x, pressure, *args), jnp.asarray(0), jnp.asarray(0))
+    state = (x, pressure, *linearised(x, pressure, *args), jnp.asarray(0), jnp.asarray(0))
     x, p, _, (size, constraint, _), iterations, negative = jax.lax.while_loop(going, step, state)
     done = (size < TOLERANCE) & (constraint < CONSTRAINT_TOLERANCE)
     failed = jnp.where(jnp.isfinite(size + constraint), int(Status.NOT_CONVERGED), int(Status.NOT_FINITE))

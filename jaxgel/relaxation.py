@@ -23,15 +23,15 @@ KICK = 0.02  # of the spacing: largest displacement along the mode that starts t
 def relax(problem, mu, x, pressure):
     """Stable ``Equilibrium`` at ``mu`` into which positions ``x`` (n, 2) with pressures (g,) relax; its status says if none was found."""
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed, problem.pattern.free
-    now, measures = equilibrium._linearise(x, pressure, *args)
+    now, measures = equilibrium.linearised(x, pressure, *args)
     damping, size, iterations, kept = FIRST_DAMPING, float(measures[0]), 0, None
     while np.isfinite(size) and iterations < MAX_ITERATIONS:
         if size < TOLERANCE and float(measures[1]) < CONSTRAINT_TOLERANCE and kept is not None:
             status = Status.CROSSED if equilibrium.overlaps(problem.model, x) else Status.CONVERGED
             return equilibrium.Equilibrium(x, pressure, status, iterations, size, kept)
         try:
-            kept, damping = _definite(problem, equilibrium._tangent(x, pressure, now, *args[:2], problem.fixed), damping)
-            correction, _ = kept.solve(np.asarray(equilibrium._rhs(now, now, problem.model, args[-1])), refine=False)
+            kept, damping = _definite(problem, equilibrium.tangent_at(x, pressure, now, *args[:2], problem.fixed), damping)
+            correction, _ = kept.solve(np.asarray(equilibrium.free_rhs(now, now, problem.model, args[-1])), refine=False)
         except SingularTangent:
             return equilibrium.Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None)
         x, pressure, now, measures = equilibrium._advance(x, pressure, correction, now, now, *args)

@@ -396,3 +396,21 @@ def _read_array(content):
     if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(content) - stream.tell():
         raise ValueError(f"an array {shape} of {dtype} does not fit its bytes")
     return np.frombuffer(content, dtype, offset=stream.tell()).reshape(shape, order="F" if fortran else "C")
+
+
+def write_points(points, folder, options):
+    """``critical.json`` and ``critical.csv`` with one entry per point, ``critical.npz`` with states and modes, in a folder."""
+    names = ("mu", "kind", "multiplicity", "unstable", "slope", "curvature", "imperfection", "text")
+    rows = [{name: getattr(point, name) for name in names} for point in points]
+    entries = [
+        {k: None if v != v else v for k, v in row.items()} | {"symmetries": p.symmetries} for row, p in zip(rows, points, strict=True)
+    ]
+    text = json.dumps({"options": options, "points": entries}, indent=1, allow_nan=False, ensure_ascii=False)
+    write_atomically(folder / "critical.json", lambda stream: stream.write(text.encode()))
+    table = io.StringIO(newline="")
+    writer = csv.DictWriter(table, names)
+    writer.writeheader()
+    writer.writerows(rows)
+    write_atomically(folder / "critical.csv", lambda stream: stream.write(table.getvalue().encode()))
+    arrays = {f"{name}_{k}": getattr(point, name) for k, point in enumerate(points) for name in ("x", "modes")}
+    write_atomically(folder / "critical.npz", lambda stream: np.savez(stream, **arrays))
