@@ -67,7 +67,7 @@ def solve_bordered(problem, mu, x, pressure, columns, conditions):
             pattern = problem.pattern.fitting(pairs)
             sides = np.concatenate([columns, -mu_force(problem, x, mu)[:, None]], axis=1)[:, :b]
             corner = np.concatenate([np.zeros((b, m)), conditions.slopes[:, None]], axis=1)[:, :b]
-            system = Bordered(pattern.order, pattern.matrix(pairs), -sides, conditions.rows, corner)
+            system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, conditions.rows, corner)
             dx, change = system.solve(np.asarray(free_rhs(now, now, model, free)) + columns @ forces, miss)
         except SingularTangent:
             return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None), mu, forces
@@ -78,11 +78,11 @@ def solve_bordered(problem, mu, x, pressure, columns, conditions):
 
 
 class Bordered:
-    """Factor of [[K, sides], [rows^T, corner]] with the permuted tangent K (f, f) and its ``order``; SingularTangent where it has none."""
+    """Factor of [[K, sides], [rows^T, corner]] with the tangent K (f, f), eliminated in ``order`` where pivots allow; SingularTangent."""
 
     def __init__(self, order, matrix, sides, rows, corner):
         self.order = order
-        self.matrix = sp.block_array([[matrix, sides[order]], [rows[order].T, corner]], format="csc")
+        self.matrix = sp.block_array([[matrix[order][:, order], sides[order]], [rows[order].T, corner]], format="csc")
         try:
             self.lu = splu(self.matrix, permc_spec="NATURAL", diag_pivot_thresh=PIVOTING, options=dict(Equil=False))
         except RuntimeError as error:

@@ -282,7 +282,7 @@ def _expand(frame, state, mu, modes):
     slope, gradient, cubic, quartic = _derivatives(state.x, fields, problem.model, problem.gel, jnp.asarray(mu), problem.loads)
     gradient = np.asarray(gradient).ravel()[problem.pattern.free]
     held = frame.stiffness @ modes
-    system = Bordered(state.factor.pattern.order, state.factor.matrix, held, held, np.zeros((m, m)))
+    system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, held, held, np.zeros((m, m)))
     correction, _ = system.solve(gradient, np.zeros(m))
     slope = (float(slope) - correction @ mu_force(problem, state.x, mu)) / m
     relaxed = float(quartic) - 3 * gradient @ correction if m == 1 else float("nan")
@@ -339,7 +339,7 @@ def _fold(frame, before, last):
     def rise(state, mu):
         """Tangent (f,) of the branch per unit of the row, and that of mu."""
         column = mu_force(problem, state.x, mu)[:, None]
-        system = Bordered(state.factor.pattern.order, state.factor.matrix, column, row, np.zeros((1, 1)))
+        system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, column, row, np.zeros((1, 1)))
         dx, dmu = system.solve(np.zeros(len(free)), np.ones(1))
         return dx, float(dmu[0])
 

@@ -1,22 +1,26 @@
 """Sparse symmetric systems in a fixed pattern: analyse once, factor for each tangent, solve, count negative pivots.
 
 The tangent is handed over as 2 x 2 blocks of node pairs (i <= j); a ``Pattern`` knows where they go in the matrix of the free degrees
-of freedom. Factors are SciPy's SuperLU in symmetric mode: no row exchange, so that the signs of the pivots give the inertia
-(Sylvester). Pivots too small for that are found by the residual of the solve, which is always checked.
+of freedom. Factors are ``multifrontal``; the residual of every solution is checked, which finds the tangents that are singular to
+working precision.
 """
 
 import collections
+import contextlib
+import copy
 import dataclasses
 import functools
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 from threadpoolctl import ThreadpoolController
+
+from .multifrontal import dissect, factorise
 
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
 REMEMBERED_BYTES = 2**29  # most that the factors kept for `solve_near` may fill, those of all patterns together
+ONE_THREAD = 20_000  # unknowns up to which BLAS uses one thread: several fight over fronts as small as theirs
 NEARNESS = 1e-2  # largest relative difference of two tangents of which one's factor refines the other's solutions
 
 
@@ -33,13 +37,11 @@ class Pattern:
     free: np.ndarray
     """(f,) numbers of the free degrees of freedom, 2 node + component."""
     source: np.ndarray
-    """(nnz,) entry of the flattened pair blocks (n_pairs, 2, 2) that each stored matrix entry takes, in permuted CSC order."""
-    indices: np.ndarray
-    """(nnz,) row numbers of the permuted CSC matrix."""
-    indptr: np.ndarray
-    """(f + 1,) column starts of the permuted CSC matrix."""
-    order: np.ndarray
-    """(f,) fill-reducing order: row k of the permuted matrix is free degree of freedom order[k]."""
+    """(nnz,) entry of the flattened pair blocks (n_pairs, 2, 2) that each stored matrix entry takes."""
+    structure: sp.csc_matrix
+    """The free-free matrix (f, f) of a tangent, its values aside."""
+    tree: object
+    """``multifrontal.Tree``."""
     narrower: object = None
     """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
 
@@ -48,8 +50,10 @@ class Pattern:
         return self.narrower if self.narrower is not None and not np.any(np.asarray(pairs)[self.narrower.n_pairs :]) else self
 
     def matrix(self, pairs):
-        """The permuted free-free matrix (f, f), CSC, from pair blocks (n_pairs, 2, 2)."""
-        return sp.csc_matrix((np.asarray(pairs).reshape(-1)[self.source], self.indices, self.indptr), shape=(len(self.free),) * 2)
+        """The free-free matrix (f, f), CSC, from pair blocks (n_pairs, 2, 2)."""
+        matrix = copy.copy(self.structure)  # the constructor would check the indices once more
+        matrix.data = np.asarray(pairs).reshape(-1)[self.source]
+        return matrix
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -59,11 +63,19 @@ class Factor:
     pattern: Pattern
     """Its pattern."""
     matrix: sp.csc_matrix
-    """The permuted matrix it was made from."""
-    lu: object
-    """SciPy's SuperLU object."""
-    negative_pivots: int
-    """Number of negative pivots = number of negative eigenvalues of the matrix."""
+    """The free-free matrix it was made from."""
+    fronts: object
+    """``multifrontal.Fronts``."""
+
+    @functools.cached_property
+    def negative_pivots(self):
+        """Number of negative pivots = number of negative eigenvalues of the matrix."""
+        return self.fronts.negative_pivots
+
+    def apply(self, rhs):
+        """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""
+        with _few_threads(self.pattern):
+            return self.fronts.solve(rhs)
 
     def solve(self, rhs, matrix=None, *, refine=True):
         """Solution (f,) or (f, r) for the right-hand side, and its backward error |b - K x| / (|K| |x| + |b|).
@@ -73,39 +85,40 @@ class Factor:
         not converge, or to no better backward error than ``BACKWARD_ERROR`` and a residual of 1e-4 of the right-hand side.
         """
         matrix = self.matrix if matrix is None else matrix
-        rhs = np.asarray(rhs)[self.pattern.order]
-        with _one_thread(), np.errstate(over="ignore", invalid="ignore"):  # a diverging Newton iterate ends as a status
-            solution, before, scale = self.lu.solve(rhs), np.inf, np.linalg.norm(rhs)
+        rhs = np.asarray(rhs)
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging Newton iterate ends as a status
+            solution, before, scale = self.apply(rhs), np.inf, np.linalg.norm(rhs)
             for _ in range(MAX_REFINEMENTS):
                 residual = rhs - matrix @ solution
                 size = np.linalg.norm(residual)
                 error = float(size / (self.norm * np.linalg.norm(solution) + scale + np.finfo(float).tiny))
                 if not size < 0.5 * before or (not refine and error < BACKWARD_ERROR):
                     break
-                solution, before = solution + self.lu.solve(residual), size
+                solution, before = solution + self.apply(residual), size
             else:
                 error = np.inf
         if not (error < BACKWARD_ERROR and size <= 1e-4 * scale):
             raise SingularTangent(f"the linear solve left a backward error of {error:.1e}")
-        unpermuted = np.empty_like(solution)
-        unpermuted[self.pattern.order] = solution
-        return unpermuted, error
+        return solution, error
 
     @property
     def size(self):
-        """Bytes it fills: the triangular factors twice, as SuperLU keeps them and as SciPy hands them out, and the matrix."""
-        return 24 * self.lu.nnz + 12 * self.matrix.nnz
+        """Bytes it fills: the fronts and the matrix."""
+        return self.fronts.size + 8 * self.matrix.nnz
 
     @functools.cached_property
     def norm(self):
         """Largest column sum of the matrix, an upper bound of its spectral norm."""
-        return float(np.abs(self.matrix).sum(axis=0).max())
+        return float(np.add.reduceat(np.abs(self.matrix.data), self.matrix.indptr[:-1]).max())
 
 
-def analyse(pair_nodes, n_nodes, free):
-    """``Pattern`` for node pairs (p, 2) with i <= j and free degrees of freedom (f,), with a fill-reducing order found once."""
+def analyse(pair_nodes, points, free):
+    """``Pattern`` for node pairs (p, 2) with i <= j between nodes at ``points`` (n, 2) and free degrees of freedom (f,).
+
+    The pairs include (i, i) for every node.
+    """
     i, j = pair_nodes[:, 0], pair_nodes[:, 1]
-    local = np.full(2 * n_nodes, -1)
+    local = np.full(2 * len(points), -1)
     local[free] = np.arange(len(free))
     entry = np.arange(4 * len(i)).reshape(-1, 2, 2)
     rows = np.broadcast_to((2 * i[:, None] + np.arange(2))[:, :, None], entry.shape)
@@ -115,14 +128,9 @@ def analyse(pair_nodes, n_nodes, free):
     column = local[np.concatenate([columns.ravel(), rows[lower]])]
     source = np.concatenate([entry.ravel(), entry[lower]])
     kept = (row >= 0) & (column >= 0)
-    row, column, source = row[kept], column[kept], source[kept]
-
-    order = _fill_reducing_order(row, column, len(free))
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    matrix = sp.csc_matrix((np.arange(len(row)) + 1.0, (rank[row], rank[column])), shape=(len(free),) * 2)
-    matrix.sort_indices()
-    return Pattern(len(i), free, source[matrix.data.astype(np.int64) - 1], matrix.indices, matrix.indptr, order)
+    structure = sp.csc_matrix((source[kept] + 1.0, (row[kept], column[kept])), shape=(len(free),) * 2)
+    structure.sort_indices()
+    return Pattern(len(i), free, structure.data.astype(np.int64) - 1, structure, dissect(pair_nodes, local.reshape(-1, 2), points))
 
 
 def factor(pattern, pairs):
@@ -132,19 +140,17 @@ def factor(pattern, pairs):
     if not np.all(np.isfinite(matrix.data)):
         raise SingularTangent("the tangent is not finite")
     try:
-        with _one_thread():
-            lu = splu(
-                matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, relax=10, panel_size=20, options=dict(SymmetricMode=True, Equil=False)
-            )
-    except RuntimeError as error:
+        with _few_threads(pattern), np.errstate(over="ignore", invalid="ignore"):
+            return Factor(pattern, matrix, factorise(pattern.tree, np.asarray(pairs)))
+    except np.linalg.LinAlgError as error:
         raise SingularTangent(str(error)) from error
-    # SymmetricMode post-orders rows and columns alike; only then are the signs of diag U the inertia
-    negative = int(np.sum(lu.U.diagonal() < 0)) if np.array_equal(lu.perm_r, lu.perm_c) else -1
-    made = Factor(pattern, matrix, lu, negative)
+
+
+def remember(made):
+    """Keep a ``Factor`` for `solve_near`; the oldest ones are forgotten where they fill too much memory together."""
     _remembered.append(made)
     while len(_remembered) > 1 and sum(kept.size for kept in _remembered) > REMEMBERED_BYTES:
         _remembered.popleft()
-    return made
 
 
 _remembered = collections.deque()  # the latest factors, newest last; not kept by the patterns, which compiled programs keep alive
@@ -153,8 +159,8 @@ _remembered = collections.deque()  # the latest factors, newest last; not kept b
 def solve_near(pattern, pairs, rhs):
     """Solution (f,) or (f, r) for the tangent given by pair blocks (n_pairs, 2, 2), with a remembered factor where one is near.
 
-    The factors of a sweep so serve its derivatives: the solution is refined against the given tangent, so it does not depend on
-    which factor was used. NaN where the tangent is singular: for use inside compiled programs, which cannot raise.
+    The factors of a differentiated sweep so serve its derivatives: the solution is refined against the given tangent, so it does not
+    depend on which factor was used. NaN where the tangent is singular: for use inside compiled programs, which cannot raise.
     """
     pattern = pattern.fitting(pairs)
     matrix = pattern.matrix(pairs)
@@ -165,7 +171,9 @@ def solve_near(pattern, pairs, rhs):
                 return nearest.solve(rhs, matrix)[0]
             except SingularTangent:
                 pass
-        return factor(pattern, pairs).solve(rhs)[0]
+        made = factor(pattern, pairs)
+        remember(made)
+        return made.solve(rhs)[0]
     except SingularTangent:
         return np.full(np.shape(rhs), np.nan)
 
@@ -181,19 +189,11 @@ def _nearest(pattern, matrix):
     return known[best] if best >= 0 and distance[best] < NEARNESS * scale else None
 
 
-def _one_thread():
-    """Context in which BLAS uses one thread: several fight over fronts as small as these."""
-    return _thread_pools().limit(limits=1, user_api="blas")
+def _few_threads(pattern):
+    """Context in which BLAS uses one thread where the matrix is small."""
+    return _thread_pools().limit(limits=1, user_api="blas") if len(pattern.free) <= ONE_THREAD else contextlib.nullcontext()
 
 
 @functools.cache
 def _thread_pools():
     return ThreadpoolController()  # searching the loaded libraries takes milliseconds, so once
-
-
-def _fill_reducing_order(row, column, size):
-    """SuperLU's minimum-degree order of a symmetric pattern, found on a positive definite matrix with that pattern."""
-    values = np.where(row == column, 2.0 * size, -1.0)
-    matrix = sp.csc_matrix((values, (row, column)), shape=(size, size))
-    lu = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
-    return np.argsort(lu.perm_c)

@@ -41,7 +41,8 @@ class Constants:
     laplacian: jax.Array
     """(p,) sum of w dphi_i . dphi_j over all points."""
     crossed: tuple
-    """Per block (c, a, a) the matrices S_ab = sum_q w (dphi_a1 dphi_b2 - dphi_a2 dphi_b1) of the cells."""
+    """Per block the matrices S_ab = sum_q w (dphi_a1 dphi_b2 - dphi_a2 dphi_b1) of the cells: (c, a, a), or where the points are few
+    (c, 2 q, a) with the rows w dphi_1 and dphi_2 of their gradients, see ``_crossed_product``."""
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["rhs", "gradients", "stiffness", "error"], meta_fields=[])
@@ -73,7 +74,10 @@ def _constants(total, blocks, slots):
         return jnp.einsum("q,qai,qbi->ab", arrays[1], arrays[0], arrays[0])
 
     def crossed(arrays):
-        return jnp.einsum("q,qai,ij,qbj->ab", arrays[1], arrays[0], ROTATION, arrays[0])
+        dphi, weight = arrays
+        if 2 * len(weight) < dphi.shape[1]:
+            return jnp.concatenate([weight[:, None] * dphi[:, :, 0], dphi[:, :, 1]])
+        return jnp.einsum("q,qai,ij,qbj->ab", weight, dphi, ROTATION, dphi)
 
     for arrays, slot in zip(blocks, slots, strict=True):
         total = _add_cells(total, laplacian, arrays, slot, arrays[0].shape[2])
@@ -119,12 +123,13 @@ def tangent_pattern(lists, free, contact=None):
     """``linear_solve.Pattern`` of the tangent for the free degrees of freedom (f,), with or without ``contact``; kept with the lists."""
     key = ("pattern", free.tobytes(), contact is not None)
     if key not in lists.cache:
-        n, pairs = len(lists.topology.node_vertices), node_pairs(lists)[0]
+        topology, pairs = lists.topology, node_pairs(lists)[0]
+        points = topology.partition.vertices[topology.node_vertices]
         if contact is None:
-            lists.cache[key] = analyse(pairs, n, free)
+            lists.cache[key] = analyse(pairs, points, free)
         else:
-            apart = tangent_pattern(lists, free)
-            lists.cache[key] = dataclasses.replace(analyse(np.concatenate([pairs, contact_pairs(lists)[0]]), n, free), narrower=apart)
+            wider = analyse(np.concatenate([pairs, contact_pairs(lists)[0]]), points, free)
+            lists.cache[key] = dataclasses.replace(wider, narrower=tangent_pattern(lists, free))
     return lists.cache[key]
 
 
@@ -166,25 +171,28 @@ def tangent(x, p, basis, model, gel, fixed):
     With contact the pairs of `contact_pairs` follow.
     """
     quadratic = gel.network is neo_hookean
-    total = jnp.zeros((len(fixed.pairs), 2, 2))
+    total = jnp.zeros((len(fixed.pairs), 4))
     if quadratic:
-        total += gel.Nv * fixed.laplacian[:, None, None] * jnp.eye(2)
+        total += gel.Nv * fixed.laplacian[:, None] * jnp.eye(2).ravel()
 
     def cell(arrays):
         x, dphi, weight, p, k_over_V, S, G = arrays
-        if model.method != "mixed":
-            S, p = jnp.einsum("q,qai,ij,qbj->ab", weight * p, dphi, ROTATION, dphi), jnp.ones(1)
-        K = jnp.einsum("g,gai,gbk->abik", k_over_V, G, G) + p[0] * S[:, :, None, None] * ROTATION
+        mixed = model.method == "mixed"
+        S = p[0] * _crossed_matrix(S) if mixed else jnp.einsum("q,qai,ij,qbj->ab", weight * p, dphi, ROTATION, dphi)
+        H = k_over_V[:, None, None] * G
+        outer = [[jnp.sum(H[:, :, None, i] * G[:, None, :, k], axis=0) for k in range(2)] for i in range(2)]
+        K = jnp.stack([outer[0][0], outer[0][1] + S, outer[1][0] - S, outer[1][1]], axis=-1)
         if not quadratic:
             A = jax.vmap(jax.hessian(lambda F: gel.network(F, gel)))(jnp.einsum("ai,qaj->qij", x, dphi))
-            K += jnp.einsum("q,qijkl,qaj,qbl->abik", weight, A, dphi, dphi)
+            K += jnp.einsum("q,qijkl,qaj,qbl->abik", weight, A, dphi, dphi).reshape(K.shape)
         return K
 
     volumes = all_volumes(model)
     k_over_V = jnp.where(volumes > 0, basis.stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
     groups = by_block(p, model), by_block(k_over_V, model), fixed.crossed, basis.gradients, fixed.slots
     for block, pressure, k_over_V, S, G, slot in zip(model.blocks, *groups, strict=True):
-        total = _add_cells(total, cell, (x[block.nodes], block.dphi, block.weight, pressure, k_over_V, S, G), slot, S.shape[1])
+        total = _add_cells(total, cell, (x[block.nodes], block.dphi, block.weight, pressure, k_over_V, S, G), slot, block.nodes.shape[1])
+    total = total.reshape(-1, 2, 2)
     return total if model.contact is None else _add_contact(total, x, model)
 
 
@@ -204,7 +212,7 @@ def _volume_gradients(x, model, fixed):
     for block, S in zip(model.blocks, fixed.crossed, strict=True):
         local = x[block.nodes] - x[block.nodes[:, :1]]  # S annihilates translations; without this round-off grows like (x / spacing)^2
         if model.method == "mixed":
-            G = jnp.einsum("cab,cbj,ij->cai", S, local, ROTATION)[:, None]
+            G = jnp.stack([_crossed_product(S, local[..., 1]), -_crossed_product(S, local[..., 0])], axis=-1)[:, None]
         else:
             cofactor = jnp.einsum("ik,cqkl,jl->cqij", ROTATION, deformation_gradients(x, block), ROTATION)
             G = jnp.einsum("cq,cqij,cqaj->cqai", block.weight, cofactor, block.dphi)
@@ -212,6 +220,23 @@ def _volume_gradients(x, model, fixed):
         content.append(0.5 * jnp.einsum("cgai,cai->cg", G, local).ravel())  # V J is quadratic in x
     volumes = all_volumes(model)
     return tuple(gradients), jnp.where(volumes > 0, jnp.concatenate(content) / jnp.where(volumes > 0, volumes, 1.0), 2.0)
+
+
+def _crossed_product(S, v):
+    """Products (c, a) of the cells' matrices S, see ``Constants.crossed``, with ``v`` (c, a); sums of rows, which XLA vectorises."""
+    halves = jnp.sum(S * v[:, None], axis=2)
+    if S.shape[1] == S.shape[2]:
+        return halves
+    first, second = jnp.split(halves, 2, axis=1)
+    return jnp.sum(S * jnp.concatenate([second, -first], axis=1)[:, :, None], axis=1)
+
+
+def _crossed_matrix(S):
+    """The matrix (a, a) of one cell from either form of ``Constants.crossed``."""
+    if S.shape[0] == S.shape[1]:
+        return S
+    first, second = jnp.split(S, 2)
+    return first.T @ second - second.T @ first
 
 
 def _nodal_sum(gradients, p, model):

@@ -45,8 +45,7 @@ def network_stiffness(problem):
     """Sparse matrix N (f, f) of the free degrees of freedom: Nv times the Laplacian in each direction, kT/v."""
     pattern = (problem.apart or problem).pattern  # without contact
     pairs = float(problem.gel.Nv) * np.asarray(problem.fixed.laplacian)[:, None, None] * np.eye(2)
-    rank = np.argsort(pattern.order)
-    matrix = sp.csr_matrix(pattern.matrix(pairs)[rank][:, rank])
+    matrix = sp.csr_matrix(pattern.matrix(pairs))
     matrix.eliminate_zeros()
     return matrix
 
@@ -60,7 +59,7 @@ def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY
     nearby = start is not None and getattr(state.factor, "negative_pivots", -1) == 0
     if not nearby:
         state = dataclasses.replace(solve(problem, mu, state.x, state.pressure, fresh=True), iterations=state.iterations)
-    start = _lowest_of_factor(state.factor, stiffness) if start is None else _inverse(state.factor, stiffness @ start)
+    start = _lowest_of_factor(state.factor, stiffness) if start is None else state.factor.apply(stiffness @ start)
     start = np.linalg.qr(start)[0]  # next to a singular tangent inverse iteration turns all vectors into one direction
     eigenvalues, vectors = _davidson(acting(problem, state), stiffness, state, mu, start, accuracy)
     if nearby and eigenvalues[0] < 0:  # the number of pivots belongs to the factor: on this side of zero it has to be the state's
@@ -74,7 +73,7 @@ def _lowest_of_factor(factor, stiffness):
     if negative == 0:
         vectors = np.sin(1.0 + np.arange(stiffness.shape[0])[:, None] ** 1.5 * np.arange(1, TRACKED + 1))  # no symmetry, always the same
         for _ in range(FIRST_ITERATIONS):
-            vectors = np.linalg.qr(_inverse(factor, stiffness @ vectors))[0]
+            vectors = np.linalg.qr(factor.apply(stiffness @ vectors))[0]
         return vectors
     below = nearest_modes(factor, stiffness, negative, which="SA")[1]  # of 1 / eigenvalue: the negative ones
     missing = max(TRACKED - negative, 0)
@@ -88,24 +87,15 @@ def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
     ``which`` "SA" takes the negative ones, "LA" the positive ones. With the modes ``before`` (f, count) of a nearby tangent they keep
     their signs.
     """
-    order = factor.pattern.order
-    inverse = sla.LinearOperator(stiffness.shape, matvec=factor.lu.solve, dtype=float)
-    start = np.sin(1.0 + np.arange(len(order)) ** 1.5) if before is None else before.sum(axis=1)  # without symmetry, always the same
-    weighted = stiffness[order][:, order]
-    values, vectors = sla.eigsh(factor.matrix, count, weighted, 0.0, which=which, OPinv=inverse, v0=start[order])
-    modes = np.empty_like(vectors)
-    modes[order] = vectors
+    inverse = sla.LinearOperator(stiffness.shape, matvec=factor.apply, dtype=float)
+    start = (
+        np.sin(1.0 + np.arange(len(stiffness.indptr) - 1) ** 1.5) if before is None else before.sum(axis=1)
+    )  # no symmetry, always the same
+    values, modes = sla.eigsh(factor.matrix, count, stiffness, 0.0, which=which, OPinv=inverse, v0=start)
     if before is not None:
         modes = modes * np.where(np.sum(modes * (stiffness @ before), axis=0) < 0, -1.0, 1.0)
     rank = np.argsort(values)
     return values[rank], modes[:, rank]
-
-
-def _inverse(factor, rhs):
-    """Solution (f, m) for right-hand sides (f, m) without refinement: enough for a correction."""
-    solution = np.empty_like(rhs)
-    solution[factor.pattern.order] = factor.lu.solve(rhs[factor.pattern.order])
-    return solution
 
 
 def _davidson(problem, stiffness, state, mu, vectors, accuracy):
@@ -119,7 +109,7 @@ def _davidson(problem, stiffness, state, mu, vectors, accuracy):
     for _ in range(ITERATIONS):
         vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
         imbalance = images - weights * eigenvalues
-        d = _inverse(state.factor, imbalance)
+        d = state.factor.apply(imbalance)
         weighted = stiffness @ d
         share = vectors.T @ weighted
         d, weighted = d - vectors @ share, weighted - weights @ share

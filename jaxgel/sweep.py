@@ -16,6 +16,7 @@ from .constraints import free_dofs
 from .contact import with_contact
 from .equilibrium import Equilibrium, Status, acting, dry_state, energy_at, overlaps, prepare, solve, solve_traced, touches
 from .implicit import state_tangents
+from .linear_solve import remember
 from .material import check_gel
 from .mixed import state_pressure, tangent_pattern
 from .relaxation import relax, relax_along
@@ -23,6 +24,7 @@ from .stability import lowest_modes, network_stiffness, stable_state
 
 BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
+EXTRAPOLATED = 7  # most states from which the next one is predicted
 MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
 SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of a chosen step after so many corrections; 0.6 after more
@@ -242,7 +244,7 @@ def _own(done, start):
 
 
 def _attempt(problem, stiffness, stable, mu, done):
-    """``Step`` at ``mu`` (whatever its status) from the state extrapolated from up to three states of its branch."""
+    """``Step`` at ``mu`` (whatever its status) from the state extrapolated from those before on its branch."""
     history = _same_branch(done)
     (found, switched), modes = _reached(problem, stable, mu, history), None
     if found.status.ok:
@@ -297,16 +299,28 @@ def _stable(problem, stiffness, mu, found, modes):
 
 
 def _same_branch(done):
-    """The last states, at most three, that lie on one branch."""
-    recent = done[-3:]
+    """The last states, at most ``EXTRAPOLATED``, that lie on one branch."""
+    recent = done[-EXTRAPOLATED:]
     first = max((k for k, step in enumerate(recent) if step.switched), default=0)
     return recent[first:]
 
 
 def _predict(problem, mu, history):
-    """Positions and pressures at ``mu`` by Lagrange extrapolation through the states of ``history``; the dry state without any."""
+    """Positions and pressures at ``mu`` by extrapolation through states of ``history``; the dry state without any.
+
+    It goes through as many of the last states as would have predicted the last one best, and through one more where that is all of them:
+    a polynomial of high degree is good on a smooth path and leaves the branch where that has turned.
+    """
     if not history:
         return dry_state(problem.model, problem.gel)
+    *before, last = history
+    misses = [np.linalg.norm(_extrapolated(before[-k:], last.mu)[0] - last.x) for k in range(1, len(history))]
+    best = int(np.argmin(misses)) + 1 if misses else 0
+    return _extrapolated(history if best == len(before) else history[-best:], mu)
+
+
+def _extrapolated(history, mu):
+    """Positions and pressures at ``mu`` on the polynomial through the states of ``history`` (Lagrange)."""
     at = np.array([step.mu for step in history])
     others = [np.delete(at, i) for i in range(len(at))]
     weights = [np.prod((mu - other) / (a - other)) for a, other in zip(at, others, strict=True)]
@@ -374,7 +388,8 @@ def _states(static, floats, rest):
         return _scan_states(*inputs)
     model, gel, mu, loads = inputs
     wanted = static.chosen if static.chosen is not None else list(np.asarray(mu))
-    path = sweep(model, gel, mu=wanted, branch=static.branch, contact=static.contact, loads=loads, max_steps=static.max_steps)
+    options = dict(branch=static.branch, contact=static.contact, loads=loads, max_steps=static.max_steps)
+    path = sweep(model, gel, mu=wanted, on_step=lambda step: remember(step.factor), **options)
     missing = 0 if static.chosen is not None else len(mu) - len(path)
 
     def pad(values, fill):

@@ -6,7 +6,7 @@ from threadpoolctl import threadpool_info
 
 from jaxgel import linear_solve
 from jaxgel.constraints import free_dofs
-from jaxgel.linear_solve import Pattern, SingularTangent, analyse, factor, solve_near
+from jaxgel.linear_solve import SingularTangent, analyse, factor, remember, solve_near
 from jaxgel.mixed import constants, node_pairs
 
 
@@ -18,7 +18,11 @@ def lists(tiny_model):
 @pytest.fixture(scope="module")
 def pattern(lists):
     """Of the free degrees of freedom; an own one, so that it remembers only what is done here."""
-    return analyse(node_pairs(lists)[0], len(lists.topology.node_vertices), free_dofs(lists.topology))
+    return analyse(*arguments(lists))
+
+
+def arguments(lists):
+    return node_pairs(lists)[0], lists.topology.partition.vertices[lists.topology.node_vertices], free_dofs(lists.topology)
 
 
 def random_pairs(pattern, seed, shift=0.0):
@@ -35,20 +39,19 @@ def symmetric(pattern, blocks):
 
 def diagonal(pattern):
     """Blocks of the unit matrix: the pairs (i, i)."""
-    probe = np.arange(pattern.n_pairs)
     blocks = np.zeros((pattern.n_pairs, 2, 2))
-    is_self = np.zeros(pattern.n_pairs, dtype=bool)
-    columns = np.repeat(np.arange(len(pattern.free)), np.diff(pattern.indptr))
-    is_self[np.unique(pattern.source[pattern.indices == columns] // 4)] = True
-    blocks[is_self[probe]] = np.eye(2)
+    blocks[pattern.source[pattern.structure.indices == columns(pattern)] // 4] = np.eye(2)
     return blocks
+
+
+def columns(pattern):
+    """Column (nnz,) of each stored matrix entry."""
+    return np.repeat(np.arange(len(pattern.free)), np.diff(pattern.structure.indptr))
 
 
 def dense(pattern, pairs):
     """The matrix (f, f) in the order of the free degrees of freedom."""
-    K = np.empty((len(pattern.free),) * 2)
-    K[np.ix_(pattern.order, pattern.order)] = pattern.matrix(pairs).toarray()
-    return K
+    return pattern.matrix(pairs).toarray()
 
 
 def test_pattern_puts_every_block_in_its_place(lists, pattern):
@@ -113,13 +116,12 @@ def test_factor_refuses_a_matrix_that_is_not_near(pattern):
 
 
 def test_solve_near_does_not_depend_on_what_is_remembered(lists, monkeypatch):
-    args = node_pairs(lists)[0], len(lists.topology.node_vertices), free_dofs(lists.topology)
-    fresh, experienced = analyse(*args), analyse(*args)
+    fresh, experienced = analyse(*arguments(lists)), analyse(*arguments(lists))
     blocks = random_pairs(fresh, 9, shift=30.0)
     rhs = np.random.default_rng(10).normal(size=len(fresh.free))
     direct = solve_near(fresh, blocks, rhs)
     for seed in range(3):
-        factor(experienced, blocks + 1e-4 * random_pairs(fresh, 20 + seed))
+        remember(factor(experienced, blocks + 1e-4 * random_pairs(fresh, 20 + seed)))
     monkeypatch.setattr(linear_solve, "factor", None)  # no new factor is needed
     np.testing.assert_allclose(solve_near(experienced, blocks, rhs), direct, atol=1e-11 * np.abs(direct).max())
 
@@ -129,18 +131,17 @@ def test_remembered_factors_fill_bounded_memory(pattern, monkeypatch):
     size = factor(pattern, blocks).size
     monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 3.5 * size)
     for seed in range(6):
-        factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed))
+        remember(factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed)))
     assert len(linear_solve._remembered) == 3
     monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 0)
-    factor(pattern, blocks)
+    remember(factor(pattern, blocks))
     assert len(linear_solve._remembered) == 1  # the latest stays, however large
 
 
 def no_stiffness_along_one_component(pattern):
     blocks = random_pairs(pattern, 11, shift=30.0)
-    columns = np.repeat(np.arange(len(pattern.free)), np.diff(pattern.indptr))
     touched = np.zeros(4 * pattern.n_pairs, dtype=bool)
-    touched[pattern.source[(pattern.indices == 7) | (columns == 7)]] = True
+    touched[pattern.source[(pattern.structure.indices == 7) | (columns(pattern) == 7)]] = True
     return np.where(touched.reshape(blocks.shape), 0.0, blocks)
 
 
@@ -159,7 +160,8 @@ def test_singular_matrices_are_detected(make, pattern):
 
 def test_floating_plate_is_singular_or_answers_with_a_huge_translation(tiny_model):
     """The Laplacian of all nodes has the translations in its kernel; round-off may leave it a last pivot of 1e-16."""
-    every = analyse(node_pairs(tiny_model.lists)[0], tiny_model.n_nodes, np.arange(2 * tiny_model.n_nodes))
+    pairs, points, _ = arguments(tiny_model.lists)
+    every = analyse(pairs, points, np.arange(2 * tiny_model.n_nodes))
     laplacian = np.asarray(constants(tiny_model).laplacian)[:, None, None] * np.eye(2)
     try:
         solution, _ = factor(every, laplacian).solve(np.ones(2 * tiny_model.n_nodes))
@@ -180,24 +182,3 @@ def test_blas_threads_are_left_as_they_were(pattern):
     before = [pool["num_threads"] for pool in threadpool_info()]
     factor(pattern, random_pairs(pattern, 14, shift=30.0)).solve(np.ones(len(pattern.free)))
     assert [pool["num_threads"] for pool in threadpool_info()] == before
-
-
-def test_order_fills_less_than_the_natural_one(coarse_model):
-    """On 321 nodes; the whole point of finding an order once."""
-    lists = coarse_model.lists
-    pattern = analyse(node_pairs(lists)[0], len(lists.topology.node_vertices), free_dofs(lists.topology))
-    assert sorted(pattern.order) == list(range(len(pattern.free)))
-    rank = np.argsort(pattern.order)
-    natural = Pattern(pattern.n_pairs, pattern.free, *in_order(pattern, rank), np.arange(len(rank)))
-    blocks = diagonal(pattern) * 100 + symmetric(pattern, np.full((pattern.n_pairs, 2, 2), -0.1))
-    np.testing.assert_allclose(dense(natural, blocks), dense(pattern, blocks))
-    assert factor(pattern, blocks).lu.nnz < 0.8 * factor(natural, blocks).lu.nnz
-
-
-def in_order(pattern, rank):
-    """Source, indices and indptr with row and column k of the permuted matrix at place order[k]."""
-    columns = np.repeat(np.arange(len(rank)), np.diff(pattern.indptr))
-    row, column = pattern.order[pattern.indices], pattern.order[columns]
-    by_column = np.lexsort((row, column))
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=len(rank)))])
-    return pattern.source[by_column], row[by_column].astype(pattern.indices.dtype), indptr.astype(pattern.indptr.dtype)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.equilibrium import Status
+from jaxgel.equilibrium import Status, prepare
 from jaxgel.material import Gel, largest_mu
-from jaxgel.sweep import SweepFailed, check_mu
+from jaxgel.sweep import Step, SweepFailed, _predict, check_mu
 
 
 @pytest.fixture(scope="module")
@@ -171,3 +171,18 @@ def test_unusable_gel_is_refused(gel, name, tiny_model):
 def test_unknown_branch_is_refused(tiny_model):
     with pytest.raises(ValueError, match=r"^branch: 'buckled' is not one of stable, symmetric"):
         jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=[-2.0], branch="buckled")
+
+
+def states(values, at):
+    """Steps at the given mu with one node whose position and one pressure are the given ``values`` (k,)."""
+    rest = dict(status=jaxgel.Status.CONVERGED, newton_iterations=1, residual=0.0, energy=0.0, negative_pivots=0)
+    return [Step(mu=mu, x=np.full((1, 2), v), pressure=np.full(1, -v), **rest) for mu, v in zip(at, values, strict=True)]
+
+
+def test_prediction_is_exact_on_a_polynomial_and_cautious_after_a_turn(tiny_model):
+    problem, at = prepare(tiny_model, tiny_model.cloud.plate.gel), np.array([-3.0, -2.8, -2.5, -2.3, -2.2])
+    x, pressure = _predict(problem, -2.0, states(at**4 - at, at))
+    np.testing.assert_allclose(x, 18.0, rtol=1e-11)
+    np.testing.assert_allclose(pressure, -18.0, rtol=1e-11)
+    x, _ = _predict(problem, -2.0, states([1.0, 1.0, 1.0, 1.0, 1.5], at))  # constant, until it turned: so the last state is best
+    np.testing.assert_allclose(x, 1.5)
