@@ -4,6 +4,11 @@ The improved interpolating complex variable element free Galerkin method of Deng
 against locking. Importing it switches JAX to 64-bit numbers.
 """
 
+import os
+
+if len(os.sched_getaffinity(0)) == 1 if hasattr(os, "sched_getaffinity") else os.cpu_count() == 1:
+    os.environ.setdefault("NPROC", "2")  # XLA's threads: a host callback waits for its arguments on one, which another one copies
+
 import jax
 
 jax.config.update("jax_enable_x64", True)

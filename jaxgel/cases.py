@@ -6,7 +6,7 @@ A table has the sections of a case file, all but ``plate`` optional:
     [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample
     [gel]              Nv, chi
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
-    [discretisation]   spacing (mm), nodes_per_hole, basis, dmax, method, quadrature
+    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature
 """
 
 import dataclasses
@@ -88,6 +88,8 @@ class DiscretisationOptions:
     """Distance of the background nodes, mm."""
     nodes_per_hole: int | None = None
     """Nodes on the outline of a whole hole."""
+    across: int | None = None
+    """Least number of nodes across every ligament, by local refinement."""
     basis: str = "quadratic"
     """"linear" or "quadratic"."""
     dmax: float | None = None
@@ -104,8 +106,10 @@ class DiscretisationOptions:
         for name in ("spacing", "dmax"):
             if getattr(self, name) is not None:
                 _number("discretisation", name, getattr(self, name), above=0.0)
-        if self.nodes_per_hole is not None and (type(self.nodes_per_hole) is not int or self.nodes_per_hole < 3):
-            raise ValueError(f"discretisation.nodes_per_hole: {self.nodes_per_hole!r} is not a whole number of at least 3")
+        for name, least in {"nodes_per_hole": 3, "across": 2}.items():
+            value = getattr(self, name)
+            if value is not None and (type(value) is not int or value < least):
+                raise ValueError(f"discretisation.{name}: {value!r} is not a whole number of at least {least}")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -128,7 +132,7 @@ class Case:
     def model(self):
         """The discretised plate; ValueError for a cloud or support that the case does not allow."""
         d = self.discretisation
-        cloud = make_cloud(self.plate, spacing=d.spacing, nodes_per_hole=d.nodes_per_hole)
+        cloud = make_cloud(self.plate, spacing=d.spacing, nodes_per_hole=d.nodes_per_hole, across=d.across)
         return discretise(cloud, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature)
 
     def table(self):

@@ -23,7 +23,7 @@ from .sweep import SweepFailed, sweep
 DONE, UNUSABLE, STOPPED, INTERRUPTED = 0, 2, 3, 130
 OPTIONS = {
     "sweep": ("mu_start", "mu_end", "steps", "branch", "imperfection", "contact"),
-    "discretisation": ("spacing", "nodes_per_hole", "basis", "dmax", "method", "quadrature"),
+    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature"),
 }
 
 
@@ -201,7 +201,7 @@ def list_samples(_):
         plate = sample(name)
         kinds = sorted({type(hole).__name__.lower() for hole in plate.holes})
         holes = f"{len(plate.holes)} holes ({', '.join(kinds)})" if kinds else "no hole"
-        print(f"{name:10s} {plate.width:g} x {plate.height:g} mm, {holes}, Nv {plate.gel.Nv:g}, chi {plate.gel.chi:g}")
+        print(f"{name:10s} {plate.width:g} x {plate.height:g} {plate.unit}, {holes}, Nv {plate.gel.Nv:g}, chi {plate.gel.chi:g}")
     return DONE
 
 
@@ -253,7 +253,7 @@ def _report(recorder, say, most_rows=9):
     k = len(recorder.records)
     if k:
         say(f"{'mu':>8} {'stretch':>8} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
-        say(f"{'kT':>8} {'':>8} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {'mm':>7}")
+        say(f"{'kT':>8} {'':>8} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {recorder.model.cloud.topology.plate.unit:>7}")
     for i in np.unique(np.linspace(0, k - 1, min(k, most_rows)).round().astype(int)) if k else ():
         row = {name: column[i] for name, column in table.items()}
         unstable = ", unstable" if row["negative_pivots"] else ""
@@ -312,6 +312,7 @@ def _parser():
     )
     p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
     p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
+    p.add_argument("--across", type=_whole, metavar="N", help="at least N nodes across every ligament, by local refinement")
     p.add_argument("--basis", metavar="|".join(cases.BASES), help="basis of the shape functions (default: quadratic)")
     p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95, paper quadrature 3.5)")
     p.add_argument("--method", metavar="|".join(cases.METHODS), help="one pressure per cell, or displacement only (default: mixed)")

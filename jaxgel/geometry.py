@@ -44,7 +44,7 @@ class Edges(Mapping):
         return len(EDGES)
 
 
-@pytree(meta=("width", "height", "edges", "name", "spacing", "nodes_per_hole", "cells", "core", "gel", "reference"))
+@pytree(meta=("width", "height", "edges", "name", "spacing", "nodes_per_hole", "cells", "core", "gel", "unit", "reference"))
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plate:
     """A rectangular dry plate with holes; a JAX pytree whose leaves are the hole parameters.
@@ -73,6 +73,8 @@ class Plate:
     """Point whose rotation is the plate's core rotation, mm."""
     gel: object = None
     """Default ``material.Gel`` with concrete numbers, or None."""
+    unit: str = "mm"
+    """What a length of 1 stands for in figures and tables; swelling itself knows no length, so read every mm of this package as this."""
     reference: "Plate | None" = None
     """The concrete plate that this one was moved from by ``at``; None for a plate that was not moved."""
 

@@ -43,7 +43,7 @@ CURVES = {
     "area_reduction": ("area reduction (%)", {"area_reduction": "all holes"}),
     "J": ("volume ratio $J$", {"J_mean": "mean"}),
     "surface_ratio": ("surface stretch ratio", {"surface_ratio": "largest"}),
-    "min_gap": ("smallest gap (mm)", {"min_gap": "within a hole"}),
+    "min_gap": ("smallest gap ({unit})", {"min_gap": "within a hole"}),
 }
 AGAINST = {"mu": MU, "free_stretch": "free-swelling stretch"}
 MARKS = {"bifurcation": ":", "crease": "-.", "wrinkle": (0, (5, 1, 1, 1, 1, 1)), "contact": "--", "self-contact": "-"}
@@ -114,7 +114,7 @@ def plot_curve(path, quantity, *, ax=None, against="mu", table=None):
         ax.axhline(CREASE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (1, 1)), label="crease limit")
         ax.axhline(WRINKLE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (3, 2)), label="wrinkle limit")
     _mark_events(ax, table, against)
-    ax.set(xlabel=AGAINST[against], ylabel=label)
+    ax.set(xlabel=AGAINST[against], ylabel=label.replace("{unit}", _unit(path.model.cloud)))
     ax.margins(x=0.02)
     if len(ax.get_legend_handles_labels()[1]) > 1:
         ax.legend(frameon=False, fontsize=7.5)
@@ -304,7 +304,13 @@ class _Gel:
 def _frame(ax, cloud, states, mu):
     """Walls, labels, and limits that hold the gel in all ``states``, a list of vertices (v, 2)."""
     _draw_walls(ax, cloud, np.array(states))
-    ax.set(aspect="equal", xlabel="$x$ (mm)", ylabel="$y$ (mm)", title=_mu_text(mu))
+    unit = _unit(cloud)
+    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=_mu_text(mu))
+
+
+def _unit(cloud):
+    """Unit of lengths as Matplotlib writes it."""
+    return cloud.topology.plate.unit.replace("1e-3", "$10^{-3}$")
 
 
 def _mu_text(mu):

@@ -56,7 +56,7 @@ def _lattice(name):
     """Lengths in 1e-3 mm; the edge cuts the outer holes to halves and quarters."""
     holes = [Circle(centre, 0.9) for centre in itertools.product((-4.0, -2.0, 0.0, 2.0, 4.0), repeat=2)]
     gel = Gel(Nv=1e-3, chi=1e-5)
-    return Plate(8.0, 8.0, holes, name=name, spacing=8.0 / GRID, nodes_per_hole=20, cells=20, core=(1.0, 1.0), gel=gel)
+    return Plate(8.0, 8.0, holes, name=name, spacing=8.0 / GRID, nodes_per_hole=20, cells=20, core=(1.0, 1.0), gel=gel, unit="1e-3 mm")
 
 
 def _square(name):

@@ -60,6 +60,8 @@ class Step:
     """Factor of the tangent next to the state; None for a state read from a file."""
     switched: bool = False
     """Whether the state left an unstable branch: it does not continue the states before it."""
+    apart: bool | None = None
+    """Whether no outline is so near itself that contact acts; None where that was not looked at."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -266,6 +268,7 @@ def _attempt(problem, stiffness, stable, mu, done):
         modes=modes.vectors if modes else None,
         factor=found.factor,
         switched=switched,
+        apart=found.apart if problem.apart is not None else None,
     )
 
 
@@ -278,7 +281,7 @@ def _reached(problem, stable, mu, history):
     if problem.apart is None or not history:
         return solve(problem, mu, x, pressure), False
     last, far = history[-1], not np.abs(x - history[-1].x).max() < problem.model.contact.range
-    if far and (touches(problem.model, last.x) or touches(problem.model, x)):
+    if far and ((not last.apart and touches(problem.model, last.x)) or touches(problem.model, x)):
         return Equilibrium(x, pressure, Status.NOT_CONVERGED, 0, float("nan"), None), False
     found = solve(problem, mu, x, pressure)
     if found.status.ok or not stable or mu - last.mu > SNAP:
@@ -371,6 +374,7 @@ def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
     static = _Static(structure, floating, tuple(map(float, mu)) if chosen else None, branch, contact, max_steps)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
+    del report["apart"]
     values = report.pop("mu") if chosen else values
     energy = jax.vmap(lambda x, mu: energy_at(x, model, gel, mu, loads))(x, values)
     pressure = jax.vmap(lambda x, mu: state_pressure(x, model, gel, mu))(x, values)
@@ -380,7 +384,7 @@ def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _states(static, floats, rest):
-    """Equilibria (k, n, 2) and what is known of them: mu, status, iterations, residual, negative pivots, lowest eigenvalue (k,)."""
+    """Equilibria (k, n, 2) and what is known of them (k,): mu, the columns of a path, and whether contact is out of reach (apart)."""
     inputs = static.join(floats, rest)
     if is_traced(inputs):
         if static.chosen is not None:
@@ -388,8 +392,14 @@ def _states(static, floats, rest):
         return _scan_states(*inputs)
     model, gel, mu, loads = inputs
     wanted = static.chosen if static.chosen is not None else list(np.asarray(mu))
+    apart = []
+
+    def keep(step):
+        remember(step.factor)
+        apart.append(bool(step.apart))
+
     options = dict(branch=static.branch, contact=static.contact, loads=loads, max_steps=static.max_steps)
-    path = sweep(model, gel, mu=wanted, on_step=lambda step: remember(step.factor), **options)
+    path = sweep(model, gel, mu=wanted, on_step=keep, **options)
     missing = 0 if static.chosen is not None else len(mu) - len(path)
 
     def pad(values, fill):
@@ -403,6 +413,7 @@ def _states(static, floats, rest):
         negative_pivots=pad(path.negative_pivots, -1),
         lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
         switched=pad(path.switched, False),
+        apart=pad(apart, True),
     )
     return pad(path.x, jnp.nan), report
 
@@ -418,6 +429,8 @@ def _states_jvp(static, primals, tangents):
     model_dot, gel_dot, mu_dot, loads_dot = static.join(tangents[0], zeros)
     if static.chosen is not None:
         mu, mu_dot = report["mu"], jnp.zeros_like(report["mu"])
+    if model.contact is not None and not is_traced(report) and np.all(report["apart"]):
+        model, model_dot = (dataclasses.replace(m, contact=None) for m in (model, model_dot))  # no energy and no derivative, but a cost
     pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact)
     x_dot = state_tangents(x, (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot), pattern)
     return (x, report), (x_dot, jax.tree.map(_no_tangent, report))
@@ -456,4 +469,9 @@ def _scan_states(model, gel, mu, loads):
         return ((mu, x, p), (mu_1, x_1, p_1), count + 1), (x, report)
 
     _, (x, report) = jax.lax.scan(step, ((mu[0], start, pressure),) * 2 + (0,), mu)
-    return x, dict(report, mu=mu, lowest_eigenvalue=jnp.full(mu.shape, jnp.nan), switched=jnp.zeros(mu.shape, dtype=bool))
+    return x, dict(
+        report,
+        mu=mu,
+        lowest_eigenvalue=jnp.full(mu.shape, jnp.nan),
+        **dict.fromkeys(("switched", "apart"), jnp.zeros(mu.shape, dtype=bool)),
+    )

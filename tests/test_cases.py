@@ -89,6 +89,7 @@ def test_the_table_of_a_case_makes_the_same_case_again(load, name):
         (PLATE + "[sweep]\nmu_start = -1.0\nmu_end = -2.0\n", "must increase"),
         (PLATE + "[sweep]\nsteps = 1\n", r"sweep\.steps: 1 is neither 'auto' nor"),
         (PLATE + '[sweep]\nbranch = "stabel"\n', r"sweep\.branch: 'stabel' is unknown; did you mean 'stable'\?"),
+        (PLATE + "[discretisation]\nacross = 1\n", r"discretisation\.across: 1 is not a whole number of at least 2"),
         (PLATE + "[discretisation]\nspacing = 0\n", r"discretisation\.spacing: 0 is not a finite number above 0"),
         (PLATE + '[discretisation]\nbasis = "cubic"\n', r"discretisation\.basis: 'cubic' is unknown"),
         (PLATE + "[discretisation]\nnodes_per_hole = 2.5\n", r"discretisation\.nodes_per_hole: 2\.5 is not a whole number"),

@@ -79,7 +79,7 @@ def test_a_curve_holds_the_values_of_the_history(path, quantity, against):
     column = next(iter(CURVES[quantity][1]))
     np.testing.assert_allclose(curve.get_xdata(), table[against])
     np.testing.assert_allclose(curve.get_ydata(), table[column] * (100 if quantity == "area_reduction" else 1))
-    assert ax.get_ylabel() == CURVES[quantity][0]
+    assert ax.get_ylabel() == CURVES[quantity][0].replace("{unit}", "mm")
 
 
 def test_unstable_states_are_dashed(path):
@@ -135,3 +135,11 @@ def test_paraview_files_hold_every_state_in_the_order_of_mu(path, tmp_path):
         assert int(piece.get("NumberOfCells")) == len(path.model.cloud.triangles)
         names = {array.get("Name") for array in piece.iter("DataArray")}
         assert {"displacement", "J", "invalid"} <= names
+
+
+def test_lengths_carry_the_unit_of_the_plate(path):
+    plate = dataclasses.replace(path.model.cloud.topology.plate, unit="1e-3 mm")
+    cloud = dataclasses.replace(path.model.cloud, topology=dataclasses.replace(path.model.cloud.topology, plate=plate))
+    small = dataclasses.replace(path, model=dataclasses.replace(path.model, cloud=cloud))
+    assert plot_pattern(small).get_xlabel() == "$x$ ($10^{-3}$ mm)"
+    assert plot_curve(small, "min_gap").get_ylabel() == "smallest gap ($10^{-3}$ mm)"
