@@ -1,6 +1,6 @@
 """The lattice (Deng et al. 2020, Fig. 13) on its buckled branch, with contact: pattern, aspect ratio, rotation and area against mu.
 
-    python benchmarks/lattice.py [--out benchmarks]
+    python benchmarks/lattice.py [--out docs]
 
 Writes lattice.csv and lattice.png. Finite elements: core rotation 13.35 degrees and energy -1.264174 at mu = -1.9678.
 """
@@ -20,8 +20,8 @@ import matplotlib.pyplot as plt
 
 from jaxgel.plotting import plot_patterns
 
-MU = [-4.9678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.4678, -0.9678, -0.6678, -0.4678, -0.3678, -0.3178, -0.2688, -0.25]
-MU += [-0.24, -0.23, -0.22, -0.21, -0.20, -0.19, -0.18, -0.1688]
+MU = [-4.9678, -3.9678, -3.4678, -3.2, -3.15, -2.9678, -2.4678, -1.9678, -1.4678, -0.9678, -0.6678, -0.4678, -0.3678]
+MU += [-0.34, -0.3178, -0.3, -0.285, -0.2688, -0.25, -0.24, -0.23, -0.22, -0.21, -0.20, -0.195, -0.19, -0.18, -0.1688]
 FINITE_ELEMENTS = (-1.9678, 13.35)  # mu, core rotation in degrees
 CENTRE = 12  # the hole at the origin
 
@@ -40,26 +40,33 @@ def table(path):
 
 
 def draw(path, rows, file):
-    """Patterns above, the three curves below."""
-    figure = plt.figure(figsize=(7.2, 5.2), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1))
-    plot_patterns(path, (-2.9678, -0.9678, -0.2688, path.mu[-1]), axes=above.subplots(1, 4, sharey=True), field="J")
-    labels = "length over width of the central hole", "core rotation (°)", "area reduction (%)"
+    """Patterns above, the three curves below, broken where the gel, with holes in contact, snaps to another branch."""
+    figure = plt.figure(figsize=(7.2, 4.5), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(1, 1.1))
+    patterns = above.subplots(1, 4)
+    plot_patterns(path, (-2.9678, -0.9678, path.mu[-4], path.mu[-1]), axes=patterns, field="J")
+    for ax in patterns:
+        ax.set(xticks=[], yticks=[], xlabel="", ylabel="")
+    contact = rows[:, 4] < float(path.model.contact.range)
+    snaps = np.flatnonzero(path.switched & contact)
+    labels = "aspect ratio of the central hole", "core rotation (°)", "area reduction (%)"
     for ax, k, label in zip(below.subplots(1, 3), (1, 2, 3), labels, strict=True):
-        ax.plot(rows[:, 0], rows[:, k] * (100 if k == 3 else 1), "o-", color="#0072b2", markersize=2.5, linewidth=1)
-        ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel=label)
-        touching = rows[:, 4] < float(path.model.contact.range)
-        if touching.any():
-            ax.axvline(rows[np.argmax(touching), 0], color="#5c6670", linestyle="--", linewidth=0.8, label="first contact")
+        for part in np.split(rows, snaps):
+            ax.plot(-part[:, 0], part[:, k] * (100 if k == 3 else 1), "o-", color="#0072b2", markersize=2.5, linewidth=1)
+        if contact.any():
+            ax.axvline(-rows[np.argmax(contact), 0], color="#5c6670", linestyle="--", linewidth=0.8, label="first contact")
         if k == 2:
-            ax.plot(*FINITE_ELEMENTS, "x", color="#d55e00", label="finite elements")
-        ax.legend(frameon=False, fontsize=7)
+            ax.plot(-FINITE_ELEMENTS[0], FINITE_ELEMENTS[1], "x", color="#d55e00", label="finite elements")
+            ax.legend(frameon=False, fontsize=7, loc="upper left")
+        ax.set(xscale="log", xlim=(5.5, 0.15), xlabel=r"chemical potential $\mu$ ($kT$)", ylabel=label)
+        ax.set_xticks([5, 2, 1, 0.5, 0.2], ["−5", "−2", "−1", "−0.5", "−0.2"])
+        ax.minorticks_off()
     figure.savefig(file, dpi=180)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs", help="folder of lattice.csv and lattice.png (docs)")
     out = parser.parse_args().out
     path = lattice()
     rows = table(path)

@@ -15,7 +15,7 @@ jax.config.update("jax_enable_x64", True)
 
 from .branches import continue_branch, deflated, imperfection, switch  # noqa: E402
 from .cloud import Cloud, make_cloud  # noqa: E402
-from .critical import CriticalPoint, critical_points  # noqa: E402
+from .critical import CriticalPoint, critical_points, folds  # noqa: E402
 from .discretisation import Model, discretise, make_probe  # noqa: E402
 from .equilibrium import Status  # noqa: E402
 from .geometry import Plate  # noqa: E402
@@ -66,6 +66,7 @@ __all__ = [
     "critical_points",
     "deflated",
     "discretise",
+    "folds",
     "free_energy",
     "free_swelling",
     "imperfection",

@@ -17,7 +17,6 @@ import itertools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import cKDTree
 
 from .bordered import Bordered, Conditions, mu_force, solve_bordered
 from .constraints import free_dofs
@@ -25,19 +24,12 @@ from .energy import residual, total_energy
 from .equilibrium import prepare, solve
 from .stability import nearest_modes, network_stiffness, oriented, spread, tangent_products
 from .sweep import check_mu, is_traced, sweep
+from .symmetry import characters, symmetries
 
 ITERATIONS = 15
 TOLERANCE = 1e-9  # of a critical mu, kT
 TOGETHER = 5e-3  # crossings closer than this in mu are searched as one multiple eigenvalue
 KEPT = 0.5  # a symmetry takes at most this share of a simple mode to other modes
-SYMMETRIES = {
-    "x -> -x": ((-1, 0), (0, 1)),
-    "y -> -y": ((1, 0), (0, -1)),
-    "x <-> y": ((0, 1), (1, 0)),
-    "x <-> -y": ((0, -1), (-1, 0)),
-    "rotation by 90": ((0, -1), (1, 0)),
-    "rotation by 180": ((-1, 0), (0, -1)),
-}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,7 +57,7 @@ class CriticalPoint:
     symmetries: dict
     """Name of each symmetry of the cloud -> character of the modes: 1 keeps a simple mode, -1 reverses it."""
     unstable: int
-    """Negative eigenvalues of the branch just below mu."""
+    """Negative eigenvalues of the branch just before the point."""
     correction: np.ndarray
     """(n, 2) field w of the derivative, see the module."""
 
@@ -89,9 +81,10 @@ class CriticalPoint:
 def critical_points(model, gel, *, mu, loads=None, most=4):
     """``CriticalPoint``s of the branch that continues the dry state, in the order of mu in ``mu = (first, last)``; at most ``most``.
 
-    A bifurcation is located to ``TOLERANCE``; a fold where the branch turns back, if it does. ``point.mu`` is differentiable once in
-    everything the model and the gel depend on, forward and reverse; derivatives for designs that break the symmetry are those of the
-    perfect branch, for a double eigenvalue those of the mean. ValueError inside jit or vmap and for second derivatives.
+    They are located to ``TOLERANCE``; a fold where the branch turns back, if it does (on other branches: see ``folds``).
+    ``point.mu`` is differentiable once in everything the model and the gel depend on, forward and reverse; derivatives for designs that
+    break the symmetry are those of the perfect branch, for a double eigenvalue those of the mean. ValueError inside jit or vmap and
+    for second derivatives.
     """
     check_mu(mu)
     if not (isinstance(mu, tuple) and len(mu) == 2):
@@ -104,6 +97,15 @@ def critical_points(model, gel, *, mu, loads=None, most=4):
     leaves, structure = jax.tree.flatten((model, gel, loads))
     values = _located(search, structure, leaves)
     return [dataclasses.replace(point, mu=value) for point, value in zip(search.points, values, strict=True)]
+
+
+def folds(path, loads=None):
+    """``CriticalPoint``s of kind "fold" where mu turns along a ``Path`` of `switch` or `continue_branch`; not differentiable."""
+    problem = prepare(path.model, path.gel, loads)
+    frame, rise = _Frame(problem, network_stiffness(problem), symmetries(path.model)), np.diff(path.mu)
+    states = [_State(*state) for state in zip(path.mu, path.x, path.pressure, path.negative_pivots, strict=True)]
+    turns = np.flatnonzero(rise[1:] * rise[:-1] < 0)
+    return [point for k in turns for point in _fold(frame, states[k], states[k + 1])]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -169,16 +171,26 @@ def _locate_all(model, gel, mu, loads, most):
     steps = []
     path = sweep(model, gel, mu=tuple(map(float, mu)), branch="symmetric", loads=loads, on_step=steps.append)
     problem = prepare(model, gel, loads)
-    frame = _Frame(problem, network_stiffness(problem), _permutations(model))
+    frame = _Frame(problem, network_stiffness(problem), symmetries(model))
     points = []
-    for before, after in itertools.pairwise(steps):
-        if before.negative_pivots != after.negative_pivots and len(points) < most:
-            for point in _between(frame, before, after):
+    for earlier, (before, after) in zip([None, *steps], itertools.pairwise(steps), strict=False):
+        if len(points) == most:
+            break
+        if before.negative_pivots != after.negative_pivots:
+            for point in _between(frame, earlier, before, after):
                 again = point.multiplicity > 1 and any(abs(point.mu - other.mu) < TOGETHER for other in points)
                 points += [] if again else [point]  # an unsymmetric cloud splits a double one
+        elif earlier is not None and _ends_before(earlier, before, after.mu):
+            points += [fold for fold in _fold(frame, earlier, before) if before.mu < fold.mu < after.mu]
     if not path.stop.ok and len(points) < most and len(steps) > 1:
         points += _fold(frame, *steps[-2:])
     return sorted(points, key=lambda point: point.mu)[:most]
+
+
+def _ends_before(earlier, before, mu):
+    """Whether two stable steps head for a fold below ``mu``, where the square of the lowest eigenvalue, linear in mu, vanishes."""
+    far, near = earlier.lowest_eigenvalue**2, before.lowest_eigenvalue**2
+    return before.negative_pivots == 0 and far > near and before.mu + (before.mu - earlier.mu) * near / (far - near) < mu
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -200,21 +212,25 @@ class _State:
     negative_pivots: int
 
 
-def _between(frame, low, high):
-    """Critical points between two states with different numbers of negative eigenvalues; halves the interval until they are apart."""
-    crossings = high.negative_pivots - low.negative_pivots
+def _between(frame, before, low, high):
+    """Critical points between two states with different numbers of negative eigenvalues; halves the interval until they are apart.
+
+    Where Newton's method leapt from one side of a fold to the other there is no bifurcation: then the branch is followed from ``low``,
+    in the direction from the state ``before`` it (None without one).
+    """
+    crossings, close = high.negative_pivots - low.negative_pivots, high.mu - low.mu < TOGETHER
     if crossings == 0:
         return []
-    if abs(crossings) == 1 or high.mu - low.mu < TOGETHER:
-        point = _bifurcation(frame, low, high, abs(crossings))
-        if point is not None or high.mu - low.mu < TOGETHER:
-            return [] if point is None else [point]
+    point = _bifurcation(frame, low, high, abs(crossings)) if abs(crossings) == 1 or close else None
+    if point is not None:
+        return [point]
     mu = 0.5 * (low.mu + high.mu)
-    middle = solve(frame.problem, mu, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), fresh=True)
-    if not middle.status.ok:
-        return []
+    middle = None if close else solve(frame.problem, mu, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), fresh=True)
+    if middle is None or not middle.status.ok:
+        found = _fold(frame, before, low) if before is not None else []
+        return [fold for fold in found if low.mu - TOGETHER < fold.mu < high.mu + TOGETHER]
     middle = _State(mu, middle.x, middle.pressure, middle.factor.negative_pivots)
-    return _between(frame, low, middle) + _between(frame, middle, high)
+    return _between(frame, before, low, middle) + _between(frame, low, middle, high)
 
 
 def _bifurcation(frame, low, high, multiplicity):
@@ -258,7 +274,7 @@ def _bifurcation(frame, low, high, multiplicity):
 def _alone(frame, modes, x):
     """Whether the symmetries of the cloud keep or reverse the first mode (f, m); where one turns it into another there are two."""
     field = np.asarray(spread(modes[:, 0], x.shape, frame.problem.pattern.free))
-    return all(abs(character) > KEPT for character in _characters(field[None], frame.permutations).values())
+    return all(abs(character) > KEPT for character in characters(field[None], frame.permutations).values())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -323,14 +339,14 @@ def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="
         slope=float(local.slope),
         curvature=-local.quartic / (3 * local.slope) if kind == "bifurcation" else float("nan"),
         imperfection=float(np.linalg.norm(forces) * np.abs(fields).max() / spacing),
-        symmetries=_characters(fields, frame.permutations),
+        symmetries=characters(fields, frame.permutations),
         unstable=int(unstable),
         correction=np.asarray(spread(local.correction, shape, problem.pattern.free)),
     )
 
 
 def _fold(frame, before, last):
-    """The fold past the last two states of a sweep in mu: where mu is stationary along the branch, by the secant method; [] without."""
+    """The fold next to two states of a branch: where mu is stationary along it, by the secant method; [] where there is none."""
     problem, free = frame.problem, frame.problem.pattern.free
     along = (np.asarray(last.x) - np.asarray(before.x)).ravel()[free]
     between = np.sqrt(along @ (frame.stiffness @ along))
@@ -363,36 +379,3 @@ def _fold(frame, before, last):
             eigenvalue = [float(mode[:, 0] @ tangent_products(problem, state.x, mu, mode)[:, 0])]
             return [_point(frame, state, mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
     return []
-
-
-# --- symmetry ----------------------------------------------------------------------------------------------------------------
-
-
-def _permutations(model):
-    """Name of each of ``SYMMETRIES`` that the cloud has -> (matrix (2, 2), number (n,) of the node where each node goes)."""
-    nodes, plate = np.asarray(model.cloud.nodes), model.cloud.plate
-    tree, found = cKDTree(nodes), {}
-    for name, matrix in SYMMETRIES.items():
-        distance, image = tree.query(nodes @ np.array(matrix, dtype=float).T)
-        if distance.max() < 1e-6 * model.cloud.spacing and _edges_after(plate, matrix) == dict(plate.edges):
-            found[name] = np.array(matrix, dtype=float), image
-    return found
-
-
-def _edges_after(plate, matrix):
-    """Edge -> condition of the plate turned or mirrored by ``matrix``."""
-    normals = {"left": (-1, 0), "right": (1, 0), "bottom": (0, -1), "top": (0, 1)}
-    names = {normal: edge for edge, normal in normals.items()}
-    return {names[tuple(int(c) for c in np.array(matrix) @ normals[edge])]: condition for edge, condition in dict(plate.edges).items()}
-
-
-def _characters(modes, permutations):
-    """Name -> trace of the symmetry in the space of the modes (m, n, 2), orthonormalised."""
-    flat = np.linalg.qr(modes.reshape(len(modes), -1).T)[0]
-    characters = {}
-    for name, (matrix, image) in permutations.items():
-        moved = np.empty_like(modes)
-        fields = flat.T.reshape(modes.shape)
-        moved[:, image] = fields @ matrix.T
-        characters[name] = float(np.sum(fields * moved))
-    return characters

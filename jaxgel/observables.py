@@ -39,7 +39,10 @@ def core_rotation(path):
 
 
 def area_reduction(path):
-    """Area reduction 1 - A/A0 (k,) of all holes together, measured on their deformed outlines; nan for a plate without holes."""
+    """Area reduction 1 - A/A0 (k,) of all holes together, measured on their deformed outlines; nan for a plate without holes.
+
+    In a rigid box the cells give the same, (<J> - 1)(1 - phi)/phi with the porosity phi: to 5e-4 of it, until the holes are closed.
+    """
     return _over_states(_area_reduction, path)
 
 
@@ -188,11 +191,35 @@ def _core_rotation(x, model):
 
 
 def _hole_areas(x, model):
-    """Area (holes,) inside each closed loop, mm^2, by the shoelace formula."""
-    areas = [
-        0.5 * jnp.sum(loop[:, 0] * jnp.roll(loop[:, 1], -1) - loop[:, 1] * jnp.roll(loop[:, 0], -1)) for loop in outline_loops(x, model)
-    ]
-    return jnp.stack(areas) if areas else jnp.zeros(0)
+    """Area (holes,) inside each hole's outline, mm^2: a polygon's by the shoelace formula, and that between its sides and the outline.
+
+    The latter is taken up to the cubic arcs that have the outline's tangents F dX at the ends of each side. Without it sample 4 misses
+    2e-4 of its dry holes where they close, at mu = -0.2678: a third of what outlines and cells then disagree by.
+    """
+    loops, (start, end, hole) = outline_loops(x, model), _sides(model.lists.topology)
+    if not loops:
+        return jnp.zeros(0)
+    polygons = [0.5 * jnp.sum(_cross(loop, jnp.roll(loop, -1, axis=0))) for loop in loops]
+    y, F, dX = model.outline.position(x), model.outline.deformation_gradient(x), model.outline.points[end] - model.outline.points[start]
+    first, last = (jnp.einsum("mij,mj->mi", F[at], dX) for at in (start, end))
+    beyond = _cross(y[end] - y[start], last - first) / 10 - _cross(first, last) / 60
+    return jnp.stack(polygons) + jax.ops.segment_sum(beyond, hole, len(loops))
+
+
+def _cross(a, b):
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+@functools.cache
+def _sides(topology):
+    """First and last vertex (m,), (m,) of each side of the outlines, in the numbering of ``model.outline``, and its hole (m,)."""
+    first, sides = 0, [np.zeros((3, 0), dtype=int)]
+    for outline in topology.outlines:
+        number = first + np.arange(len(outline.s))
+        first += len(outline.s)
+        start, end = (number, np.roll(number, -1)) if outline.closed else (number[:-1], number[1:])
+        sides.append(np.stack([start, end, np.full(len(start), outline.arc.hole)]))
+    return np.concatenate(sides, axis=1)
 
 
 def _area_reduction(x, model):

@@ -139,8 +139,8 @@ def test_squares_close_without_crossing(cloud_of):
     volumes = np.asarray(jaxgel.observables.cell_volumes(model))
     phi = 1 - volumes.sum() / 22.0**2
     mean = np.asarray(jaxgel.volume_ratio(path)) @ volumes / volumes.sum()
-    # 325 nodes; outlines and cells measure the same loss to 5e-4 at full size
-    np.testing.assert_allclose(jaxgel.area_reduction(path), (mean - 1) * (1 - phi) / phi, rtol=2e-3)
+    # outlines and cells are independent measures of the same loss; measured 1.5e-4
+    np.testing.assert_allclose(jaxgel.area_reduction(path), (mean - 1) * (1 - phi) / phi, rtol=5e-4)
 
 
 def test_gradient_through_contact_is_that_of_the_resolved_problem(slit, closed):

@@ -71,6 +71,93 @@ def test_forward_equals_reverse(critical_mu):
     assert float(forward) == pytest.approx(reverse, rel=1e-8)  # w comes from a tangent with condition 1e8
 
 
+# --- double eigenvalues ------------------------------------------------------------------------------------------------------
+
+
+def test_derivative_of_a_double_onset_is_that_of_the_mean(cloud_of):
+    """Sample 7, whose second onset is double: all squares grow alike, which keeps the pair, and along x only, which splits it."""
+    cloud = cloud_of("sample-7")
+
+    def double(growth):
+        holes = [{"sides": hole.sides + growth} for hole in cloud.plate.holes]
+        model = jaxgel.discretise(cloud.at(cloud.plate.at(holes)))
+        (point,) = jaxgel.critical_points(model, cloud.plate.gel, mu=(-1.62, -1.58))
+        points.append(point)
+        return point.mu
+
+    points = []
+    for direction in (np.array([1.0, 1.0]), np.array([1.0, 0.0])):
+        _, slope = jax.jvp(double, (jnp.zeros(2),), (jnp.asarray(direction),))
+        difference = (double(3e-4 * direction) - double(-3e-4 * direction)) / 6e-4
+        assert float(slope) == pytest.approx(difference, rel=1e-5)  # measured 7e-7 and 5e-7
+    assert (points[0].kind, points[0].multiplicity) == ("bifurcation", 2)
+    assert np.abs(points[0].eigenvalues).max() < 1e-8
+    assert points[-1].multiplicity == 2 and np.diff(points[-1].eigenvalues)[0] > 1e-5  # the last design has split the pair
+
+
+# --- folds -------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def subcritical(cloud_of):
+    """Sample 5 on a coarse cloud, its gel, its subcritical bifurcation, and loads that push along the mode."""
+    model = jaxgel.discretise(cloud_of("sample-5"))
+    gel = model.cloud.plate.gel
+    (point,) = jaxgel.critical_points(model, gel, mu=(-1.2, -1.1))
+    return model, gel, point, jaxgel.imperfection(model, gel, point, 1e-2)
+
+
+@pytest.fixture(scope="module")
+def fold(subcritical):
+    """Where the imperfect gel's branch from the dry state ends."""
+    model, gel, _, loads = subcritical
+    (found,) = jaxgel.critical_points(model, gel, mu=(-1.3, -1.1), loads=loads)
+    return found
+
+
+def test_an_imperfect_subcritical_branch_ends_in_a_fold(fold, subcritical):
+    """At x0 + c s^2 the eigenvalue is proportional to the root of the distance in mu: located to 1e-6, its ratio at 4e-6 and 1e-6 is 2."""
+    model, gel, point, loads = subcritical
+    assert point.curvature < 0 and "subcritical" in point.text
+    assert fold.kind == "fold" and fold.mu < point.mu and fold.text == "fold: the branch turns back"
+    assert abs(fold.eigenvalues[0]) < 1e-5
+    path = jaxgel.sweep(model, gel, mu=[-1.3, -1.22, fold.mu - 1e-3, fold.mu - 4e-6, fold.mu - 1e-6], loads=loads, branch="symmetric")
+    assert path.stop.ok and np.all(path.negative_pivots == 0)
+    assert path.lowest_eigenvalue[-2] / path.lowest_eigenvalue[-1] == pytest.approx(2, rel=0.02)  # an error of 1e-7 makes 4 %
+    # two states below the fold lead over it: there the determinant changes sign and mu turns
+    known = jaxgel.Path.from_steps(model, gel, [jaxgel.branches.solve_from(path, k, loads) for k in (1, 2)])
+    over = jaxgel.continue_branch(known, loads=loads, max_step=0.01, max_states=5)
+    assert np.all(over.mu < fold.mu) and over.mu[-1] < over.mu.max()
+    np.testing.assert_array_equal(over.negative_pivots, np.arange(5) > int(np.argmax(over.mu)))
+
+
+def test_derivative_of_a_fold_is_the_difference_of_relocated_ones(fold, subcritical):
+    model, gel, _, loads = subcritical
+
+    def end(chi):
+        return jaxgel.critical_points(model, jaxgel.Gel(gel.Nv, chi), mu=(-1.3, -1.1), loads=loads)[0].mu
+
+    value, slope = jax.jvp(end, (0.01,), (1.0,))
+    assert float(value) == pytest.approx(fold.mu + float(slope) * (0.01 - gel.chi), abs=1e-4)  # near the sample's chi = 1e-4: linear
+    difference = (end(0.011) - end(0.009)) / 2e-3
+    assert float(slope) == pytest.approx(difference, rel=1e-5)
+
+
+def test_a_subcritical_branch_turns_at_a_fold(subcritical):
+    """The branch that leaves towards lower mu: where a polynomial through five of its states has its minimum."""
+    model, gel, point, _ = subcritical
+    path = jaxgel.switch(model, gel, point, max_step=0.025, max_states=24)
+    (fold,) = jaxgel.folds(path)
+    assert fold.kind == "fold" and abs(fold.eigenvalues[0]) < 1e-6
+    assert fold.mu < path.mu.min()
+    k = int(np.argmin(path.mu))
+    near = path.x[k - 2 : k + 3]
+    s = np.sum((path.x[k + 1] - path.x[k]) * (near - near[2]), axis=(1, 2))
+    fit = np.poly1d(np.polyfit(s, path.mu[k - 2 : k + 3], 4))
+    lowest = min(fit(root.real) for root in fit.deriv().roots if abs(root) < np.abs(s).max())
+    assert fold.mu == pytest.approx(lowest, abs=1e-5)  # measured 3e-6, and 5e-5 with twice the step
+
+
 def test_jit_and_second_derivatives_are_refused(buckling_model):
     def critical_mu(chi):
         return jaxgel.critical_points(buckling_model, jaxgel.Gel(1e-3, chi), mu=WINDOW)[0].mu

@@ -117,6 +117,18 @@ def test_identification_knows_its_curve():
     assert float(study.problem.objective(path)) ** 0.5 == pytest.approx(loaded.NOISE, rel=0.5)
 
 
+def test_onset_study_places_the_bifurcation(cloud_of):
+    """Sample 4 with 313 nodes is to buckle at mu = -1.6 instead of -1.641: stable 1e-5 below, unstable as much above."""
+    onset, cloud = module("onset"), cloud_of("sample-4")
+    start = jnp.array([np.sqrt(20.0), np.sqrt(20.0) + 0.5])
+    history = onset.design(cloud, start, -1.64, wanted=-1.6)
+    assert abs(history[-1][1] + 1.6) < onset.TOLERANCE and len(history) <= 4
+    theta = history[-1][0]
+    assert theta[0] < start[0]  # smaller holes leave wider ligaments, which buckle later
+    path = jaxgel.sweep(onset.placed(cloud, theta), cloud.plate.gel, mu=[-2.2, -1.6 - 1e-5, -1.6 + 1e-5], branch="symmetric")
+    assert list(path.negative_pivots) == [0, 0, 1]
+
+
 def test_links_turn_and_mirror_holes():
     holes = [
         dict(kind="fourier", centre=[x, y], radius=2.0, cos=[0.0, 0.0], sin=[0.0, 0.0]) for x, y in ((3, 3), (-3, 3), (-3, -3), (3, -3))
