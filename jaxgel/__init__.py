@@ -38,6 +38,7 @@ from .observables import (  # noqa: E402
 from .samples import sample, sample_names  # noqa: E402
 from .shape_functions import shape_functions  # noqa: E402
 from .sweep import Path, sweep  # noqa: E402
+from .traced import IllPosedDerivative  # noqa: E402
 
 __all__ = [
     "ArrudaBoyce",
@@ -51,6 +52,7 @@ __all__ = [
     "Fourier",
     "Gel",
     "Gent",
+    "IllPosedDerivative",
     "Model",
     "Path",
     "Plate",

@@ -49,6 +49,12 @@ def state_tangents(x, inputs, inputs_dot, pattern):
     return jnp.broadcast_to(carried.ravel(), (len(x), carried.size)).at[:, pattern.free].add(correction).reshape(x.shape)
 
 
+def no_tangent(values):
+    """The tangent of ``values`` that have no derivative: zeros, of JAX's type for it."""
+    floating = jnp.issubdtype(values.dtype, jnp.floating)
+    return jnp.zeros_like(values) if floating else np.zeros(values.shape, dtype=jax.dtypes.float0)
+
+
 def _over_states(function, states, model):
     """``function`` of each state, for as many of them at once as memory allows: per cell that is one product of small matrices."""
     one = 16 * sum(block.nodes.size for block in model.blocks)

@@ -14,7 +14,8 @@ from .cloud import make_cloud
 from .discretisation import DMAX, SKIN, discretise
 from .geometry import reference_plate
 
-SMALLEST_CELL = 0.2  # least quadrature weight over its value when the cloud was made
+SMALLEST_CELL = 0.4  # least quadrature weight over its value when the cloud was made
+SPENT = 0.2  # the same for a cloud that may yet serve a single trial design
 LARGEST_CELL = 1.25  # largest area of a cell over its area when the cloud was made: beyond, its nodes are too far apart
 DEEPEST_GAP = 0.25  # most that a node without a place in a point's list may reach beyond the point, in units of its spacing
 STEEPEST = 25.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual on a new cloud
@@ -45,15 +46,20 @@ class Quality:
         return f"the neighbours of a point lie on too few lines: gradients of {self.steepest:.0f}" if not self.steepest < STEEPEST else ""
 
 
-def quality(cloud, *, basis="quadratic", dmax=DMAX):
-    """``Quality`` of a cloud where it is placed now, for supports of ``dmax`` spacings; it needs concrete positions."""
-    topology = cloud.topology
-    quadrature, before, now = topology.quadrature, topology.partition.vertices, np.asarray(cloud.vertices)
+def cell_sizes(cloud):
+    """``smallest_cell`` and ``largest_cell`` of a cloud's `Quality`, the part of it that costs next to nothing."""
+    quadrature, before, now = cloud.topology.quadrature, cloud.topology.partition.vertices, np.asarray(cloud.vertices)
     weights = [np.asarray(quadrature.weights(vertices)) for vertices in (before, now)]
     areas = [np.bincount(quadrature.owner, weight) for weight in weights]
-    sizes = float((weights[1] / weights[0]).min()), float((areas[1] / areas[0]).max())
+    return float((weights[1] / weights[0]).min()), float((areas[1] / areas[0]).max())
+
+
+def quality(cloud, *, basis="quadratic", dmax=None):
+    """``Quality`` of a cloud where it is placed now, for supports of ``dmax`` spacings (2.95); it needs concrete positions."""
+    topology, sizes, dmax = cloud.topology, cell_sizes(cloud), DMAX if dmax is None else dmax
     if not sizes[0] > 0:
         return Quality(*sizes, np.inf, np.inf)
+    quadrature, before, now = topology.quadrature, topology.partition.vertices, np.asarray(cloud.vertices)
     support, points = dmax * topology.node_spacing, (np.asarray(quadrature.points(before)), np.asarray(quadrature.points(now)))
     nodes = before[topology.node_vertices], now[topology.node_vertices]
     near = cKDTree(points[1]).sparse_distance_matrix(cKDTree(nodes[1]), support.max(), output_type="ndarray")
@@ -68,7 +74,7 @@ def quality(cloud, *, basis="quadratic", dmax=DMAX):
     return Quality(*sizes, float(depth.max(initial=0.0)), steepest)
 
 
-def refreshed(cloud, plate, *, basis="quadratic", dmax=DMAX):
+def refreshed(cloud, plate, *, basis="quadratic", dmax=None):
     """The cloud for ``plate``, and why it is a new one: ``cloud`` placed there and "", or one made for the plate and a line of text.
 
     The new cloud has the spacing and numbers of nodes with which the old one was made. ``basis`` and ``dmax`` are those of the model

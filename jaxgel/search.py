@@ -20,13 +20,13 @@ from .geometry import check_plate
 from .material import check_gel
 from .observables import min_gap
 from .optimisers import Exhausted, Invalid
+from .placement import SPENT, cell_sizes, refreshed
 from .results import open_folder, write_atomically
 from .sweep import Path, SweepFailed
 
 LOG = "design.json"
-FORMAT = 1  # of the log
+FORMAT = 2  # of the log
 FEASIBLE = 1e-4  # violation of a scaled constraint that still counts as met
-WORN, SPENT = 0.85, 0.4  # shares of a triangle's first area: below the first a new cloud is built, below the second a cloud is of no use
 _STATES = ("x", "pressure", "mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 
 
@@ -56,14 +56,15 @@ class Search:
             raise ValueError(f"start: the first design is not valid: {reason}") from None
 
     def settle(self, vector):
-        """`Evaluation` of a valid design to go on from, on a new cloud where the present one is worn there.
+        """`Evaluation` of a valid design to go on from, on a new cloud where the present one has become too poor there.
 
         The old cloud stays where the new one cannot be made or the design is not valid on it.
         """
         before = self.cloud, self.number
         try:
-            self.cloud = refreshed(self.cloud, self._plate(vector), self.problem.make_cloud)
-            if self.cloud is not before[0]:
+            placed, fault = refreshed(self.cloud, self._plate(vector), basis=self.problem.options.basis, dmax=self.problem.options.dmax)
+            if fault:
+                self.cloud = placed
                 self.number, self.clouds = self.clouds, self.clouds + 1
                 jax.clear_caches()  # programs belong to a topology; those of old clouds would fill gigabytes
                 return self._sound(vector)
@@ -184,7 +185,7 @@ class Search:
         plate = self._plate(vector)
         check_plate(plate)
         check_gel(problem.gel_at(problem.parameters(vector)))
-        if shrinkage(self.cloud, plate) < SPENT:
+        if not cell_sizes(self.cloud.at(plate))[0] > SPENT:
             raise Invalid("too far from the last design for its cloud")
 
         def judge(vector):
@@ -248,17 +249,6 @@ def check_path(path, allow_unstable=False):
         raise Invalid(f"self-contact at mu = {float(path.mu[int(np.argmax(touching))]):.4f}")
 
 
-def refreshed(cloud, plate, make):
-    """The cloud itself, or a new one, ``make(plate)``, where the way to ``plate`` wears it."""
-    return cloud if shrinkage(cloud, plate) > WORN else make(plate)
-
-
-def shrinkage(cloud, plate):
-    """Least share of its first area that a triangle of the cloud keeps on the way to ``plate``; negative where one turns over."""
-    before, after = (_triangle_areas(v, cloud.triangles) for v in (cloud.topology.partition.vertices, np.asarray(cloud.at(plate).vertices)))
-    return float(np.min(after / before, initial=1.0))
-
-
 def read_log(folder):
     """The log of a design's folder as a dict; ValueError for a folder without one, or a damaged one."""
     file = open_folder(folder) / LOG
@@ -274,8 +264,3 @@ def read_log(folder):
 def violation(entry):
     """Largest violation of a scaled constraint at a valid entry of the log; 0 if all are met."""
     return max(0.0, *(-v for v in entry["values"][1:]), 0.0)
-
-
-def _triangle_areas(vertices, triangles):
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1]))

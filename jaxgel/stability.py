@@ -44,10 +44,21 @@ class Modes:
 def network_stiffness(problem):
     """Sparse matrix N (f, f) of the free degrees of freedom: Nv times the Laplacian in each direction, kT/v."""
     pattern = (problem.apart or problem).pattern  # without contact
-    pairs = float(problem.gel.Nv) * np.asarray(problem.fixed.laplacian)[:, None, None] * np.eye(2)
-    matrix = sp.csr_matrix(pattern.matrix(pairs))
+    return network_matrix(pattern, float(problem.gel.Nv) * np.asarray(problem.fixed.laplacian))
+
+
+def network_matrix(pattern, laplacian):
+    """``network_stiffness`` from its entries (p,) by node pairs."""
+    matrix = sp.csr_matrix(pattern.matrix(np.asarray(laplacian)[:, None, None] * np.eye(2)))
     matrix.eliminate_zeros()
     return matrix
+
+
+def extreme_eigenvalues(factor, stiffness):
+    """The lowest eigenvalue of the factorised tangent, and the one nearest zero: the same where none is negative."""
+    nearest = nearest_modes(factor, stiffness, 1)[0][0]
+    negative = min(factor.negative_pivots, MOST_NEGATIVE)
+    return nearest_modes(factor, stiffness, negative, which="SA")[0][0] if negative > 0 else nearest, nearest
 
 
 def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY):

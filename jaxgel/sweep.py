@@ -6,7 +6,6 @@ always ends: with all states, or with those so far and a status that says why it
 
 import dataclasses
 import functools
-import warnings
 
 import jax
 import jax.numpy as jnp
@@ -14,13 +13,14 @@ import numpy as np
 
 from .constraints import free_dofs
 from .contact import with_contact
-from .equilibrium import Equilibrium, Status, acting, dry_state, energy_at, overlaps, prepare, solve, solve_traced, touches
-from .implicit import state_tangents
+from .equilibrium import Equilibrium, Status, acting, dry_state, energy_at, overlaps, prepare, solve, touches
+from .implicit import no_tangent, state_tangents
 from .linear_solve import remember
 from .material import check_gel
 from .mixed import state_pressure, tangent_pattern
 from .relaxation import relax, relax_along
 from .stability import lowest_modes, network_stiffness, stable_state
+from .traced import flagged, is_traced, scan_states, warn
 
 BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
@@ -28,7 +28,6 @@ EXTRAPOLATED = 7  # most states from which the next one is predicted
 MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
 SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of a chosen step after so many corrections; 0.6 after more
-NEARLY_SINGULAR = 1e-3  # eigenvalue, over the network's stiffness, below which a state's derivatives are flagged
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 
 
@@ -119,10 +118,6 @@ class Path:
 _COLUMNS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 
 
-class IllPosedDerivative(UserWarning):
-    """A sweep is differentiated at a state without a derivative worth the name: nearly singular, in self-contact, or not reached."""
-
-
 class SweepFailed(ArithmeticError):
     """Not even the first state of a sweep was found; the text says why."""
 
@@ -137,7 +132,9 @@ def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=
     stable branch that ends, or turns unstable, is left by relaxation (``switched``). ``loads`` (n, 2) are dead nodal forces, see
     ``load_vector``. ``on_step(step)`` is called with each accepted ``Step``; ``start`` is a Step to continue from. Raises
     ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first state is not found; later failures end the
-    path early, with the reason in ``path.stop`` and ``path.stop_text``.
+    path early, with the reason in ``path.stop`` and ``path.stop_text``. Differentiating a state that has no good derivative warns of
+    it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap``, for given mu only, states that are not reached are nan, and the
+    branch that continues the dry state is followed whatever its stability.
     """
     if branch not in BRANCHES:
         raise ValueError(f"branch: {branch!r} is not one of {', '.join(BRANCHES)}")
@@ -157,11 +154,6 @@ def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=
     if not steps:
         raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}")
     return Path.from_steps(model, gel, steps, stop=stop, stop_text="" if stop.ok else f"stopped after mu = {where:.6g}: {stop.text}")
-
-
-def is_traced(tree):
-    """Whether any leaf of the pytree is a JAX tracer."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def check_mu(mu):
@@ -361,7 +353,6 @@ def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
     """``sweep`` under differentiation, jit or vmap; states that are not reached are nan, with their status.
 
     Differentiation flags, and warns of, states without a good derivative (``IllPosedDerivative``): nearly singular or self-contacting.
-    Under jit or vmap the branch that continues the dry state is followed whatever its stability.
     """
     chosen = isinstance(mu, tuple) and len(mu) == 2
     if chosen and is_traced(mu):
@@ -389,7 +380,7 @@ def _states(static, floats, rest):
     if is_traced(inputs):
         if static.chosen is not None:
             raise ValueError("mu: chosen steps cannot be found inside jit or vmap; give a list of values")
-        return _scan_states(*inputs)
+        return scan_states(*inputs, static.contact)
     model, gel, mu, loads = inputs
     wanted = static.chosen if static.chosen is not None else list(np.asarray(mu))
     apart = []
@@ -407,7 +398,7 @@ def _states(static, floats, rest):
 
     report = dict(
         mu=jnp.asarray(path.mu) if static.chosen is not None else mu,
-        status=pad(_flagged(path, static.contact), int(path.stop)),
+        status=pad(flagged(path, static.contact), int(path.stop)),
         newton_iterations=pad(path.newton_iterations, 0),
         residual=pad(path.residual, jnp.nan),
         negative_pivots=pad(path.negative_pivots, -1),
@@ -423,7 +414,7 @@ def _states_jvp(static, primals, tangents):
     """The rule of ``implicit.state_tangents`` at every state; what is reported of the states has no derivative."""
     floats, rest = primals
     x, report = _states(static, floats, rest)
-    _warn(report)
+    warn(report, static.branch)
     model, gel, mu, loads = static.join(floats, rest)
     zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
     model_dot, gel_dot, mu_dot, loads_dot = static.join(tangents[0], zeros)
@@ -433,45 +424,4 @@ def _states_jvp(static, primals, tangents):
         model, model_dot = (dataclasses.replace(m, contact=None) for m in (model, model_dot))  # no energy and no derivative, but a cost
     pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact)
     x_dot = state_tangents(x, (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot), pattern)
-    return (x, report), (x_dot, jax.tree.map(_no_tangent, report))
-
-
-def _flagged(path, contact):
-    """Statuses (k,), as integers, of the states of a path that is differentiated: also those that have no good derivative."""
-    near = np.abs(path.lowest_eigenvalue) < NEARLY_SINGULAR
-    crossed = [contact != "on" and overlaps(path.model, x) for x in path.x]
-    return np.where(crossed, Status.SELF_CONTACT, np.where(near, Status.NEARLY_SINGULAR, np.array(path.status, dtype=int)))
-
-
-def _warn(report):
-    """Warn of every state whose derivative is ill-posed; inside jit only the statuses can tell."""
-    if is_traced(report):
-        return
-    for status in np.unique(report["status"][np.asarray(report["status"]) != Status.CONVERGED]):
-        at = ", ".join(f"{mu:.6g}" for mu in np.asarray(report["mu"])[np.asarray(report["status"]) == status])
-        warnings.warn(f"sweep: ill-posed derivative at mu = {at}: {Status(int(status)).text}", IllPosedDerivative, stacklevel=2)
-
-
-def _no_tangent(values):
-    floating = jnp.issubdtype(values.dtype, jnp.floating)
-    return jnp.zeros_like(values) if floating else np.zeros(values.shape, dtype=jax.dtypes.float0)
-
-
-def _scan_states(model, gel, mu, loads):
-    """Equilibria (k, n, 2) and their report at the given mu (k,) as one traced loop; linear extrapolation between states."""
-    start, pressure = dry_state(model, gel)
-
-    def step(carry, mu):
-        (mu_1, x_1, p_1), (mu_2, x_2, p_2), count = carry
-        ratio = jnp.where(count > 1, (mu - mu_1) / jnp.where(count > 1, mu_1 - mu_2, 1.0), 0.0)
-        found = solve_traced(model, gel, mu, loads, x_1 + ratio * (x_1 - x_2), p_1 + ratio * (p_1 - p_2))
-        x, p, report = found
-        return ((mu, x, p), (mu_1, x_1, p_1), count + 1), (x, report)
-
-    _, (x, report) = jax.lax.scan(step, ((mu[0], start, pressure),) * 2 + (0,), mu)
-    return x, dict(
-        report,
-        mu=mu,
-        lowest_eigenvalue=jnp.full(mu.shape, jnp.nan),
-        **dict.fromkeys(("switched", "apart"), jnp.zeros(mu.shape, dtype=bool)),
-    )
+    return (x, report), (x_dot, jax.tree.map(no_tangent, report))

@@ -10,7 +10,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import jaxgel
-from jaxgel.sweep import IllPosedDerivative
+from jaxgel import IllPosedDerivative
 
 MU = [-3.5, -2.2, -1.5]
 STEP = 1e-5  # of the value; central differences of states solved to 1e-13 are then good to about 1e-8 and the kinks of the weights to 1e-6
@@ -147,10 +147,14 @@ def test_states_out_of_reach_are_nan_and_say_so(cloud):
     assert np.all(np.isnan(x[~reached])) and np.all(np.isfinite(x[reached]))
 
 
-def test_derivatives_next_to_a_bifurcation_are_flagged(buckling_model):
-    """The coarse sample 4 has an eigenvalue of 0.02 at -2.1 and next to none where its symmetric state buckles."""
+@pytest.fixture(scope="module")
+def critical(buckling_model):
+    """Where the symmetric state of the coarse sample 4 buckles; at 0.3 kT below, its lowest eigenvalue is 0.02."""
+    return float(jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=(-2.5, -1.3))[0].mu)
+
+
+def test_derivatives_next_to_a_bifurcation_are_flagged(buckling_model, critical):
     gel = buckling_model.cloud.plate.gel
-    critical = float(jaxgel.critical_points(buckling_model, gel, mu=(-2.5, -1.3))[0].mu)
 
     def core_rotation(chi):
         path = jaxgel.sweep(buckling_model, jaxgel.Gel(gel.Nv, chi), mu=[-3.0, critical - 0.3, critical - 1e-5], branch="symmetric")
@@ -163,7 +167,7 @@ def test_derivatives_next_to_a_bifurcation_are_flagged(buckling_model):
 
 def test_derivatives_of_overlapping_holes_are_flagged(cloud, monkeypatch):
     model, found = jaxgel.discretise(cloud), itertools.cycle([False, False, True])
-    monkeypatch.setattr(sys.modules["jaxgel.sweep"], "overlaps", lambda *_: next(found))
+    monkeypatch.setattr(sys.modules["jaxgel.traced"], "overlaps", lambda *_: next(found))
 
     def area(chi):
         path = jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=MU, contact="off")
@@ -172,3 +176,43 @@ def test_derivatives_of_overlapping_holes_are_flagged(cloud, monkeypatch):
     with pytest.warns(IllPosedDerivative, match=r"hole boundaries touch or overlap"):
         status = jax.grad(area, has_aux=True)(1e-4)[1]
     assert status.tolist() == [jaxgel.Status.CONVERGED, jaxgel.Status.CONVERGED, jaxgel.Status.SELF_CONTACT]
+
+
+def test_inside_jit_every_state_says_how_it_stands(buckling_model, critical):
+    """Below, next to and beyond the bifurcation: the same verdict as outside jit, and a warning of each state but the first."""
+    gel, mu = buckling_model.cloud.plate.gel, [critical - 0.3, critical - 1e-5, critical + 0.1]
+
+    def core_rotation(chi, branch="symmetric"):
+        path = jaxgel.sweep(buckling_model, jaxgel.Gel(gel.Nv, chi), mu=mu, branch=branch)
+        return jaxgel.core_rotation(path)[-1], (path.status, path.negative_pivots, path.lowest_eigenvalue)
+
+    def compiled(chi):
+        found = jax.jit(jax.grad(lambda chi: core_rotation(chi, "stable"), has_aux=True))(chi)[1]
+        jax.effects_barrier()  # warnings come from callbacks, which may be late
+        return found
+
+    with pytest.warns(IllPosedDerivative, match=r"a fold or bifurcation is near"):
+        outside = jax.grad(core_rotation, has_aux=True)(gel.chi)[1]
+    with pytest.warns(IllPosedDerivative) as caught:
+        status, negative, lowest = compiled(gel.chi)
+    assert status.tolist() == [jaxgel.Status.CONVERGED, jaxgel.Status.NEARLY_SINGULAR, jaxgel.Status.CONVERGED]
+    np.testing.assert_array_equal(status, outside[0])
+    np.testing.assert_array_equal(negative, outside[1])
+    np.testing.assert_allclose(lowest, outside[2], rtol=2e-3, atol=1e-7)  # sought to 1e-3; next to 0 that is the state's own accuracy
+    messages = [str(warning.message) for warning in caught]
+    assert len(messages) == 2 and f"at mu = {mu[1]:.6g}: converged, but a fold" in messages[0]
+    assert f"at mu = {mu[2]:.6g}: the state is unstable, and inside jit" in messages[1]
+
+
+@pytest.mark.parametrize(("contact", "status"), [("off", jaxgel.Status.SELF_CONTACT), ("on", jaxgel.Status.CROSSED)])
+def test_inside_jit_overlapping_holes_are_flagged(cloud, monkeypatch, contact, status):
+    model, found = jaxgel.discretise(cloud), itertools.cycle([False, True])
+    monkeypatch.setattr(sys.modules["jaxgel.traced"], "crosses", lambda *_: next(found))
+
+    def sweep(chi):
+        path = jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=MU[:2], contact=contact)
+        return path.x, path.status
+
+    x, statuses = jax.jit(sweep)(1e-4)
+    assert statuses.tolist() == [jaxgel.Status.CONVERGED, status]
+    assert np.isnan(x[1]).any() == (contact == "on")  # a state that contact did not keep apart is none
