@@ -35,9 +35,10 @@ from .observables import (  # noqa: E402
     surface_ratio,
     volume_ratio,
 )
+from .path import Path  # noqa: E402
 from .samples import sample, sample_names  # noqa: E402
 from .shape_functions import shape_functions  # noqa: E402
-from .sweep import Path, sweep  # noqa: E402
+from .sweep import sweep  # noqa: E402
 from .traced import IllPosedDerivative  # noqa: E402
 
 __all__ = [

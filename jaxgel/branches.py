@@ -1,7 +1,7 @@
 """Other branches: along a mode from a critical point, past folds, by deflation, and with an imperfection.
 
 A branch is followed in its arc length, ds^2 = dmu^2 + |dx|^2 / (n spacing^2) with the n nodes' displacements, so that folds are points
-like any other (Keller's pseudo-arc-length continuation). States are the `sweep.Step`s of a `sweep.Path`, whose mu need not increase.
+like any other (Keller's pseudo-arc-length continuation). States are the `path.Step`s of a `path.Path`, whose mu need not increase.
 """
 
 import jax
@@ -13,8 +13,8 @@ from .critical import critical_points
 from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, energy_at, free_rhs, linearised, prepare, solve, tangent_at
 from .linear_solve import SingularTangent, factor
 from .mixed import pressure_step, state_pressure
+from .path import Path, Step
 from .stability import lowest_modes, network_stiffness, spread
-from .sweep import Path, Step
 
 FIRST_AMPLITUDE = 0.05  # of the spacing: largest displacement along the mode of the first state of a new branch
 MAX_STATES = 200

@@ -1,6 +1,6 @@
 """What a design is judged by: functions of a swollen path, or of the dry plate alone, whose values JAX differentiates.
 
-An objective is any function of a `sweep.Path` that gives a number; `reading` and `misfit` make the usual ones. A constraint is a
+An objective is any function of a `path.Path` that gives a number; `reading` and `misfit` make the usual ones. A constraint is a
 function of the path, or of the plate, that is met where it is not negative. Lengths in mm, angles in degrees.
 """
 

@@ -33,7 +33,7 @@ from .observables import (
     surface_ratio,
     volume_ratio,
 )
-from .sweep import Path, Step
+from .path import Path, Step
 
 COLUMNS = (
     "mu",
@@ -265,7 +265,7 @@ def load_run(folder, *, max_bytes=MAX_BYTES):
 
 
 def load_path(folder):
-    """The `sweep.Path` of a run's folder, on the model built again from the options in its ``summary.json``.
+    """The `path.Path` of a run's folder, on the model built again from the options in its ``summary.json``.
 
     Raises ValueError as `load_run`, and when the nodes differ from the stored ones (written by another version).
     """

@@ -20,9 +20,10 @@ from .geometry import check_plate
 from .material import check_gel
 from .observables import min_gap
 from .optimisers import Exhausted, Invalid
+from .path import Path
 from .placement import SPENT, cell_sizes, refreshed
 from .results import open_folder, write_atomically
-from .sweep import Path, SweepFailed
+from .sweep import SweepFailed
 
 LOG = "design.json"
 FORMAT = 2  # of the log

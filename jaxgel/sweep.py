@@ -18,6 +18,7 @@ from .implicit import no_tangent, state_tangents
 from .linear_solve import remember
 from .material import check_gel
 from .mixed import state_pressure, tangent_pattern
+from .path import Path, Step
 from .relaxation import relax, relax_along
 from .stability import lowest_modes, network_stiffness, stable_state
 from .traced import flagged, is_traced, scan_states, warn
@@ -29,93 +30,6 @@ MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
 SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of a chosen step after so many corrections; 0.6 after more
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Step:
-    """One accepted state of a sweep; scalars are Python numbers."""
-
-    mu: float
-    """Chemical potential, kT."""
-    x: np.ndarray
-    """(n, 2) nodal positions, mm."""
-    pressure: np.ndarray
-    """(g,) pressure of the volume groups, kT/v."""
-    status: Status
-    """Always ``Status.CONVERGED`` for an accepted state."""
-    newton_iterations: int
-    """Linear solves spent on it, including those of intermediate and failed attempts."""
-    residual: float
-    """Norm of the residual over that of the network's nodal forces."""
-    energy: float
-    """Total energy, kT/v mm^2."""
-    negative_pivots: int
-    """Negative eigenvalues of the tangent: 0 on a stable branch."""
-    lowest_eigenvalue: float = float("nan")
-    """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where it was not computed."""
-    modes: object = None
-    """(f, m) lowest modes, where the next state's are looked for; None for a state read from a file."""
-    factor: object = None
-    """Factor of the tangent next to the state; None for a state read from a file."""
-    switched: bool = False
-    """Whether the state left an unstable branch: it does not continue the states before it."""
-    apart: bool | None = None
-    """Whether no outline is so near itself that contact acts; None where that was not looked at."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Path:
-    """Accepted states of a sweep in the order of mu; k of them."""
-
-    model: object
-    """The ``Model``."""
-    gel: object
-    """The ``Gel``."""
-    mu: np.ndarray
-    """(k,) chemical potentials, kT."""
-    x: np.ndarray
-    """(k, n, 2) nodal positions, mm."""
-    pressure: np.ndarray
-    """(k, g) pressure of the volume groups, kT/v."""
-    status: list
-    """(k,) ``Status`` of each state."""
-    newton_iterations: np.ndarray
-    """(k,) linear solves spent on each state."""
-    residual: np.ndarray
-    """(k,) relative residuals."""
-    energy: np.ndarray
-    """(k,) total energies, kT/v mm^2."""
-    negative_pivots: np.ndarray
-    """(k,) negative eigenvalues of the tangent."""
-    lowest_eigenvalue: np.ndarray
-    """(k,) lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where not computed."""
-    switched: np.ndarray
-    """(k,) whether the state left an unstable branch for a stable one."""
-    stop: Status
-    """``CONVERGED`` where the sweep reached its end, otherwise why it stopped."""
-    stop_text: str
-    """The reason in one line, with mu."""
-
-    @classmethod
-    def from_steps(cls, model, gel, steps, *, stop=Status.CONVERGED, stop_text=""):
-        """Path of the given steps (at least one)."""
-        columns = {name: [getattr(step, name) for step in steps] for name in _COLUMNS}
-        return cls(
-            model=model,
-            gel=gel,
-            x=np.stack([step.x for step in steps]),
-            pressure=np.stack([step.pressure for step in steps]),
-            status=columns.pop("status"),
-            stop=stop,
-            stop_text=stop_text or stop.text,
-            **{name: np.array(column) for name, column in columns.items()},
-        )
-
-    def __len__(self):
-        return len(self.mu)
-
-
-_COLUMNS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 
 
 class SweepFailed(ArithmeticError):

@@ -15,8 +15,9 @@ import pytest
 
 from jaxgel import cli
 from jaxgel.equilibrium import Status
+from jaxgel.path import Step
 from jaxgel.results import load_run
-from jaxgel.sweep import Step, SweepFailed
+from jaxgel.sweep import SweepFailed
 
 SMALL = ["--spacing", "1.1", "--no-plots"]
 FILES = {"summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "series.pvd", "vtu"}

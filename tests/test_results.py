@@ -9,8 +9,8 @@ import pytest
 
 from jaxgel import cases, results
 from jaxgel.observables import area_reduction, min_gap, outlines, rotation_angle
+from jaxgel.path import Step
 from jaxgel.results import COLUMNS, SELF_CONTACT, Recorder, events, history, load_path, load_run, write_atomically
-from jaxgel.sweep import Step
 
 INTERFACE = (
     "mu, free_stretch, status, newton_iterations, residual, energy, J_min, J_max, J_mean, area_reduction, rotation_deg, "

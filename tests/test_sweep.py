@@ -9,7 +9,8 @@ import pytest
 import jaxgel
 from jaxgel.equilibrium import Status, prepare
 from jaxgel.material import Gel, largest_mu
-from jaxgel.sweep import Step, SweepFailed, _predict, check_mu
+from jaxgel.path import Step
+from jaxgel.sweep import SweepFailed, _predict, check_mu
 
 
 @pytest.fixture(scope="module")
