@@ -70,8 +70,8 @@ def test_mean_volume_ratio_and_area_reduction_obey_the_rigid_box(run_folder, pat
     run, plate = load_run(run_folder), path.model.cloud.plate
     porosity = float(sum(hole.area() for hole in plate.holes)) / (plate.width * plate.height)
     expected = (run.history["J_mean"] - 1) * (1 - porosity) / porosity
-    # 5e-4 is required of the default cloud; this one has half its nodes per side
-    np.testing.assert_allclose(run.history["area_reduction"], expected, rtol=1e-3)
+    # 5e-4 is required of the default cloud; this one has twice its spacing, and the error is of second order
+    np.testing.assert_allclose(run.history["area_reduction"], expected, rtol=4 * 5e-4)
 
 
 def test_a_path_read_back_gives_the_same_observables(run_folder, path):
