@@ -23,8 +23,9 @@ from .constraints import free_dofs
 from .energy import residual, total_energy
 from .equilibrium import prepare, solve
 from .stability import nearest_modes, network_stiffness, oriented, spread, tangent_products
-from .sweep import check_mu, is_traced, sweep
+from .sweep import check_mu, sweep
 from .symmetry import characters, symmetries
+from .traced import is_traced
 
 ITERATIONS = 15
 TOLERANCE = 1e-9  # of a critical mu, kT
