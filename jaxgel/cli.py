@@ -10,7 +10,6 @@ from importlib.metadata import version
 from pathlib import Path as File
 
 import numpy as np
-from tqdm import tqdm
 
 from . import cases
 from .branches import imperfect_loads
@@ -19,6 +18,7 @@ from .geometry import did_you_mean
 from .results import Recorder, events, load_path, load_run, open_folder, write_points
 from .samples import sample, sample_names
 from .sweep import SweepFailed, sweep
+from .terminal import Progress, interruptible
 
 DONE, UNUSABLE, STOPPED, INTERRUPTED = 0, 2, 3, 130
 OPTIONS = {
@@ -75,11 +75,12 @@ def _changes(args):
 def _sweep(case, model, recorder, quiet):
     """The path of a case, recorded and shown while it grows."""
     loads = imperfect_loads(case, model)
-    with _Progress(case.sweep.ends, quiet) as progress:
+    with Progress(case.sweep.ends, quiet) as progress, interruptible() as stop_if_asked:
 
         def on_step(step):
             recorder(step)
             progress.show(recorder.records[-1][1])
+            stop_if_asked()
 
         return sweep(
             model, case.gel, mu=case.sweep.values, branch=case.sweep.branch, contact=case.sweep.contact, loads=loads, on_step=on_step
@@ -203,29 +204,6 @@ def list_samples(_):
         holes = f"{len(plate.holes)} holes ({', '.join(kinds)})" if kinds else "no hole"
         print(f"{name:10s} {plate.width:g} x {plate.height:g} {plate.unit}, {holes}, Nv {plate.gel.Nv:g}, chi {plate.gel.chi:g}")
     return DONE
-
-
-class _Progress:
-    """A bar over the interval of mu on the terminal, with mu, rotation and Newton iterations of the last state."""
-
-    def __init__(self, ends, quiet):
-        self.start = ends[0]
-        span = max(ends[1] - ends[0], 1e-12)
-        form = "{percentage:3.0f}%|{bar:24}| {elapsed}{postfix}"
-        self.bar = tqdm(total=span, bar_format=form, disable=True if quiet else None, leave=False)
-        self.bar.set_postfix_str("compiling")
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.bar.close()
-
-    def show(self, row):
-        self.bar.n = min(float(row["mu"]) - self.start, self.bar.total)
-        self.bar.set_postfix_str(
-            f"mu {row['mu']:.4f}, rotation {row['rotation_deg']:.2f} deg, {row['newton_iterations']} Newton iterations", refresh=True
-        )
 
 
 def _draw(path, folder, table, plots):

@@ -188,7 +188,8 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
     for iterations in range(MAX_ITERATIONS):
         rhs = np.asarray(free_rhs(now, now, problem.model, free)) + force * mode
         miss = amplitude - mode @ (np.asarray(x).ravel()[free] - origin)
-        size = float(np.linalg.norm(np.asarray(now.rhs).ravel()[free] + force * mode) * float(measures[2]))
+        with np.errstate(over="ignore"):  # a diverging iterate ends as a status
+            size = float(np.linalg.norm(np.asarray(now.rhs).ravel()[free] + force * mode) * float(measures[2]))
         if not np.isfinite(size + float(measures[1])):
             return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, None), force
         if size < TOLERANCE and float(measures[1]) < CONSTRAINT_TOLERANCE and abs(miss) < 1e-9 * abs(amplitude):

@@ -1,5 +1,6 @@
 """The command line does what its help says: files, exit codes, one line per error, nothing lost when it is stopped."""
 
+import contextlib
 import dataclasses
 import os
 import re
@@ -18,6 +19,7 @@ from jaxgel.equilibrium import Status
 from jaxgel.path import Step
 from jaxgel.results import load_run
 from jaxgel.sweep import SweepFailed
+from jaxgel.terminal import interruptible
 
 SMALL = ["--spacing", "1.1", "--no-plots"]
 FILES = {"summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "series.pvd", "vtu"}
@@ -209,3 +211,14 @@ def test_the_version_is_that_of_the_project(capsys):
     with pytest.raises(SystemExit):
         cli.main(["--version"])
     assert capsys.readouterr().out.split() == ["jaxgel", project["version"]]
+
+
+def test_ctrl_c_is_not_lost_with_its_exception():
+    """An exception in a destructor is only printed; the next step still knows that Ctrl-C was pressed."""
+    with interruptible() as stop_if_asked:
+        stop_if_asked()
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            stop_if_asked()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -1,0 +1,53 @@
+"""A run seen from a terminal: its progress, and Ctrl-C."""
+
+import contextlib
+import signal
+import threading
+
+from tqdm import tqdm
+
+
+class Progress:
+    """A bar over the interval of mu on the terminal, with mu, rotation and Newton iterations of the last state."""
+
+    def __init__(self, ends, quiet):
+        self.start = ends[0]
+        span = max(ends[1] - ends[0], 1e-12)
+        form = "{percentage:3.0f}%|{bar:24}| {elapsed}{postfix}"
+        self.bar = tqdm(total=span, bar_format=form, disable=True if quiet else None, leave=False)
+        self.bar.set_postfix_str("compiling")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.bar.close()
+
+    def show(self, row):
+        self.bar.n = min(float(row["mu"]) - self.start, self.bar.total)
+        self.bar.set_postfix_str(
+            f"mu {row['mu']:.4f}, rotation {row['rotation_deg']:.2f} deg, {row['newton_iterations']} Newton iterations", refresh=True
+        )
+
+
+@contextlib.contextmanager
+def interruptible():
+    """A function that raises KeyboardInterrupt once Ctrl-C was pressed: the exception itself is lost where it meets a destructor."""
+    pressed = []
+
+    def note(number, frame):
+        pressed.append(number)
+        signal.default_int_handler(number, frame)
+
+    def stop_if_asked():
+        if pressed:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():  # only the main thread hears signals
+        yield stop_if_asked
+        return
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield stop_if_asked
+    finally:
+        signal.signal(signal.SIGINT, before)
