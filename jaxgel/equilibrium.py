@@ -117,15 +117,15 @@ def dry_state(model, gel):
     return model.cloud.nodes, -gel.Nv * jnp.ones_like(all_volumes(model))
 
 
-def solve(problem, mu, x, pressure, *, fresh=False):
+def solve(problem, mu, x, pressure, *, fresh=False, near=None):
     """``Equilibrium`` at the chemical potential ``mu`` (kT), from positions ``x`` (n, 2) and pressures (g,).
 
     Newton's method on the mixed form (see ``mixed``): every p is feasible, so no line search guards J > 1. A factor serves for as
     long as each correction leaves less than ``SLOW`` of the imbalance; the last one is kept. With ``fresh`` every correction gets its
-    own factor, and so does the solution. Contact is left out until an outline comes near itself; a state in which one crosses itself
-    is not accepted.
+    own factor, and so does the solution. Contact is left out until an outline comes near itself: at the start, where ``near`` does not
+    already say so, and in the solution. A state in which one crosses itself is not accepted.
     """
-    if problem.apart is not None and not touches(problem.model, x):
+    if problem.apart is not None and not (touches(problem.model, x) if near is None else near):
         found = solve(problem.apart, mu, x, pressure, fresh=fresh)
         if not (found.status.ok and touches(problem.model, found.x)):
             return dataclasses.replace(found, apart=True)

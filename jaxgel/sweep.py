@@ -187,9 +187,11 @@ def _reached(problem, stable, mu, history):
     if problem.apart is None or not history:
         return solve(problem, mu, x, pressure), False
     last, far = history[-1], not np.abs(x - history[-1].x).max() < problem.model.contact.range
-    if far and ((not last.apart and touches(problem.model, last.x)) or touches(problem.model, x)):
+    acted = touches(problem.model, last.x) if last.apart is None else not last.apart
+    near = (acted or far) and touches(problem.model, x)
+    if far and (acted or near):
         return Equilibrium(x, pressure, Status.NOT_CONVERGED, 0, float("nan"), None), False
-    found = solve(problem, mu, x, pressure)
+    found = solve(problem, mu, x, pressure, near=near)
     if found.status.ok or not stable or mu - last.mu > SNAP:
         return found, False
     relaxed = relax(problem, mu, last.x, last.pressure)
@@ -233,8 +235,8 @@ def _extrapolated(history, mu):
     at = np.array([step.mu for step in history])
     others = [np.delete(at, i) for i in range(len(at))]
     weights = [np.prod((mu - other) / (a - other)) for a, other in zip(at, others, strict=True)]
-    x = sum(w * step.x for w, step in zip(weights, history, strict=True))
-    return x, sum(w * step.pressure for w, step in zip(weights, history, strict=True))
+    x = sum(w * np.asarray(step.x) for w, step in zip(weights, history, strict=True))
+    return x, sum(w * np.asarray(step.pressure) for w, step in zip(weights, history, strict=True))
 
 
 # --- sweeps inside JAX transformations ---------------------------------------------------------------------------------------
