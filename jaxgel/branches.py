@@ -10,7 +10,7 @@ import numpy as np
 
 from .bordered import Conditions, solve_bordered
 from .critical import critical_points
-from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, energy_at, free_rhs, linearised, prepare, solve, tangent_at
+from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, free_rhs, linearised, prepare, solve, tangent_at
 from .linear_solve import SingularTangent, factor
 from .mixed import pressure_step, state_pressure
 from .path import Path, Step
@@ -129,19 +129,7 @@ def _ended(problem, steps, stop):
 def _step(problem, mu, state, steps):
     """``Step`` of a state with a factor of its own tangent."""
     modes, state = lowest_modes(problem, network_stiffness(problem), state, mu, steps[-1].modes if steps else None)
-    return Step(
-        mu=float(mu),
-        x=state.x,
-        pressure=state.pressure,
-        status=state.status,
-        newton_iterations=state.iterations,
-        residual=state.residual,
-        energy=float(energy_at(state.x, problem.model, problem.gel, mu, problem.loads)),
-        negative_pivots=modes.negative,
-        lowest_eigenvalue=float(modes.eigenvalues[0]),
-        modes=modes.vectors,
-        factor=state.factor,
-    )
+    return Step.at(problem, mu, state, modes)
 
 
 # --- deflation ---------------------------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from .discretisation import discretise
 from .geometry import Plate, did_you_mean
 from .material import Gel, check_gel
 from .samples import sample
-from .sweep import check_mu
+from .sweep import BRANCHES, CONTACT, check_mu
 
 HOLES = {
     kind.__name__.lower(): kind for kind in (holes.Circle, holes.Ellipse, holes.Rectangle, holes.Superellipse, holes.Fourier, holes.Polygon)
@@ -31,8 +31,6 @@ SECTIONS = ("plate", "holes", "gel", "sweep", "discretisation")
 BASES = ("linear", "quadratic")
 METHODS = ("mixed", "displacement")
 QUADRATURES = ("conforming", "paper")
-BRANCHES = ("stable", "symmetric")
-CONTACT = ("on", "off", "stop")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -130,10 +130,7 @@ def check_grad(args):
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
     from .check_gradient import STATES, check_gradient, failures, write_table
 
-    changes = {
-        section: {key: getattr(args, key) for key in keys if getattr(args, key, None) is not None} for section, keys in OPTIONS.items()
-    }
-    case = cases.load_case(args.case, changes)
+    case = cases.load_case(args.case, _changes(args))
     folder = open_folder(args.out or File("out") / case.name)
     try:
         rows = check_gradient(case, states=args.states or STATES, quiet=args.quiet)
@@ -271,15 +268,16 @@ def _parser():
     parser.add_argument("--version", action="version", version=f"jaxgel {version('jaxgel')}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
-    p = commands.add_parser("run", help="swell a case and write its table, states and figures", allow_abbrev=False)
-    p.add_argument("case", metavar="CASE", help="a built-in name (see jaxgel samples) or the path of a TOML file")
-    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/CASE)")
-    p.add_argument("--mu-start", type=_real, metavar="A", help="first chemical potential in kT (default: -4.9678)")
-    p.add_argument("--mu-end", type=_real, metavar="B", help="last chemical potential in kT (default: -0.9178)")
+    def add(command, name, text):
+        p = commands.add_parser(name, help=text, allow_abbrev=False)
+        p.set_defaults(command=command)
+        return p
+
+    p = _case_options(add(run, "run", "swell a case and write its table, states and figures"), "out/CASE")
     p.add_argument(
         "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values of mu, both ends included (default: 40)"
     )
-    p.add_argument("--branch", metavar="|".join(cases.BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
+    _branch_option(p)
     p.add_argument(
         "--imperfection", type=_real, metavar="EPS", help="push along the first bifurcation's mode by EPS node spacings (default: 0)"
     )
@@ -288,8 +286,6 @@ def _parser():
         metavar="|".join(cases.CONTACT),
         help="where a hole's sides meet: keep them apart, let them overlap, or stop (default: on)",
     )
-    p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
-    p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
     p.add_argument("--across", type=_whole, metavar="N", help="at least N nodes across every ligament, by local refinement")
     p.add_argument("--basis", metavar="|".join(cases.BASES), help="basis of the shape functions (default: quadratic)")
     p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95, paper quadrature 3.5)")
@@ -298,52 +294,49 @@ def _parser():
         "--quadrature", metavar="|".join(cases.QUADRATURES), help="cells along the true outline, or the paper's (default: conforming)"
     )
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation")
-    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    p.set_defaults(command=run)
 
-    p = commands.add_parser("critical", help="find where the symmetric branch becomes unstable or folds back", allow_abbrev=False)
-    p.add_argument("case", metavar="CASE", help="a built-in name or the path of a TOML file")
-    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/CASE-critical)")
-    p.add_argument("--mu-start", type=_real, metavar="A", help="lower end of the search in kT (default: -4.9678)")
-    p.add_argument("--mu-end", type=_real, metavar="B", help="upper end of the search in kT (default: -0.9178)")
+    p = _case_options(add(critical, "critical", "find where the symmetric branch becomes unstable or folds back"), "out/CASE-critical")
     p.add_argument("--most", type=_whole, default=4, metavar="N", help="number of points after which the search ends (default: 4)")
-    p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
-    p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure of the modes")
-    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    p.set_defaults(command=critical)
 
-    p = commands.add_parser("plot", help="draw the figures of a run's folder again", allow_abbrev=False)
+    p = _case_options(add(check_grad, "check-grad", "Taylor test of a case's gradients"), "out/CASE")
+    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of mu (default: 4)")
+    _branch_option(p)
+
+    p = add(plot, "plot", "draw the figures of a run's folder again")
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
     p.add_argument("--out", metavar="DIR", help="where the figures go (default: the same folder)")
-    p.set_defaults(command=plot)
 
-    p = commands.add_parser("check-grad", help="Taylor test of a case's gradients", allow_abbrev=False)
-    p.add_argument("case", metavar="CASE", help="a built-in name (see jaxgel samples) or the path of a TOML file")
-    p.add_argument("--out", metavar="DIR", help="folder of the table (default: out/CASE)")
-    p.add_argument("--mu-start", type=_real, metavar="A", help="first chemical potential in kT (default: the case's)")
-    p.add_argument("--mu-end", type=_real, metavar="B", help="last chemical potential in kT (default: the case's)")
-    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of mu (default: 4)")
-    p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
-    p.add_argument("--branch", metavar="|".join(cases.BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
-    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    p.set_defaults(command=check_grad)
-
-    p = commands.add_parser("design", help="search the best holes of a study and verify them", allow_abbrev=False)
+    p = _quiet_option(add(design, "design", "search the best holes of a study and verify them"))
     p.add_argument("study", metavar="STUDY.toml", help="the path of a study's TOML file")
     p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
     p.add_argument("--resume", action="store_true", help="continue the search whose log is in the folder")
-    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    p.set_defaults(command=design)
 
-    p = commands.add_parser("resume", help="continue an interrupted design, to the same result", allow_abbrev=False)
+    p = _quiet_option(add(resume, "resume", "continue an interrupted design, to the same result"))
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel design")
-    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    p.set_defaults(command=resume)
 
-    p = commands.add_parser("samples", help="list the built-in cases", allow_abbrev=False)
-    p.set_defaults(command=list_samples)
+    add(list_samples, "samples", "list the built-in cases")
     return parser, commands.choices
+
+
+def _case_options(p, out):
+    """The parser ``p`` of a command that works on a case, with what all of these take; ``out`` is the default folder."""
+    p.add_argument("case", metavar="CASE", help="a built-in name (see jaxgel samples) or the path of a TOML file")
+    p.add_argument("--out", metavar="DIR", help=f"folder of the results (default: {out})")
+    p.add_argument("--mu-start", type=_real, metavar="A", help="first chemical potential in kT (default: the case's, or -4.9678)")
+    p.add_argument("--mu-end", type=_real, metavar="B", help="last chemical potential in kT (default: the case's, or -0.9178)")
+    p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
+    p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
+    return _quiet_option(p)
+
+
+def _quiet_option(p):
+    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    return p
+
+
+def _branch_option(p):
+    p.add_argument("--branch", metavar="|".join(cases.BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
 
 
 def _joined(argv):

@@ -1,9 +1,10 @@
 """Factors of sparse symmetric matrices by fronts: nested dissection of the nodes, dense LAPACK on each front.
 
-A meshless node is coupled to all others within some spacings, so the fronts are large and dense arithmetic wins: on sample 1 a factor
-costs a quarter of SuperLU's (Duff and Reid 1983; George 1973). A front's pivot block is factorised by Cholesky where it is positive
-definite and by its eigenvectors where it is not; either way the signs of the pivots give the inertia (Sylvester). There is no exchange
-of pivots between fronts: a front that is singular by itself raises, and round-off that grew shows in the residual of the solution.
+A meshless node is coupled to all others within some spacings, so the fronts are large and dense arithmetic wins: on the paper's samples
+a factor costs about a third of SuperLU's (benchmarks/kernels.py). The method is that of Duff and Reid (1983) with the dissection of
+George (1973). A front's pivot block is factorised by Cholesky where it is positive definite and by its eigenvectors where it is not;
+either way the signs of the pivots give the inertia (Sylvester). There is no exchange of pivots between fronts: a front that is singular
+by itself raises, and round-off that grew shows in the residual of the solution.
 """
 
 import dataclasses

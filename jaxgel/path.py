@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from .equilibrium import Status
+from .equilibrium import Status, acting, energy_at
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,6 +37,26 @@ class Step:
     """Whether the state left an unstable branch: it does not continue the states before it."""
     apart: bool | None = None
     """Whether no outline is so near itself that contact acts; None where that was not looked at."""
+
+    @classmethod
+    def at(cls, problem, mu, state, modes, *, switched=False):
+        """Step of an ``Equilibrium`` at ``mu`` with its ``stability.Modes``; None for a state that was not reached."""
+        model = acting(problem, state).model
+        return cls(
+            mu=float(mu),
+            x=state.x,
+            pressure=state.pressure,
+            status=state.status,
+            newton_iterations=state.iterations,
+            residual=state.residual,
+            energy=float(energy_at(state.x, model, problem.gel, mu, problem.loads)) if modes else float("nan"),
+            negative_pivots=modes.negative if modes else -1,
+            lowest_eigenvalue=float(modes.eigenvalues[0]) if modes else float("nan"),
+            modes=modes.vectors if modes else None,
+            factor=state.factor,
+            switched=switched,
+            apart=state.apart if problem.apart is not None else None,
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

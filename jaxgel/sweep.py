@@ -13,7 +13,7 @@ import numpy as np
 
 from .constraints import free_dofs
 from .contact import with_contact
-from .equilibrium import Equilibrium, Status, acting, dry_state, energy_at, overlaps, prepare, solve, touches
+from .equilibrium import Equilibrium, Status, dry_state, energy_at, overlaps, prepare, solve, touches
 from .implicit import no_tangent, state_tangents
 from .linear_solve import remember
 from .material import check_gel
@@ -161,21 +161,7 @@ def _attempt(problem, stiffness, stable, mu, done):
         if other is not None:
             iterations = found.iterations + other[0].iterations
             found, modes, switched = dataclasses.replace(other[0], iterations=iterations), other[1], True
-    return Step(
-        mu=float(mu),
-        x=found.x,
-        pressure=found.pressure,
-        status=found.status,
-        newton_iterations=found.iterations,
-        residual=found.residual,
-        energy=float(energy_at(found.x, acting(problem, found).model, problem.gel, mu, problem.loads)) if modes else float("nan"),
-        negative_pivots=modes.negative if modes else -1,
-        lowest_eigenvalue=float(modes.eigenvalues[0]) if modes else float("nan"),
-        modes=modes.vectors if modes else None,
-        factor=found.factor,
-        switched=switched,
-        apart=found.apart if problem.apart is not None else None,
-    )
+    return Step.at(problem, mu, found, modes, switched=switched)
 
 
 def _reached(problem, stable, mu, history):

@@ -78,7 +78,7 @@ def test_imperfect_gels_approach_the_switched_branch(buckled, buckling_model, ge
         distance.append(float(jaxgel.core_rotation(path)[-1]) - rotation[0 if size > 0 else 1])
         assert not np.any(path.switched) and np.all(path.negative_pivots == 0)  # it buckles without a bifurcation
     assert abs(distance[0]) < 2
-    assert distance[1] == pytest.approx(0.1 * distance[0], rel=0.1)
+    assert distance[1] == pytest.approx(0.1 * distance[0], rel=0.1)  # -0.128 and -1.188: the second order of the larger size is 8 %
     assert distance[2] == pytest.approx(-distance[1], rel=1e-2)
 
 

@@ -1,0 +1,102 @@
+"""Time of the parts of a sweep, beside SuperLU and beside a sweep without stability, in the same run.
+
+    python benchmarks/kernels.py [--cases sample-1 ...] [--repeats N]
+
+Prints, for each case on its default cloud: the linearisation, tangent, factor and solve of one Newton step at mu = -3 (medians of
+``--repeats``), the same factor and solve by SciPy's SuperLU in symmetric mode, and what the stability columns add to a sweep of 30 steps
+to -0.9178. BLAS and SuperLU use one thread, XLA what the machine has.
+"""  # fmt: skip
+
+import argparse
+import dataclasses
+import statistics
+import sys
+import time
+
+import jax
+import numpy as np
+from scipy.sparse.linalg import splu
+
+import jaxgel
+from jaxgel.equilibrium import linearised, prepare, tangent_at
+from jaxgel.linear_solve import factor
+
+MU = np.linspace(-4.9678, -0.9178, 30)  # kT
+SUPERLU = dict(permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
+
+
+@dataclasses.dataclass(frozen=True)
+class NoModes:
+    """Stands for ``stability.Modes`` where they are not computed."""
+
+    negative = 0
+    eigenvalues = np.full(2, np.nan)
+    vectors = None
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", nargs="+", default=["sample-1", "sample-7", "sample-4", "lattice"], help="built-in names")
+    parser.add_argument("--repeats", type=int, default=15, help="runs of which the median is taken (15)")
+    options = parser.parse_args()
+    names = ("DOFs", "linearise", "tangent", "factor", "solve", "SuperLU", "solve", "ratio", "sweep", "no modes", "added")
+    print(f"{'case':10}", *(name.rjust(9) for name in names))
+    for name in options.cases:
+        plate = jaxgel.sample(name)
+        model = jaxgel.discretise(jaxgel.make_cloud(plate))
+        dofs, kernels = newton_step(model, plate.gel, options.repeats)
+        ratio = (kernels["SuperLU"] + kernels["its solve"]) / (kernels["factor"] + kernels["solve"])
+        whole, bare = stability(model, plate.gel)
+        times = " ".join(f"{1e3 * seconds:7.2f}ms" for seconds in kernels.values())
+        print(f"{name:10} {dofs:9d} {times} {ratio:9.1f} {whole:8.3f}s {bare:8.3f}s {whole / bare - 1:9.0%}", flush=True)
+
+
+def newton_step(model, gel, repeats):
+    """Number of free degrees of freedom, and median seconds of each part of a Newton step at mu = -3."""
+    path = jaxgel.sweep(model, gel, mu=[-3.5, -3.0], contact="off")
+    problem, x, pressure = prepare(model, gel), path.x[-1], path.pressure[-1]
+    args, pattern = (problem.model, problem.gel, -3.0, problem.loads, problem.fixed), problem.pattern
+    now, _ = linearised(x, pressure, *args, pattern.free)
+    pairs = tangent_at(x, pressure, now, problem.model, problem.gel, problem.fixed)
+    made, matrix, rhs = factor(pattern, pairs), pattern.matrix(pairs), np.ones(len(pattern.free))
+    order = np.argsort(splu(matrix, **SUPERLU).perm_c)  # its analysis, once, as in a sweep
+    permuted = matrix[order][:, order].tocsc()
+    ordered = SUPERLU | dict(permc_spec="NATURAL")
+    lu = splu(permuted, **ordered)
+    return len(rhs), {
+        "linearise": median(lambda: linearised(x, pressure, *args, pattern.free), repeats),
+        "tangent": median(lambda: tangent_at(x, pressure, now, problem.model, problem.gel, problem.fixed), repeats),
+        "factor": median(lambda: factor(pattern, pairs), repeats),
+        "solve": median(lambda: made.apply(rhs), repeats),
+        "SuperLU": median(lambda: splu(permuted, **ordered), repeats),
+        "its solve": median(lambda: lu.solve(rhs), repeats),
+    }
+
+
+def stability(model, gel, repeats=3):
+    """Median seconds of a sweep on the symmetric branch, with eigenvalues and without."""
+    module = sys.modules["jaxgel.sweep"]
+    lowest_modes, seconds = module.lowest_modes, {True: [], False: []}
+    for _ in range(repeats + 1):
+        for wanted in seconds:
+            module.lowest_modes = lowest_modes if wanted else lambda *args, **_: (NoModes(), args[2])
+            begin = time.perf_counter()
+            jaxgel.sweep(model, gel, mu=MU, branch="symmetric")
+            seconds[wanted].append(time.perf_counter() - begin)
+    module.lowest_modes = lowest_modes
+    return (statistics.median(seconds[wanted][1:]) for wanted in (True, False))
+
+
+def median(function, repeats):
+    """Median seconds of a function after a first call."""
+    jax.block_until_ready(function())
+    seconds = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        jax.block_until_ready(function())
+        seconds.append(time.perf_counter() - begin)
+    return statistics.median(seconds)
+
+
+if __name__ == "__main__":
+    main()
