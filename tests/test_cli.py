@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxgel import cli
+from jaxgel import cli, commands
 from jaxgel.equilibrium import Status
 from jaxgel.path import Step
 from jaxgel.results import load_run
@@ -132,7 +132,7 @@ def check_refused(arguments, message, capsys):
 
 def test_a_sweep_that_stops_early_is_exit_code_3_with_its_reason(path, tmp_path, monkeypatch, capsys):
     stopped = dataclasses.replace(path, stop=Status.STEP_TOO_SMALL, stop_text="stopped after mu = -0.9: reason")
-    monkeypatch.setattr(cli, "sweep", lambda *_, on_step, **__: [on_step(step) for step in steps_of(path)] and stopped)
+    monkeypatch.setattr(commands, "sweep", lambda *_, on_step, **__: [on_step(step) for step in steps_of(path)] and stopped)
     assert cli.main(["run", "sample-1", *SMALL, "--quiet", "--out", str(tmp_path)]) == 3
     assert "stopped after mu = -0.9: reason" in capsys.readouterr().err
     run = load_run(tmp_path)
@@ -144,7 +144,7 @@ def test_a_sweep_without_a_first_state_is_exit_code_3(tmp_path, monkeypatch, cap
     def fail(*_, **__):
         raise SweepFailed("sweep: no equilibrium at mu = -4.9")
 
-    monkeypatch.setattr(cli, "sweep", fail)
+    monkeypatch.setattr(commands, "sweep", fail)
     assert cli.main(["run", "square", "--quiet", "--out", str(tmp_path)]) == 3
     assert "no equilibrium at mu = -4.9" in capsys.readouterr().err
     assert '"status": "failed"' in (tmp_path / "summary.json").read_text()

@@ -1,0 +1,225 @@
+"""What each command of the command line does: its arguments in, an exit code out."""
+
+import sys
+from pathlib import Path as File
+
+import numpy as np
+
+from . import cases
+from .branches import imperfect_loads
+from .critical import critical_points
+from .results import Recorder, events, load_path, load_run, open_folder, write_points
+from .samples import sample, sample_names
+from .sweep import sweep
+from .terminal import Progress, interruptible
+
+DONE, UNUSABLE, STOPPED, INTERRUPTED = 0, 2, 3, 130
+OPTIONS = {
+    "sweep": ("mu_start", "mu_end", "steps", "branch", "imperfection", "contact"),
+    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature"),
+}
+
+
+def run(args):
+    """``jaxgel run``: sweep a case and write its folder."""
+    case = cases.load_case(args.case, _changes(args))
+    folder = open_folder(args.out or File("out") / case.name)
+    say = _silent if args.quiet else print
+    model, d = case.model(), case.discretisation
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {d.basis} basis, {d.method} method")
+    recorder = Recorder(folder, case, model, case.gel)
+    try:
+        path = _sweep(case, model, recorder, args.quiet)
+    except KeyboardInterrupt:
+        recorder.finish("interrupted", "stopped by the user")
+        _report(recorder, say)
+        return INTERRUPTED
+    except Exception as problem:
+        recorder.finish("failed", " ".join(str(problem).split()) or type(problem).__name__)
+        raise
+    recorder.finish("complete" if path.stop.ok else "stopped", path.stop_text)
+    say("drawing" if not args.no_plots else "writing", "the results")
+    _draw(path, folder, recorder.table, plots=not args.no_plots)
+    _report(recorder, say)
+    if not path.stop.ok:
+        print(f"jaxgel: the sweep stopped early: {path.stop_text}", file=sys.stderr)
+    return DONE if path.stop.ok else STOPPED
+
+
+def _changes(args):
+    """Sections and entries of a case that the options replace."""
+    given = vars(args)
+    return {section: {key: given[key] for key in keys if given.get(key) is not None} for section, keys in OPTIONS.items()}
+
+
+def _sweep(case, model, recorder, quiet):
+    """The path of a case, recorded and shown while it grows."""
+    loads = imperfect_loads(case, model)
+    with Progress(case.sweep.ends, quiet) as progress, interruptible() as stop_if_asked:
+
+        def on_step(step):
+            recorder(step)
+            progress.show(recorder.records[-1][1])
+            stop_if_asked()
+
+        return sweep(
+            model, case.gel, mu=case.sweep.values, branch=case.sweep.branch, contact=case.sweep.contact, loads=loads, on_step=on_step
+        )
+
+
+def plot(args):
+    """``jaxgel plot``: draw the figures of a run's folder again."""
+    folder = File(args.folder)
+    table = load_run(folder).history
+    _draw(load_path(folder), open_folder(args.out) if args.out else folder, table, plots=True)
+    return DONE
+
+
+def critical(args):
+    """``jaxgel critical``: locate the bifurcations and folds of a case's symmetric branch, and draw their modes."""
+    case = cases.load_case(args.case, _changes(args))
+    folder = open_folder(args.out or File("out") / f"{case.name}-critical")
+    say, model = _silent if args.quiet else print, case.model()
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from mu = {case.sweep.mu_start:g} to {case.sweep.mu_end:g}")
+    points = critical_points(model, case.gel, mu=(case.sweep.mu_start, case.sweep.mu_end), most=args.most)
+    write_points(points, folder, case.table())
+    for point in points:
+        say(f"mu = {point.mu:.7f}: {point.text}")
+    if not points:
+        say("the symmetric branch is stable and does not fold back")
+    elif not args.no_plots:
+        _draw_modes(model, points, folder)
+    say(f"{len(points)} critical points in {folder}")
+    return DONE
+
+
+def _draw_modes(model, points, folder):
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    from .plotting import plot_modes
+
+    figure = plot_modes(model, points)[0].figure
+    figure.savefig(folder / "modes.png")
+    plt.close(figure)
+
+
+def check_grad(args):
+    """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
+    from .check_gradient import STATES, check_gradient, failures, write_table
+
+    case = cases.load_case(args.case, _changes(args))
+    folder = open_folder(args.out or File("out") / case.name)
+    try:
+        rows = check_gradient(case, states=args.states or STATES, quiet=args.quiet)
+    except ArithmeticError as problem:
+        print(f"jaxgel: {problem}", file=sys.stderr)
+        return STOPPED
+    write_table(rows, folder)
+    say = _silent if args.quiet else print
+    say(f"{'objective':<15} {'family':<10} {'slope':>10}  {'remainder at h = 1, 1/2, 1/4 ...':<50} {'rate':>6}")
+    for row in rows:
+        remainders = " ".join(f"{r:9.2e}" for r in row.remainders)
+        say(f"{row.objective:<15} {row.family:<10} {row.slope:10.3e}  {remainders:<50} {row.rate:6.3f}")
+    failed = failures(rows)
+    if failed:
+        named = ", ".join(f"{objective} by {family}" for objective, family in failed)
+        print(f"jaxgel: the remainder does not fall as h^2: {named}", file=sys.stderr)
+    return STOPPED if failed else DONE
+
+
+def design(args):
+    """``jaxgel design``: search the best holes of a study, verify them, and write the study's folder."""
+    from .study import load_study
+
+    study = load_study(args.study)
+    return _design(study, args.out or File("out") / study.name, args)
+
+
+def resume(args):
+    """``jaxgel resume``: continue an interrupted design in its folder."""
+    from .search import LOG
+    from .study import resumed_study
+
+    if not (File(args.folder) / LOG).is_file():
+        raise ValueError(f"folder: {args.folder!r} holds no {LOG}; expected a folder written by jaxgel design")
+    return _design(resumed_study(args.folder), args.folder, args, resume=True)
+
+
+def _design(study, folder, args, resume=False):
+    import matplotlib as mpl
+
+    mpl.use("Agg")  # before pyplot, which would look for a screen
+    from .study import run_study
+
+    say = _silent if args.quiet else print
+    found, verified = run_study(study, open_folder(folder), resume=resume or getattr(args, "resume", False), quiet=args.quiet)
+    if verified is None:
+        print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
+        return INTERRUPTED
+    say(f"{study.name}: {len(found.history)} evaluations; {found.text}")
+    for name, value in found.parameters.items():
+        say(f"{name:<12} {np.array2string(value, precision=4, separator=', ')}")
+    for name in ("start", "best"):
+        v = verified[name]
+        say(f"{name} on a fresh cloud of {v['nodes']} nodes: objective {v['value']:.6g}; {v['reason']}")
+    say(f"results in {folder}")
+    valid = found.feasible and verified["best"]["valid"]
+    if not valid:
+        reason = verified["best"]["reason"] if found.feasible else "no design met all constraints"
+        print(f"jaxgel: the design is not usable: {reason}", file=sys.stderr)
+    return DONE if valid else STOPPED
+
+
+def list_samples(_):
+    """``jaxgel samples``: one line per built-in case."""
+    for name in sample_names():
+        plate = sample(name)
+        kinds = sorted({type(hole).__name__.lower() for hole in plate.holes})
+        holes = f"{len(plate.holes)} holes ({', '.join(kinds)})" if kinds else "no hole"
+        print(f"{name:10s} {plate.width:g} x {plate.height:g} {plate.unit}, {holes}, Nv {plate.gel.Nv:g}, chi {plate.gel.chi:g}")
+    return DONE
+
+
+def _draw(path, folder, table, plots):
+    """Figures (where wanted) and ParaView files of a path with the history ``table``, in a folder."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")  # before pyplot, which would look for a screen
+    import matplotlib.pyplot as plt
+
+    from .plotting import animate_pattern, plot_curves, plot_patterns, write_series
+
+    write_series(path, folder, table=table)
+    if not plots:
+        return
+    for axes, name in ((plot_patterns(path), "pattern.png"), (plot_curves(path, table=table), "curves.png")):
+        figure = np.ravel(axes)[0].figure
+        figure.savefig(folder / name)
+        plt.close(figure)
+    animate_pattern(path, folder / "pattern.gif")
+
+
+def _report(recorder, say, most_rows=9):
+    """Print a table of at most ``most_rows`` states, the events, and where the files are."""
+    table = recorder.table
+    k = len(recorder.records)
+    if k:
+        say(f"{'mu':>8} {'stretch':>8} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
+        say(f"{'kT':>8} {'':>8} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {recorder.model.cloud.topology.plate.unit:>7}")
+    for i in np.unique(np.linspace(0, k - 1, min(k, most_rows)).round().astype(int)) if k else ():
+        row = {name: column[i] for name, column in table.items()}
+        unstable = ", unstable" if row["negative_pivots"] else ""
+        say(
+            f"{row['mu']:8.4f} {row['free_stretch']:8.4f} {row['rotation_deg']:9.3f} {row['core_rotation_deg']:8.3f}"
+            f" {100 * row['area_reduction']:9.3f} {row['J_mean']:7.4f} {row['min_gap']:7.3f}  {row['status']}{unstable}"
+        )
+    for event in events(table):
+        say(f"{event['event']}: {event['text']}")
+    say(f"{k} states in {recorder.folder}")
+
+
+def _silent(*_):
+    pass
