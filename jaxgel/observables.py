@@ -102,6 +102,14 @@ def surface_ratios(path):
     return _surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model)
 
 
+def mean_surface_ratios(path, share):
+    """Ratios (k, m) as in `surface_ratio` whose tangential stretch is the mean over arcs of ``share`` of a hole's outline.
+
+    Unlike the ratio over one node spacing, which grows into every crease as the cloud is refined, they converge.
+    """
+    return _mean_surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model, share)
+
+
 def deformed_vertices(path):
     """Deformed positions (k, v, 2) of all vertices of the cells, mm, for pictures."""
     probe = make_probe(path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices)
@@ -275,8 +283,28 @@ def _surface_ratios(x, mu, gel, model):
     chords = _chords(model.lists.topology)
     if len(chords) == 0:
         return jnp.zeros(0)
-    dry, deformed = (jnp.diff(model.outline.position(y)[chords], axis=1)[:, 0] for y in (model.cloud.nodes, x))
-    tangential = jnp.linalg.norm(deformed, axis=1) / jnp.linalg.norm(dry, axis=1)
+    dry, deformed = (_lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
+    return _surface_ratio(deformed / dry, mu, gel)
+
+
+@functools.partial(jax.jit, static_argnums=4)
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None, None))
+def _mean_surface_ratios(x, mu, gel, model, share):
+    segments, ends = _arcs(model.lists.topology, share)
+    if len(segments) == 0:
+        return jnp.zeros(0)
+    sums = [jnp.append(0.0, jnp.cumsum(_lengths(model.outline.position(y), segments))) for y in (model.cloud.nodes, x)]
+    dry, deformed = (total[ends[:, 1]] - total[ends[:, 0]] for total in sums)
+    return _surface_ratio(deformed / dry, mu, gel)
+
+
+def _lengths(points, chords):
+    """Lengths (m,) of the ``chords`` (m, 2) between numbered ``points`` (p, 2)."""
+    return jnp.linalg.norm(points[chords[:, 1]] - points[chords[:, 0]], axis=1)
+
+
+def _surface_ratio(tangential, mu, gel):
+    """Ratio (m,) of normal to ``tangential`` stretch (m,) of a surface without traction."""
     J = volume_ratio_at(-gel.Nv, mu, gel)
     for _ in range(SURFACE_ITERATIONS):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
         force = jax.vmap(lambda t, n: jax.grad(gel.network)(jnp.diag(jnp.stack([t, n])), gel)[1, 1])
@@ -296,6 +324,23 @@ def _chords(topology):
         else:
             chords.append(np.stack([number[: -2 * half], number[2 * half :]], axis=1))
     return np.concatenate(chords) if chords else np.zeros((0, 2), dtype=int)
+
+
+@functools.cache
+def _arcs(topology, share):
+    """Fine outline segments (s, 2), in the numbering of ``model.outline``, and the first and last (m, 2) of arcs of ``share``, exclusive.
+
+    The segments at which a closed outline begins are repeated at its end.
+    """
+    first, segments, ends = 0, [np.zeros((0, 2), dtype=int)], [np.zeros((0, 2), dtype=int)]
+    for outline in topology.outlines:
+        n, span, before = len(outline.s), max(1, round(share * len(outline.s))), sum(map(len, segments))
+        number = first + (np.arange(n + span) % n if outline.closed else np.arange(n))
+        first += n
+        segments.append(np.stack([number[:-1], number[1:]], axis=1))
+        starts = before + np.arange(len(number) - span)
+        ends.append(np.stack([starts, starts + span], axis=1))
+    return np.concatenate(segments), np.concatenate(ends)
 
 
 def _node_mean(model):

@@ -24,6 +24,7 @@ PENALTY_GROWTH = 3.0  # of rho where the violation has not fallen to a quarter
 MARGIN = 1e-3  # by which the augmented Lagrangian wants its constraints met, since it comes from outside
 SHORTEST = 2.0**-8  # of a step that is halved, and of a box
 INNER = 50  # iterations of a quasi-Newton method in one box
+STALLED = 1e-6  # step of a quasi-Newton method, in scaled parameters, that leaves the design as it was
 
 
 class Invalid(ArithmeticError):
@@ -36,6 +37,10 @@ class Exhausted(Exception):
 
 class Stuck(Exception):
     """No valid design however short the step."""
+
+
+class Stalled(Exception):
+    """A method went on in steps too short to change anything."""
 
 
 def optimiser(method, step, tolerance):
@@ -148,15 +153,17 @@ def in_boxes(search, *, solve, step, tolerance):
     while reach >= SHORTEST * step:
         here = search.settle(centre)
         low, high = np.maximum(centre - reach, 0.0), np.minimum(centre + reach, 1.0)
-        failed = False
+        failed = stalled = False
         try:
             solve(search, centre, low, high, tolerance)
         except Invalid:
             failed = True
+        except Stalled:
+            stalled = True
         best = search.best(_merit)
         centre, better = np.array(best["vector"]), _merit(here.entry) - _merit(best) > tolerance
         inside = np.all((centre > low) | (low == 0)) and np.all((centre < high) | (high == 1))
-        if inside and not better and not failed:
+        if inside and not better and not failed and not stalled:
             return
         if failed or not better:
             reach *= 0.5
@@ -169,14 +176,24 @@ def _merit(entry):
 
 
 def slsqp(search, centre, low, high, tolerance):
-    """SciPy's sequential quadratic programming in a box."""
+    """SciPy's sequential quadratic programming in a box; `Stalled` where its line search shrinks on, as between constraints at odds."""
+    here = search.at(centre)
+
+    def at(v):
+        nonlocal here
+        moved = np.abs(v - here.vector).max()
+        if 0 < moved < STALLED:
+            raise Stalled
+        here = search.at(v) if moved else here
+        return here
+
     constraints = []
-    if len(search.at(centre).values) > 1:
-        constraints = [{"type": "ineq", "fun": lambda v: search.at(v).values[1:], "jac": lambda v: search.at(v).jacobian()[1:]}]
+    if len(here.values) > 1:
+        constraints = [{"type": "ineq", "fun": lambda v: at(v).values[1:], "jac": lambda v: at(v).jacobian()[1:]}]
     scipy.optimize.minimize(
-        lambda v: search.at(v).values[0],
+        lambda v: at(v).values[0],
         centre,
-        jac=lambda v: search.at(v).jacobian()[0],
+        jac=lambda v: at(v).jacobian()[0],
         bounds=np.stack([low, high], axis=1),
         constraints=constraints,
         method="SLSQP",

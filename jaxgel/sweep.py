@@ -210,19 +210,19 @@ def _predict(problem, mu, history):
     """
     if not history:
         return dry_state(problem.model, problem.gel)
-    *before, last = history
-    misses = [np.linalg.norm(_extrapolated(before[-k:], last.mu)[0] - last.x) for k in range(1, len(history))]
-    best = int(np.argmin(misses)) + 1 if misses else 0
-    return _extrapolated(history if best == len(before) else history[-best:], mu)
-
-
-def _extrapolated(history, mu):
-    """Positions and pressures at ``mu`` on the polynomial through the states of ``history`` (Lagrange)."""
     at = np.array([step.mu for step in history])
+    x = np.stack([np.asarray(step.x) for step in history])
+    misses = [np.linalg.norm(np.tensordot(_weights(at[-k - 1 : -1], at[-1]), x[-k - 1 : -1], 1) - x[-1]) for k in range(1, len(at))]
+    best = int(np.argmin(misses)) + 1 if misses else 1
+    used = len(at) if best == len(at) - 1 else best
+    weights = _weights(at[-used:], mu)
+    return np.tensordot(weights, x[-used:], 1), np.tensordot(weights, [np.asarray(step.pressure) for step in history[-used:]], 1)
+
+
+def _weights(at, mu):
+    """Weights (k,) with which states at the values ``at`` (k,) of mu give the state at ``mu`` on the polynomial through them (Lagrange)."""
     others = [np.delete(at, i) for i in range(len(at))]
-    weights = [np.prod((mu - other) / (a - other)) for a, other in zip(at, others, strict=True)]
-    x = sum(w * np.asarray(step.x) for w, step in zip(weights, history, strict=True))
-    return x, sum(w * np.asarray(step.pressure) for w, step in zip(weights, history, strict=True))
+    return np.array([np.prod((mu - other) / (a - other)) for a, other in zip(at, others, strict=True)])
 
 
 # --- sweeps inside JAX transformations ---------------------------------------------------------------------------------------

@@ -137,6 +137,16 @@ def test_an_invalid_design_shrinks_the_step(method):
     assert 0.45 < best[0] <= 0.5  # the step is halved eight times before the search gives up
 
 
+def test_constraints_at_odds_cost_no_evaluations_without_end():
+    """Two walls that no design satisfies, one of them noisy as sweeps are: SLSQP's line search would shrink its steps to round-off."""
+    quick = Quick(bowl, [lambda v: v[0] - 0.6 + 0.02 * jnp.sin(40 * v[1]), lambda v: 0.4 - v[0], line], [0.1, 0.1])
+    with pytest.raises(optimisers.Stuck):
+        optimisers.optimiser("slsqp", 0.2, 1e-6)(quick)
+    moves = np.abs(np.diff(quick.asked, axis=0)).max(axis=1)
+    assert np.all(moves[moves > 0] >= optimisers.STALLED)
+    assert 0.4 < quick.best()["vector"][0] < 0.6  # the least violation of both
+
+
 def test_bounds_are_kept_and_reached():
     quick = Quick(lambda v: -v[0] + v[1], [], [0.5, 0.5])
     with pytest.raises(optimisers.Stuck):

@@ -5,10 +5,11 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.special
 import shapely
 
 import jaxgel
-from jaxgel.observables import cell_volumes, deformed_vertices, dry_outlines, free_stretch
+from jaxgel.observables import cell_volumes, deformed_vertices, dry_outlines, free_stretch, mean_surface_ratios, surface_ratios
 
 MU = [-4.9678, -3.9678, -2.9678, -1.9678, -1.4678, -0.9678, -0.9178]
 MIDLINE = [0.1853, 0.5299, 1.675, 6.819, 14.304, 26.8, 28.4]
@@ -220,6 +221,22 @@ def test_surface_ratio_grows_past_the_crease_limit_late_in_the_sweep(sample_1):
     assert 1.0 < ratio[0] < 1.05
     crease = np.interp(2.39, ratio, sample_1.mu)
     assert crease == pytest.approx(-1.12, abs=0.25)  # between samples of mu
+
+
+def test_mean_surface_ratio_of_a_homogeneous_strain(coarse_path, tiny_model):
+    """Arcs of a hole keep stretch 1.7 under x = 1.7 X; as long as whole outlines they all have that of the outline's length."""
+    nodes = np.asarray(coarse_path.model.cloud.nodes)
+    even = with_states(coarse_path, np.repeat(1.7 * nodes[None], len(coarse_path), axis=0))
+    expected = np.broadcast_to(np.asarray(surface_ratios(even))[:, :1], (len(even), 640))
+    np.testing.assert_allclose(mean_surface_ratios(even, 0.1), expected, rtol=1e-9)
+    round_hole = jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=[-3.0])
+    nodes = np.asarray(tiny_model.cloud.nodes)
+    strained = with_states(round_hole, (nodes * [2.0, 1.5])[None])
+    whole = np.asarray(mean_surface_ratios(strained, 1.0))[0]
+    np.testing.assert_allclose(whole, whole[0], rtol=1e-9)
+    mean = 2 * 2.0 * scipy.special.ellipe(1 - (1.5 / 2.0) ** 2) / np.pi  # circumference of the ellipse over that of the circle
+    evenly = with_states(round_hole, (nodes * mean)[None])
+    np.testing.assert_allclose(whole, np.asarray(surface_ratios(evenly))[0, 0], rtol=1e-3)  # polygons
 
 
 def test_deformed_vertices_are_the_states_at_the_nodes(coarse_path):
