@@ -21,7 +21,7 @@ from .equilibrium import Status  # noqa: E402
 from .geometry import Plate  # noqa: E402
 from .holes import Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse  # noqa: E402
 from .inverse import Design, DesignProblem, optimise, verify  # noqa: E402
-from .loads import load_vector  # noqa: E402
+from .loads import Loads, load_vector  # noqa: E402
 from .material import ArrudaBoyce, Gel, Gent, free_energy, free_swelling, paper_stress, paper_tangent, uniaxial_swelling  # noqa: E402
 from .objectives import Constraint, limit, misfit, reading, weighted_sum  # noqa: E402
 from .observables import (  # noqa: E402
@@ -54,6 +54,7 @@ __all__ = [
     "Gel",
     "Gent",
     "IllPosedDerivative",
+    "Loads",
     "Model",
     "Path",
     "Plate",

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from .constraints import picked, reduced, spread
 from .energy import residual
 from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, free_rhs, linearised, tangent_at
 from .linear_solve import SingularTangent, factor
@@ -47,13 +48,13 @@ def solve_bordered(problem, mu, x, pressure, columns, conditions):
     With m + 1 conditions mu is unknown too. The state has a factor of its own tangent.
     """
     free, model, gel = problem.pattern.free, problem.model, problem.gel
-    forces, mu, origin = np.zeros(columns.shape[1]), float(mu), np.asarray(conditions.origin).ravel()[free]
+    forces, mu, origin = np.zeros(columns.shape[1]), float(mu), picked(np.asarray(conditions.origin), free)
     b, m = conditions.rows.shape[1], columns.shape[1]
     for iterations in range(MAX_ITERATIONS + 1):
         args = model, gel, jnp.asarray(mu), problem.loads, problem.fixed
         now, measures = linearised(x, pressure, *args, free)
-        size = float(np.linalg.norm(np.asarray(now.rhs).ravel()[free] + columns @ forces) * float(measures[2]))
-        at = np.asarray(x).ravel()[free]
+        size = float(np.linalg.norm(np.asarray(reduced(now.rhs, free)) + columns @ forces) * float(measures[2]))
+        at = picked(np.asarray(x), free)
         miss = conditions.targets - (at - origin) @ conditions.rows - conditions.slopes * (mu - conditions.mu_origin)
         allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(at) + MISS * np.abs(conditions.targets)
         met = size < TOLERANCE and float(measures[1]) < CONSTRAINT_TOLERANCE and np.all(np.abs(miss) <= allowed)
@@ -101,13 +102,14 @@ class Bordered:
 
 @jax.jit
 def _moved(x, p, correction, change_mu, now, model, free):
-    dx = jnp.zeros(x.size).at[free].add(correction).reshape(x.shape)
+    dx = spread(correction, x.shape, free)
     return x + dx, p + pressure_step(dx, now, now, model) - change_mu
 
 
 def mu_force(problem, x, mu):
     """Derivative (f,) of the residual with respect to mu at the positions ``x`` (n, 2), mm."""
-    return np.asarray(_mu_force(x, problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads)).ravel()[problem.pattern.free]
+    force = _mu_force(x, problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads)
+    return np.asarray(reduced(force, problem.pattern.free))
 
 
 @jax.jit

@@ -9,12 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .bordered import Conditions, solve_bordered
+from .constraints import picked, spread
 from .critical import critical_points
 from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, free_rhs, linearised, prepare, solve, tangent_at
 from .linear_solve import SingularTangent, factor
 from .mixed import pressure_step, state_pressure
 from .path import Path, Step
-from .stability import lowest_modes, network_stiffness, spread
+from .stability import lowest_modes, network_stiffness
 
 FIRST_AMPLITUDE = 0.05  # of the spacing: largest displacement along the mode of the first state of a new branch
 MAX_STATES = 200
@@ -34,7 +35,7 @@ def switch(model, gel, point, *, sign=1, direction=None, mu_end=None, max_step=0
     problem = prepare(model, gel, loads)
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     mode = sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1)
-    along = mode.ravel()[problem.pattern.free]
+    along = picked(mode, problem.pattern.free)
     size = FIRST_AMPLITUDE * model.cloud.spacing / np.abs(along).max()
     row = along / np.linalg.norm(along)
     nothing = np.zeros((len(along), 0))
@@ -91,7 +92,7 @@ def _followed(problem, steps, mu_end, max_step, max_states, known=0):
     nothing, stop, length = np.zeros((len(free), 0)), Status.TOO_MANY_STEPS, None
     while len(steps) - known < max_states:
         old, last = steps[-2], steps[-1]
-        dx, dmu = (np.asarray(last.x) - np.asarray(old.x)).ravel()[free], last.mu - old.mu
+        dx, dmu = picked(np.asarray(last.x) - np.asarray(old.x), free), last.mu - old.mu
         done = np.sqrt(weight * dx @ dx + dmu**2)
         dx, dmu = dx / done, dmu / done
         length = min(1.5 * done if length is None else length, max_step)
@@ -99,7 +100,7 @@ def _followed(problem, steps, mu_end, max_step, max_states, known=0):
         start = last.x + length * np.asarray(spread(dx, last.x.shape, free))
         slope = (np.asarray(last.pressure) - np.asarray(old.pressure)) / done
         state, mu, _ = solve_bordered(problem, last.mu + length * dmu, start, last.pressure + length * slope, nothing, conditions)
-        moved = (np.asarray(state.x) - np.asarray(last.x)).ravel()[free]
+        moved = picked(np.asarray(state.x) - np.asarray(last.x), free)
         forward = weight * (moved @ dx) + (mu - last.mu) * dmu
         turned = forward < 0.7 * np.sqrt(weight * moved @ moved + (mu - last.mu) ** 2)
         if not state.status.ok or turned:
@@ -171,7 +172,7 @@ def _deflated_newton(problem, mu, x, pressure, known):
             break
         slope = 0.0  # of log prod_i (1 + 1 / d_i) along the step, d_i the squared distance
         for other in known:
-            apart = (np.asarray(x) - other).ravel()[free]
+            apart = picked(np.asarray(x) - other, free)
             d = weight * apart @ apart
             slope -= 2 * weight * (apart @ step) / (d * (d + 1))
         most = problem.model.cloud.spacing / np.abs(step).max()
@@ -182,7 +183,7 @@ def _deflated_newton(problem, mu, x, pressure, known):
 
 @jax.jit
 def _stretched(x, p, step, stretch, now, model, gel, mu, loads, fixed, free):
-    dx = jnp.zeros(x.size).at[free].add(step).reshape(x.shape)
+    dx = spread(step, x.shape, free)
     x, p = x + stretch * dx, p + stretch * pressure_step(dx, now, now, model)
     return x, p, *linearised(x, p, model, gel, mu, loads, fixed, free)
 
@@ -198,16 +199,19 @@ def imperfection(model, gel, point, size, *, direction=None):
     problem = prepare(model, gel)
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     mode = np.tensordot(direction, point.modes, 1)
-    along = mode.ravel()[problem.pattern.free]
+    along = picked(mode, problem.pattern.free)
     force = network_stiffness(problem) @ along * (size * model.cloud.spacing / np.linalg.norm(mode, axis=1).max())
-    return spread(force, mode.shape, problem.pattern.free)
+    free = problem.pattern.free
+    return spread(force, mode.shape, free if free.ndim == 1 else free[:, 0])  # one node takes the force of what moves together
 
 
 def imperfect_loads(case, model):
-    """Loads of the ``cases.Case``'s imperfection along its first bifurcation, or None without one; ValueError where there is none."""
+    """Loads of a ``cases.Case``: its own and those of its imperfection along the first bifurcation, or None; ValueError without one."""
+    loads = case.loads.of(model)
     if not case.sweep.imperfection:
-        return None
-    points = [p for p in critical_points(model, case.gel, mu=tuple(case.sweep.ends), most=1) if p.kind == "bifurcation"]
+        return loads
+    points = [p for p in critical_points(model, case.gel, mu=tuple(case.sweep.ends), most=1, loads=loads) if p.kind == "bifurcation"]
     if not points:
         raise ValueError(f"sweep.imperfection: {case.sweep.imperfection:g} has no mode to push along, the branch does not bifurcate")
-    return imperfection(model, case.gel, points[0], case.sweep.imperfection)
+    push = imperfection(model, case.gel, points[0], case.sweep.imperfection)
+    return push if loads is None else loads + push

@@ -2,9 +2,11 @@
 
 A table has the sections of a case file, all but ``plate`` optional:
 
-    [plate]            sample = "sample-1", or width, height (mm) and edges = {left = "roller", ...}
+    [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1, 0.0], [0.0, 1.0]]
+                       (of held and periodic edges) and displacement = {top = [0.0, 0.5], ...} (mm, of held edges)
     [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample
     [gel]              Nv, chi
+    [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
     [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature
 """
@@ -20,6 +22,7 @@ from . import holes
 from .cloud import make_cloud
 from .discretisation import discretise
 from .geometry import Plate, did_you_mean
+from .loads import Loads
 from .material import Gel, check_gel
 from .samples import sample
 from .sweep import BRANCHES, CONTACT, check_mu
@@ -27,7 +30,7 @@ from .sweep import BRANCHES, CONTACT, check_mu
 HOLES = {
     kind.__name__.lower(): kind for kind in (holes.Circle, holes.Ellipse, holes.Rectangle, holes.Superellipse, holes.Fourier, holes.Polygon)
 }
-SECTIONS = ("plate", "holes", "gel", "sweep", "discretisation")
+SECTIONS = ("plate", "holes", "gel", "loads", "sweep", "discretisation")
 BASES = ("linear", "quadratic")
 METHODS = ("mixed", "displacement")
 QUADRATURES = ("conforming", "paper")
@@ -120,6 +123,8 @@ class Case:
     """Plate with its holes."""
     gel: Gel
     """Material."""
+    loads: Loads
+    """Body force and tractions."""
     sweep: SweepOptions
     """Values of mu and branch."""
     discretisation: DiscretisationOptions
@@ -136,6 +141,7 @@ class Case:
     def table(self):
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
         sections = {"gel": {"Nv": float(self.gel.Nv), "chi": float(self.gel.chi)}}
+        sections |= {"loads": _given(self.loads)} if self.loads != Loads() else {}
         sections["sweep"] = _given(self.sweep)
         sections["discretisation"] = _given(self.discretisation)
         return self.source | sections
@@ -168,7 +174,7 @@ def from_table(table, name):
     check_gel(gel)
     options = [
         _options(kind, section, _section(table, section))
-        for section, kind in (("sweep", SweepOptions), ("discretisation", DiscretisationOptions))
+        for section, kind in (("loads", Loads), ("sweep", SweepOptions), ("discretisation", DiscretisationOptions))
     ]
     source = {"plate": plate_table} | ({"holes": holes} if holes else {})
     return Case(name, plate, gel, *options, source)
@@ -209,17 +215,17 @@ def _sample(table, holes):
 
 
 def _plate(table, holes, name):
-    _known("plate", table, ("sample", "width", "height", "edges"))
+    _known("plate", table, ("sample", "width", "height", "edges", "deformation", "displacement"))
     for key in ("width", "height"):
         if key not in table:
             raise ValueError(f"plate: {key} is missing; give width and height in mm, or sample = a built-in name")
     if not isinstance(holes, list) or not all(isinstance(h, dict) for h in holes):
         raise ValueError("holes: not a list of sections; write [[holes]] above each hole")
     size = [_number("plate", key, table[key], above=0.0) for key in ("width", "height")]
-    edges = {"edges": table["edges"]} if "edges" in table else {}
+    given = {key: table[key] for key in ("edges", "deformation", "displacement") if key in table}
     if not isinstance(table.get("edges", ""), str | dict):
         raise ValueError(f'plate.edges: {table["edges"]!r} is neither a condition nor a table such as {{ top = "free" }}')
-    return Plate(*size, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name, **edges)
+    return Plate(*size, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name, **given)
 
 
 def _hole(i, table):

@@ -21,13 +21,13 @@ from jax.flatten_util import ravel_pytree
 from tqdm import tqdm
 
 from .cloud import make_cloud
+from .constraints import spread
 from .contact import with_contact
 from .discretisation import discretise
 from .equilibrium import acting, free_rhs, linearised, prepare, solve, tangent_at
 from .linear_solve import factor
 from .observables import area_reduction, core_rotation, rotation_angle
 from .results import write_atomically
-from .stability import spread
 from .sweep import sweep
 
 DIRECTIONS, HALVINGS, STATES = 5, 4, 4
@@ -85,7 +85,8 @@ def check_gradient(case, *, directions=DIRECTIONS, halvings=HALVINGS, states=STA
         return model, dataclasses.replace(case.gel, Nv=tree["Nv"], chi=tree["chi"])
 
     def path(tree):
-        return sweep(*made(tree), mu=tree["mu"], branch=case.sweep.branch)
+        model, gel = made(tree)
+        return sweep(model, gel, mu=tree["mu"], branch=case.sweep.branch, loads=case.loads.of(model))
 
     def read(path, names):
         return jnp.stack([OBJECTIVES[name](path) for name in names])
@@ -99,7 +100,8 @@ def check_gradient(case, *, directions=DIRECTIONS, halvings=HALVINGS, states=STA
     gradients = [pullback(row)[0] for row in jnp.eye(len(names))]
 
     def judge(tree):
-        return read(_beside(start, *made(tree), tree["mu"]), names)
+        model, gel = made(tree)
+        return read(_beside(start, model, gel, tree["mu"], case.loads.of(model)), names)
 
     values = judge(point)
     random, rows = np.random.default_rng(seed), []
@@ -169,10 +171,11 @@ def _steps(halvings):
     return tuple(0.5**k for k in range(halvings + 1))
 
 
-def _beside(start, model, gel, mu):
+def _beside(start, model, gel, mu, loads):
     """The path at ``mu`` (k,) of a moved model and gel on the branch of the path ``start``; nan where Newton's method does not find it."""
-    problem = prepare(with_contact(model, gel), gel)
-    carried = model.cloud.nodes - start.model.cloud.nodes  # of the constrained ones
+    problem = prepare(with_contact(model, gel), gel, loads)
+    moved = model.cloud.nodes - start.model.cloud.nodes
+    carried = moved @ np.array(model.cloud.plate.deformation).T  # where the constrained ones have to be
     found = [solve(problem, *state) for state in zip(mu, start.x + carried, jnp.asarray(start.pressure), strict=True)]
     x = jnp.stack([_to_round_off(problem, at, state) for at, state in zip(mu, found, strict=True)])
     return dataclasses.replace(start, model=problem.model, gel=gel, mu=mu, x=x, pressure=jnp.stack([state.pressure for state in found]))

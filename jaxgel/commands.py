@@ -81,7 +81,7 @@ def critical(args):
     folder = open_folder(args.out or File("out") / f"{case.name}-critical")
     say, model = _silent if args.quiet else print, case.model()
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from mu = {case.sweep.mu_start:g} to {case.sweep.mu_end:g}")
-    points = critical_points(model, case.gel, mu=(case.sweep.mu_start, case.sweep.mu_end), most=args.most)
+    points = critical_points(model, case.gel, mu=(case.sweep.mu_start, case.sweep.mu_end), most=args.most, loads=case.loads.of(model))
     write_points(points, folder, case.table())
     for point in points:
         say(f"mu = {point.mu:.7f}: {point.text}")

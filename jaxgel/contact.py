@@ -20,7 +20,7 @@ import shapely
 from jax import lax
 
 from .discretisation import reaching_nodes
-from .geometry import edge_lines
+from .edges import edge_lines, held_components
 
 RANGE = 0.5  # of the node spacing
 STIFFNESS = 10.0  # of the network's Nv
@@ -232,8 +232,10 @@ def crosses(loops, plate, tolerance=1e-9):
     if not all(ring.is_simple for ring in rings):
         return True
     for edge, (axis, coordinate) in edge_lines(plate).items():
-        outside = [np.max(np.sign(coordinate) * (loop[:, axis] - coordinate)) for loop in loops]
-        if plate.edges[edge] != "free" and max(outside, default=0.0) > tolerance * plate.width:
+        if not held_components(plate.edges, edge):
+            continue
+        behind = [np.linalg.solve(plate.deformation, (loop - plate.displacement[edge]).T)[axis] - coordinate for loop in loops]
+        if max((np.max(np.sign(coordinate) * distance) for distance in behind), default=0.0) > tolerance * plate.width:
             return True
     first, second = shapely.STRtree(rings).query(rings, predicate="intersects")
     return bool(np.any(first != second))
@@ -270,6 +272,7 @@ def _images(plate, arcs):
     """Signs and shifts (g, 2, 2) of a hole and its images at the walls on which its arcs end, and at a corner behind both."""
     lines, walls = edge_lines(plate), {edge for arc in arcs for edge in (arc.start_edge, arc.end_edge)} - {None}
     by_axis = [[(1.0, 0.0)], [(1.0, 0.0)]]
-    for axis, coordinate in (lines[edge] for edge in sorted(walls) if plate.edges[edge] != "free"):
-        by_axis[axis].append((-1.0, 2 * coordinate))
+    for edge in (edge for edge in sorted(walls) if plate.edges[edge] != "free"):
+        axis, coordinate = lines[edge]
+        by_axis[axis].append((-1.0, 2 * (plate.deformation[axis][axis] * coordinate + plate.displacement[edge][axis])))
     return np.array([np.transpose(pair) for pair in itertools.product(*by_axis)])

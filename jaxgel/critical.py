@@ -19,10 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .bordered import Bordered, Conditions, mu_force, solve_bordered
-from .constraints import free_dofs
+from .constraints import carried, free_dofs, picked, reduced, spread
 from .energy import residual, total_energy
 from .equilibrium import prepare, solve
-from .stability import nearest_modes, network_stiffness, oriented, spread, tangent_products
+from .stability import nearest_modes, network_stiffness, oriented, tangent_products
 from .sweep import check_mu, sweep
 from .symmetry import characters, symmetries
 from .traced import is_traced
@@ -139,10 +139,12 @@ def _located_jvp(search, structure, primals, tangents):
 @functools.partial(jax.jit, static_argnames="fold")
 def _onset_tangent(x, modes, correction, mu, inputs, dots, *, fold):
     """Tangent () of a critical mu: -(dPhi . dots) / (dPhi/dmu) at fixed x, v, w; constrained nodes move with the dry plate."""
-    held = jnp.asarray(_held(inputs[0]))
+    topology = inputs[0].lists.topology
+    free = free_dofs(topology)
 
     def onset(model, gel, loads, mu):
-        at = jnp.where(held, model.cloud.nodes, x)
+        nodes = model.cloud.nodes
+        at = x + carried(nodes - jax.lax.stop_gradient(nodes), topology.plate, free)
         r = residual(at, model, gel, mu, loads)
         if fold:
             return jnp.sum(modes[0] * r)
@@ -150,13 +152,6 @@ def _onset_tangent(x, modes, correction, mu, inputs, dots, *, fold):
 
     _, change = jax.jvp(lambda *inputs: onset(*inputs, mu), inputs, dots)
     return -change / jax.grad(onset, argnums=3)(*inputs, mu)
-
-
-def _held(model):
-    """Which components (n, 2) of the nodal positions are constrained."""
-    held = np.ones(2 * model.n_nodes, dtype=bool)
-    held[free_dofs(model.lists.topology)] = False
-    return held.reshape(-1, 2)
 
 
 def _curvature(x, v, model, gel, mu, loads):
@@ -297,7 +292,7 @@ def _expand(frame, state, mu, modes):
     problem, m = frame.problem, modes.shape[1]
     fields = jnp.stack([spread(v, state.x.shape, problem.pattern.free) for v in modes.T])
     slope, gradient, cubic, quartic = _derivatives(state.x, fields, problem.model, problem.gel, jnp.asarray(mu), problem.loads)
-    gradient = np.asarray(gradient).ravel()[problem.pattern.free]
+    gradient = np.asarray(reduced(gradient, problem.pattern.free))
     held = frame.stiffness @ modes
     system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, held, held, np.zeros((m, m)))
     correction, _ = system.solve(gradient, np.zeros(m))
@@ -349,7 +344,7 @@ def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="
 def _fold(frame, before, last):
     """The fold next to two states of a branch: where mu is stationary along it, by the secant method; [] where there is none."""
     problem, free = frame.problem, frame.problem.pattern.free
-    along = (np.asarray(last.x) - np.asarray(before.x)).ravel()[free]
+    along = picked(np.asarray(last.x) - np.asarray(before.x), free)
     between = np.sqrt(along @ (frame.stiffness @ along))
     row, nothing = frame.stiffness @ along[:, None] / between, np.zeros((len(free), 0))
 

@@ -12,10 +12,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .constraints import free_dofs
+from .constraints import free_dofs, picked, reduced, spread, start_positions
 from .contact import closest, crosses, outline_loops, step_limit
-from .energy import all_volumes, total_energy
+from .energy import all_volumes, total_energy, volume_ratios
 from .linear_solve import SingularTangent, factor
+from .material import osmotic
 from .mixed import condensed_rhs, constants, linearise, pressure_step, tangent, tangent_pattern
 
 MAX_ITERATIONS = 30
@@ -112,9 +113,17 @@ def prepare(model, gel, loads=None):
     return Problem(model, gel, loads, pattern, constants(model) if apart is None else apart.fixed, apart)
 
 
-def dry_state(model, gel):
-    """Positions (n, 2) and pressures (g,) to start from without a previous state: the dry nodes, p = -Nv."""
-    return model.cloud.nodes, -gel.Nv * jnp.ones_like(all_volumes(model))
+def dry_state(model, gel, mu=None):
+    """Positions (n, 2) and pressures (g,) to start from without a previous state: the dry nodes, moved as the edges are, and p = -Nv.
+
+    With ``mu`` (kT) the pressures are higher where the moved edges leave the gel more room than that.
+    """
+    x, pressure = start_positions(model.lists.topology, model.cloud.nodes), -gel.Nv * jnp.ones_like(all_volumes(model))
+    plate = model.lists.topology.plate
+    if mu is None or not plate.moved:
+        return x, pressure
+    J = volume_ratios(x, model)
+    return x, jnp.where(J > 1, jnp.maximum(osmotic(jnp.where(J > 1, J, 2.0), mu, gel), pressure), pressure)
 
 
 def solve(problem, mu, x, pressure, *, fresh=False, near=None):
@@ -183,13 +192,13 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
     """
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
     free, force, kept = problem.pattern.free, 0.0, None
-    origin = np.asarray(origin).ravel()[free]
+    origin = np.asarray(picked(np.asarray(origin), free))
     now, measures = linearised(x, pressure, *args, free)
     for iterations in range(MAX_ITERATIONS):
         rhs = np.asarray(free_rhs(now, now, problem.model, free)) + force * mode
-        miss = amplitude - mode @ (np.asarray(x).ravel()[free] - origin)
+        miss = amplitude - mode @ (picked(np.asarray(x), free) - origin)
         with np.errstate(over="ignore"):  # a diverging iterate ends as a status
-            size = float(np.linalg.norm(np.asarray(now.rhs).ravel()[free] + force * mode) * float(measures[2]))
+            size = float(np.linalg.norm(np.asarray(reduced(now.rhs, free)) + force * mode) * float(measures[2]))
         if not np.isfinite(size + float(measures[1])):
             return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, None), force
         if size < TOLERANCE and float(measures[1]) < CONSTRAINT_TOLERANCE and abs(miss) < 1e-9 * abs(amplitude):
@@ -210,13 +219,13 @@ def linearised(x, p, model, gel, mu, loads, fixed, free):
     """``mixed.linearise``, and the measures (relative residual, constraint, 1 / scale of the residual)."""
     now, (network, constraint) = linearise(x, p, model, gel, mu, loads, fixed)
     per_force = 1 / (network + jnp.linalg.norm(loads))
-    return now, (jnp.linalg.norm(now.rhs.ravel()[free]) * per_force, constraint, per_force)
+    return now, (jnp.linalg.norm(reduced(now.rhs, free)) * per_force, constraint, per_force)
 
 
 @jax.jit
 def free_rhs(now, basis, model, free):
     """``mixed.condensed_rhs`` on the free degrees of freedom (f,)."""
-    return condensed_rhs(now, basis, model).ravel()[free]
+    return reduced(condensed_rhs(now, basis, model), free)
 
 
 tangent_at = jax.jit(tangent)
@@ -226,7 +235,7 @@ tangent_at = jax.jit(tangent)
 @jax.jit
 def _advance(x, p, correction, now, basis, model, gel, mu, loads, fixed, free):
     """Positions and pressures after a correction (f,) of the free degrees of freedom, linearised there."""
-    dx = jnp.zeros(x.size).at[free].add(correction).reshape(x.shape)
+    dx = spread(correction, x.shape, free)
     share = step_limit(x, dx, model) if model.contact is not None else 1.0
     x, p = x + share * dx, p + share * pressure_step(dx, now, basis, model)
     return x, p, *linearised(x, p, model, gel, mu, loads, fixed, free)
@@ -248,7 +257,7 @@ def solve_traced(model, gel, mu, loads, x, pressure):
 
     def step(state):
         x, p, now, _, iterations, _ = state
-        shapes = (jax.ShapeDtypeStruct(free.shape, x.dtype), jax.ShapeDtypeStruct((), int))
+        shapes = (jax.ShapeDtypeStruct(free.shape[:1], x.dtype), jax.ShapeDtypeStruct((), int))
         system = tangent(x, p, now, model, gel, fixed), free_rhs(now, now, model, free)
         correction, negative = jax.pure_callback(functools.partial(_host_step, pattern), shapes, *system, vmap_method="sequential")
         return *_advance(x, p, correction, now, now, *args), iterations + 1, negative

@@ -5,7 +5,6 @@ parameters. ``arcs``, ``equal_arc_length``, ``inside_holes`` and ``check_plate``
 """
 
 import dataclasses
-import difflib
 import functools
 import itertools
 from collections.abc import Mapping, Sequence
@@ -18,33 +17,21 @@ from jax.core import Tracer
 from numpy.polynomial.legendre import leggauss
 from scipy.optimize import brentq, minimize_scalar
 
+from .edges import EDGES, checked_deformation, checked_displacement, checked_edges, edge_lines
 from .holes import Hole, check_parameters, pytree
+from .messages import did_you_mean
 
-EDGES = ("left", "right", "bottom", "top")
-CONDITIONS = ("roller", "fixed", "free")
 OUTLINE_SAMPLES = 2048  # points per outline among which arcs are searched
 NEWTON_STEPS = 8  # for the t at which a moved outline meets the plate's edge
 TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as contact
 
 
-@dataclasses.dataclass(frozen=True)
-class Edges(Mapping):
-    """Edge of the plate -> "roller" (normal displacement 0), "fixed" or "free"; hashable."""
-
-    conditions: tuple
-    """Condition of each of ``EDGES``, in that order."""
-
-    def __getitem__(self, edge):
-        return dict(zip(EDGES, self.conditions, strict=True))[edge]
-
-    def __iter__(self):
-        return iter(EDGES)
-
-    def __len__(self):
-        return len(EDGES)
-
-
-@pytree(meta=("width", "height", "edges", "name", "spacing", "nodes_per_hole", "cells", "core", "gel", "unit", "reference"))
+@pytree(
+    meta=(
+        *("width", "height", "edges", "deformation", "displacement", "name"),
+        *("spacing", "nodes_per_hole", "cells", "core", "gel", "unit", "reference"),
+    )
+)
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plate:
     """A rectangular dry plate with holes; a JAX pytree whose leaves are the hole parameters.
@@ -60,7 +47,12 @@ class Plate:
     """Any number of ``holes.Hole``; kept as a tuple."""
     _: dataclasses.KW_ONLY
     edges: Mapping | str = "roller"
-    """A condition for all edges, or edge -> condition; edges left out are rollers."""
+    """A condition for all edges, or edge -> condition; edges left out are rollers. "roller" holds the displacement normal to the edge,
+    "fixed" both components, "free" none; opposite edges that are "periodic" move alike but for ``deformation``."""
+    deformation: tuple = ((1.0, 0.0), (0.0, 1.0))
+    """Macroscopic deformation gradient (2, 2), rows first: what held edges and the two sides of a periodic cell follow."""
+    displacement: Mapping = dataclasses.field(default_factory=dict)
+    """Roller or fixed edge -> its displacement (2,), mm, on top of ``deformation``; 0 for edges left out and along rollers."""
     name: str = "plate"
     """What tables and files call it."""
     spacing: float | None = None
@@ -84,12 +76,19 @@ class Plate:
             if not (np.ndim(value) == 0 and np.isfinite(value) and value > 0):
                 raise ValueError(f"{name}: {value!r} is not a positive length in mm")
             object.__setattr__(self, name, float(value))
-        object.__setattr__(self, "edges", _edges(self.edges))
+        object.__setattr__(self, "edges", checked_edges(self.edges))
+        object.__setattr__(self, "deformation", checked_deformation(self.deformation, self.edges))
+        object.__setattr__(self, "displacement", checked_displacement(self.displacement, self.edges))
         object.__setattr__(self, "core", tuple(float(c) for c in self.core))
         object.__setattr__(self, "holes", (self.holes,) if isinstance(self.holes, Hole) else tuple(self.holes))
         for k, hole in enumerate(self.holes):
             if not isinstance(hole, Hole):
                 raise ValueError(f"holes[{k}]: {hole!r} is not a hole such as Circle(centre=(0, 0), radius=1)")
+
+    @property
+    def moved(self):
+        """Whether ``deformation`` or ``displacement`` moves an edge."""
+        return self.deformation != ((1.0, 0.0), (0.0, 1.0)) or any(map(any, self.displacement.values()))
 
     @property
     def theta(self):
@@ -141,12 +140,6 @@ def reference_plate(plate):
     if _traced(reference):
         raise ValueError("plate: its hole parameters have no values inside jit; make a concrete plate outside and move it by plate.at")
     return reference
-
-
-def edge_lines(plate):
-    """Edge -> (axis, coordinate): the edge lies where x (axis 0) or y (axis 1) has the coordinate, mm."""
-    w, h = plate.width / 2, plate.height / 2
-    return {"left": (0, -w), "right": (0, w), "bottom": (1, -h), "top": (1, h)}
 
 
 def arcs(plate):
@@ -226,6 +219,11 @@ def check_plate(plate):
         if shape.contains(box):
             raise ValueError(f"holes[{k}]: it covers the whole plate of {plate.width:g} x {plate.height:g} mm; make it smaller")
         _check_sides_along_edges(plate, hole, f"holes[{k}]", touch)
+        if plate.moved and any(shape.contains(shapely.Point(corner)) for corner in shapely.get_coordinates(box)):
+            raise ValueError(f"holes[{k}]: it takes a corner of a plate whose edges move; choose the plate so that its corners are gel")
+        for edge, (axis, coordinate) in edge_lines(plate).items():
+            if plate.edges[edge] == "periodic" and np.max(np.sign(coordinate) * shapely.get_coordinates(shape)[:, axis]) > abs(coordinate):
+                raise ValueError(f"holes[{k}]: the periodic edge {edge} cuts it; choose the cell so that its holes lie inside")
         inner.append(shape.intersection(box))
     inner = np.array(inner, dtype=object)
     for i, j in np.argwhere(np.triu(shapely.dwithin(inner[:, None], inner[None, :], touch), 1)):
@@ -233,26 +231,6 @@ def check_plate(plate):
     rest = shapely.get_parts(shapely.difference(box, shapely.union_all(inner)))
     if len(rest) != 1:
         raise ValueError(f"holes: they cut the plate into {len(rest)} parts; leave one connected piece")
-
-
-def did_you_mean(name, known):
-    """The end of an error message for an unknown ``name``: the nearest of the ``known`` names, and all of them."""
-    known = list(known)
-    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
-    return (f"did you mean {near[0]!r}? " if near else "") + "accepted: " + ", ".join(known)
-
-
-def _edges(edges):
-    if isinstance(edges, str):
-        edges = dict.fromkeys(EDGES, edges)
-    if not isinstance(edges, Mapping):
-        raise ValueError(f"edges: {edges!r} is neither a condition nor a mapping from edges to conditions such as {{'top': 'free'}}")
-    for edge, condition in edges.items():
-        if edge not in EDGES:
-            raise ValueError(f"edges: unknown edge {edge!r}; {did_you_mean(edge, EDGES)}")
-        if condition not in CONDITIONS:
-            raise ValueError(f"edges: {edge} = {condition!r} is unknown; {did_you_mean(condition, CONDITIONS)}")
-    return Edges(tuple(edges.get(edge, "roller") for edge in EDGES))
 
 
 def _hole_at(hole, new, where):

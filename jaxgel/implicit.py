@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from . import constraints
+from .constraints import reduced, spread
 from .energy import residual
 from .linear_solve import solve_near
 from .mixed import constants, linearise, state_pressure, tangent
@@ -29,13 +31,12 @@ def state_tangents(x, inputs, inputs_dot, pattern):
     model, gel, mu, loads = inputs
     model_dot, gel_dot, mu_dot, loads_dot = inputs_dot
     moved = jax.jvp(lambda cloud: cloud.nodes, (model.cloud,), (model_dot.cloud,))[1]
-    held = np.ones(moved.size)
-    held[pattern.free] = 0.0
-    carried = held.reshape(moved.shape) * moved
+    carried = constraints.carried(moved, model.lists.topology.plate, pattern.free)
 
     def imbalance(state):
         x, mu, mu_dot = state
-        return jax.jvp(residual, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1].ravel()[pattern.free]
+        change = jax.jvp(residual, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1]
+        return reduced(change, pattern.free)
 
     def product(v):  # of the block-diagonal free-free tangents of all states with v (k, f)
         return _over_states(lambda s: _free_product(*s, (model, gel, loads), pattern), (v, x, mu), model)
@@ -46,7 +47,7 @@ def state_tangents(x, inputs, inputs_dot, pattern):
 
     rhs = -_over_states(imbalance, (x, mu, mu_dot), model)
     correction = lax.custom_linear_solve(product, rhs, solve, symmetric=True)
-    return jnp.broadcast_to(carried.ravel(), (len(x), carried.size)).at[:, pattern.free].add(correction).reshape(x.shape)
+    return carried + jax.vmap(lambda dx: spread(dx, carried.shape, pattern.free))(correction)
 
 
 def no_tangent(values):
@@ -64,8 +65,8 @@ def _over_states(function, states, model):
 def _free_product(v, x, mu, args, pattern):
     """Product (f,) of the free-free tangent at ``x`` with ``v`` (f,)."""
     model, gel, loads = args
-    direction = jnp.zeros(x.size).at[pattern.free].add(v).reshape(x.shape)
-    return jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (direction,))[1].ravel()[pattern.free]
+    direction = spread(v, x.shape, pattern.free)
+    return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (direction,))[1], pattern.free)
 
 
 def _solve(rhs, x, mu, args, fixed, pattern):

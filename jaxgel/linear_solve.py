@@ -35,13 +35,15 @@ class Pattern:
     n_pairs: int
     """Number of node pairs i <= j."""
     free: np.ndarray
-    """(f,) numbers of the free degrees of freedom, 2 node + component."""
+    """(f,) or (f, k) degrees of freedom of each unknown, see ``constraints``."""
     source: np.ndarray
-    """(nnz,) entry of the flattened pair blocks (n_pairs, 2, 2) that each stored matrix entry takes."""
+    """(nnz,) entry of the flattened pair blocks, joined where nodes move together, that each stored matrix entry takes."""
     structure: sp.csc_matrix
     """The free-free matrix (f, f) of a tangent, its values aside."""
     tree: object
     """``multifrontal.Tree``."""
+    joined: sp.csr_matrix | None = None
+    """Takes the entries of the pair blocks (4 n_pairs,) to those of the pairs of nodes that stand for others; None where all do."""
     narrower: object = None
     """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
 
@@ -52,8 +54,13 @@ class Pattern:
     def matrix(self, pairs):
         """The free-free matrix (f, f), CSC, from pair blocks (n_pairs, 2, 2)."""
         matrix = copy.copy(self.structure)  # the constructor would check the indices once more
-        matrix.data = np.asarray(pairs).reshape(-1)[self.source]
+        matrix.data = self.entries(pairs)[self.source]
         return matrix
+
+    def entries(self, pairs):
+        """Entries (e,) of the pair blocks (n_pairs, 2, 2), added up where nodes move together."""
+        entries = np.asarray(pairs)[: self.n_pairs].reshape(-1)
+        return entries if self.joined is None else self.joined @ entries
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,9 +124,12 @@ def analyse(pair_nodes, points, free):
 
     The pairs include (i, i) for every node.
     """
+    n_pairs, joined = len(pair_nodes), None
+    if free.ndim == 2:
+        pair_nodes, joined = _join(pair_nodes, len(points), free)
     i, j = pair_nodes[:, 0], pair_nodes[:, 1]
     local = np.full(2 * len(points), -1)
-    local[free] = np.arange(len(free))
+    local[free if joined is None else free[:, 0]] = np.arange(len(free))
     entry = np.arange(4 * len(i)).reshape(-1, 2, 2)
     rows = np.broadcast_to((2 * i[:, None] + np.arange(2))[:, :, None], entry.shape)
     columns = np.broadcast_to((2 * j[:, None] + np.arange(2))[:, None, :], entry.shape)
@@ -130,7 +140,30 @@ def analyse(pair_nodes, points, free):
     kept = (row >= 0) & (column >= 0)
     structure = sp.csc_matrix((source[kept] + 1.0, (row[kept], column[kept])), shape=(len(free),) * 2)
     structure.sort_indices()
-    return Pattern(len(i), free, structure.data.astype(np.int64) - 1, structure, dissect(pair_nodes, local.reshape(-1, 2), points))
+    tree = dissect(pair_nodes, local.reshape(-1, 2), points)
+    return Pattern(n_pairs, free, structure.data.astype(np.int64) - 1, structure, tree, joined)
+
+
+def _join(pair_nodes, n, free):
+    """Pairs (q, 2) of nodes that stand for others, and the matrix (4 q, 4 p) that adds up the blocks of the pairs (p, 2) they stand for."""
+    first = np.arange(n)
+    for column in free.T[1:]:
+        real = column < 2 * n
+        first[column[real] // 2] = free[real, 0] // 2
+    pairs = first[pair_nodes]
+    flipped = pairs[:, 0] > pairs[:, 1]
+    keys = np.sort(pairs, axis=1) @ [n, 1]
+    known = np.union1d(keys, np.arange(n) * (n + 1))
+    place = np.searchsorted(known, keys)
+    block, turned = np.arange(4).reshape(2, 2), np.arange(4).reshape(2, 2).T
+    p = np.arange(len(pairs))
+    rows, columns = [4 * place[:, None] + np.where(flipped[:, None], turned.ravel(), block.ravel())], [4 * p[:, None] + block.ravel()]
+    both = (pairs[:, 0] == pairs[:, 1]) & (pair_nodes[:, 0] != pair_nodes[:, 1])  # a node and its image: the block and its transpose
+    rows.append(4 * place[both][:, None] + turned.ravel())
+    columns.append(4 * p[both][:, None] + block.ravel())
+    rows, columns = (np.concatenate(parts).ravel() for parts in (rows, columns))
+    joined = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(4 * len(known), 4 * len(pairs)))
+    return np.stack([known // n, known % n], axis=1), joined
 
 
 def factor(pattern, pairs):
@@ -141,7 +174,7 @@ def factor(pattern, pairs):
         raise SingularTangent("the tangent is not finite")
     try:
         with _few_threads(pattern), np.errstate(over="ignore", invalid="ignore"):
-            return Factor(pattern, matrix, factorise(pattern.tree, np.asarray(pairs)))
+            return Factor(pattern, matrix, factorise(pattern.tree, pattern.entries(pairs)))
     except np.linalg.LinAlgError as error:
         raise SingularTangent(str(error)) from error
 

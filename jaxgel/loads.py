@@ -4,13 +4,44 @@ The integrals run over the cells and edges that partition the dry gel, with the 
 model's own quadrature is. So the sum of the nodal forces is the total load, and a uniform traction balances a uniform stress.
 """
 
+import dataclasses
+from collections.abc import Mapping
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .discretisation import make_probe, wall_ends
-from .geometry import EDGES, did_you_mean, edge_lines
+from .edges import EDGES, edge_lines, held_components
+from .messages import did_you_mean, finite_numbers
 from .quadrature import edge_points
+
+BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that counts as none
+
+
+@dataclasses.dataclass(frozen=True)
+class Loads:
+    """Constant dead loads, as a case file gives them; ValueError for what is not two numbers or an unknown edge."""
+
+    body_force: tuple | None = None
+    """(2,) force per dry area, kT/v per mm; None for none."""
+    traction: Mapping = dataclasses.field(default_factory=dict)
+    """Edge -> force (2,) per dry length, kT/v."""
+
+    def __post_init__(self):
+        if self.body_force is not None:
+            object.__setattr__(self, "body_force", finite_numbers(self.body_force, (2,), "loads.body_force"))
+        if not isinstance(self.traction, Mapping):
+            raise ValueError(f"loads.traction: {self.traction!r} is not a table such as {{ top = [0.0, 1e-3] }}")
+        for edge in self.traction:
+            if edge not in EDGES:
+                raise ValueError(f"loads.traction: unknown edge {edge!r}; {did_you_mean(edge, EDGES)}")
+        traction = {edge: finite_numbers(force, (2,), f"loads.traction.{edge}") for edge, force in self.traction.items()}
+        object.__setattr__(self, "traction", traction)
+
+    def of(self, model):
+        """``load_vector`` (n, 2) of a model; None where there is no load."""
+        return load_vector(model, body_force=self.body_force, traction=self.traction) if self.body_force or self.traction else None
 
 
 def load_vector(model, *, body_force=None, traction=None):
@@ -19,7 +50,8 @@ def load_vector(model, *, body_force=None, traction=None):
     ``body_force`` is a constant (2,) or a function from a dry point (2,), mm, to (2,): force per dry area in kT/v per mm. ``traction``
     maps edges of the plate, "left", "right", "bottom", "top", to constants (2,) or functions of the dry point: force per dry length in
     kT/v. On held edges the shape functions are linear between the wall nodes, as in ``discretise``; there only the component along
-    a roller edge has an effect. Raises ValueError for an unknown edge or a force that is no vector. Deng et al. (2020), Eq. (50).
+    a roller edge has an effect. Raises ValueError for an unknown edge, a force that is no vector, and a resultant along which nothing
+    holds a periodic plate. Deng et al. (2020), Eq. (50).
 
     >>> import jaxgel
     >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("square"), spacing=0.25), basis="linear")
@@ -33,7 +65,16 @@ def load_vector(model, *, body_force=None, traction=None):
         if edge not in EDGES:
             raise ValueError(f"traction: unknown edge {edge!r}; {did_you_mean(edge, EDGES)}")
         loads = loads + _edge_load(model, edge, force)
+    _check_resultant(model.lists.topology.plate, loads)
     return loads
+
+
+def _check_resultant(plate, loads):
+    held = {component for edge in EDGES for component in held_components(plate.edges, edge)}
+    for component in {0, 1} - held if not isinstance(loads, jax.core.Tracer) else ():
+        force = np.asarray(loads)[:, component]
+        if abs(force.sum()) > BALANCE * np.abs(force).sum():
+            raise ValueError(f"loads: a resultant of {force.sum():.3g} kT/v mm along {'xy'[component]}, in which no edge holds the plate")
 
 
 def _body_load(model, body_force):

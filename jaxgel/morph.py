@@ -49,7 +49,7 @@ def make_morph(plate, background, outline, nodes, arc_ends):
     apart = cKDTree(outline[nodes]).query(background[walls])[0] > 1e-9 * length  # an outline may end on a wall vertex
     walls, sources, fraction, axis = (column[apart] for column in (walls, *slides))
     controls = np.concatenate([outline[nodes], background[walls]])
-    matrix = _thin_plate_matrix(controls, background, length)
+    matrix = thin_plate_matrix(controls, background, length)
     matrix[walls] = np.eye(len(controls))[len(nodes) :]
     return Morph(matrix, nodes, sources, fraction, axis)
 
@@ -73,7 +73,7 @@ def _wall_slides(plate, background, outline, arc_ends):
     return tuple(np.concatenate(column) for column in zip(*found, strict=True))
 
 
-def _thin_plate_matrix(controls, points, length):
+def thin_plate_matrix(controls, points, length):
     """Matrix (p, c) of the thin-plate spline that takes values at ``controls`` (c, 2) to ``points`` (p, 2), exact for linear fields."""
 
     def kernel(a, b):

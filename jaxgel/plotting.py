@@ -16,11 +16,12 @@ from matplotlib.animation import PillowWriter
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon, Rectangle
 from matplotlib.tri import Triangulation
 from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkGroup, VtkTriangle
 
+from .edges import edge_lines, held_components
 from .observables import deformed_vertices, free_stretch, outlines, volume_ratio
 from .results import CREASE_RATIO, SELF_CONTACT, WRINKLE_RATIO, events, history, open_folder
 
@@ -337,18 +338,16 @@ def _draw_walls(ax, cloud, vertices):
     """Hatched bars along the supported edges of the plate, and limits that hold all states (k, v, 2)."""
     plate = cloud.plate
     w, h, thick = plate.width, plate.height, 0.025 * max(plate.width, plate.height)
-    bars = {
-        "left": (-w / 2 - thick, -h / 2, thick, h),
-        "right": (w / 2, -h / 2, thick, h),
-        "bottom": (-w / 2, -h / 2 - thick, w, thick),
-        "top": (-w / 2, h / 2, w, thick),
-    }
-    for edge, support in dict(plate.edges).items():
-        if support == "free":
+    for edge, (axis, coordinate) in edge_lines(plate).items():
+        if not held_components(plate.edges, edge):
             continue
-        x, y, width, height = bars[edge]
-        hatch = "/////" if support == "roller" else "xxxxx"
-        ax.add_patch(Rectangle((x, y), width, height, facecolor="white", edgecolor=WALL, linewidth=0.0, hatch=hatch))
+        inner = 0.5 * np.array([[-w, -h], [w, h]])
+        inner[:, axis] = coordinate
+        inner = inner @ np.array(plate.deformation).T + plate.displacement[edge]
+        outer = inner + np.sign(coordinate) * thick * np.eye(2)[axis]
+        corners = np.concatenate([inner, outer[::-1]])
+        hatch = "/////" if plate.edges[edge] == "roller" else "xxxxx"
+        ax.add_patch(Polygon(corners, facecolor="white", edgecolor=WALL, linewidth=0.0, hatch=hatch))
     gel = vertices[:, np.unique(np.asarray(cloud.triangles))]
     low = np.minimum(gel.min(axis=(0, 1)), [-w / 2, -h / 2]) - 1.5 * thick
     high = np.maximum(gel.max(axis=(0, 1)), [w / 2, h / 2]) + 1.5 * thick

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import equilibrium
+from .constraints import spread
 from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Status
 from .linear_solve import SingularTangent, factor
 
@@ -44,7 +45,7 @@ def relax(problem, mu, x, pressure):
 def relax_along(problem, mu, state, mode):
     """``relax`` from an unstable ``Equilibrium``, pushed along ``mode`` (f,)."""
     amplitude = KICK * problem.model.cloud.spacing / np.abs(mode).max()
-    x = jnp.asarray(state.x).ravel().at[problem.pattern.free].add(amplitude * mode).reshape(state.x.shape)
+    x = state.x + spread(amplitude * mode, state.x.shape, problem.pattern.free)
     found = relax(problem, mu, x, state.pressure)
     return dataclasses.replace(found, iterations=found.iterations + state.iterations)
 

@@ -14,6 +14,7 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
+from .constraints import picked, reduced, spread
 from .energy import residual
 from .equilibrium import Status, acting, solve, solve_pinned
 
@@ -152,21 +153,16 @@ def tangent_products(problem, x, mu, vectors):
 @jax.jit
 def _products(x, vectors, model, gel, mu, loads, free):
     def one(v):
-        return jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (spread(v, x.shape, free),))[1].ravel()[free]
+        return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (spread(v, x.shape, free),))[1], free)
 
     return jax.vmap(one, in_axes=1, out_axes=1)(vectors)
-
-
-def spread(vector, shape, free):
-    """Nodal field (n, 2) of a vector (f,) of the free degrees of freedom, zero elsewhere."""
-    return jnp.zeros(shape).ravel().at[free].add(vector).reshape(shape)
 
 
 def oriented(vectors, problem):
     """The modes (f, m) with the sign that makes their product with a fixed field without symmetry positive, on every cloud."""
     plate = problem.model.cloud.plate
     x, y = (np.asarray(problem.model.cloud.nodes) / [plate.width, plate.height]).T
-    field = np.stack([np.sin(5.1 * y + 2.3 * x + 0.4), np.sin(3.7 * x - 1.9 * y - 0.9)], axis=1).ravel()[problem.pattern.free]
+    field = picked(np.stack([np.sin(5.1 * y + 2.3 * x + 0.4), np.sin(3.7 * x - 1.9 * y - 0.9)], axis=1), problem.pattern.free)
     return vectors * np.where(field @ vectors < 0, -1.0, 1.0)
 
 
@@ -179,7 +175,7 @@ def stable_state(problem, mu, state, modes, *, sign=1):
     stiffness = network_stiffness(problem)
     for _ in range(MAX_SWITCHES):
         mode = sign * oriented(modes.vectors[:, :1], problem)[:, 0]
-        against = np.asarray(problem.loads).ravel()[problem.pattern.free] @ mode < 0  # loads that push choose the side
+        against = np.asarray(reduced(problem.loads, problem.pattern.free)) @ mode < 0  # loads that push choose the side
         found = _across(problem, mu, state.x, state.pressure, -mode if against else mode)
         if found is None:
             return None

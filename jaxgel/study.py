@@ -156,7 +156,11 @@ def run_study(study, folder, *, resume=False, quiet=True):
 def case_text(plate, gel, mu, spacing):
     """A case file, TOML, of a concrete plate."""
     lines = ["[plate]", f"width = {plate.width!r}", f"height = {plate.height!r}"]
-    lines += [f"edges = {{ {', '.join(f'{edge} = {json.dumps(condition)}' for edge, condition in plate.edges.items())} }}", ""]
+    lines += [f"edges = {{ {', '.join(f'{edge} = {json.dumps(condition)}' for edge, condition in plate.edges.items())} }}"]
+    if plate.moved:
+        moves = [f"{edge} = {json.dumps(move)}" for edge, move in plate.displacement.items() if any(move)]
+        lines += [f"deformation = {json.dumps(plate.deformation)}", f"displacement = {{ {', '.join(moves)} }}"]
+    lines += [""]
     for hole in plate.holes:
         lines += ["[[holes]]", f'kind = "{type(hole).__name__.lower()}"']
         lines += [f"{name} = {json.dumps(np.asarray(value).tolist())}" for name, value in hole.theta.items()] + [""]

@@ -209,7 +209,7 @@ def _predict(problem, mu, history):
     a polynomial of high degree is good on a smooth path and leaves the branch where that has turned.
     """
     if not history:
-        return dry_state(problem.model, problem.gel)
+        return dry_state(problem.model, problem.gel, mu)
     at = np.array([step.mu for step in history])
     x = np.stack([np.asarray(step.x) for step in history])
     misses = [np.linalg.norm(np.tensordot(_weights(at[-k - 1 : -1], at[-1]), x[-k - 1 : -1], 1) - x[-1]) for k in range(1, len(at))]

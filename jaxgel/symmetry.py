@@ -19,16 +19,20 @@ def symmetries(model):
     tree, found = cKDTree(nodes), {}
     for name, matrix in SYMMETRIES.items():
         distance, image = tree.query(nodes @ np.array(matrix, dtype=float).T)
-        if distance.max() < 1e-6 * model.cloud.spacing and _edges_after(plate, matrix) == dict(plate.edges):
-            found[name] = np.array(matrix, dtype=float), image
+        matrix, moves = np.array(matrix, dtype=float), plate.displacement
+        alike = _edges_after(plate.edges, matrix) == dict(plate.edges)
+        alike &= {edge: tuple(matrix @ move) for edge, move in _edges_after(moves, matrix).items()} == dict(moves)
+        alike &= np.array_equal(matrix @ plate.deformation, plate.deformation @ matrix)
+        if distance.max() < 1e-6 * model.cloud.spacing and alike:
+            found[name] = matrix, image
     return found
 
 
-def _edges_after(plate, matrix):
-    """Edge -> condition of the plate turned or mirrored by ``matrix``."""
+def _edges_after(values, matrix):
+    """Edge -> value of the plate turned or mirrored by ``matrix``."""
     normals = {"left": (-1, 0), "right": (1, 0), "bottom": (0, -1), "top": (0, 1)}
     names = {normal: edge for edge, normal in normals.items()}
-    return {names[tuple(int(c) for c in np.array(matrix) @ normals[edge])]: condition for edge, condition in dict(plate.edges).items()}
+    return {names[tuple(int(c) for c in matrix @ normals[edge])]: value for edge, value in dict(values).items()}
 
 
 def characters(modes, permutations):

@@ -36,7 +36,7 @@ def scan_states(model, gel, mu, loads, contact):
     Statuses are those of `flagged`. The branch that continues the dry state is followed whatever its stability; states that are not
     reached are nan.
     """
-    start, pressure = dry_state(model, gel)
+    start, pressure = dry_state(model, gel, mu[0])
 
     def step(carry, mu):
         (mu_1, x_1, p_1), (mu_2, x_2, p_2), count = carry
