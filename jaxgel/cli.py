@@ -97,6 +97,10 @@ def _parser():
     p = _quiet_option(add(do.resume, "resume", "continue an interrupted design, to the same result"))
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel design")
 
+    p = add(do.view, "view", "write one HTML page of a run's folder, with a slider for mu")
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
+    p.add_argument("--out", metavar="FILE", help="the page (default: DIR/view.html)")
+
     add(do.list_samples, "samples", "list the built-in cases")
     return parser, commands.choices
 

@@ -75,6 +75,14 @@ def plot(args):
     return DONE
 
 
+def view(args):
+    """``jaxgel view``: write one HTML page of a run's folder."""
+    from .view import write_page
+
+    print(write_page(args.folder, args.out))
+    return DONE
+
+
 def critical(args):
     """``jaxgel critical``: locate the bifurcations and folds of a case's symmetric branch, and draw their modes."""
     case = cases.load_case(args.case, _changes(args))

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from jax.core import Tracer
 
 from .equilibrium import Status, acting, energy_at
 
@@ -109,6 +110,12 @@ class Path:
 
     def __len__(self):
         return len(self.mu)
+
+    def _repr_html_(self):
+        """How a notebook shows the path: its last pattern and a small table; None, for the plain text, inside JAX's transformations."""
+        from .view import notebook_html  # a figure is drawn only where one is looked at
+
+        return None if isinstance(self.x, Tracer) else notebook_html(self)
 
 
 _COLUMNS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")

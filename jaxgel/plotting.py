@@ -283,7 +283,7 @@ class _Gel:
     def __init__(self, ax, cloud, vertices, values, limits):
         self.ax, self.limits, self.cells = ax, limits or (None, None), None
         self.triangles, self.mean = np.asarray(cloud.triangles), _vertex_mean(cloud)
-        self.boundary = _boundary(self.triangles)
+        self.boundary = boundary_edges(self.triangles)
         self.outline = ax.add_collection(LineCollection([], colors=LINE, linewidths=0.7, capstyle="round"))
         self.move(vertices, values)
 
@@ -327,7 +327,7 @@ def _vertex_mean(cloud):
     return touches / np.maximum(touches.sum(axis=1), 1.0)[:, None]
 
 
-def _boundary(triangles):
+def boundary_edges(triangles):
     """Edges (e, 2) that belong to one triangle only."""
     edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)

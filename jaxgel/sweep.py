@@ -29,6 +29,7 @@ EXTRAPOLATED = 7  # most states from which the next one is predicted
 MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
 SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of a chosen step after so many corrections; 0.6 after more
+LEAST_RAMP = 1 / 200  # of the motion of a plate's edges, which may come in steps before the first state
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 
 
@@ -170,7 +171,10 @@ def _reached(problem, stable, mu, history):
     Where holes touch, a step that moves the gel farther than the range of contact is refused, and a short one that fails relaxes.
     """
     x, pressure = _predict(problem, mu, history)
-    if problem.apart is None or not history:
+    if not history:
+        found = solve(problem, mu, x, pressure)
+        return found if found.status.ok or not problem.model.cloud.plate.moved else _ramped(problem, mu, found), False
+    if problem.apart is None:
         return solve(problem, mu, x, pressure), False
     last, far = history[-1], not np.abs(x - history[-1].x).max() < problem.model.contact.range
     acted = touches(problem.model, last.x) if last.apart is None else not last.apart
@@ -182,6 +186,24 @@ def _reached(problem, stable, mu, history):
         return found, False
     relaxed = relax(problem, mu, last.x, last.pressure)
     return dataclasses.replace(relaxed, iterations=found.iterations + relaxed.iterations), relaxed.status.ok
+
+
+def _ramped(problem, mu, failed):
+    """First ``Equilibrium`` of a plate whose edges are moved step by step, where moving them at once ``failed``."""
+    model, (x, pressure) = problem.model, dry_state(problem.model, problem.gel)
+    whole, x = x - model.cloud.nodes, model.cloud.nodes
+    share, step, iterations = 0.0, 1 / 8, failed.iterations
+    while share < 1:
+        more = min(step, 1 - share)
+        found = solve(problem, mu, x + more * whole, pressure)
+        iterations += found.iterations
+        if found.status.ok:
+            x, pressure, share = found.x, found.pressure, share + more
+        elif step < LEAST_RAMP:
+            break
+        else:
+            step /= 2
+    return dataclasses.replace(found, iterations=iterations)
 
 
 def _stable(problem, stiffness, mu, found, modes):
