@@ -25,9 +25,9 @@ from .constraints import spread
 from .contact import with_contact
 from .discretisation import discretise
 from .equilibrium import acting, free_rhs, linearised, prepare, solve, tangent_at
+from .files import write_atomically
 from .linear_solve import factor
 from .observables import area_reduction, core_rotation, rotation_angle
-from .results import write_atomically
 from .sweep import sweep
 
 DIRECTIONS, HALVINGS, STATES = 5, 4, 4

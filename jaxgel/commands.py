@@ -8,7 +8,8 @@ import numpy as np
 from . import cases
 from .branches import imperfect_loads
 from .critical import critical_points
-from .results import Recorder, events, load_path, load_run, open_folder, write_points
+from .files import open_folder
+from .results import Recorder, events, load_path, load_run, write_points
 from .samples import sample, sample_names
 from .sweep import sweep
 from .terminal import Progress, interruptible

@@ -22,8 +22,9 @@ from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkGroup, VtkTriangle
 
 from .edges import edge_lines, held_components
+from .files import open_folder
 from .observables import deformed_vertices, free_stretch, outlines, volume_ratio
-from .results import CREASE_RATIO, SELF_CONTACT, WRINKLE_RATIO, events, history, open_folder
+from .results import CREASE_RATIO, SELF_CONTACT, WRINKLE_RATIO, events, history
 
 STYLE = {
     "font.size": 8.5,

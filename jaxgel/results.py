@@ -8,12 +8,10 @@ import csv
 import dataclasses
 import io
 import json
-import math
 import os
 import platform
 import shutil
 import time
-import zipfile
 from importlib.metadata import version
 from pathlib import Path as File
 
@@ -22,6 +20,7 @@ import numpy as np
 from . import cases
 from .contact import with_contact
 from .equilibrium import Status
+from .files import MAX_BYTES, guarded, open_folder, read_arrays, write_atomically
 from .observables import (
     area_reduction,
     cell_volumes,
@@ -60,7 +59,6 @@ SELF_CONTACT = "invalid: self-contact"
 IN_CONTACT = "a hole's sides touch"
 SWITCHED = "switched to the stable branch"
 FORMAT = 1  # raised when the meaning of a file changes
-MAX_BYTES = 2**31  # most that `load_run` reads of one file
 FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "series.pvd")
 
 
@@ -252,9 +250,9 @@ def load_run(folder, *, max_bytes=MAX_BYTES):
     folder = File(folder)
     if not (folder / "summary.json").is_file():
         raise ValueError(f"folder: {str(folder)!r} holds no summary.json; expected a folder written by jaxgel run")
-    summary = _guarded(folder / "summary.json", _read_summary, max_bytes)
-    table = _guarded(folder / "history.csv", _read_history, max_bytes)
-    states = _guarded(folder / "states.npz", _read_states, max_bytes) if table["mu"].size else None
+    summary = guarded(folder / "summary.json", _read_summary, max_bytes)
+    table = guarded(folder / "history.csv", _read_history, max_bytes)
+    states = guarded(folder / "states.npz", _read_states, max_bytes) if table["mu"].size else None
     if states is None:
         raise ValueError(f"folder: {str(folder)!r} holds no accepted state; its run ended as {summary['status']!r}: {summary['reason']}")
     k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in states.npz
@@ -277,29 +275,6 @@ def load_path(folder):
         raise ValueError(f"folder: the nodes in {str(run.folder)!r} are not those of this version of jaxgel; run the case again")
     steps = [_step(run.states, i) for i in range(len(run.mu))]
     return Path.from_steps(model, case.gel, steps, stop=steps[-1].status)
-
-
-def open_folder(folder):
-    """The folder as a ``pathlib.Path``, made where it is missing; ValueError when it cannot be written."""
-    folder = File(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".jaxgel-probe.part"
-        probe.write_bytes(b"")
-        probe.unlink()
-    except OSError as problem:
-        raise ValueError(f"out: cannot write in {str(folder)!r}: {problem.strerror}; choose a folder that can be written") from None
-    return folder
-
-
-def write_atomically(file, write):
-    """Call ``write(stream)`` on a file beside ``file`` and move it there once it is on disk, so that no reader sees half of it."""
-    part = file.with_name(file.name + ".part")
-    with part.open("wb") as stream:
-        write(stream)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(file)
 
 
 def _clear(folder):
@@ -339,17 +314,6 @@ def _csv_row(row):
     return [str(int(v)) if n in INTEGER_COLUMNS else v if n == "status" else repr(float(v)) for n, v in row.items()]
 
 
-def _guarded(file, read, max_bytes):
-    """``read(bytes, max_bytes)`` of a file, with everything that the parsers raise on damaged bytes turned into one ValueError."""
-    try:
-        if file.stat().st_size > max_bytes:
-            raise ValueError(f"it has {file.stat().st_size} bytes, more than the {max_bytes} allowed")
-        return read(file.read_bytes(), max_bytes)
-    except Exception as problem:
-        text = " ".join(str(problem).split())[:200] or type(problem).__name__
-        raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {text}") from None
-
-
 def _read_summary(content, _):
     summary = json.loads(content)
     wanted = {"format": int, "case": str, "options": dict, "status": str, "reason": str, "events": list}
@@ -373,10 +337,7 @@ def _read_history(content, _):
 
 
 def _read_states(content, max_bytes):
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        if sum(member.file_size for member in archive.infolist()) > max_bytes:
-            raise ValueError(f"its arrays take more than the {max_bytes} bytes allowed")
-        arrays = {m.filename.removesuffix(".npy"): _read_array(archive.read(m)) for m in archive.infolist()}
+    arrays = read_arrays(content, max_bytes)
     (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
     shapes = dict.fromkeys((*STEP_ARRAYS, "status"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
     shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
@@ -386,16 +347,6 @@ def _read_states(content, max_bytes):
     if not np.isfinite(arrays["x"]).all():
         raise ValueError("x is not finite")
     return arrays
-
-
-def _read_array(content):
-    """The array in the bytes of an .npy file, its size checked before anything is made of it."""
-    stream = io.BytesIO(content)
-    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    shape, fortran, dtype = read_header[np.lib.format.read_magic(stream)](stream)
-    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(content) - stream.tell():
-        raise ValueError(f"an array {shape} of {dtype} does not fit its bytes")
-    return np.frombuffer(content, dtype, offset=stream.tell()).reshape(shape, order="F" if fortran else "C")
 
 
 def write_points(points, folder, options):

@@ -16,13 +16,13 @@ import numpy as np
 from tqdm import tqdm
 
 from .equilibrium import Status
+from .files import open_folder, write_atomically
 from .geometry import check_plate
 from .material import check_gel
 from .observables import min_gap
 from .optimisers import Exhausted, Invalid
 from .path import Path
 from .placement import SPENT, cell_sizes, refreshed
-from .results import open_folder, write_atomically
 from .sweep import SweepFailed
 
 LOG = "design.json"

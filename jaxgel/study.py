@@ -22,11 +22,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import cases
+from .files import write_atomically
 from .geometry import did_you_mean
 from .inverse import DesignProblem, Outcome, optimise, verify
 from .objectives import CURVES, DRY, limit, misfit, reading, weighted_sum
 from .optimisers import METHODS
-from .results import write_atomically
 from .search import read_log
 
 LINKS = ("same", "turned", "mirrored")

@@ -20,7 +20,8 @@ import pytest
 
 import jaxgel
 import jaxgel.cli
-from jaxgel.results import load_path, write_atomically
+from jaxgel.files import write_atomically
+from jaxgel.results import load_path
 
 jax.config.update("jax_enable_x64", True)
 

@@ -7,10 +7,11 @@ import shutil
 import numpy as np
 import pytest
 
-from jaxgel import cases, results
+from jaxgel import cases, files, results
+from jaxgel.files import write_atomically
 from jaxgel.observables import area_reduction, min_gap, outlines, rotation_angle
 from jaxgel.path import Step
-from jaxgel.results import COLUMNS, SELF_CONTACT, Recorder, events, history, load_path, load_run, write_atomically
+from jaxgel.results import COLUMNS, SELF_CONTACT, Recorder, events, history, load_path, load_run
 
 INTERFACE = (
     "mu, free_stretch, status, newton_iterations, residual, energy, J_min, J_max, J_mean, area_reduction, rotation_deg, "
@@ -204,7 +205,7 @@ def test_files_above_the_size_limit_are_not_read(copy):
 def test_an_array_that_claims_more_than_its_bytes_is_refused():
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + b"\n"
     with pytest.raises(ValueError, match="does not fit its bytes"):
-        results._read_array(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(8))
+        files.read_array(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(8))
 
 
 def test_a_folder_without_a_run_is_named(tmp_path):

@@ -1,0 +1,63 @@
+"""Files that are either whole or refused: written beside their place and moved there, read with nothing in them trusted or executed."""
+
+import io
+import math
+import os
+import zipfile
+from pathlib import Path as File
+
+import numpy as np
+
+MAX_BYTES = 2**31  # most that is read of one file
+
+
+def open_folder(folder):
+    """The folder as a ``pathlib.Path``, made where it is missing; ValueError when it cannot be written."""
+    folder = File(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".jaxgel-probe.part"
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as problem:
+        raise ValueError(f"out: cannot write in {str(folder)!r}: {problem.strerror}; choose a folder that can be written") from None
+    return folder
+
+
+def write_atomically(file, write):
+    """Call ``write(stream)`` on a file beside ``file`` and move it there once it is on disk, so that no reader sees half of it."""
+    part = file.with_name(file.name + ".part")
+    with part.open("wb") as stream:
+        write(stream)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(file)
+
+
+def guarded(file, read, max_bytes=MAX_BYTES):
+    """``read(bytes, max_bytes)`` of a file, with everything that the parsers raise on damaged bytes turned into one ValueError."""
+    try:
+        if file.stat().st_size > max_bytes:
+            raise ValueError(f"it has {file.stat().st_size} bytes, more than the {max_bytes} allowed")
+        return read(file.read_bytes(), max_bytes)
+    except Exception as problem:
+        text = " ".join(str(problem).split())[:200] or type(problem).__name__
+        raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {text}") from None
+
+
+def read_arrays(content, max_bytes=MAX_BYTES):
+    """Name -> array of the bytes of an .npz file, their sizes checked before anything is made of them; ValueError for objects."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        if sum(member.file_size for member in archive.infolist()) > max_bytes:
+            raise ValueError(f"its arrays take more than the {max_bytes} bytes allowed")
+        return {m.filename.removesuffix(".npy"): read_array(archive.read(m)) for m in archive.infolist()}
+
+
+def read_array(content):
+    """The array in the bytes of an .npy file, its size checked before anything is made of it."""
+    stream = io.BytesIO(content)
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    shape, fortran, dtype = read_header[np.lib.format.read_magic(stream)](stream)
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(content) - stream.tell():
+        raise ValueError(f"an array {shape} of {dtype} does not fit its bytes")
+    return np.frombuffer(content, dtype, offset=stream.tell()).reshape(shape, order="F" if fortran else "C")
