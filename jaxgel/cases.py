@@ -76,6 +76,11 @@ class SweepOptions:
         return (self.mu_start, self.mu_end) if self.steps == "auto" else np.linspace(self.mu_start, self.mu_end, self.steps).tolist()
 
     @property
+    def given(self):
+        """Whether all values are known beforehand."""
+        return self.mu is not None or self.steps != "auto"
+
+    @property
     def ends(self):
         """First and last mu."""
         return (self.mu[0], self.mu[-1]) if self.mu is not None else (self.mu_start, self.mu_end)

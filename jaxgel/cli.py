@@ -94,8 +94,9 @@ def _parser():
     p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
     p.add_argument("--resume", action="store_true", help="continue the search whose log is in the folder")
 
-    p = _quiet_option(add(do.resume, "resume", "continue an interrupted design, to the same result"))
-    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel design")
+    p = _quiet_option(add(do.resume, "resume", "continue an interrupted run or design, to the same result"))
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run or design")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation of a run")
 
     p = add(do.view, "view", "write one HTML page of a run's folder, with a slider for mu")
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")

@@ -9,7 +9,9 @@ from . import cases
 from .branches import imperfect_loads
 from .critical import critical_points
 from .files import open_folder
-from .results import Recorder, events, load_path, load_run, write_points
+from .path import Path
+from .recorder import Recorder, write_points
+from .results import events, load_path, load_run
 from .samples import sample, sample_names
 from .sweep import sweep
 from .terminal import Progress, interruptible
@@ -28,9 +30,14 @@ def run(args):
     say = _silent if args.quiet else print
     model, d = case.model(), case.discretisation
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {d.basis} basis, {d.method} method")
-    recorder = Recorder(folder, case, model, case.gel)
+    return _run(Recorder(folder, case, model, case.gel), args)
+
+
+def _run(recorder, args):
+    """Sweep what is left of a case, draw and report; the exit code."""
+    say, plots = _silent if args.quiet else print, not args.no_plots
     try:
-        path = _sweep(case, model, recorder, args.quiet)
+        path = _sweep(recorder, args.quiet)
     except KeyboardInterrupt:
         recorder.finish("interrupted", "stopped by the user")
         _report(recorder, say)
@@ -38,9 +45,9 @@ def run(args):
     except Exception as problem:
         recorder.finish("failed", " ".join(str(problem).split()) or type(problem).__name__)
         raise
-    recorder.finish("complete" if path.stop.ok else "stopped", path.stop_text)
-    say("drawing" if not args.no_plots else "writing", "the results")
-    _draw(path, folder, recorder.table, plots=not args.no_plots)
+    recorder.finish("complete" if path.stop.ok else "stopped", path.stop_text, path.stop)
+    say("drawing" if plots else "writing", "the results")
+    _draw(path, recorder.folder, recorder.table, plots=plots)
     _report(recorder, say)
     if not path.stop.ok:
         print(f"jaxgel: the sweep stopped early: {path.stop_text}", file=sys.stderr)
@@ -53,8 +60,12 @@ def _changes(args):
     return {section: {key: given[key] for key in keys if given.get(key) is not None} for section, keys in OPTIONS.items()}
 
 
-def _sweep(case, model, recorder, quiet):
-    """The path of a case, recorded and shown while it grows."""
+def _sweep(recorder, quiet):
+    """The path of a case, recorded and shown while it grows, from the steps on that the recorder has."""
+    case, model, before = recorder.case, recorder.model, recorder.steps
+    if before and before[-1].mu >= case.sweep.ends[1]:
+        return Path.from_steps(model, case.gel, before)
+    mu = case.sweep.values[len(before) :] if case.sweep.given else case.sweep.values
     loads = imperfect_loads(case, model)
     with Progress(case.sweep.ends, quiet) as progress, interruptible() as stop_if_asked:
 
@@ -63,9 +74,8 @@ def _sweep(case, model, recorder, quiet):
             progress.show(recorder.records[-1][1])
             stop_if_asked()
 
-        return sweep(
-            model, case.gel, mu=case.sweep.values, branch=case.sweep.branch, contact=case.sweep.contact, loads=loads, on_step=on_step
-        )
+        options = dict(branch=case.sweep.branch, contact=case.sweep.contact, loads=loads, on_step=on_step)
+        return sweep(model, case.gel, mu=mu, start=before or None, **options)
 
 
 def plot(args):
@@ -148,12 +158,27 @@ def design(args):
 
 
 def resume(args):
-    """``jaxgel resume``: continue an interrupted design in its folder."""
-    from .search import LOG
+    """``jaxgel resume``: continue what was interrupted in a folder, a run or a design by the file that it holds."""
+    resumable = {"design.json": _resume_design, "summary.json": _resume_run}
+    for name, go_on in resumable.items():
+        if (File(args.folder) / name).is_file():
+            return go_on(args)
+    raise ValueError(f"folder: {args.folder!r} holds neither {' nor '.join(resumable)}; expected a folder written by jaxgel run or design")
+
+
+def _resume_run(args):
+    from .restart import other_versions, resumed
+
+    say, warning, recorder = _silent if args.quiet else print, other_versions(args.folder), resumed(args.folder)
+    say(f"{recorder.case.name}: goes on after {len(recorder.steps)} states")
+    if warning:
+        say(warning)
+    return _run(recorder, args)
+
+
+def _resume_design(args):
     from .study import resumed_study
 
-    if not (File(args.folder) / LOG).is_file():
-        raise ValueError(f"folder: {args.folder!r} holds no {LOG}; expected a folder written by jaxgel design")
     return _design(resumed_study(args.folder), args.folder, args, resume=True)
 
 

@@ -31,13 +31,15 @@ class Step:
     lowest_eigenvalue: float = float("nan")
     """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where it was not computed."""
     modes: object = None
-    """(f, m) lowest modes, where the next state's are looked for; None for a state read from a file."""
+    """(f, m) lowest modes, where the next state's are looked for; None for all but the last state read from a file."""
     factor: object = None
     """Factor of the tangent next to the state; None for a state read from a file."""
     switched: bool = False
     """Whether the state left an unstable branch: it does not continue the states before it."""
     apart: bool | None = None
     """Whether no outline is so near itself that contact acts; None where that was not looked at."""
+    stride: float = float("nan")
+    """Step in mu that a sweep with chosen steps tries next, kT; nan for given values."""
 
     @classmethod
     def at(cls, problem, mu, state, modes, *, switched=False):

@@ -45,7 +45,8 @@ def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=
     Either way ``path.negative_pivots`` says of each state whether it is stable (0). Where the sides of a hole meet, ``contact="on"`` keeps
     them apart (range and stiffness: ``contact.with_contact``), ``"off"`` lets them overlap, and ``"stop"`` ends the sweep. With contact a
     stable branch that ends, or turns unstable, is left by relaxation (``switched``). ``loads`` (n, 2) are dead nodal forces, see
-    ``load_vector``. ``on_step(step)`` is called with each accepted ``Step``; ``start`` is a Step to continue from. Raises
+    ``load_vector``. ``on_step(step)`` is called with each accepted ``Step``; ``start`` is a Step to continue from, or the list of all
+    steps of an interrupted sweep, with which the path then begins: to the bit that of a sweep that was not interrupted. Raises
     ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first state is not found; later failures end the
     path early, with the reason in ``path.stop`` and ``path.stop_text``. Differentiating a state that has no good derivative warns of
     it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap``, for given mu only, states that are not reached are nan, and the
@@ -60,12 +61,14 @@ def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=
         return _traced_sweep(model, gel, mu, branch, contact, loads, max_steps)
     targets, chosen = check_mu(mu)
     check_gel(gel)
-    if start is not None and not targets[-1 if chosen else 0] > start.mu:
-        raise ValueError(f"mu: {targets[-1 if chosen else 0]:g} is not above the start's mu = {start.mu:g}")
+    before = [] if start is None else [start] if isinstance(start, Step) else list(start)
+    if before and not targets[-1 if chosen else 0] > before[-1].mu:
+        raise ValueError(f"mu: {targets[-1 if chosen else 0]:g} is not above the start's mu = {before[-1].mu:g}")
     problem = prepare(model, gel, loads)
     attempt = functools.partial(_attempt, problem, network_stiffness(problem), branch == "stable")
     attempt = functools.partial(_until_contact, attempt, model) if contact == "stop" else attempt
-    steps, stop, where = _chosen(attempt, targets, on_step, start, max_steps) if chosen else _given(attempt, targets, on_step, start)
+    steps, stop, where = _chosen(attempt, targets, on_step, before, max_steps) if chosen else _given(attempt, targets, on_step, before)
+    steps = steps[1:] if isinstance(start, Step) else steps
     if not steps:
         raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}")
     return Path.from_steps(model, gel, steps, stop=stop, stop_text="" if stop.ok else f"stopped after mu = {where:.6g}: {stop.text}")
@@ -82,17 +85,17 @@ def check_mu(mu):
     return values, isinstance(mu, tuple) and len(values) == 2
 
 
-def _given(attempt, targets, on_step, start):
-    """States at the given values; a failed step is cut, its intermediate states are not kept."""
-    done = [start] if start is not None else []
+def _given(attempt, targets, on_step, before):
+    """The states ``before`` and those at the given values; a failed step is cut, its intermediate states are not kept."""
+    done = list(before)
     for target in targets:
         step, status = _reach(attempt, target, done)
         if step is None:
-            return _own(done, start), status, done[-1].mu if done else target
+            return done, status, done[-1].mu if done else target
         done.append(step)
         if on_step is not None:
             on_step(step)
-    return _own(done, start), Status.CONVERGED, targets[-1]
+    return done, Status.CONVERGED, targets[-1]
 
 
 def _reach(attempt, target, done):
@@ -114,42 +117,42 @@ def _reach(attempt, target, done):
             goal = history[-1].mu + 0.5 * (goal - history[-1].mu)
 
 
-def _chosen(attempt, targets, on_step, start, max_steps):
-    """States from the first to the last value, the step set by the number of Newton iterations the last one took."""
+def _chosen(attempt, targets, on_step, before, max_steps):
+    """The states ``before`` and those up to the last value, the step set by the number of Newton iterations the last one took."""
     first, last = targets
-    done = [start] if start is not None else []
-    step, least, spent = (last - first) / 8, 1e-5 * (last - first), 0
-    goal = first if not done else min(last, done[-1].mu + step)
+    done, least, spent = list(before), 1e-5 * (last - first), 0
+    step = done[-1].stride if done and np.isfinite(done[-1].stride) else (last - first) / 8
+    goal = _ahead(done[-1].mu, step, last) if done else first
     while len(done) < max_steps:
         found = attempt(goal, done)
         spent += found.newton_iterations
         if found.status.ok:
-            done.append(dataclasses.replace(found, newton_iterations=spent))
+            step *= 2.0 if found.newton_iterations < 4 else GROWTH.get(found.newton_iterations, 0.6)
+            done.append(dataclasses.replace(found, newton_iterations=spent, stride=step))
+            spent = 0
             if on_step is not None:
                 on_step(done[-1])
             if goal >= last:
-                return _own(done, start), Status.CONVERGED, last
-            step *= 2.0 if found.newton_iterations < 4 else GROWTH.get(found.newton_iterations, 0.6)
-            spent = 0
+                return done, Status.CONVERGED, last
         elif not done or found.status is Status.SELF_CONTACT:
-            return _own(done, start), found.status, done[-1].mu if done else goal
+            return done, found.status, done[-1].mu if done else goal
         else:
             step = 0.4 * (goal - done[-1].mu)
             if step < least:
-                return _own(done, start), Status.STEP_TOO_SMALL, done[-1].mu
-        goal = done[-1].mu + step
-        goal = last if goal > last - 0.3 * step else goal
-    return _own(done, start), Status.TOO_MANY_STEPS, done[-1].mu
+                return done, Status.STEP_TOO_SMALL, done[-1].mu
+        goal = _ahead(done[-1].mu, step, last)
+    return done, Status.TOO_MANY_STEPS, done[-1].mu
+
+
+def _ahead(mu, step, last):
+    """The mu a ``step`` ahead, or ``last`` where little would be left to it."""
+    return last if mu + step > last - 0.3 * step else mu + step
 
 
 def _until_contact(attempt, model, mu, done):
     """``attempt`` that ends the sweep where hole boundaries overlap."""
     step = attempt(mu, done)
     return dataclasses.replace(step, status=Status.SELF_CONTACT) if step.status.ok and overlaps(model, step.x) else step
-
-
-def _own(done, start):
-    return done if start is None else done[1:]
 
 
 def _attempt(problem, stiffness, stable, mu, done):

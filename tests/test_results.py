@@ -11,7 +11,8 @@ from jaxgel import cases, files, results
 from jaxgel.files import write_atomically
 from jaxgel.observables import area_reduction, min_gap, outlines, rotation_angle
 from jaxgel.path import Step
-from jaxgel.results import COLUMNS, SELF_CONTACT, Recorder, events, history, load_path, load_run
+from jaxgel.recorder import Recorder
+from jaxgel.results import COLUMNS, SELF_CONTACT, events, history, load_path, load_run
 
 INTERFACE = (
     "mu, free_stretch, status, newton_iterations, residual, energy, J_min, J_max, J_mean, area_reduction, rotation_deg, "
@@ -38,7 +39,7 @@ def table(**columns):
 
 def steps_of(path, switched=None):
     """The steps that the path was made from; number ``switched`` went over to another branch."""
-    names = [name for name in ("status", *results.STEP_ARRAYS) if name != "switched"]
+    names = [name for name in ("status", *results.STEP_ARRAYS) if name not in ("switched", "stride")]
     return [Step(**{name: getattr(path, name)[k] for name in names}, switched=k == switched) for k in range(len(path.mu))]
 
 
