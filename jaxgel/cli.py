@@ -12,12 +12,14 @@ from . import cases
 from . import commands as do
 from .geometry import did_you_mean
 from .sweep import SweepFailed
+from .versions import check_jaxlib
 
 
 def main(argv=None):
     """Run the command line on ``argv`` (by default the process's own) and return its exit code."""
     try:
         args = _parse(sys.argv[1:] if argv is None else list(argv))
+        check_jaxlib()
         return args.command(args)
     except ValueError as problem:
         print(f"jaxgel: error: {problem}", file=sys.stderr)
@@ -101,6 +103,8 @@ def _parser():
     p = add(do.view, "view", "write one HTML page of a run's folder, with a slider for mu")
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
     p.add_argument("--out", metavar="FILE", help="the page (default: DIR/view.html)")
+
+    add(do.doctor, "doctor", "show versions, float64 and threads, and audit the compiled kernels")
 
     add(do.list_samples, "samples", "list the built-in cases")
     return parser, commands.choices

@@ -207,6 +207,23 @@ def _design(study, folder, args, resume=False):
     return DONE if valid else STOPPED
 
 
+def doctor(_):
+    """``jaxgel doctor``: versions, float64, threads, and an audit of the compiled kernels."""
+    import time
+
+    from .doctor import SIZES, audit, describe
+
+    print(*describe(), f"audit at {', '.join(f'{n:,}' for n in SIZES)} points, compiled against one operation at a time:", sep="\n")
+    began, failed = time.perf_counter(), []
+    for found in audit():
+        print(f"  {found.name:<50} {found.difference:8.1e}{'' if found.ok else f'  WRONG at {found.points:,} points'}", flush=True)
+        failed += [] if found.ok else [found.name]
+    print(f"audited in {time.perf_counter() - began:.0f} s")
+    if failed:
+        print(f"jaxgel: this installation computes wrongly: {', '.join(failed)}; install another jaxlib", file=sys.stderr)
+    return STOPPED if failed else DONE
+
+
 def list_samples(_):
     """``jaxgel samples``: one line per built-in case."""
     for name in sample_names():

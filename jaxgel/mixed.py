@@ -62,9 +62,14 @@ class Linearisation:
 
 def constants(model):
     """``Constants`` of a model."""
-    pairs, slots = node_pairs(model.lists)
-    blocks = tuple((block.dphi, block.weight) for block in model.blocks)
-    laplacian, crossed = _constants(np.zeros(len(pairs)), blocks, slots)
+    return constants_of(model.lists, model.blocks, node_pairs(model.lists)[1])
+
+
+def constants_of(lists, blocks, slots):
+    """``Constants`` of the cells of ``blocks`` with their ``slots``."""
+    pairs = node_pairs(lists)[0]
+    blocks = tuple((block.dphi, block.weight) for block in blocks)
+    laplacian, crossed = _constants(jnp.zeros(len(pairs)), blocks, slots)
     return Constants(jnp.asarray(pairs), tuple(map(jnp.asarray, slots)), laplacian, crossed)
 
 
