@@ -3,12 +3,16 @@
 A table has the sections of a case file, all but ``plate`` optional:
 
     [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1, 0.0], [0.0, 1.0]]
-                       (of held and periodic edges) and displacement = {top = [0.0, 0.5], ...} (mm, of held edges)
+                       (of held and periodic edges), displacement = {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of
+                       `geometry.Plate`
     [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample
-    [gel]              Nv, chi
+    [gel]              Nv, chi; energy = "module:function" and numbers that the function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
     [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature
+    [output]           figures, animation, paraview (true or false)
+
+What an option accepts is written once, as a piece of JSON schema at its field: it is checked here and printed by `schema`.
 """
 
 import dataclasses
@@ -21,43 +25,71 @@ import numpy as np
 from . import holes
 from .cloud import make_cloud
 from .discretisation import discretise
-from .geometry import Plate, did_you_mean
+from .geometry import Plate
 from .loads import Loads
 from .material import Gel, check_gel
+from .messages import did_you_mean
 from .samples import sample
 from .sweep import BRANCHES, CONTACT, check_mu
+from .user_energy import user_gel
 
 HOLES = {
     kind.__name__.lower(): kind for kind in (holes.Circle, holes.Ellipse, holes.Rectangle, holes.Superellipse, holes.Fourier, holes.Polygon)
 }
-SECTIONS = ("plate", "holes", "gel", "loads", "sweep", "discretisation")
+SECTIONS = ("plate", "holes", "gel", "loads", "sweep", "discretisation", "output")
 BASES = ("linear", "quadratic")
 METHODS = ("mixed", "displacement")
 QUADRATURES = ("conforming", "paper")
+NUMBER, POSITIVE, FLAG = {"type": "number"}, {"type": "number", "exclusiveMinimum": 0.0}, {"type": "boolean"}
+PAIR = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}
+PLATE = {
+    "width": POSITIVE,
+    "height": POSITIVE,
+    "edges": {"type": ["string", "object"]},
+    "deformation": {"type": "array", "items": PAIR},
+    "displacement": {"type": "object", "additionalProperties": PAIR},
+    "spacing": POSITIVE,
+    "nodes_per_hole": {"type": "integer", "minimum": 3},
+    "cells": {"type": "integer", "minimum": 1},
+    "core": PAIR,
+    "unit": {"type": "string"},
+}  # fields of `geometry.Plate`; the first two are required
+
+
+def _word(choices):
+    return {"type": "string", "enum": list(choices)}
+
+
+def _whole(least):
+    return {"type": "integer", "minimum": least}
+
+
+def _option(default, rule):
+    """Field of a section with what it accepts, a piece of JSON schema; None, where that is the default, stands for not given."""
+    return dataclasses.field(default=default, metadata={"schema": rule})
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepOptions:
     """The values of mu, in kT, and the branch to follow."""
 
-    mu_start: float = -4.9678
+    mu_start: float = _option(-4.9678, NUMBER)
     """First value."""
-    mu_end: float = -0.9178
+    mu_end: float = _option(-0.9178, NUMBER)
     """Last value."""
-    steps: str | int = 40
+    steps: str | int = _option(40, {"anyOf": [{"const": "auto"}, _whole(2)]})
     """"auto", or the number of equally spaced values with both ends included."""
-    mu: tuple | None = None
+    mu: tuple | None = _option(None, {"type": "array", "items": NUMBER, "minItems": 1})
     """The values themselves, increasing; then the three above are not used."""
-    branch: str = "stable"
-    """"stable" or "symmetric"."""
-    imperfection: float = 0.0
+    branch: str = _option("stable", _word(BRANCHES))
+    """Branch to follow where the plate is symmetric"""
+    imperfection: float = _option(0.0, NUMBER)
     """Size of the load along the first bifurcation's mode, see `branches.imperfection`; 0 for none."""
-    contact: str = "on"
-    """Where hole boundaries meet: "on" keeps them apart, "off" lets them overlap, "stop" ends the sweep."""
+    contact: str = _option("on", _word(CONTACT))
+    """Where hole boundaries meet, keep them apart, let them overlap, or stop"""
 
     def __post_init__(self):
-        for name in ("mu_start", "mu_end", "imperfection"):
-            _number("sweep", name, getattr(self, name))
+        _check("sweep", self)
         if self.steps != "auto" and (type(self.steps) is not int or self.steps < 2):
             raise ValueError(f"sweep.steps: {self.steps!r} is neither 'auto' nor a whole number of at least 2")
         if self.mu is not None and not isinstance(self.mu, tuple):
@@ -65,8 +97,6 @@ class SweepOptions:
         for value in self.mu or ():
             _number("sweep", "mu", value)
         check_mu(self.values)
-        _choice("sweep", "branch", self.branch, BRANCHES)
-        _choice("sweep", "contact", self.contact, CONTACT)
 
     @property
     def values(self):
@@ -90,32 +120,41 @@ class SweepOptions:
 class DiscretisationOptions:
     """Choices of `cloud.make_cloud` and `discretisation.discretise`; None leaves the default of the plate or the method."""
 
-    spacing: float | None = None
+    spacing: float | None = _option(None, POSITIVE)
     """Distance of the background nodes, mm."""
-    nodes_per_hole: int | None = None
+    nodes_per_hole: int | None = _option(None, _whole(3))
     """Nodes on the outline of a whole hole."""
-    across: int | None = None
+    across: int | None = _option(None, _whole(2))
     """Least number of nodes across every ligament, by local refinement."""
-    basis: str = "quadratic"
-    """"linear" or "quadratic"."""
-    dmax: float | None = None
+    basis: str = _option("quadratic", _word(BASES))
+    """Basis of the shape functions"""
+    dmax: float | None = _option(None, POSITIVE)
     """Support radius over spacing."""
-    method: str = "mixed"
-    """"mixed" or "displacement"."""
-    quadrature: str = "conforming"
-    """"conforming" or "paper"."""
+    method: str = _option("mixed", _word(METHODS))
+    """One pressure per cell, or displacement only"""
+    quadrature: str = _option("conforming", _word(QUADRATURES))
+    """Cells along the true outline, or the paper's"""
 
     def __post_init__(self):
-        _choice("discretisation", "basis", self.basis, BASES)
-        _choice("discretisation", "method", self.method, METHODS)
-        _choice("discretisation", "quadrature", self.quadrature, QUADRATURES)
-        for name in ("spacing", "dmax"):
-            if getattr(self, name) is not None:
-                _number("discretisation", name, getattr(self, name), above=0.0)
-        for name, least in {"nodes_per_hole": 3, "across": 2}.items():
-            value = getattr(self, name)
-            if value is not None and (type(value) is not int or value < least):
-                raise ValueError(f"discretisation.{name}: {value!r} is not a whole number of at least {least}")
+        _check("discretisation", self)
+
+
+@dataclasses.dataclass(frozen=True)
+class OutputOptions:
+    """What a run leaves besides its table, states and summary."""
+
+    figures: bool = _option(True, FLAG)
+    """pattern.png and curves.png."""
+    animation: bool = _option(True, FLAG)
+    """pattern.gif."""
+    paraview: bool = _option(True, FLAG)
+    """series.pvd with a vtu file per state."""
+
+    def __post_init__(self):
+        _check("output", self)
+
+
+OPTIONS = {"loads": Loads, "sweep": SweepOptions, "discretisation": DiscretisationOptions, "output": OutputOptions}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -134,8 +173,10 @@ class Case:
     """Values of mu and branch."""
     discretisation: DiscretisationOptions
     """Cloud and method."""
+    output: OutputOptions
+    """Files to write."""
     source: dict
-    """The ``plate`` and ``holes`` sections that it was made from."""
+    """The ``plate`` and ``holes`` sections that it was made from, and ``gel`` where that names an energy."""
 
     def model(self):
         """The discretised plate; ValueError for a cloud or support that the case does not allow."""
@@ -145,11 +186,9 @@ class Case:
 
     def table(self):
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
-        sections = {"gel": {"Nv": float(self.gel.Nv), "chi": float(self.gel.chi)}}
-        sections |= {"loads": _given(self.loads)} if self.loads != Loads() else {}
-        sections["sweep"] = _given(self.sweep)
-        sections["discretisation"] = _given(self.discretisation)
-        return self.source | sections
+        gel = self.source.get("gel", {}) | {"Nv": float(self.gel.Nv), "chi": float(self.gel.chi)}
+        options = {section: _given(getattr(self, section)) for section in OPTIONS}
+        return self.source | {"gel": gel} | {section: given for section, given in options.items() if given}
 
 
 def load_case(case, changes=None):
@@ -160,39 +199,36 @@ def load_case(case, changes=None):
     >>> load_case("sample-1", {"sweep": {"steps": 3}}).sweep.values
     [-4.9678, -2.9428, -0.9178]
     """
-    table, name = _read(case)
+    table, name, folder = _read(case)
     for section, entries in (changes or {}).items():
         old = table.get(section, {})
         table[section] = (old if isinstance(old, dict) else {}) | entries
-    return from_table(table, name)
+    return from_table(table, name, folder)
 
 
-def from_table(table, name):
-    """The `Case` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
+def from_table(table, name, folder="."):
+    """The `Case` of a table as described at the top of this module; ValueError names the section and key of a wrong entry.
+
+    A module that the table names is looked for in ``folder``, in the working folder and where Python looks for modules.
+    """
     _known("case file", table, SECTIONS)
     plate_table, holes = _section(table, "plate"), table.get("holes", [])
     plate = _sample(plate_table, holes) if "sample" in plate_table else _plate(plate_table, holes, name)
     gel_table = _section(table, "gel")
-    _known("gel", gel_table, ("Nv", "chi"))
-    defaults = {"Nv": plate.gel.Nv, "chi": plate.gel.chi} if plate.gel is not None else {"Nv": 1e-3, "chi": 1e-4}
-    gel = Gel(**{key: _number("gel", key, value) for key, value in (defaults | gel_table).items()})
-    check_gel(gel)
-    options = [
-        _options(kind, section, _section(table, section))
-        for section, kind in (("loads", Loads), ("sweep", SweepOptions), ("discretisation", DiscretisationOptions))
-    ]
-    source = {"plate": plate_table} | ({"holes": holes} if holes else {})
-    return Case(name, plate, gel, *options, source)
+    gel = _gel(gel_table, plate.gel or Gel(), folder)
+    options = {section: _options(kind, section, _section(table, section)) for section, kind in OPTIONS.items()}
+    source = {"plate": plate_table} | ({"holes": holes} if holes else {}) | ({"gel": gel_table} if "energy" in gel_table else {})
+    return Case(name, plate, gel, source=source, **options)
 
 
 def _read(case):
-    """The table of a case and its name."""
+    """The table of a case, its name and its folder."""
     file = File(case)
     if file.suffix != ".toml" and not file.is_file():
         sample(case)  # raises for an unknown name
-        return {"plate": {"sample": case}}, case
+        return {"plate": {"sample": case}}, case, "."
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8")), file.stem
+        return tomllib.loads(file.read_text(encoding="utf-8")), file.stem, file.parent
     except OSError as problem:
         raise ValueError(f"case: cannot read {str(file)!r}: {problem.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
@@ -220,17 +256,27 @@ def _sample(table, holes):
 
 
 def _plate(table, holes, name):
-    _known("plate", table, ("sample", "width", "height", "edges", "deformation", "displacement"))
+    _known("plate", table, ("sample", *PLATE))
     for key in ("width", "height"):
         if key not in table:
             raise ValueError(f"plate: {key} is missing; give width and height in mm, or sample = a built-in name")
     if not isinstance(holes, list) or not all(isinstance(h, dict) for h in holes):
         raise ValueError("holes: not a list of sections; write [[holes]] above each hole")
-    size = [_number("plate", key, table[key], above=0.0) for key in ("width", "height")]
-    given = {key: table[key] for key in ("edges", "deformation", "displacement") if key in table}
+    for key in PLATE.keys() & table.keys():
+        _accepted("plate", key, table[key], PLATE[key])
     if not isinstance(table.get("edges", ""), str | dict):
         raise ValueError(f'plate.edges: {table["edges"]!r} is neither a condition nor a table such as {{ top = "free" }}')
-    return Plate(*size, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name, **given)
+    return Plate(**table, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name)
+
+
+def _gel(table, default, folder):
+    own = "energy" in table
+    _known("gel", table, ("Nv", "chi", "energy", *(table if own else ())))
+    numbers = {"Nv": default.Nv, "chi": default.chi} | {key: value for key, value in table.items() if key != "energy"}
+    numbers = {key: _number("gel", key, value) for key, value in numbers.items()}
+    gel = user_gel(table["energy"], numbers, folder) if own else Gel(**numbers)
+    check_gel(gel)
+    return gel
 
 
 def _hole(i, table):
@@ -255,7 +301,32 @@ def _options(kind, section, table):
 
 
 def _given(options):
-    return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(options).items() if v is not None}
+    return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(options).items() if v not in (None, {})}
+
+
+def _check(section, options):
+    """Raise ValueError, naming section and key, for a value that its field does not accept."""
+    for field in dataclasses.fields(options):
+        value = getattr(options, field.name)
+        if value is not None or field.default is not None:
+            _accepted(section, field.name, value, field.metadata["schema"])
+
+
+def _accepted(section, key, value, rule):
+    """Raise ValueError unless ``value`` is what the piece of JSON schema asks for; alternatives and long lists are checked elsewhere."""
+    if "enum" in rule:
+        _choice(section, key, value, rule["enum"])
+    elif rule.get("type") == "number":
+        _number(section, key, value, above=rule.get("exclusiveMinimum", -math.inf))
+    elif rule.get("type") == "integer" and (type(value) is not int or value < rule["minimum"]):
+        raise ValueError(f"{section}.{key}: {value!r} is not a whole number of at least {rule['minimum']}")
+    elif "maxItems" in rule:
+        if not isinstance(value, list) or len(value) != rule["maxItems"]:
+            raise ValueError(f"{section}.{key}: {value!r} is not a list of {rule['maxItems']} numbers")
+        for item in value:
+            _number(section, key, item)
+    elif rule.get("type") in ("boolean", "string") and type(value) is not {"boolean": bool, "string": str}[rule["type"]]:
+        raise ValueError(f"{section}.{key}: {value!r} is not {'true or false' if rule['type'] == 'boolean' else 'a text'}")
 
 
 def _number(section, key, value, above=-math.inf):

@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 from . import cases
 from . import commands as do
-from .geometry import did_you_mean
+from .messages import did_you_mean
 from .sweep import SweepFailed
 from .versions import check_jaxlib
 
@@ -106,7 +106,13 @@ def _parser():
 
     add(do.doctor, "doctor", "show versions, float64 and threads, and audit the compiled kernels")
 
+    p = add(do.init, "init", "write a commented case file to start from")
+    p.add_argument("name", metavar="NAME", nargs="?", help="the file's name, without .toml (default: case, or the built-in name)")
+    p.add_argument("--from", dest="sample", metavar="SAMPLE", help="export a built-in case (see jaxgel samples) with all its numbers")
+
     add(do.list_samples, "samples", "list the built-in cases")
+
+    add(do.schema, "schema", "print the JSON schema of a case file")
     return parser, commands.choices
 
 

@@ -1,5 +1,6 @@
 """What each command of the command line does: its arguments in, an exit code out."""
 
+import dataclasses
 import sys
 from pathlib import Path as File
 
@@ -35,7 +36,8 @@ def run(args):
 
 def _run(recorder, args):
     """Sweep what is left of a case, draw and report; the exit code."""
-    say, plots = _silent if args.quiet else print, not args.no_plots
+    say, output = _silent if args.quiet else print, recorder.case.output
+    output = dataclasses.replace(output, figures=False, animation=False) if args.no_plots else output
     try:
         path = _sweep(recorder, args.quiet)
     except KeyboardInterrupt:
@@ -46,8 +48,8 @@ def _run(recorder, args):
         recorder.finish("failed", " ".join(str(problem).split()) or type(problem).__name__)
         raise
     recorder.finish("complete" if path.stop.ok else "stopped", path.stop_text, path.stop)
-    say("drawing" if plots else "writing", "the results")
-    _draw(path, recorder.folder, recorder.table, plots=plots)
+    say("drawing" if output.figures else "writing", "the results")
+    _draw(path, recorder.folder, recorder.table, output)
     _report(recorder, say)
     if not path.stop.ok:
         print(f"jaxgel: the sweep stopped early: {path.stop_text}", file=sys.stderr)
@@ -57,7 +59,8 @@ def _run(recorder, args):
 def _changes(args):
     """Sections and entries of a case that the options replace."""
     given = vars(args)
-    return {section: {key: given[key] for key in keys if given.get(key) is not None} for section, keys in OPTIONS.items()}
+    changes = {section: {key: given[key] for key in keys if given.get(key) is not None} for section, keys in OPTIONS.items()}
+    return changes | ({"output": {"figures": False, "animation": False}} if given.get("no_plots") else {})
 
 
 def _sweep(recorder, quiet):
@@ -82,7 +85,7 @@ def plot(args):
     """``jaxgel plot``: draw the figures of a run's folder again."""
     folder = File(args.folder)
     table = load_run(folder).history
-    _draw(load_path(folder), open_folder(args.out) if args.out else folder, table, plots=True)
+    _draw(load_path(folder), open_folder(args.out) if args.out else folder, table, cases.OutputOptions())
     return DONE
 
 
@@ -224,6 +227,33 @@ def doctor(_):
     return STOPPED if failed else DONE
 
 
+def init(args):
+    """``jaxgel init``: a commented case file to start from, with an example's or a built-in case's numbers."""
+    from .case_file import case_text, example, explicit
+
+    case = explicit(args.sample) if args.sample else example()
+    file = File(f"{args.name or (args.sample or 'case')}.toml".replace(".toml.toml", ".toml"))
+    try:
+        with file.open("x", encoding="utf-8") as stream:
+            stream.write(case_text(case))
+    except FileExistsError:
+        raise ValueError(f"name: {str(file)!r} is there already; remove it or choose another name") from None
+    except OSError as problem:
+        raise ValueError(f"name: cannot write {str(file)!r}: {problem.strerror}") from None
+    print(f"wrote {file}; jaxgel run {file} swells it")
+    return DONE
+
+
+def schema(_):
+    """``jaxgel schema``: the JSON schema of a case file."""
+    import json
+
+    from .schema import case_schema
+
+    print(json.dumps(case_schema(), indent=1, ensure_ascii=False))
+    return DONE
+
+
 def list_samples(_):
     """``jaxgel samples``: one line per built-in case."""
     for name in sample_names():
@@ -234,8 +264,8 @@ def list_samples(_):
     return DONE
 
 
-def _draw(path, folder, table, plots):
-    """Figures (where wanted) and ParaView files of a path with the history ``table``, in a folder."""
+def _draw(path, folder, table, output):
+    """What the `cases.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
     import matplotlib as mpl
 
     mpl.use("Agg")  # before pyplot, which would look for a screen
@@ -243,14 +273,15 @@ def _draw(path, folder, table, plots):
 
     from .plotting import animate_pattern, plot_curves, plot_patterns, write_series
 
-    write_series(path, folder, table=table)
-    if not plots:
-        return
-    for axes, name in ((plot_patterns(path), "pattern.png"), (plot_curves(path, table=table), "curves.png")):
-        figure = np.ravel(axes)[0].figure
+    if output.paraview:
+        write_series(path, folder, table=table)
+    figures = {"pattern.png": lambda: plot_patterns(path), "curves.png": lambda: plot_curves(path, table=table)} if output.figures else {}
+    for name, draw in figures.items():
+        figure = np.ravel(draw())[0].figure
         figure.savefig(folder / name)
         plt.close(figure)
-    animate_pattern(path, folder / "pattern.gif")
+    if output.animation:
+        animate_pattern(path, folder / "pattern.gif")
 
 
 def _report(recorder, say, most_rows=9):

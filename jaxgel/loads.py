@@ -17,15 +17,16 @@ from .messages import did_you_mean, finite_numbers
 from .quadrature import edge_points
 
 BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that counts as none
+_FORCE = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 
 
 @dataclasses.dataclass(frozen=True)
 class Loads:
     """Constant dead loads, as a case file gives them; ValueError for what is not two numbers or an unknown edge."""
 
-    body_force: tuple | None = None
+    body_force: tuple | None = dataclasses.field(default=None, metadata={"schema": _FORCE})
     """(2,) force per dry area, kT/v per mm; None for none."""
-    traction: Mapping = dataclasses.field(default_factory=dict)
+    traction: Mapping = dataclasses.field(default_factory=dict, metadata={"schema": {"type": "object", "additionalProperties": _FORCE}})
     """Edge -> force (2,) per dry length, kT/v."""
 
     def __post_init__(self):

@@ -6,9 +6,10 @@ Lengths in mm. The numbers are those that reproduce the paper's node and Gauss-p
 import itertools
 import math
 
-from .geometry import Plate, did_you_mean
+from .geometry import Plate
 from .holes import Circle, Ellipse, Rectangle
 from .material import Gel
+from .messages import did_you_mean
 
 SIDE = 22.0  # of the plates of samples 1-9
 GRID = 40  # background intervals and quadrature cells per side

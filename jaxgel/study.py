@@ -23,8 +23,8 @@ import numpy as np
 
 from . import cases
 from .files import write_atomically
-from .geometry import did_you_mean
 from .inverse import DesignProblem, Outcome, optimise, verify
+from .messages import did_you_mean
 from .objectives import CURVES, DRY, limit, misfit, reading, weighted_sum
 from .optimisers import METHODS
 from .search import read_log
@@ -135,7 +135,8 @@ def run_study(study, folder, *, resume=False, quiet=True):
     if design.outcome is Outcome.INTERRUPTED:
         return design, None
     plate = study.problem.plate({name: jnp.asarray(v) for name, v in design.parameters.items()})
-    text = case_text(plate, study.problem.gel_at(design.parameters), study.problem.mu, study.verification["spacing"])
+    gel, energy = study.problem.gel_at(design.parameters), study.case.source.get("gel", {})
+    text = case_text(plate, gel, study.problem.mu, study.verification["spacing"], energy)
     write_atomically(folder / "best.toml", lambda stream: stream.write(text.encode()))
     start, start_path = study.verify(study.problem.start)
     best, best_path = study.verify(design.parameters)
@@ -153,8 +154,8 @@ def run_study(study, folder, *, resume=False, quiet=True):
     return design, verified
 
 
-def case_text(plate, gel, mu, spacing):
-    """A case file, TOML, of a concrete plate."""
+def case_text(plate, gel, mu, spacing, energy):
+    """A case file, TOML, of a concrete plate; ``energy`` are the entries of a user's energy in its gel section, if any."""
     lines = ["[plate]", f"width = {plate.width!r}", f"height = {plate.height!r}"]
     lines += [f"edges = {{ {', '.join(f'{edge} = {json.dumps(condition)}' for edge, condition in plate.edges.items())} }}"]
     if plate.moved:
@@ -164,7 +165,9 @@ def case_text(plate, gel, mu, spacing):
     for hole in plate.holes:
         lines += ["[[holes]]", f'kind = "{type(hole).__name__.lower()}"']
         lines += [f"{name} = {json.dumps(np.asarray(value).tolist())}" for name, value in hole.theta.items()] + [""]
-    lines += ["[gel]", f"Nv = {float(gel.Nv)!r}", f"chi = {float(gel.chi)!r}", "", "[sweep]", f"mu = {json.dumps(list(mu))}", ""]
+    lines += ["[gel]", f"Nv = {float(gel.Nv)!r}", f"chi = {float(gel.chi)!r}"]
+    lines += [f"{name} = {json.dumps(value)}" for name, value in energy.items() if name not in GEL]
+    lines += ["", "[sweep]", f"mu = {json.dumps(list(mu))}", ""]
     return "\n".join([*lines, "[discretisation]", f"spacing = {float(spacing)!r}", ""])
 
 
