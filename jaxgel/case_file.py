@@ -30,7 +30,8 @@ def explicit(name):
     own = {key: getattr(case.plate, key) for key in cases.PLATE}
     defaults = {field.name: field.default for field in dataclasses.fields(case.plate)}
     own["core"] = own["core"] if own["core"] == defaults["core"] else list(own["core"])
-    plate = {key: value for key, value in own.items() if value != defaults[key]} | {"edges": dict(case.plate.edges)}
+    own["displacement"] = {edge: value for edge, value in case.plate.displacement.items() if any(value)}
+    plate = {key: value for key, value in own.items() if value not in ({}, defaults[key])} | {"edges": dict(case.plate.edges)}
     holes = [{"kind": type(h).__name__.lower()} | {key: np.asarray(v).tolist() for key, v in h.theta.items()} for h in case.plate.holes]
     table = case.table() | {"plate": plate} | ({"holes": holes} if holes else {})
     return cases.from_table(table, name)

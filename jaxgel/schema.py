@@ -11,7 +11,8 @@ import inspect
 import textwrap
 
 from .cases import HOLES, NUMBER, OPTIONS, PLATE, POSITIVE
-from .geometry import CONDITIONS, EDGES, Plate
+from .edges import CONDITIONS, EDGES
+from .geometry import Plate
 from .samples import sample_names
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
