@@ -9,13 +9,11 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
     [search]         method, evaluations, step, tolerance; see `inverse.optimise`
     [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
 
-``link`` says how a value serves several holes: "same"; "turned", each hole is the first one turned about the plate's middle; "mirrored",
-each is the first one's mirror image in the plate's axes. ``start`` defaults to the first hole's own value.
+``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
 """
 
 import dataclasses
 import json
-import tomllib
 from pathlib import Path as File
 
 import jax.numpy as jnp
@@ -27,10 +25,9 @@ from .inverse import DesignProblem, Outcome, optimise, verify
 from .messages import did_you_mean
 from .objectives import CURVES, DRY, limit, misfit, reading, weighted_sum
 from .optimisers import METHODS
+from .parameters import GEL, all_different, check_keys, entries, gel_of, numbers, parameter, plate_of, study_case, study_table
 from .search import read_log
 
-LINKS = ("same", "turned", "mirrored")
-GEL = ("Nv", "chi")
 KEYS = {
     "parameters": ("of", "name", "holes", "link", "start", "lower", "upper"),
     "objective": ("of", "goal", "at", "target", "curve", "line", "weight", "from", "to"),
@@ -72,16 +69,7 @@ class Study:
 
 def load_study(file):
     """The `Study` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
-    file = File(file)
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise ValueError(f"study: cannot read {str(file)!r}: {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise ValueError(f"study: {str(file)!r} is not TOML: {problem}") from None
-    if isinstance(table.get("case"), str) and (file.parent / table["case"]).is_file():
-        table["case"] = str(file.parent / table["case"])
-    return study_from_table(table, file.stem)
+    return study_from_table(*study_table(file))
 
 
 def resumed_study(folder):
@@ -94,23 +82,19 @@ def resumed_study(folder):
 
 def study_from_table(table, name):
     """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
-    _known("study", table, ("case", *cases.SECTIONS, *KEYS))
-    sections = {key: value for key, value in table.items() if key in cases.SECTIONS}
-    case = cases.load_case(str(table["case"]), sections) if "case" in table else cases.from_table(sections, name)
+    check_keys("study", table, ("case", *cases.SECTIONS, *KEYS))
+    case = study_case(table, name)
     if case.sweep.steps == "auto" and case.sweep.mu is None:
         raise ValueError("sweep.steps: 'auto' is not accepted in a study; give a number, or mu = [list]")
     mu = list(case.sweep.values)
-    parameters = [_parameter(i, entry, case) for i, entry in enumerate(_entries(table, "parameters", least=1))]
-    names = [p["name"] for p in parameters]
-    if len(set(names)) < len(names):
-        raise ValueError(f"parameters: the names {', '.join(names)} are not all different; give each a name of its own")
+    parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(_entries(table, "parameters", least=1))])
     terms = [_term(i, entry, mu) for i, entry in enumerate(_entries(table, "objective", least=1))]
     alone = len(terms) == 1 and terms[0][0] < 0
     problem = DesignProblem(
         start={p["name"]: p["start"] for p in parameters},
         bounds={p["name"]: (p["lower"], p["upper"]) for p in parameters},
-        plate=_plate_of(case.plate, parameters),
-        gel=_gel_of(case.gel, parameters),
+        plate=plate_of(case.plate, parameters),
+        gel=gel_of(case.gel, parameters),
         mu=mu,
         objective=weighted_sum([abs(w) for w, _ in terms] if alone else [w for w, _ in terms], [f for _, f in terms]),
         maximise=alone,
@@ -175,111 +159,23 @@ def case_text(plate, gel, mu, spacing, energy):
 
 
 def _entries(table, section, least=0):
-    """The entries of a section written with double brackets, their keys checked."""
-    entries = table.get(section, [])
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise ValueError(f"{section}: not a list of sections; write [[{section}]] above each")
-    if len(entries) < least:
-        raise ValueError(f"{section}: missing; give at least one [[{section}]]")
-    for i, entry in enumerate(entries):
-        _known(f"{section}[{i}]", entry, KEYS[section])
-        if "of" not in entry:
-            raise ValueError(f"{section}[{i}]: of is missing; it says which quantity is meant")
-    return entries
-
-
-def _known(where, table, known):
-    for key in table:
-        if key not in known:
-            raise ValueError(f"{where}: unknown entry {key!r}; {did_you_mean(key, known)}")
-
-
-def _numbers(where, value, shape=()):
-    """``value`` as a float array of ``shape``, a single number filling it."""
-    try:
-        array = np.broadcast_to(np.asarray(value, dtype=float), shape)
-    except (TypeError, ValueError):
-        array = np.array([np.nan])
-    if not np.all(np.isfinite(array)) or isinstance(value, bool):
-        raise ValueError(f"{where}: {value!r} is not a finite number" + (f", or {' x '.join(map(str, shape))} of them" if shape else ""))
-    return array
+    return entries(table, section, KEYS[section], least)
 
 
 def _parameter(i, entry, case):
     """The entry with every default filled in, its start and bounds as arrays."""
-    where, of, holes = f"parameters[{i}]", entry["of"], case.plate.holes
-    known = sorted({name for hole in holes for name in hole.theta} | set(GEL))
-    if of not in known:
-        raise ValueError(f"{where}.of: {of!r} is unknown; {did_you_mean(of, known)}")
-    if of in GEL:
-        numbers, own = [], float(getattr(case.gel, of))
-    else:
-        numbers = entry.get("holes", [k for k, hole in enumerate(holes) if of in hole.theta])
-        if not (isinstance(numbers, list) and numbers and all(type(k) is int and 0 <= k < len(holes) for k in numbers)):
-            raise ValueError(f"{where}.holes: {numbers!r} is not a list of hole numbers, 0 to {len(holes) - 1}")
-        if any(of not in holes[k].theta for k in numbers):
-            raise ValueError(f"{where}.holes: not all of {numbers} have the parameter {of!r}")
-        own = np.asarray(holes[numbers[0]].theta[of])
-    link = entry.get("link", "same")
-    if link not in LINKS:
-        raise ValueError(f"{where}.link: {link!r} is unknown; {did_you_mean(link, LINKS)}")
-    if of == "vertices" and link != "same":
-        raise ValueError(f"{where}.link: {link!r} is not accepted for vertices; give each hole its own parameter")
+    where = f"parameters[{i}]"
+    varied = parameter(where, entry, case)
     missing = [key for key in ("lower", "upper") if key not in entry]
     if missing:
         raise ValueError(f"{where}: {missing[0]} is missing; bounds also set a parameter's scale")
-    values = {key: _numbers(f"{where}.{key}", entry.get(key, own), np.shape(own)) for key in ("start", "lower", "upper")}
-    return dict(name=str(entry.get("name", of)), of=of, holes=numbers, link=link, **values)
-
-
-def _plate_of(plate, parameters):
-    """Function of a dict of parameters: the plate with its holes moved."""
-    centres = [np.asarray(hole.theta.get("centre", (0.0, 0.0))) for hole in plate.holes]
-
-    def place(values):
-        theta = [dict(hole.theta) for hole in plate.holes]
-        moved = [p for p in parameters if p["holes"]]
-        for p in moved:
-            for k in p["holes"] if p["link"] == "same" else p["holes"][:1]:
-                theta[k][p["of"]] = values[p["name"]]
-        for p in moved:
-            for k in p["holes"][1:] if p["link"] != "same" else ():
-                theta[k][p["of"]] = _image(p["of"], theta[p["holes"][0]], p["link"], centres[p["holes"][0]], centres[k])
-        return plate.at(theta)
-
-    return place
-
-
-def _image(of, theta, link, first, other):
-    """The parameter ``of`` of a hole with ``theta`` whose centre goes from ``first`` to ``other``, turned or mirrored."""
-    if link == "turned":
-        turn, mirror = float(np.arctan2(other[1], other[0]) - np.arctan2(first[1], first[0])), np.ones(2)
-    else:
-        mirror = np.where(np.sign(first) * np.sign(other) < 0, -1.0, 1.0)
-        turn, mirror = (np.pi, np.ones(2)) if np.all(mirror < 0) else (0.0, mirror)
-    if of == "centre":
-        c, s = np.cos(turn), np.sin(turn)
-        return jnp.array([[c, -s], [s, c]]) @ (mirror * theta["centre"])
-    if of == "angle":
-        return (mirror[0] * mirror[1]) * theta["angle"] + turn
-    if of in ("cos", "sin"):
-        k = np.arange(2, len(theta["cos"]) + 2)
-        flip = mirror[0] ** k
-        cos, sin = flip * theta["cos"], mirror[1] * mirror[0] * flip * theta["sin"]
-        c, s = np.cos(k * turn), np.sin(k * turn)
-        return c * cos - s * sin if of == "cos" else s * cos + c * sin
-    return theta[of]
-
-
-def _gel_of(gel, parameters):
-    """The gel, or a function of a dict of parameters where Nv or chi is one."""
-    varied = {p["of"]: p["name"] for p in parameters if p["of"] in GEL}
-    return (lambda values: dataclasses.replace(gel, **{of: values[name] for of, name in varied.items()})) if varied else gel
+    own = varied.pop("own")
+    return varied | {key: numbers(f"{where}.{key}", entry.get(key, own), np.shape(own)) for key in ("start", "lower", "upper")}
 
 
 def _term(i, entry, mu):
     """(weight, function of the path) of an entry of the objective, to be minimised; a negative weight maximises."""
-    where, weight = f"objective[{i}]", float(_numbers(f"objective[{i}].weight", entry.get("weight", 1.0)))
+    where, weight = f"objective[{i}]", float(numbers(f"objective[{i}].weight", entry.get("weight", 1.0)))
     if entry["of"] not in CURVES:
         raise ValueError(f"{where}.of: {entry['of']!r} is unknown; {did_you_mean(entry['of'], CURVES)}")
     kinds = [key for key in ("goal", "target", "curve", "line") if key in entry]
@@ -290,7 +186,7 @@ def _term(i, entry, mu):
         return weight, misfit(quantity, mu, _aim(entry, mu, where)["values"])
     value = reading(quantity, _at(where, entry, mu))
     if kinds[0] == "target":
-        target = float(_numbers(f"{where}.target", entry["target"]))
+        target = float(numbers(f"{where}.target", entry["target"]))
         return weight, lambda path: (value(path) - target) ** 2
     if entry["goal"] not in ("maximise", "minimise"):
         raise ValueError(f"{where}.goal: {entry['goal']!r} is unknown; {did_you_mean(entry['goal'], ('maximise', 'minimise'))}")
@@ -301,7 +197,7 @@ def _at(where, entry, mu):
     """The mu of an entry, which must be one of the sweep's."""
     if "at" not in entry:
         raise ValueError(f"{where}: at is missing; give the mu at which the quantity counts")
-    at = float(_numbers(f"{where}.at", entry["at"]))
+    at = float(numbers(f"{where}.at", entry["at"]))
     if min(abs(at - m) for m in mu) > 1e-9:
         raise ValueError(f"{where}.at: {at:g} is not one of the sweep's mu ({', '.join(f'{m:g}' for m in mu)})")
     return at
@@ -314,15 +210,15 @@ def _aim(entry, mu, where="objective[0]"):
     if "line" in entry:
         if not isinstance(entry["line"], dict) or set(entry["line"]) != {"slope", "mu0"}:
             raise ValueError(f"{where}.line: {entry['line']!r} is not a table {{ slope = ..., mu0 = ... }}")
-        slope, mu0 = (_numbers(f"{where}.line.{key}", entry["line"][key]) for key in ("slope", "mu0"))
+        slope, mu0 = (numbers(f"{where}.line.{key}", entry["line"][key]) for key in ("slope", "mu0"))
         values = slope * (at - mu0)
     elif "curve" in entry:
         if not isinstance(entry["curve"], list) or len(entry["curve"]) != len(mu):
             raise ValueError(f"{where}.curve: it is not a list of {len(mu)} numbers, one for each mu of the sweep")
-        values = _numbers(f"{where}.curve", entry["curve"], (len(mu),))
+        values = numbers(f"{where}.curve", entry["curve"], (len(mu),))
     elif "target" in entry:
-        values = np.where(np.abs(at - _at(where, entry, mu)) < 1e-9, _numbers(f"{where}.target", entry["target"]), np.nan)
-    first, last = (_numbers(f"{where}.{key}", entry.get(key, default)) for key, default in (("from", mu[0]), ("to", mu[-1])))
+        values = np.where(np.abs(at - _at(where, entry, mu)) < 1e-9, numbers(f"{where}.target", entry["target"]), np.nan)
+    first, last = (numbers(f"{where}.{key}", entry.get(key, default)) for key, default in (("from", mu[0]), ("to", mu[-1])))
     values = np.where((at >= first - 1e-9) & (at <= last + 1e-9), values, np.nan)
     if ("line" in entry or "curve" in entry) and not np.any(np.isfinite(values)):
         raise ValueError(f"{where}.from, to: no mu of the sweep lies in {first:g} ... {last:g}")
@@ -333,7 +229,7 @@ def _constraint(i, entry, mu):
     where, known = f"constraints[{i}]", (*CURVES, *DRY)
     if entry["of"] not in known:
         raise ValueError(f"{where}.of: {entry['of']!r} is unknown; {did_you_mean(entry['of'], known)}")
-    limits = {key: float(_numbers(f"{where}.{key}", entry[key])) for key in ("above", "below", "within") if key in entry}
+    limits = {key: float(numbers(f"{where}.{key}", entry[key])) for key in ("above", "below", "within") if key in entry}
     if len(limits) != 1:
         raise ValueError(f"{where}: give one of above, below and within (found {', '.join(limits) or 'none'})")
     at = _at(where, entry, mu) if "at" in entry else None
@@ -347,7 +243,7 @@ def _search(table):
     if type(search["evaluations"]) is not int or search["evaluations"] < 1:
         raise ValueError(f"search.evaluations: {search['evaluations']!r} is not a whole number of at least 1")
     for key, meaning in (("step", "a share of the bounds' range"), ("tolerance", "a share of the objective at the start")):
-        if not 0 < _numbers(f"search.{key}", search[key]) <= 1:
+        if not 0 < numbers(f"search.{key}", search[key]) <= 1:
             raise ValueError(f"search.{key}: {search[key]!r} is not in (0, 1], {meaning}")
     return search
 
@@ -357,12 +253,12 @@ def _verification(table, case):
     own = _single(table, "verification")
     plate = case.plate
     spacing = case.discretisation.spacing or plate.spacing or min(plate.width, plate.height) / 40
-    given = _numbers("verification.spacing", own.get("spacing", spacing / 2))
+    given = numbers("verification.spacing", own.get("spacing", spacing / 2))
     if not given > 0:
         raise ValueError(f"verification.spacing: {own['spacing']!r} is not a length in mm")
     mu = own.get("mu")
     if mu is not None:
-        mu = _numbers("verification.mu", mu, np.shape(mu)).tolist()
+        mu = numbers("verification.mu", mu, np.shape(mu)).tolist()
     return dict(spacing=float(given), mu=mu)
 
 
@@ -370,5 +266,5 @@ def _single(table, name):
     section = table.get(name, {})
     if not isinstance(section, dict):
         raise ValueError(f"{name}: {section!r} is not a section; write [{name}]")
-    _known(name, section, KEYS[name])
+    check_keys(name, section, KEYS[name])
     return section
