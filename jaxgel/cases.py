@@ -6,6 +6,7 @@ A table has the sections of a case file, all but ``plate`` optional:
                        (of held and periodic edges), displacement = {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of
                        `geometry.Plate`
     [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample
+    [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
     [gel]              Nv, chi; energy = "module:function" and numbers that the function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
@@ -25,10 +26,11 @@ import numpy as np
 from . import holes
 from .cloud import make_cloud
 from .discretisation import discretise
-from .geometry import Plate
+from .geometry import Plate, check_plate
 from .loads import Loads
 from .material import Gel, check_gel
 from .messages import did_you_mean
+from .placement import refreshed
 from .samples import sample
 from .sweep import BRANCHES, CONTACT, check_mu
 from .user_energy import user_gel
@@ -36,7 +38,7 @@ from .user_energy import user_gel
 HOLES = {
     kind.__name__.lower(): kind for kind in (holes.Circle, holes.Ellipse, holes.Rectangle, holes.Superellipse, holes.Fourier, holes.Polygon)
 }
-SECTIONS = ("plate", "holes", "gel", "loads", "sweep", "discretisation", "output")
+SECTIONS = ("plate", "holes", "moved", "gel", "loads", "sweep", "discretisation", "output")
 BASES = ("linear", "quadratic")
 METHODS = ("mixed", "displacement")
 QUADRATURES = ("conforming", "paper")
@@ -176,12 +178,22 @@ class Case:
     output: OutputOptions
     """Files to write."""
     source: dict
-    """The ``plate`` and ``holes`` sections that it was made from, and ``gel`` where that names an energy."""
+    """The ``plate``, ``holes`` and ``moved`` sections that it was made from, and ``gel`` where that names an energy."""
 
-    def model(self):
-        """The discretised plate; ValueError for a cloud or support that the case does not allow."""
+    def model(self, cloud=None):
+        """The discretised plate; ValueError for a cloud or support that the case does not allow.
+
+        A plate whose holes have moved gets the cloud that it had before, placed, where that is good enough (see `placement.refreshed`)
+        and a new one where it is not; ``cloud`` is that former one where it was made already.
+        """
         d = self.discretisation
-        cloud = make_cloud(self.plate, spacing=d.spacing, nodes_per_hole=d.nodes_per_hole, across=d.across)
+        own = dict(spacing=d.spacing, nodes_per_hole=d.nodes_per_hole, across=d.across)
+        cloud = make_cloud(self.plate.reference or self.plate, **own) if cloud is None else cloud
+        if self.plate.reference is not None and d.quadrature == "paper":  # which cannot follow
+            cloud = make_cloud(dataclasses.replace(self.plate, reference=None), **own)
+        elif self.plate.reference is not None:
+            check_plate(self.plate)
+            cloud, _ = refreshed(cloud, self.plate, basis=d.basis, dmax=d.dmax)
         return discretise(cloud, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature)
 
     def table(self):
@@ -214,11 +226,13 @@ def from_table(table, name, folder="."):
     _known("case file", table, SECTIONS)
     plate_table, holes = _section(table, "plate"), table.get("holes", [])
     plate = _sample(plate_table, holes) if "sample" in plate_table else _plate(plate_table, holes, name)
+    moved = table.get("moved", [])
+    plate = _moved(plate, moved) if moved else plate
     gel_table = _section(table, "gel")
     gel = _gel(gel_table, plate.gel or Gel(), folder)
     options = {section: _options(kind, section, _section(table, section)) for section, kind in OPTIONS.items()}
-    source = {"plate": plate_table} | ({"holes": holes} if holes else {}) | ({"gel": gel_table} if "energy" in gel_table else {})
-    return Case(name, plate, gel, source=source, **options)
+    source = {"plate": plate_table} | {name: value for name, value in (("holes", holes), ("moved", moved)) if value}
+    return Case(name, plate, gel, source=source | ({"gel": gel_table} if "energy" in gel_table else {}), **options)
 
 
 def _read(case):
@@ -293,6 +307,15 @@ def _hole(i, table):
         return HOLES[kind](**entries)
     except ValueError as problem:
         raise ValueError(f"holes[{i}]: {problem}") from None
+
+
+def _moved(plate, table):
+    if not isinstance(table, list) or not all(isinstance(theta, dict) for theta in table):
+        raise ValueError("moved: not a list of sections; write [[moved]] above the parameters of each hole")
+    try:
+        return plate.at([{name: np.asarray(value, dtype=float) for name, value in theta.items()} for theta in table])
+    except (ValueError, TypeError) as problem:
+        raise ValueError(f"moved: {problem}") from None
 
 
 def _options(kind, section, table):

@@ -1,4 +1,4 @@
-"""The command line ``jaxgel``: run a case, draw a run's folder, design holes, test gradients, list the built-in cases.
+"""The command line ``jaxgel``: run a case, draw a run's folder, design or map holes, test gradients, list the cases.
 
 Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the sweep stopped early; 130 interrupted. What a run had
 finished by then is in its folder in every case.
@@ -96,8 +96,13 @@ def _parser():
     p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
     p.add_argument("--resume", action="store_true", help="continue the search whose log is in the folder")
 
-    p = _quiet_option(add(do.resume, "resume", "continue an interrupted run or design, to the same result"))
-    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run or design")
+    p = _worker_options(add(do.map_points, "map", "sweep many points in the space of a case's parameters"))
+    p.add_argument("study", metavar="STUDY.toml", help="the path of a map's TOML file")
+    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
+    p.add_argument("--resume", action="store_true", help="run the points of the map in the folder that have not ended")
+
+    p = _worker_options(add(do.resume, "resume", "continue an interrupted run, design or map, to the same result"))
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run, design or map")
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation of a run")
 
     p = add(do.view, "view", "write one HTML page of a run's folder, with a slider for mu")
@@ -124,6 +129,12 @@ def _case_options(p, out):
     p.add_argument("--mu-end", type=_real, metavar="B", help="last chemical potential in kT (default: the case's, or -0.9178)")
     p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
     p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
+    return _quiet_option(p)
+
+
+def _worker_options(p):
+    p.add_argument("--workers", type=_whole, metavar="N", help="processes of a map on this machine (default: one for each core)")
+    p.add_argument("--scheduler", metavar="ADDRESS", help="run a map on the Dask cluster with this scheduler, tcp://HOST:PORT, instead")
     return _quiet_option(p)
 
 

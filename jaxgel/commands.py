@@ -1,5 +1,6 @@
 """What each command of the command line does: its arguments in, an exit code out."""
 
+import collections
 import dataclasses
 import sys
 from pathlib import Path as File
@@ -161,12 +162,14 @@ def design(args):
 
 
 def resume(args):
-    """``jaxgel resume``: continue what was interrupted in a folder, a run or a design by the file that it holds."""
-    resumable = {"design.json": _resume_design, "summary.json": _resume_run}
+    """``jaxgel resume``: continue what was interrupted in a folder, a run, a design or a map by the file that it holds."""
+    resumable = {"design.json": _resume_design, "map.json": _resume_map, "summary.json": _resume_run}
     for name, go_on in resumable.items():
         if (File(args.folder) / name).is_file():
             return go_on(args)
-    raise ValueError(f"folder: {args.folder!r} holds neither {' nor '.join(resumable)}; expected a folder written by jaxgel run or design")
+    raise ValueError(
+        f"folder: {args.folder!r} holds none of {', '.join(resumable)}; expected a folder written by jaxgel run, design or map"
+    )
 
 
 def _resume_run(args):
@@ -179,10 +182,43 @@ def _resume_run(args):
     return _run(recorder, args)
 
 
+def _resume_map(args):
+    from .parameter_map import resumed_map
+
+    return _map(resumed_map(args.folder), args.folder, args, resume=True)
+
+
 def _resume_design(args):
     from .study import resumed_study
 
     return _design(resumed_study(args.folder), args.folder, args, resume=True)
+
+
+def map_points(args):
+    """``jaxgel map``: sweep the points of a study on the processes of this machine or of a cluster."""
+    from .parameter_map import load_map
+
+    study = load_map(args.study)
+    return _map(study, args.out or File("out") / study.name, args, resume=args.resume)
+
+
+def _map(study, folder, args, resume):
+    from .parameter_map import TABLE, run_map
+    from .workers import Workers, dask_executor, usable_cores
+
+    if args.workers == 0:
+        raise ValueError("workers: 0 is not accepted, it must be at least 1")
+    try:
+        with dask_executor(args.scheduler) if args.scheduler else Workers(args.workers or usable_cores()) as executor:
+            rows = run_map(study, folder, executor, resume=resume, quiet=args.quiet)
+    except KeyboardInterrupt:
+        print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
+        return INTERRUPTED
+    counts = collections.Counter(row["status"] for row in rows)
+    text = f"{len(rows)} points: {', '.join(f'{n} {status}' for status, n in counts.items())}; see {File(folder) / TABLE}"
+    complete = counts["complete"] == len(rows)
+    (_silent if args.quiet else print)(text) if complete else print(f"jaxgel: {text}", file=sys.stderr)
+    return DONE if complete else STOPPED
 
 
 def _design(study, folder, args, resume=False):

@@ -200,7 +200,7 @@ def outline_loops(x, model):
     return loops
 
 
-@functools.cache
+@functools.lru_cache(maxsize=8)  # no more: a topology holds megabytes
 def _loop_layout(topology):
     """Per hole the slices of outline points and the plate's corners (j, 2) that make its closed loop, anticlockwise."""
     stops = np.cumsum([0] + [len(o.s) for o in topology.outlines])

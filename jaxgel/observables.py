@@ -218,7 +218,7 @@ def _cross(a, b):
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-@functools.cache
+@functools.lru_cache(maxsize=8)
 def _sides(topology):
     """First and last vertex (m,), (m,) of each side of the outlines, in the numbering of ``model.outline``, and its hole (m,)."""
     first, sides = 0, [np.zeros((3, 0), dtype=int)]
@@ -312,7 +312,7 @@ def _surface_ratio(tangential, mu, gel):
     return J / tangential**2
 
 
-@functools.cache
+@functools.lru_cache(maxsize=8)
 def _chords(topology):
     """Outline vertices (m, 2), in the numbering of ``model.outline``, that lie half a node spacing to either side of each vertex."""
     half, first, chords = OUTLINE_SEGMENTS // 2, 0, []
