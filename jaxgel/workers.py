@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 
+import jax
 from threadpoolctl import threadpool_limits
 
 
@@ -36,19 +37,23 @@ class Workers(concurrent.futures.Executor):
             raise
 
     def _new_pool(self):
-        if self._ended:
-            raise concurrent.futures.CancelledError
         pool = concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start)
         self._own.pool = pool
         self._pids[pool] = pool.submit(os.getpid).result()
+        if self._ended:  # while it started
+            self._kill(self._pids[pool])
         return pool
+
+    @staticmethod
+    def _kill(pid):
+        with contextlib.suppress(ProcessLookupError):  # it ended by itself
+            os.kill(pid, signal.SIGTERM)
 
     def shutdown(self, wait=True, *, cancel_futures=False):
         """End the processes: after the calls under way with ``wait``, otherwise at once."""
         self._ended = not wait
         for pid in [] if wait else list(self._pids.values()):
-            with contextlib.suppress(ProcessLookupError):  # it ended by itself
-                os.kill(pid, signal.SIGTERM)
+            self._kill(pid)
         self._threads.shutdown(cancel_futures=cancel_futures)
         for pool in list(self._pids):
             pool.shutdown()
@@ -65,6 +70,7 @@ def _start():
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ["NPROC"] = "1"  # read when XLA starts, which importing it does not
     threadpool_limits(1)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # if there is a cache, everything: other processes start sooner
 
 
 def _end_with_parent():
