@@ -43,10 +43,11 @@ from tqdm import tqdm
 from . import cases
 from .branches import imperfect_loads
 from .cloud import make_cloud
-from .geometry import did_you_mean
+from .files import open_folder, write_atomically
 from .material import check_gel
+from .messages import did_you_mean
 from .parameters import all_different, check_keys, entries, gel_of, numbers, parameter, plate_of, study_case, study_table
-from .results import Recorder, open_folder, write_atomically
+from .recorder import Recorder
 from .sweep import sweep
 from .terminal import interruptible
 

@@ -30,6 +30,7 @@ ENERGY = {
 def case_schema():
     """The JSON schema (draft 2020-12) of a case file, a dict."""
     sections = {"plate": _plate(), "holes": {"type": "array", "items": {"oneOf": [_hole(kind) for kind in HOLES]}}, "gel": _gel()}
+    sections["moved"] = {"type": "array", "items": {"type": "object"}, "description": "Parameters that replace those of each hole."}
     sections |= {section: _options(kind) for section, kind in OPTIONS.items()}
     title = "A jaxgel case: lengths in mm, angles in radians, mu in kT"
     return {"$schema": DIALECT, "title": title} | _object(sections, ["plate"])

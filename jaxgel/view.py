@@ -10,9 +10,10 @@ from pathlib import Path as File
 import matplotlib as mpl
 import numpy as np
 
+from .files import write_atomically
 from .observables import deformed_vertices, outlines
 from .plotting import FIELDS, boundary_edges, field_values
-from .results import events, history, load_path, load_run, write_atomically
+from .results import events, history, load_path, load_run
 
 PAGE = "view.html"
 RESOLUTION = 5000  # steps per plate width in which the page keeps positions
