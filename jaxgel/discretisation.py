@@ -16,10 +16,13 @@ from scipy.spatial import cKDTree
 
 from .geometry import edge_lines, inside_holes
 from .quadrature import EDGE_POINTS, edge_points, square_cells
-from .shape_functions import n_monomials, shape_functions
+from .shape_functions import KINDS, n_monomials, shape_functions
 
 DMAX = 2.95  # support radius over spacing: nearly three grid lines to each side, and clear of the third, where round-off would decide
 PAPER_DMAX = 3.5
+PENALTY = 1e3  # kT/v per mm, the paper's
+CONDITIONS = ("nodes", "penalty", "lagrange")
+INTERPOLATING = ("imls", "iicvmls")
 BATCH = 256  # points whose shape functions are evaluated together
 MIDLINE_POINTS = 401  # samples of the plate's midline
 SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of the spacing
@@ -64,11 +67,23 @@ class Probe:
 
     def position(self, x):
         """Deformed positions (p, 2) of the points for nodal positions ``x`` (n, 2), mm."""
-        return jnp.einsum("pa,pai->pi", self.phi, x[self.nodes])
+        return in_plane(jnp.einsum("pa,pai->pi", self.phi, x[self.nodes]))
 
     def deformation_gradient(self, x):
         """Deformation gradients (p, 2, 2) at the points."""
-        return jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi)
+        return in_plane(jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi), axis=1)
+
+
+def in_plane(field, axis=-1):
+    """A sum of shape functions and nodal values: as it is, or, for complex shape functions, which act on x1 + i x2, in components.
+
+    The components lie along ``axis``.
+    """
+    if not jnp.iscomplexobj(field):
+        return field
+    first, second = jnp.moveaxis(field, axis, 0)
+    z = first + 1j * second
+    return jnp.stack([z.real, z.imag], axis=axis)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,7 +106,10 @@ class Lists:
     """Sparsity patterns and the like, filled by later stages."""
 
 
-@_pytree(data=("cloud", "blocks", "outline", "midline", "core", "contact"), meta=("lists", "basis", "dmax", "method", "quadrature", "kind"))
+@_pytree(
+    data=("cloud", "blocks", "outline", "midline", "core", "contact"),
+    meta=("lists", "basis", "dmax", "method", "quadrature", "kind", "conditions", "penalty"),
+)
 @dataclasses.dataclass(frozen=True)
 class Model:
     """A cloud with its cells, quadrature points and shape functions: all that is needed to integrate an energy."""
@@ -118,6 +136,10 @@ class Model:
     """``"conforming"`` or ``"paper"``."""
     kind: str
     """Kind of shape functions, see ``shape_functions``."""
+    conditions: str = "nodes"
+    """How essential conditions are imposed: ``"nodes"``, or weakly, ``"penalty"`` or ``"lagrange"``; see ``walls``."""
+    penalty: float = 0.0
+    """Penalty factor, kT/v per mm; 0 without."""
     contact: object = None
     """The ``contact.Contact`` of hole boundaries with themselves; None where they may overlap."""
 
@@ -137,17 +159,32 @@ class Model:
         return sum(int((numbers >= 0).sum()) for numbers in self.lists.points)
 
 
-def discretise(cloud, *, basis="quadratic", dmax=None, method="mixed", quadrature="conforming", kind="imls", cells=None, skin=None):
+def discretise(
+    cloud,
+    *,
+    basis="quadratic",
+    dmax=None,
+    method="mixed",
+    quadrature="conforming",
+    kind="imls",
+    conditions="nodes",
+    penalty=PENALTY,
+    cells=None,
+    skin=None,
+):
     """``Model`` of a cloud: cells, quadrature points, shape function gradients.
 
     ``dmax`` is the support radius over the node spacing (2.95 by default, 3.5 for the paper's quadrature). ``quadrature="conforming"``
     partitions the gel exactly and corrects the gradients so that linear fields are integrated exactly (patch test);
     ``"paper"`` takes 4 x 4 Gauss points in each of ``cells`` x ``cells`` squares and drops the points in holes (Table 1).
+    ``kind`` is that of ``shape_functions``. Those that do not interpolate, ``"icvmls"`` and ``"mls"``, need ``conditions="penalty"``, with
+    the factor ``penalty`` in kT/v per mm, or ``"lagrange"`` instead of conditions at the ``"nodes"``: see ``walls``.
     ``skin`` (mm) enlarges the neighbour lists by the distance that points of a moved cloud may have come closer; by default 0 on
     the reference cloud and a quarter of the spacing on a placed one. Raises ValueError for unknown options and where a point has
     too few neighbours for the basis.
     """
     _check_options(basis, method, quadrature, kind)
+    _check_conditions(kind, conditions, penalty)
     dmax = (PAPER_DMAX if quadrature == "paper" else DMAX) if dmax is None else float(dmax)
     if not dmax > 1.0:
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
@@ -163,9 +200,11 @@ def discretise(cloud, *, basis="quadratic", dmax=None, method="mixed", quadratur
         if key not in cloud.topology.cache:
             cloud.topology.cache[key] = _conforming_lists(cloud.topology, basis, dmax, skin)
         lists = cloud.topology.cache[key]
-        dphi, weight = _corrected_gradients(cloud.nodes, cloud.vertices, lists, basis, kind)
+        wall = lists.wall if conditions == "nodes" else np.full_like(lists.wall, -1)
+        dphi, weight = _corrected_gradients(cloud.nodes, cloud.vertices, lists, basis, kind, wall)
     probes = _observed(cloud, lists, basis, dmax, kind)
-    model = Model(cloud, _blocks(lists, dphi, weight), *probes, lists, basis, dmax, method, quadrature, kind)
+    how = conditions, float(penalty) if conditions == "penalty" else 0.0
+    model = Model(cloud, _blocks(lists, dphi, weight), *probes, lists, basis, dmax, method, quadrature, kind, *how)
     _check_reproduction(model)
     return model
 
@@ -239,7 +278,8 @@ def _evaluate_batches(nodes, points, lists, supports, owner, *, basis, kind, gra
         neighbours, support = nodes[lists[owner]], supports[owner]
 
         def phi(x):
-            value = shape_functions(x, neighbours, support, basis=basis, kind=kind).real
+            value = shape_functions(x, neighbours, support, basis=basis, kind=kind)
+            value = value.real if kind == "iicvmls" else value
             return value, value
 
         if not gradients:
@@ -253,11 +293,11 @@ def _evaluate_batches(nodes, points, lists, supports, owner, *, basis, kind, gra
 # --- conforming cells --------------------------------------------------------------------------------------------------------
 
 
-def _corrected_gradients(nodes, vertices, lists, basis, kind):
+def _corrected_gradients(nodes, vertices, lists, basis, kind, wall):
     """Gradients (p, a, 2) at the points of all cells, corrected cell by cell, and weights (p,).
 
     The correction adds one constant vector per cell and node so that sum_q w_q dphi_a(q) equals the contour integral of phi_a n, the
-    integration constraint of Chen et al. (2001); essential edges carry the linear trace between their two wall nodes.
+    integration constraint of Chen et al. (2001); edges with ``wall`` nodes, see ``Lists``, carry the linear trace between the two.
     """
     topology = lists.topology
     edges, edge_owner = topology.partition.contour_edges
@@ -267,7 +307,7 @@ def _corrected_gradients(nodes, vertices, lists, basis, kind):
     on_edges = edge_points(vertices, edges)
     trace = evaluate_points(nodes, on_edges, owner=np.repeat(edge_owner, len(EDGE_POINTS)), gradients=False, **shared)
     weight = quadrature.weights(vertices)
-    corrected = _correct(nodes, vertices, trace, dphi, weight, quadrature.owner, edges, edge_owner, lists.nodes, lists.support, lists.wall)
+    corrected = _correct(nodes, vertices, trace, dphi, weight, quadrature.owner, edges, edge_owner, lists.nodes, lists.support, wall)
     return corrected, weight
 
 
@@ -403,8 +443,19 @@ def _check_options(basis, method, quadrature, kind):
         raise ValueError(f"method: {method!r} is not 'mixed' or 'displacement'")
     if quadrature not in ("conforming", "paper"):
         raise ValueError(f"quadrature: {quadrature!r} is not 'conforming' or 'paper'")
-    if kind not in ("imls", "iicvmls"):
-        raise ValueError(f"kind: {kind!r} is not 'imls' or 'iicvmls', the kinds that take essential conditions at the nodes")
+    if kind not in KINDS:
+        raise ValueError(f"kind: {kind!r} is not one of {', '.join(KINDS)}")
+
+
+def _check_conditions(kind, conditions, penalty):
+    if conditions not in CONDITIONS:
+        raise ValueError(f"conditions: {conditions!r} is not one of {', '.join(CONDITIONS)}")
+    if conditions == "nodes" and kind not in INTERPOLATING:
+        raise ValueError(
+            f"kind: {kind!r} does not interpolate, so conditions at the nodes need 'imls' or 'iicvmls'; or use 'penalty', 'lagrange'"
+        )
+    if not 0 < penalty < np.inf:
+        raise ValueError(f"penalty: {penalty!r} is not a finite number above 0 (kT/v per mm)")
 
 
 def _check_support(topology, points, support, basis):
@@ -430,7 +481,8 @@ def _check_reproduction(model):
     nodes, steepest = np.asarray(model.cloud.nodes), STEEPEST / model.cloud.topology.node_spacing.min()
     for block in model.blocks:
         dphi = np.asarray(block.dphi)
-        error = np.abs(np.einsum("cai,cqaj->cqij", nodes[block.nodes], dphi) - np.eye(2)).max(axis=(2, 3))
+        F = np.asarray(in_plane(np.einsum("cai,cqaj->cqij", nodes[block.nodes], dphi), axis=2))
+        error = np.abs(F - np.eye(2)).max(axis=(2, 3))
         poor = ~(error < REPRODUCTION) | ~(np.abs(dphi).max(axis=(2, 3)) < steepest)
         bad = np.argwhere(poor & (np.asarray(block.weight) > 0))
         if len(bad):

@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from .contact import contact_energy
+from .discretisation import in_plane
 
 
 def deformation_gradients(x, block):
     """Deformation gradients (c, q, 2, 2) at the quadrature points of a block for nodal positions ``x`` (n, 2)."""
-    return jnp.einsum("cai,cqaj->cqij", x[block.nodes], block.dphi)
+    return in_plane(jnp.einsum("cai,cqaj->cqij", x[block.nodes], block.dphi), axis=2)
 
 
 def group_volumes(block, method):

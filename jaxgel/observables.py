@@ -14,7 +14,7 @@ from jax import lax
 
 from .cloud import OUTLINE_SEGMENTS
 from .contact import outline_loops
-from .discretisation import make_probe
+from .discretisation import in_plane, make_probe
 from .energy import all_volumes, by_block, volume_ratios
 from .material import cauchy_stress as cauchy_stress_at
 from .material import free_swelling, volume_ratio_at
@@ -175,10 +175,11 @@ def _extremum(x, model, i):
     line = model.midline
     neighbours, support, numbers = model.cloud.nodes[line.nodes[i]], line.support[i], line.nodes[i]
     start, reach = line.points[i, 0], line.points[1, 0] - line.points[0, 0]
+    kind = "imls" if model.kind == "iicvmls" else model.kind  # its real twin
 
     def point(s):
         at = jnp.stack([s, line.points[i, 1]])
-        return shape_functions(at, neighbours, support, basis=model.basis, kind="imls") @ x[numbers]
+        return in_plane(shape_functions(at, neighbours, support, basis=model.basis, kind=kind) @ x[numbers])
 
     def slope(s):
         return jax.jvp(lambda s: point(s)[1], (s,), (1.0,))[1]

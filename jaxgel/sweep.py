@@ -22,6 +22,7 @@ from .path import Path, Step
 from .relaxation import relax, relax_along
 from .stability import lowest_modes, network_stiffness, stable_state
 from .traced import flagged, is_traced, scan_states, warn
+from .walls import prepare_walls, wall_step
 
 BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
@@ -56,7 +57,10 @@ def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=
         raise ValueError(f"branch: {branch!r} is not one of {', '.join(BRANCHES)}")
     if contact not in CONTACT:
         raise ValueError(f"contact: {contact!r} is not one of {', '.join(CONTACT)}")
-    model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
+    weak = model.conditions != "nodes"
+    model = with_contact(model, gel) if contact == "on" and not weak else dataclasses.replace(model, contact=None)
+    if weak and is_traced((model, gel, mu, loads)):
+        raise ValueError(f"conditions: {model.conditions!r} cannot be differentiated; use 'nodes'")
     if is_traced((model, gel, mu, loads)):
         return _traced_sweep(model, gel, mu, branch, contact, loads, max_steps)
     targets, chosen = check_mu(mu)
@@ -64,8 +68,11 @@ def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=
     before = [] if start is None else [start] if isinstance(start, Step) else list(start)
     if before and not targets[-1 if chosen else 0] > before[-1].mu:
         raise ValueError(f"mu: {targets[-1 if chosen else 0]:g} is not above the start's mu = {before[-1].mu:g}")
-    problem = prepare(model, gel, loads)
-    attempt = functools.partial(_attempt, problem, network_stiffness(problem), branch == "stable")
+    if weak:
+        attempt = functools.partial(_weak_attempt, prepare_walls(model, gel, loads, free_dofs(model.lists.topology)))
+    else:
+        problem = prepare(model, gel, loads)
+        attempt = functools.partial(_attempt, problem, network_stiffness(problem), branch == "stable")
     attempt = functools.partial(_until_contact, attempt, model) if contact == "stop" else attempt
     steps, stop, where = _chosen(attempt, targets, on_step, before, max_steps) if chosen else _given(attempt, targets, on_step, before)
     steps = steps[1:] if isinstance(start, Step) else steps
@@ -147,6 +154,11 @@ def _chosen(attempt, targets, on_step, before, max_steps):
 def _ahead(mu, step, last):
     """The mu a ``step`` ahead, or ``last`` where little would be left to it."""
     return last if mu + step > last - 0.3 * step else mu + step
+
+
+def _weak_attempt(problem, mu, done):
+    """``Step`` at ``mu`` of a model whose essential conditions are imposed weakly."""
+    return wall_step(problem, mu, *_predict(problem, mu, _same_branch(done)))
 
 
 def _until_contact(attempt, model, mu, done):
