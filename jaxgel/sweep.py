@@ -15,6 +15,7 @@ from .constraints import free_dofs
 from .contact import with_contact
 from .equilibrium import Equilibrium, Status, dry_state, energy_at, overlaps, prepare, solve, touches
 from .implicit import no_tangent, state_tangents
+from .incremental import incremental_step, prepare_incremental
 from .linear_solve import remember
 from .material import check_gel
 from .mixed import state_pressure, tangent_pattern
@@ -26,6 +27,7 @@ from .walls import prepare_walls, wall_step
 
 BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
+FORMULATIONS = ("total", "incremental")
 EXTRAPOLATED = 7  # most states from which the next one is predicted
 MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
 SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
@@ -38,7 +40,19 @@ class SweepFailed(ArithmeticError):
     """Not even the first state of a sweep was found; the text says why."""
 
 
-def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=None, start=None, max_steps=MAX_STEPS):
+def sweep(
+    model,
+    gel,
+    *,
+    mu,
+    branch="stable",
+    contact="on",
+    loads=None,
+    on_step=None,
+    start=None,
+    max_steps=MAX_STEPS,
+    formulation="total",
+):
     """``Path`` of equilibria at the given increasing values ``mu`` (k,), or from ``mu = (first, last)`` in steps chosen on the way.
 
     A tuple of two numbers means chosen steps; a list or array means those values. Where the branch that is followed loses its stability,
@@ -46,21 +60,25 @@ def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=
     Either way ``path.negative_pivots`` says of each state whether it is stable (0). Where the sides of a hole meet, ``contact="on"`` keeps
     them apart (range and stiffness: ``contact.with_contact``), ``"off"`` lets them overlap, and ``"stop"`` ends the sweep. With contact a
     stable branch that ends, or turns unstable, is left by relaxation (``switched``). ``loads`` (n, 2) are dead nodal forces, see
-    ``load_vector``. ``on_step(step)`` is called with each accepted ``Step``; ``start`` is a Step to continue from, or the list of all
-    steps of an interrupted sweep, with which the path then begins: to the bit that of a sweep that was not interrupted. Raises
-    ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first state is not found; later failures end the
-    path early, with the reason in ``path.stop`` and ``path.stop_text``. Differentiating a state that has no good derivative warns of
-    it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap``, for given mu only, states that are not reached are nan, and the
-    branch that continues the dry state is followed whatever its stability.
+    ``load_vector``. ``formulation="incremental"`` is the paper's algorithm instead of the total energy, see ``incremental``; like weak
+    conditions (see ``walls``) it knows neither contact nor other branches. ``on_step(step)`` is called with each accepted ``Step``;
+    ``start`` is a Step to continue from, or the list of all steps of an interrupted sweep, with which the path then begins: to the bit
+    that of a sweep that was not interrupted. Raises ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first
+    state is not found; later failures end the path early, with the reason in ``path.stop`` and ``path.stop_text``. Differentiating a
+    state that has no good derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap``, for given mu only,
+    states that are not reached are nan, and the branch that continues the dry state is followed whatever its stability.
     """
     if branch not in BRANCHES:
         raise ValueError(f"branch: {branch!r} is not one of {', '.join(BRANCHES)}")
     if contact not in CONTACT:
         raise ValueError(f"contact: {contact!r} is not one of {', '.join(CONTACT)}")
-    weak = model.conditions != "nodes"
-    model = with_contact(model, gel) if contact == "on" and not weak else dataclasses.replace(model, contact=None)
-    if weak and is_traced((model, gel, mu, loads)):
-        raise ValueError(f"conditions: {model.conditions!r} cannot be differentiated; use 'nodes'")
+    if formulation not in FORMULATIONS:
+        raise ValueError(f"formulation: {formulation!r} is not one of {', '.join(FORMULATIONS)}")
+    own = formulation == "total" and model.conditions == "nodes"
+    model = with_contact(model, gel) if contact == "on" and own else dataclasses.replace(model, contact=None)
+    if not own and is_traced((model, gel, mu, loads)):
+        what = "formulation: 'incremental'" if formulation == "incremental" else f"conditions: {model.conditions!r}"
+        raise ValueError(f"{what} cannot be differentiated; use the total formulation and conditions at the nodes")
     if is_traced((model, gel, mu, loads)):
         return _traced_sweep(model, gel, mu, branch, contact, loads, max_steps)
     targets, chosen = check_mu(mu)
@@ -68,11 +86,12 @@ def sweep(model, gel, *, mu, branch="stable", contact="on", loads=None, on_step=
     before = [] if start is None else [start] if isinstance(start, Step) else list(start)
     if before and not targets[-1 if chosen else 0] > before[-1].mu:
         raise ValueError(f"mu: {targets[-1 if chosen else 0]:g} is not above the start's mu = {before[-1].mu:g}")
-    if weak:
-        attempt = functools.partial(_weak_attempt, prepare_walls(model, gel, loads, free_dofs(model.lists.topology)))
-    else:
+    if own:
         problem = prepare(model, gel, loads)
         attempt = functools.partial(_attempt, problem, network_stiffness(problem), branch == "stable")
+    else:
+        kind = (prepare_incremental, _incremental_attempt) if formulation == "incremental" else (prepare_walls, _weak_attempt)
+        attempt = functools.partial(kind[1], kind[0](model, gel, loads, free_dofs(model.lists.topology)))
     attempt = functools.partial(_until_contact, attempt, model) if contact == "stop" else attempt
     steps, stop, where = _chosen(attempt, targets, on_step, before, max_steps) if chosen else _given(attempt, targets, on_step, before)
     steps = steps[1:] if isinstance(start, Step) else steps
@@ -159,6 +178,11 @@ def _ahead(mu, step, last):
 def _weak_attempt(problem, mu, done):
     """``Step`` at ``mu`` of a model whose essential conditions are imposed weakly."""
     return wall_step(problem, mu, *_predict(problem, mu, _same_branch(done)))
+
+
+def _incremental_attempt(problem, mu, done):
+    """``Step`` at ``mu`` by the paper's algorithm."""
+    return incremental_step(problem, mu, _predict(problem, mu, _same_branch(done))[0] if done else None)
 
 
 def _until_contact(attempt, model, mu, done):

@@ -74,7 +74,7 @@ def wall_step(problem, mu, x, pressure):
         newton_iterations=state.iterations,
         residual=state.residual,
         energy=float(energy_at(state.x, model, problem.gel, mu, problem.loads)),
-        negative_pivots=_negative(matrix) - len(problem.rows) if state.status.ok else -1,
+        negative_pivots=negative_eigenvalues(matrix) - len(problem.rows) if state.status.ok else -1,
     )
 
 
@@ -223,7 +223,7 @@ def dense(model, matrices, chunk=256):
     return total.reshape(size, size)
 
 
-def _negative(matrix):
+def negative_eigenvalues(matrix):
     """Number of negative eigenvalues of a symmetric matrix, from the blocks of its LDL^T."""
     blocks = scipy.linalg.ldl(matrix)[1]
     return int(np.sum(scipy.linalg.eigvalsh_tridiagonal(np.diagonal(blocks), np.diagonal(blocks, 1)) < 0))
