@@ -115,6 +115,10 @@ def _parser():
     p.add_argument("name", metavar="NAME", nargs="?", help="the file's name, without .toml (default: case, or the built-in name)")
     p.add_argument("--from", dest="sample", metavar="SAMPLE", help="export a built-in case (see jaxgel samples) with all its numbers")
 
+    p = _quiet_option(add(do.paper, "paper", "compute the paper's table and figures again, beside what it prints"))
+    p.add_argument("items", nargs="*", metavar="ITEM", help="table-1, fig-2, ..., fig-14 or algorithm (default: all that are missing)")
+    p.add_argument("--out", metavar="DIR", default="out/paper", help="folder of the results (default: out/paper)")
+
     add(do.list_samples, "samples", "list the built-in cases")
 
     add(do.schema, "schema", "print the JSON schema of a case file")

@@ -290,6 +290,22 @@ def schema(_):
     return DONE
 
 
+def paper(args):
+    """``jaxgel paper``: the paper's table and figures, with a report."""
+    from .paper import REPORT, run_paper
+
+    say = _silent if args.quiet else print
+    try:
+        failed = run_paper(args.items, args.out, quiet=args.quiet, say=say)
+    except KeyboardInterrupt:
+        print(f"jaxgel: interrupted; finished items are in {args.out}, jaxgel paper goes on", file=sys.stderr)
+        return INTERRUPTED
+    say(f"report in {File(args.out) / REPORT}")
+    if failed:
+        print(f"jaxgel: not computed: {', '.join(failed)}; the report says why", file=sys.stderr)
+    return STOPPED if failed else DONE
+
+
 def list_samples(_):
     """``jaxgel samples``: one line per built-in case."""
     for name in sample_names():

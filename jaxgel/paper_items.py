@@ -1,0 +1,155 @@
+"""What the items of the paper's comparison have in common: entries of the report, claims, sweeps that several items share, style.
+
+An item is a function ``(runs) -> Entry``; its figure and rows are written by `paper`. Verdicts follow from numbers of the run.
+"""
+
+import dataclasses
+import functools
+import json
+from importlib.resources import files
+
+import numpy as np
+
+from .cloud import make_cloud
+from .discretisation import discretise, make_probe
+from .samples import sample
+from .sweep import sweep
+
+CONFIRMED, CONDITION, CONTRADICTED = "confirmed", "confirmed with a condition", "contradicted"
+FINITE_ELEMENTS = json.loads(files("jaxgel").joinpath("finite_elements.json").read_text(encoding="utf-8"))
+"""Values of another method, quoted in the report; ``about`` says how they were made."""
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")  # Okabe and Ito
+DETAILED = [-4.9678, -3.9678, -2.9678, -2.4678, -1.9678, -1.4678, -1.1678, -0.95, -0.9178]
+BEYOND = [-0.8, -0.6678, -0.5678, -0.45, -0.4, -0.36, -0.327, -0.2978, -0.2678, -0.244, -0.23]
+"""Chemical potentials, kT, of the patterns and of the holes' closing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """One statement of the paper, judged."""
+
+    statement: str
+    """What the paper says."""
+    verdict: str
+    """``CONFIRMED``, ``CONDITION`` or ``CONTRADICTED``."""
+    evidence: str
+    """The numbers of this run."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One item of the report."""
+
+    title: str
+    """Table or figure, and what it shows."""
+    paper: str
+    """What the paper prints."""
+    ours: str
+    """What this run found."""
+    reference: str
+    """What finite elements or a closed form give."""
+    verdict: str
+    """How the two compare, in a sentence."""
+    rows: list
+    """The CSV file: dictionaries with the same keys."""
+    claims: tuple = ()
+    """``Claim``s that this item decides."""
+    figure: object = None
+    """The Matplotlib figure; None for a table."""
+
+
+class Runs:
+    """Sweeps that items share: each is computed once, when it is first asked for."""
+
+    def __init__(self, on_state=lambda _: None):
+        self.on_state, self.shared, self._kept = on_state, {}, {}
+
+    def path(self, name, mu, *, spacing=None, **options):
+        """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing (the paper's by default)."""
+        key = (name, tuple(mu), spacing, tuple(sorted(options.items())))
+        if key not in self._kept:
+            model = self.model(name, spacing)
+            self._kept[key] = sweep(model, model.cloud.plate.gel, mu=list(mu), on_step=self._report(name, model), **options)
+        return self._kept[key]
+
+    def model(self, name, spacing=None, **options):
+        """Model of a sample; see `discretise` for the options."""
+        key = ("model", name, spacing, tuple(sorted(options.items())))
+        if key not in self._kept:
+            self._kept[key] = discretise(self.cloud(name, spacing), **options)
+        return self._kept[key]
+
+    def cloud(self, name, spacing=None):
+        """Cloud of a sample."""
+        key = ("cloud", name, spacing)
+        if key not in self._kept:
+            self.on_state(f"{name}, making the cloud")
+            self._kept[key] = make_cloud(sample(name), spacing=spacing)
+        return self._kept[key]
+
+    def _report(self, name, model):
+        return lambda step: self.on_state(f"{name}, {model.n_nodes} nodes, mu = {step.mu:.4f}")
+
+    def stopping(self, number):
+        """Path of sample ``number`` as the paper computes it, without contact, until outlines overlap; 4-9 on the symmetric branch."""
+        return self.path(f"sample-{number}", DETAILED + BEYOND, branch=followed(number), contact="stop")
+
+    def touching(self, number, branch):
+        """Path of sample ``number`` with contact, until its holes are nearly closed."""
+        return self.path(f"sample-{number}", DETAILED + BEYOND, branch=branch, contact="on")
+
+
+def followed(number):
+    """The branch on which the paper's pictures of sample ``number`` lie."""
+    return "stable" if number <= 3 else "symmetric"
+
+
+def at(path, mu):
+    """Number of the state of a path at ``mu``, or of the last one where the path ends before."""
+    return int(np.argmin(np.abs(np.minimum(mu, path.mu[-1]) - np.asarray(path.mu))))
+
+
+def crossing(x, y, value):
+    """The x () at which a growing y (k,) first reaches ``value``, by interpolation; nan where it does not."""
+    x, y = np.asarray(x), np.asarray(y)
+    above = np.flatnonzero(y >= value)
+    if len(above) == 0 or above[0] == 0:
+        return float("nan")
+    k = above[0]
+    return float(x[k - 1] + (value - y[k - 1]) / (y[k] - y[k - 1]) * (x[k] - x[k - 1]))
+
+
+def percent(value):
+    """A share as a percentage with one decimal."""
+    return f"{100 * float(value):.1f} %"
+
+
+@functools.cache
+def pyplot():
+    """Matplotlib's pyplot without a screen."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+def bow(path, k):
+    """Largest distance () of the vertical pillar's centre line x = 0 from a straight line in state ``k``, mm."""
+    plate = path.model.cloud.topology.plate
+    y = np.linspace(-0.5, 0.5, 201) * plate.height
+    probe = make_probe(path.model, np.stack([np.zeros_like(y), y], axis=1))
+    line = np.asarray(probe.position(np.asarray(path.x[k])))
+    slope, middle = np.polyfit(line[:, 1], line[:, 0], 1)
+    return float(np.abs(line[:, 0] - middle - slope * line[:, 1]).max())
+
+
+def onset(path):
+    """Where a path becomes unstable, in words."""
+    first = np.flatnonzero(np.asarray(path.negative_pivots) > 0)
+    if len(first) == 0:
+        return f"no mu up to {path.mu[-1]:.4f}"
+    k = int(first[0])
+    return f"mu between {path.mu[k - 1]:.4f} and {path.mu[k]:.4f}" if k else f"mu = {path.mu[0]:.4f}"

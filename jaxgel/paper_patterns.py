@@ -1,0 +1,259 @@
+"""Table 1 and Figs. 6-11 of Deng et al. (2020): counts and patterns of the nine samples."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from .geometry import inside_holes
+from .observables import area_reduction, core_rotation, outlines, rotation_angle
+from .paper_items import (
+    CONDITION,
+    CONFIRMED,
+    CONTRADICTED,
+    FINITE_ELEMENTS,
+    Claim,
+    Entry,
+    at,
+    bow,
+    onset,
+    percent,
+    pyplot,
+)
+from .quadrature import square_cells
+from .samples import sample
+
+# printed nodes and Gauss points; the last is section 5.5
+PRINTED = {
+    "sample-1": (1009, 12284),
+    "sample-2": (1213, 15600),
+    "sample-3": (1417, 18936),
+    "sample-4": (989, 12312),
+    "sample-5": (1225, 15624),
+    "sample-6": (1437, 18956),
+    "sample-7": (941, 12114),
+    "sample-8": (1165, 15196),
+    "sample-9": (1441, 18876),
+    "lattice": (840, 2304),
+}
+
+
+def table_1(runs):
+    """Table 1: nodes and Gauss points."""
+    rows = []
+    for name, (nodes, points) in PRINTED.items():
+        plate = sample(name)
+        gauss = int(np.sum(~inside_holes(plate, square_cells(plate, plate.cells)[0].reshape(-1, 2))))
+        ours = len(runs.cloud(name).nodes)
+        rows.append({"case": name, "nodes_paper": nodes, "nodes": ours, "gauss_points_paper": points, "gauss_points": gauss})
+    off = [r for r in rows if (r["nodes"], r["gauss_points"]) != (r["nodes_paper"], r["gauss_points_paper"])]
+    equal = len(rows) - len(off)
+    odd = [f"{r['case']}: printed {r['gauss_points_paper']}, found {r['gauss_points']}" for r in off]
+    misprint = all(r["nodes"] == r["nodes_paper"] and r["gauss_points_paper"] % 4 and not r["gauss_points"] % 4 for r in off)
+    why = " A plate with these symmetries has a multiple of 4 points, which the printed number is not." if misprint and off else ""
+    verdict = CONFIRMED if not off else CONDITION if misprint else CONTRADICTED
+    evidence = f"{equal} of {len(rows)} pairs of counts agree to the digit. {'; '.join(odd)}.{why}"
+    return Entry(
+        title="Table 1: nodes and Gauss points of the samples, and of the lattice",
+        paper="; ".join(f"{name} {n} and {p}" for name, (n, p) in PRINTED.items()) + ".",
+        ours=evidence,
+        reference="None.",
+        verdict=verdict + (": one printed number is a misprint." if misprint and off else "."),
+        rows=rows,
+        claims=(Claim("The numbers of nodes and Gauss points of Table 1", verdict, evidence),),
+    )
+
+
+# --- patterns of one sample --------------------------------------------------------------------------------------------------
+
+
+def fig_6(runs):
+    """Fig. 6: sample 1 while it swells."""
+    path, reference = runs.stopping(1), FINITE_ELEMENTS["sample-1"]
+    states = [at(path, mu) for mu in (-4.9678, -1.9678, -1.4678, -0.9178)]
+    angle = np.asarray(rotation_angle(path))
+    error = max(abs(angle[at(path, m)] / r - 1) for m, r in zip(reference["mu"], reference["rotation"], strict=True) if m in path.mu)
+    values = ", ".join(f"{angle[k]:.2f}" for k in states)
+    mus = ", ".join(f"{path.mu[k]:.4f}" for k in states)
+    return _entry(
+        [(path, k) for k in states],
+        title="Fig. 6: sample 1 at growing chemical potential",
+        paper="No visible deformation at mu = -4.9678; then the ellipses change and the plate rotates anticlockwise.",
+        ours=f"Midline rotation {values} degrees at mu = {mus}.",
+        reference="Finite elements: "
+        + ", ".join(f"{r} degrees at mu = {m}" for m, r in zip(reference["mu"], reference["rotation"], strict=True))
+        + ".",
+        verdict=f"{CONFIRMED if angle[states[-1]] > 0 else CONTRADICTED}; within {percent(error)} of finite elements at common mu.",
+    )
+
+
+def fig_8(runs):
+    """Fig. 8: sample 4 while it swells, on both branches."""
+    symmetric, stable = runs.stopping(4), runs.touching(4, "stable")
+    wanted = (-4.9678, -0.9178, -0.6678, -0.2678)
+    shown = [(path, at(path, mu)) for path in (symmetric, stable) for mu in wanted]
+    shape = [_axes_over_diagonals(symmetric, at(symmetric, mu)) for mu in wanted]
+    end = float(symmetric.mu[-1])
+    lozenge = shape[2] > 1.05
+    reached = end >= wanted[-1]
+    core = abs(float(np.asarray(core_rotation(stable))[at(stable, wanted[1])]))
+    reference = FINITE_ELEMENTS["sample-4"]
+    verdict = CONFIRMED if lozenge and reached and shape[3] < 1 else CONDITION if lozenge else CONTRADICTED
+    evidence = (
+        f"On the symmetric branch the holes are {shape[2]:.2f} times as wide along the axes as along the diagonals at mu = "
+        f"{symmetric.mu[at(symmetric, wanted[2])]:.4f} (a circle has 1, a lozenge with corners on the axes 1.41, a square with sides along "
+        f"the axes 0.71). That branch is unstable from {onset(symmetric)} on and goes to mu = {end:.4f} ({symmetric.stop_text}). "
+        f"The stable plate has turned its centre by {core:.1f} degrees at mu = {wanted[1]}."
+    )
+    return _entry(
+        shown,
+        rows_of_axes=2,
+        title="Fig. 8: sample 4 at growing chemical potential; above on the symmetric branch, below on the stable one",
+        paper="Circles at mu = -4.9678, lozenges at -0.6678, almost squares at -0.2678.",
+        ours=evidence,
+        reference=f"Finite elements: unstable from mu = {reference['critical_mu']}, then core rotation "
+        f"{reference['buckled']['core'][-1]} degrees at mu = {reference['buckled']['mu'][-1]}.",
+        verdict=verdict,
+        claims=(Claim("The circles of sample 4 become lozenges, then almost squares", verdict, evidence),),
+    )
+
+
+def fig_10(runs):
+    """Fig. 10: sample 7 while it swells."""
+    path = runs.touching(7, "symmetric")
+    shown = [(path, at(path, mu)) for mu in (-4.9678, -0.9178, -0.5678, -0.2678)]
+    shape = [_axes_over_diagonals(path, k) for _, k in shown]
+    inward = all(b < a for a, b in itertools.pairwise(shape))
+    values = ", ".join(f"{v:.2f}" for v in shape)
+    return _entry(
+        shown,
+        title="Fig. 10: sample 7 at growing chemical potential, symmetric branch with contact",
+        paper="The four sides of the squares deform inward (mu = -4.9678 to -0.5678), later more near the walls than near the midlines.",
+        ours=f"Width of a hole along the axes over that along the diagonals: {values} (a square has 0.71); unstable from {onset(path)} on.",
+        reference=f"Finite elements: unstable from mu = {FINITE_ELEMENTS['sample-7']['critical_mu']}.",
+        verdict=CONDITION + ": so deform the holes of the symmetric branch, which is unstable." if inward else CONTRADICTED,
+    )
+
+
+# --- patterns of three samples -----------------------------------------------------------------------------------------------
+
+
+def fig_7(runs):
+    """Fig. 7: samples 1-3 at mu = -0.9178."""
+    return _three(runs, (1, 2, 3), -0.9178, "Fig. 7", "The vertical pillars buckle, in sample 3 more than in samples 1 and 2.")
+
+
+def fig_9(runs):
+    """Fig. 9: samples 4-6 at mu = -0.95."""
+    text = "Symmetric patterns; the pillars' centre lines stay straight; sample 6 deforms most."
+    return _straight(runs, (4, 5, 6), -0.95, "Fig. 9", text)
+
+
+def fig_11(runs):
+    """Fig. 11: samples 7-9 at mu = -0.9178."""
+    text = "Symmetric patterns; the pillars' centre lines stay straight; the sides of sample 9 deform most."
+    return _straight(runs, (7, 8, 9), -0.9178, "Fig. 11", text)
+
+
+def _three(runs, numbers, mu, figure, text):
+    paths = [runs.stopping(n) for n in numbers]
+    shown = [(path, at(path, mu)) for path in paths]
+    words = []
+    for n, (path, k) in zip(numbers, shown, strict=True):
+        words.append(
+            f"sample {n} at mu = {path.mu[k]:.4f}: rotation {float(rotation_angle(path)[k]):.1f} degrees, "
+            f"area reduction {percent(area_reduction(path)[k])}, pillar {bow(path, k):.2f} mm off its line"
+        )
+    short = [(n, path) for n, path in zip(numbers, paths, strict=True) if path.mu[-1] < mu]
+    ended = " ".join(f"Sample {n} {path.stop_text}." for n, path in short)
+    bows = [bow(path, k) for path, k in shown]
+    verdict = CONTRADICTED if min(bows) < 0.05 else CONDITION if short else CONFIRMED
+    conditions = f": not all reach mu = {mu} without outlines that overlap." if short and verdict == CONDITION else "."
+    return _entry(
+        shown,
+        title=f"{figure}: samples {', '.join(map(str, numbers))} at mu = {mu}, or where their smooth states end before",
+        paper=text,
+        ours="; ".join(words) + f". {ended}",
+        reference=f"Finite elements for sample 1: {FINITE_ELEMENTS['sample-1']['rotation'][-1]} degrees at mu = -0.9178.",
+        verdict=verdict + conditions,
+    )
+
+
+def _straight(runs, numbers, mu, figure, text):
+    paths = [runs.stopping(n) for n in numbers]
+    shown = [(path, at(path, mu)) for path in paths]
+    words = [
+        f"sample {n} at mu = {path.mu[k]:.4f}: pillar {bow(path, k):.1e} mm off its line, {path.negative_pivots[k]} negative pivots, "
+        f"unstable from {onset(path)} on"
+        for n, (path, k) in zip(numbers, shown, strict=True)
+    ]
+    ended = " ".join(f"Sample {n} {path.stop_text}." for n, path in zip(numbers, paths, strict=True) if path.mu[-1] < mu)
+    stable = runs.touching(4, "stable") if numbers[0] == 4 else runs.path("sample-7", [-4.9678, -2.9678, -1.9678, -1.4678], contact="stop")
+    k = at(stable, mu)
+    other = f"On the stable branch of sample {numbers[0]} the pillar is {bow(stable, k):.2f} mm off its line at mu = {stable.mu[k]:.4f}."
+    straight = max(bow(path, k) for path, k in shown) < 0.05
+    unstable = any(path.negative_pivots[k] > 0 for path, k in shown)
+    verdict = CONTRADICTED if not straight else CONDITION if unstable else CONFIRMED
+    evidence = "; ".join(words) + f". {ended} {other}"
+    reference = "; ".join(
+        f"sample {n}: {FINITE_ELEMENTS[f'sample-{n}']['critical_mu']}" for n in numbers if f"sample-{n}" in FINITE_ELEMENTS
+    )
+    name = f"Straight pillars of samples {numbers[0]}-{numbers[-1]}"
+    return _entry(
+        shown,
+        title=f"{figure}: samples {', '.join(map(str, numbers))} at mu = {mu}, or where their symmetric states end before",
+        paper=text,
+        ours=evidence,
+        reference=f"Finite elements: the symmetric state becomes unstable at mu: {reference}.",
+        verdict=verdict + (": on the symmetric branch, which is unstable there." if verdict == CONDITION else "."),
+        claims=(Claim(name, verdict, evidence),),
+    )
+
+
+# --- pictures ----------------------------------------------------------------------------------------------------------------
+
+
+def _entry(shown, *, rows_of_axes=1, **texts):
+    """``Entry`` with the patterns of (path, state) pairs and a row of numbers for each."""
+    from .plotting import FIELDS, field_values, plot_pattern
+
+    fields = [field_values(dataclasses.replace(path, x=np.asarray(path.x)[[k]]), "stretch") for path, k in shown]
+    limits = float(min(map(np.min, fields))), float(max(np.percentile(f, 99) for f in fields))  # corners would take the whole scale
+    columns = len(shown) // rows_of_axes
+    size = (2.15 * columns + 0.9, 2.6 * rows_of_axes)
+    figure, axes = pyplot().subplots(rows_of_axes, columns, figsize=size, layout="constrained", squeeze=False, sharex=True, sharey=True)
+    rows = []
+    for ax, (path, k) in zip(axes.flat, shown, strict=True):
+        plot_pattern(path, k, ax=ax, limits=limits, colorbar=False)
+        ax.label_outer()
+        name = path.model.cloud.topology.plate.name.replace("-", " ")
+        ax.set_title(rf"{name}, $\mu = {path.mu[k]:.4f}$", fontsize=8)
+        rows.append(
+            {
+                "case": name,
+                "mu": float(path.mu[k]),
+                "midline_rotation_deg": float(rotation_angle(path)[k]),
+                "core_rotation_deg": float(core_rotation(path)[k]),
+                "area_reduction": float(area_reduction(path)[k]),
+                "negative_pivots": int(path.negative_pivots[k]),
+                "pillar_bow_mm": bow(path, k),
+            }
+        )
+    colours = axes.flat[0].collections[-1] if axes.flat[0].collections[-1].get_array() is not None else None
+    mappable = next(c for c in axes.flat[0].collections if c.get_array() is not None) if colours is None else colours
+    figure.colorbar(mappable, ax=axes, label=FIELDS["stretch"], shrink=0.85, extend="max")
+    return Entry(rows=rows, figure=figure, **texts)
+
+
+def _axes_over_diagonals(path, k):
+    """Width of the first hole along the axes over that along the diagonals."""
+    loop = np.asarray(outlines(dataclasses.replace(path, x=np.asarray(path.x)[[k]]))[0][0])
+    offset = loop - loop.mean(axis=0)
+    angle, radius = np.arctan2(offset[:, 1], offset[:, 0]), np.linalg.norm(offset, axis=1)
+    order = np.argsort(angle)
+    wanted = np.arange(8) * np.pi / 4 - np.pi
+    r = np.interp(wanted, angle[order], radius[order], period=2 * np.pi)
+    return float(r[::2].sum() / r[1::2].sum())
+
+
+PATTERNS = {6: fig_6, 7: fig_7, 8: fig_8, 9: fig_9, 10: fig_10, 11: fig_11}
