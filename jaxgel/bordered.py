@@ -47,7 +47,7 @@ def solve_bordered(problem, mu, x, pressure, columns, conditions):
 
     With m + 1 conditions mu is unknown too. The state has a factor of its own tangent.
     """
-    free, model, gel = problem.pattern.free, problem.model, problem.gel
+    free, model, gel = problem.free, problem.model, problem.gel
     forces, mu, origin = np.zeros(columns.shape[1]), float(mu), picked(np.asarray(conditions.origin), free)
     b, m = conditions.rows.shape[1], columns.shape[1]
     for iterations in range(MAX_ITERATIONS + 1):
@@ -109,7 +109,7 @@ def _moved(x, p, correction, change_mu, now, model, free):
 def mu_force(problem, x, mu):
     """Derivative (f,) of the residual with respect to mu at the positions ``x`` (n, 2), mm."""
     force = _mu_force(x, problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads)
-    return np.asarray(reduced(force, problem.pattern.free))
+    return np.asarray(reduced(force, problem.free))
 
 
 @jax.jit

@@ -35,7 +35,7 @@ def switch(model, gel, point, *, sign=1, direction=None, mu_end=None, max_step=0
     problem = prepare(model, gel, loads)
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     mode = sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1)
-    along = picked(mode, problem.pattern.free)
+    along = picked(mode, problem.free)
     size = FIRST_AMPLITUDE * model.cloud.spacing / np.abs(along).max()
     row = along / np.linalg.norm(along)
     nothing = np.zeros((len(along), 0))
@@ -87,7 +87,7 @@ def _bare(path, k):
 
 def _followed(problem, steps, mu_end, max_step, max_states, known=0):
     """Path of the states of ``steps`` but the first ``known``, continued in arc length."""
-    free, spacing = problem.pattern.free, problem.model.cloud.spacing
+    free, spacing = problem.free, problem.model.cloud.spacing
     weight = 1 / (len(steps[0].x) * spacing**2)
     nothing, stop, length = np.zeros((len(free), 0)), Status.TOO_MANY_STEPS, None
     while len(steps) - known < max_states:
@@ -155,7 +155,7 @@ def deflated(model, gel, *, mu, known, starts, loads=None):
 
 def _deflated_newton(problem, mu, x, pressure, known):
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
-    free = problem.pattern.free
+    free = problem.free
     weight = 1 / (x.shape[0] * problem.model.cloud.spacing**2)
     now, measures = linearised(x, pressure, *args, free)
     for iterations in range(MAX_DEFLATED + 1):
@@ -199,9 +199,9 @@ def imperfection(model, gel, point, size, *, direction=None):
     problem = prepare(model, gel)
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     mode = np.tensordot(direction, point.modes, 1)
-    along = picked(mode, problem.pattern.free)
+    along = picked(mode, problem.free)
     force = network_stiffness(problem) @ along * (size * model.cloud.spacing / np.linalg.norm(mode, axis=1).max())
-    free = problem.pattern.free
+    free = problem.free
     return spread(force, mode.shape, free if free.ndim == 1 else free[:, 0])  # one node takes the force of what moves together
 
 

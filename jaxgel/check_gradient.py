@@ -186,7 +186,7 @@ def _to_round_off(problem, mu, state):
     if not state.status.ok:
         return jnp.full_like(state.x, jnp.nan)
     problem = acting(problem, state)
-    args, free = (problem.model, problem.gel), problem.pattern.free
+    args, free = (problem.model, problem.gel), problem.free
     now, _ = linearised(state.x, state.pressure, *args, mu, problem.loads, problem.fixed, free)
     made = factor(problem.pattern, tangent_at(state.x, state.pressure, now, *args, problem.fixed))
     return state.x + spread(made.solve(np.asarray(free_rhs(now, now, problem.model, free)))[0], state.x.shape, free)

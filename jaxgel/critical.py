@@ -269,7 +269,7 @@ def _bifurcation(frame, low, high, multiplicity):
 
 def _alone(frame, modes, x):
     """Whether the symmetries of the cloud keep or reverse the first mode (f, m); where one turns it into another there are two."""
-    field = np.asarray(spread(modes[:, 0], x.shape, frame.problem.pattern.free))
+    field = np.asarray(spread(modes[:, 0], x.shape, frame.problem.free))
     return all(abs(character) > KEPT for character in characters(field[None], frame.permutations).values())
 
 
@@ -290,9 +290,9 @@ class _Expansion:
 def _expand(frame, state, mu, modes):
     """``_Expansion`` at a state with a factor of its own tangent; ``modes`` (f, m)."""
     problem, m = frame.problem, modes.shape[1]
-    fields = jnp.stack([spread(v, state.x.shape, problem.pattern.free) for v in modes.T])
+    fields = jnp.stack([spread(v, state.x.shape, problem.free) for v in modes.T])
     slope, gradient, cubic, quartic = _derivatives(state.x, fields, problem.model, problem.gel, jnp.asarray(mu), problem.loads)
-    gradient = np.asarray(reduced(gradient, problem.pattern.free))
+    gradient = np.asarray(reduced(gradient, problem.free))
     held = frame.stiffness @ modes
     system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, held, held, np.zeros((m, m)))
     correction, _ = system.solve(gradient, np.zeros(m))
@@ -323,7 +323,7 @@ def _derivatives(x, modes, model, gel, mu, loads):
 def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="bifurcation"):
     problem, shape = frame.problem, state.x.shape
     signed = oriented(modes, problem)
-    fields = np.stack([np.asarray(spread(v, shape, problem.pattern.free)) for v in signed.T])
+    fields = np.stack([np.asarray(spread(v, shape, problem.free)) for v in signed.T])
     spacing = problem.model.cloud.spacing
     return CriticalPoint(
         mu=float(mu),
@@ -337,13 +337,13 @@ def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="
         imperfection=float(np.linalg.norm(forces) * np.abs(fields).max() / spacing),
         symmetries=characters(fields, frame.permutations),
         unstable=int(unstable),
-        correction=np.asarray(spread(local.correction, shape, problem.pattern.free)),
+        correction=np.asarray(spread(local.correction, shape, problem.free)),
     )
 
 
 def _fold(frame, before, last):
     """The fold next to two states of a branch: where mu is stationary along it, by the secant method; [] where there is none."""
-    problem, free = frame.problem, frame.problem.pattern.free
+    problem, free = frame.problem, frame.problem.free
     along = picked(np.asarray(last.x) - np.asarray(before.x), free)
     between = np.sqrt(along @ (frame.stiffness @ along))
     row, nothing = frame.stiffness @ along[:, None] / between, np.zeros((len(free), 0))

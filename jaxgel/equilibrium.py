@@ -76,12 +76,20 @@ class Problem:
     """The ``Gel``."""
     loads: jax.Array
     """(n, 2) dead nodal loads, kT/v mm."""
-    pattern: object
-    """Pattern of the tangent."""
     fixed: object
     """``mixed.Constants`` of the model."""
     apart: object = None
     """The same ``Problem`` without self-contact, for states in which no outline is near itself; None where there is no contact."""
+
+    @functools.cached_property
+    def free(self):
+        """(f,) numbers of the free degrees of freedom."""
+        return free_dofs(self.model.lists.topology)
+
+    @functools.cached_property
+    def pattern(self):
+        """Pattern of the tangent; that of contact, made when first asked for, couples all nodes near a hole and takes the longer."""
+        return tangent_pattern(self.model.lists, self.free, self.model.contact)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,10 +115,9 @@ class Equilibrium:
 def prepare(model, gel, loads=None):
     """``Problem`` for a model; ``loads`` (n, 2) are dead nodal forces in kT/v mm, none by default."""
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
-    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
     apart = None if model.contact is None else prepare(dataclasses.replace(model, contact=None), gel, loads)
-    return Problem(model, gel, loads, pattern, constants(model) if apart is None else apart.fixed, apart)
+    return Problem(model, gel, loads, constants(model) if apart is None else apart.fixed, apart)
 
 
 def dry_state(model, gel, mu=None):
@@ -161,7 +168,7 @@ def overlaps(model, x):
 
 def _newton(problem, mu, x, pressure, *, fresh):
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
-    now, measures = linearised(x, pressure, *args, problem.pattern.free)
+    now, measures = linearised(x, pressure, *args, problem.free)
     kept, basis, iterations, before = None, None, 0, np.inf
     while True:
         size, constraint = float(measures[0]), float(measures[1])
@@ -177,11 +184,11 @@ def _newton(problem, mu, x, pressure, *, fresh):
             if fresh or kept is None or imbalance > SLOW * before:
                 basis = now
                 kept = factor(problem.pattern, tangent_at(x, pressure, basis, *args[:2], problem.fixed))
-            rhs = free_rhs(now, basis, problem.model, problem.pattern.free)
+            rhs = free_rhs(now, basis, problem.model, problem.free)
             correction, _ = kept.solve(np.asarray(rhs), refine=False)
         except SingularTangent:
             return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, kept)
-        x, pressure, now, measures = _advance(x, pressure, correction, now, basis, *args, problem.pattern.free)
+        x, pressure, now, measures = _advance(x, pressure, correction, now, basis, *args, problem.free)
         iterations, before = iterations + 1, imbalance
 
 
@@ -191,7 +198,7 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
     Newton's method on the system bordered by the pin; the tangent may be indefinite but must not be singular.
     """
     args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
-    free, force, kept = problem.pattern.free, 0.0, None
+    free, force, kept = problem.free, 0.0, None
     origin = np.asarray(picked(np.asarray(origin), free))
     now, measures = linearised(x, pressure, *args, free)
     for iterations in range(MAX_ITERATIONS):

@@ -23,7 +23,7 @@ KICK = 0.02  # of the spacing: largest displacement along the mode that starts t
 
 def relax(problem, mu, x, pressure):
     """Stable ``Equilibrium`` at ``mu`` into which positions ``x`` (n, 2) with pressures (g,) relax; its status says if none was found."""
-    args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed, problem.pattern.free
+    args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed, problem.free
     now, measures = equilibrium.linearised(x, pressure, *args)
     damping, size, iterations, kept = FIRST_DAMPING, float(measures[0]), 0, None
     while np.isfinite(size) and iterations < MAX_ITERATIONS:
@@ -45,7 +45,7 @@ def relax(problem, mu, x, pressure):
 def relax_along(problem, mu, state, mode):
     """``relax`` from an unstable ``Equilibrium``, pushed along ``mode`` (f,)."""
     amplitude = KICK * problem.model.cloud.spacing / np.abs(mode).max()
-    x = state.x + spread(amplitude * mode, state.x.shape, problem.pattern.free)
+    x = state.x + spread(amplitude * mode, state.x.shape, problem.free)
     found = relax(problem, mu, x, state.pressure)
     return dataclasses.replace(found, iterations=found.iterations + state.iterations)
 

@@ -147,7 +147,7 @@ def _rayleigh_ritz(eigenvalues, coupling, corner, gram):
 
 def tangent_products(problem, x, mu, vectors):
     """Products (f, m) of the tangent at positions ``x`` (n, 2), the Hessian of the total energy, with vectors (f, m)."""
-    return np.asarray(_products(x, vectors, problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.pattern.free))
+    return np.asarray(_products(x, vectors, problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.free))
 
 
 @jax.jit
@@ -162,7 +162,7 @@ def oriented(vectors, problem):
     """The modes (f, m) with the sign that makes their product with a fixed field without symmetry positive, on every cloud."""
     plate = problem.model.cloud.plate
     x, y = (np.asarray(problem.model.cloud.nodes) / [plate.width, plate.height]).T
-    field = picked(np.stack([np.sin(5.1 * y + 2.3 * x + 0.4), np.sin(3.7 * x - 1.9 * y - 0.9)], axis=1), problem.pattern.free)
+    field = picked(np.stack([np.sin(5.1 * y + 2.3 * x + 0.4), np.sin(3.7 * x - 1.9 * y - 0.9)], axis=1), problem.free)
     return vectors * np.where(field @ vectors < 0, -1.0, 1.0)
 
 
@@ -175,7 +175,7 @@ def stable_state(problem, mu, state, modes, *, sign=1):
     stiffness = network_stiffness(problem)
     for _ in range(MAX_SWITCHES):
         mode = sign * oriented(modes.vectors[:, :1], problem)[:, 0]
-        against = np.asarray(reduced(problem.loads, problem.pattern.free)) @ mode < 0  # loads that push choose the side
+        against = np.asarray(reduced(problem.loads, problem.free)) @ mode < 0  # loads that push choose the side
         found = _across(problem, mu, state.x, state.pressure, -mode if against else mode)
         if found is None:
             return None
@@ -188,7 +188,7 @@ def stable_state(problem, mu, state, modes, *, sign=1):
 def _across(problem, mu, x, pressure, mode):
     """The next ``Equilibrium`` along ``mode`` (f,), with a factor of its own tangent, or None."""
     mode = mode / np.linalg.norm(mode)
-    start, free = jnp.asarray(x), problem.pattern.free
+    start, free = jnp.asarray(x), problem.free
     amplitude, force_before = FIRST_AMPLITUDE * problem.model.cloud.spacing / np.abs(mode).max(), None
     x = start + amplitude * spread(mode, start.shape, free)
     for _ in range(MAX_PINNED):
