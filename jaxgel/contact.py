@@ -237,6 +237,8 @@ def crosses(loops, plate, tolerance=1e-9):
         behind = [np.linalg.solve(plate.deformation, (loop - plate.displacement[edge]).T)[axis] - coordinate for loop in loops]
         if max((np.max(np.sign(coordinate) * distance) for distance in behind), default=0.0) > tolerance * plate.width:
             return True
+    if len(rings) < 2:
+        return False
     first, second = shapely.STRtree(rings).query(rings, predicate="intersects")
     return bool(np.any(first != second))
 
