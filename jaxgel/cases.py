@@ -5,7 +5,8 @@ A table has the sections of a case file, all but ``plate`` optional:
     [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1, 0.0], [0.0, 1.0]]
                        (of held and periodic edges), displacement = {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of
                        `geometry.Plate`
-    [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample
+    [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample; or
+                       kind = "outline", file = "hole.dxf" (.csv, .svg), see `outline_files.hole_table`
     [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
     [gel]              Nv, chi; energy = "module:function" and numbers that the function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
@@ -242,11 +243,23 @@ def _read(case):
         sample(case)  # raises for an unknown name
         return {"plate": {"sample": case}}, case, "."
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8")), file.stem, file.parent
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as problem:
         raise ValueError(f"case: cannot read {str(file)!r}: {problem.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise ValueError(f"case: {str(file)!r} is not TOML: {problem}") from None
+    return _with_outlines(table, file.parent), file.stem, file.parent
+
+
+def _with_outlines(table, folder):
+    """The table with the numbers of the holes that it has from drawings in place of their files, so that it needs no other file."""
+    holes = table.get("holes")
+    if not isinstance(holes, list) or not any(isinstance(hole, dict) and hole.get("kind") == "outline" for hole in holes):
+        return table
+    from .outline_files import hole_table
+
+    drawn = [isinstance(hole, dict) and hole.get("kind") == "outline" for hole in holes]
+    return table | {"holes": [hole_table(h, folder, f"holes[{i}]") if d else h for i, (h, d) in enumerate(zip(holes, drawn, strict=True))]}
 
 
 def _section(table, name):

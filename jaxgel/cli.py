@@ -105,6 +105,13 @@ def _parser():
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run, design or map")
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation of a run")
 
+    p = add(do.outline, "outline", "write the outline of a case or a run as DXF, SVG or STL")
+    p.add_argument("source", metavar="DIR|CASE", help="folder written by jaxgel run, a built-in name or the path of a TOML file")
+    p.add_argument("--format", default="dxf", metavar="dxf|svg|stl", help="kind of file (default: dxf)")
+    p.add_argument("--mu", type=_real, metavar="MU", help="the state of the run nearest to this mu in kT (default: the dry plate)")
+    p.add_argument("--height", type=_real, default=1.0, metavar="H", help="height in mm of the extruded STL (default: 1)")
+    p.add_argument("--out", metavar="FILE", help="the file (default: CASE.FORMAT)")
+
     p = add(do.view, "view", "write one HTML page of a run's folder, with a slider for mu")
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
     p.add_argument("--out", metavar="FILE", help="the page (default: DIR/view.html)")

@@ -90,6 +90,14 @@ def plot(args):
     return DONE
 
 
+def outline(args):
+    """``jaxgel outline``: write an outline for other programs."""
+    from .outline_files import export
+
+    print(export(args))
+    return DONE
+
+
 def view(args):
     """``jaxgel view``: write one HTML page of a run's folder."""
     from .view import write_page
