@@ -12,10 +12,10 @@ from pathlib import Path as File
 import numpy as np
 import shapely
 
+from .files import write_atomically
 from .geometry import outline_points
 from .holes import Fourier, Polygon
 from .messages import did_you_mean, finite_numbers
-from .results import write_atomically
 
 FORMATS = ("dxf", "svg", "stl")
 FITS = ("fourier", "polygon")
