@@ -76,9 +76,8 @@ def sweep(
         raise ValueError(f"formulation: {formulation!r} is not one of {', '.join(FORMULATIONS)}")
     own = formulation == "total" and model.conditions == "nodes"
     model = with_contact(model, gel) if contact == "on" and own else dataclasses.replace(model, contact=None)
-    if not own and is_traced((model, gel, mu, loads)):
-        what = "formulation: 'incremental'" if formulation == "incremental" else f"conditions: {model.conditions!r}"
-        raise ValueError(f"{what} cannot be differentiated; use the total formulation and conditions at the nodes")
+    if not own:
+        _check_own(model, formulation, is_traced((model, gel, mu, loads)))
     if is_traced((model, gel, mu, loads)):
         return _traced_sweep(model, gel, mu, branch, contact, loads, max_steps)
     targets, chosen = check_mu(mu)
@@ -98,6 +97,16 @@ def sweep(
     if not steps:
         raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}")
     return Path.from_steps(model, gel, steps, stop=stop, stop_text="" if stop.ok else f"stopped after mu = {where:.6g}: {stop.text}")
+
+
+def _check_own(model, formulation, traced):
+    """ValueError for what weak conditions and the incremental formulation cannot do."""
+    what = "formulation: 'incremental'" if formulation == "incremental" else f"conditions: {model.conditions!r}"
+    plate, ask = model.lists.topology.plate, "use the total formulation and conditions at the nodes"
+    if traced:
+        raise ValueError(f"{what} cannot be differentiated; {ask}")
+    if plate.moved or "periodic" in plate.edges.values():
+        raise ValueError(f"{what} knows neither periodic edges nor edges that move; {ask}")
 
 
 def check_mu(mu):

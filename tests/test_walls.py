@@ -107,3 +107,11 @@ def test_what_cannot_be_is_refused(cloud_of):
     model = jaxgel.discretise(cloud, conditions="penalty")
     with pytest.raises(ValueError, match="conditions: 'penalty' cannot be differentiated"):
         jax.grad(lambda Nv: jaxgel.sweep(model, jaxgel.Gel(Nv, 0.1), mu=[-2.0]).energy[0])(1e-3)
+
+
+@pytest.mark.parametrize("moved", [dict(edges="periodic"), dict(displacement={"top": (0.0, 0.1)})])
+def test_weak_conditions_refuse_edges_that_they_do_not_know(moved):
+    plate = jaxgel.Plate(1.0, 1.0, **moved, spacing=1 / 4)
+    model = jaxgel.discretise(jaxgel.make_cloud(plate), basis="linear", kind="mls", conditions="penalty")
+    with pytest.raises(ValueError, match="conditions: 'penalty' knows neither periodic edges nor edges that move"):
+        jaxgel.sweep(model, jaxgel.Gel(), mu=[-3.0])
