@@ -11,6 +11,7 @@ import json
 import time
 import traceback
 
+import jax
 from tqdm import tqdm
 
 from .geometry import did_you_mean
@@ -62,6 +63,7 @@ def run_paper(names, folder, *, quiet=False, say=print):
             record |= {"seconds": time.perf_counter() - start, "cpu_seconds": time.process_time() - cpu}
             _write_json(folder / f"{name}.json", record)
             _write_report(folder, known)
+            jax.clear_caches()  # compiled programs of many clouds would fill gigabytes
             bar.update()
             with contextlib.nullcontext() if quiet else tqdm.external_write_mode():
                 say(f"{name}: {record['verdict']} ({record['seconds']:.0f} s)")

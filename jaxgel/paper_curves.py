@@ -25,9 +25,9 @@ from .paper_items import (
     at,
     crossing,
     followed,
-    onset,
     percent,
     pyplot,
+    stability,
 )
 from .results import CREASE_RATIO
 from .samples import SIDE, sample
@@ -142,10 +142,10 @@ def fig_13(runs):
     verdict = CONTRADICTED if not buckled else CONFIRMED if late else CONDITION
     evidence = (
         f"At mu = {stable.mu[end]:.4f}, where the free stretch is {stretch:.4f}, the lattice is buckled: the gel at (1, 1) is turned by "
-        f"{core[end]:.1f} degrees. But it buckles long before: the symmetric branch becomes unstable at {onset(symmetric)}, and the stable "
+        f"{core[end]:.1f} degrees. But it buckles long before: the symmetric branch is {stability(symmetric)}, and the stable "
         f"branch has turned by {core[k]:.2f} degrees at mu = {stable.mu[k]:.4f} and by {core[at(stable, -0.2688)]:.1f} at -0.2688. "
         f"Unrotated holes at mu = {symmetric.mu[flat]:.4f} belong to the symmetric branch with {symmetric.negative_pivots[flat]} negative "
-        f"eigenvalues. First contact near mu = {touch:.4f}."
+        f"eigenvalues. Outlines come within the range of contact, {contact:.2g} micrometres, near mu = {touch:.4f}."
     )
     rows = [
         dict(zip(("branch", "mu", "core_rotation_deg", "aspect_ratio", "area_reduction", "negative_pivots"), values, strict=True))
@@ -188,8 +188,8 @@ def _lattice_figure(stable, symmetric, core):
     reference = FINITE_ELEMENTS["lattice"]
     left, right = np.ravel(below.subplots(1, 2))
     for part in np.split(np.arange(len(stable)), np.flatnonzero(stable.switched & (np.asarray(stable.mu) > -1.0))):
-        left.plot(-np.asarray(stable.mu)[part], core[part], "o-", color=COLOURS[0], markersize=2.5, linewidth=1)
-        right.plot(-np.asarray(stable.mu)[part], 100 * np.asarray(area_reduction(stable))[part], "o-", color=COLOURS[0], markersize=2.5)
+        for ax, values in ((left, core), (right, 100 * np.asarray(area_reduction(stable)))):
+            ax.plot(-np.asarray(stable.mu)[part], values[part], "o-", color=COLOURS[0], markersize=2.5, linewidth=1)
     left.plot(-np.asarray(symmetric.mu), np.abs(core_rotation(symmetric)), "--", color=COLOURS[2], linewidth=1, label="symmetric branch")
     left.plot(-np.array(reference["buckled"]["mu"]), reference["buckled"]["core"], "x", color=COLOURS[1], label="finite elements")
     left.axvline(-reference["critical_mu"], color=COLOURS[1], linewidth=0.7, linestyle=":", label="their onset of buckling")
@@ -207,7 +207,7 @@ def _lattice_figure(stable, symmetric, core):
 def fig_14(runs):
     """Fig. 14: area reduction against stretch, and against the initial area."""
     paths = {n: runs.stopping(n) for n in range(1, 10)}
-    touching = {4: runs.touching(4, "stable"), 7: runs.touching(7, "symmetric")}
+    touching = {4: runs.touching(4), 7: runs.touching(7)}
     reduction = {n: np.asarray(area_reduction(path)) for n, path in paths.items()}
     area = {n: sum(float(hole.area()) for hole in sample(f"sample-{n}").holes) / 4 for n in paths}
     shared = min(float(path.mu[-1]) for path in paths.values())
@@ -261,8 +261,8 @@ def _area_claim(n, path, printed):
         return Claim(f"Area reduction of {100 * printed:.0f} % in sample {n}", CONTRADICTED, text)
     text = (
         f"With contact sample {n} has lost {100 * printed:.0f} % of its hole area at mu = {mu:.4f} (stretch "
-        f"{float(free_swelling(mu, path.gel)):.3f}, {branch} branch); its holes touch from about mu = {first:.4f} on. Nothing ends there: "
-        f"the run goes on to {percent(values[-1])} at mu = {path.mu[-1]:.4f}. Other shapes with this area lose the same at the same mu."
+        f"{float(free_swelling(mu, path.gel)):.3f}, {branch} branch); its outlines come within the range of contact at mu = {first:.4f}. "
+        f"Nothing ends there: the run goes on to {percent(values[-1])} at mu = {path.mu[-1]:.4f}. Other shapes with this area lose as much."
     )
     return Claim(f"Area reduction of {100 * printed:.0f} % in sample {n}", CONDITION, text)
 

@@ -95,9 +95,10 @@ class Runs:
         """Path of sample ``number`` as the paper computes it, without contact, until outlines overlap; 4-9 on the symmetric branch."""
         return self.path(f"sample-{number}", DETAILED + BEYOND, branch=followed(number), contact="stop")
 
-    def touching(self, number, branch):
-        """Path of sample ``number`` with contact, until its holes are nearly closed."""
-        return self.path(f"sample-{number}", DETAILED + BEYOND, branch=branch, contact="on")
+    def touching(self, number):
+        """Path with contact until its holes are nearly closed: sample 4 on the stable branch, sample 7 on the symmetric one."""
+        branch, last = {4: ("stable", -0.2678), 7: ("symmetric", -0.23)}[number]
+        return self.path(f"sample-{number}", [mu for mu in DETAILED + BEYOND if mu <= last], branch=branch, contact="on")
 
 
 def followed(number):
@@ -146,10 +147,10 @@ def bow(path, k):
     return float(np.abs(line[:, 0] - middle - slope * line[:, 1]).max())
 
 
-def onset(path):
-    """Where a path becomes unstable, in words."""
+def stability(path):
+    """Up to where a path is stable, in words."""
     first = np.flatnonzero(np.asarray(path.negative_pivots) > 0)
     if len(first) == 0:
-        return f"no mu up to {path.mu[-1]:.4f}"
+        return f"stable up to mu = {path.mu[-1]:.4f}"
     k = int(first[0])
-    return f"mu between {path.mu[k - 1]:.4f} and {path.mu[k]:.4f}" if k else f"mu = {path.mu[0]:.4f}"
+    return f"unstable from a mu between {path.mu[k - 1]:.4f} and {path.mu[k]:.4f} on" if k else f"unstable from mu = {path.mu[0]:.4f} on"
