@@ -19,7 +19,7 @@ What an option accepts is written once, as a piece of JSON schema at its field: 
 
 import dataclasses
 import math
-import tomllib
+import sys
 from pathlib import Path as File
 
 import numpy as np
@@ -27,6 +27,7 @@ import numpy as np
 from . import holes
 from .cloud import make_cloud
 from .discretisation import discretise
+from .files import read_toml
 from .geometry import Plate, check_plate
 from .loads import Loads
 from .material import Gel, check_gel
@@ -242,13 +243,7 @@ def _read(case):
     if file.suffix != ".toml" and not file.is_file():
         sample(case)  # raises for an unknown name
         return {"plate": {"sample": case}}, case, "."
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise ValueError(f"case: cannot read {str(file)!r}: {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise ValueError(f"case: {str(file)!r} is not TOML: {problem}") from None
-    return _with_outlines(table, file.parent), file.stem, file.parent
+    return _with_outlines(read_toml(file, "case"), file.parent), file.stem, file.parent
 
 
 def _with_outlines(table, folder):
@@ -366,7 +361,8 @@ def _accepted(section, key, value, rule):
 
 
 def _number(section, key, value, above=-math.inf):
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value <= above:
+    known = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
+    if not known or value <= above or value > sys.float_info.max:
         wanted = "finite number" + (f" above {above:g}" if above > -math.inf else "")
         raise ValueError(f"{section}.{key}: {value!r} is not a {wanted}")
     return float(value)

@@ -331,7 +331,8 @@ def _draw(path, folder, table, output):
     mpl.use("Agg")  # before pyplot, which would look for a screen
     import matplotlib.pyplot as plt
 
-    from .plotting import animate_pattern, plot_curves, plot_patterns, write_series
+    from .paraview import write_series
+    from .plotting import animate_pattern, plot_curves, plot_patterns
 
     if output.paraview:
         write_series(path, folder, table=table)

@@ -322,11 +322,11 @@ def _along(vertices, t):
 def _parameter(value, shape, name):
     """``value`` as a float array of ``shape``; ValueError otherwise."""
     if isinstance(value, (list, tuple, int, float, np.ndarray, np.generic)):
-        with contextlib.suppress(TypeError, ValueError):  # a list that holds traced numbers, or no numbers at all
+        with contextlib.suppress(TypeError, ValueError, OverflowError):  # a list that holds traced numbers, or no numbers at all
             value = np.asarray(value, dtype=float)
     try:
         array = jnp.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: {value!r} is not {_shape_in_words(shape)}") from None
     if array.ndim != len(shape) or any(isinstance(n, int) and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise ValueError(f"{name}: an array of shape {array.shape} is not {_shape_in_words(shape)}")

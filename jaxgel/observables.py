@@ -119,14 +119,15 @@ def deformed_vertices(path):
 def cauchy_stress(path):
     """Cauchy stress (k, n, 3) at the nodes, components xx, yy, xy, kT/v.
 
-    The pressure at a node is the mean of those of the cells whose triangles it is a corner of, as the pressures are per cell.
+    The pressure at a node is the mean of those of the cells whose triangles it is a corner of, as the pressures are per cell; with the
+    paper's quadrature of all cells that it reaches, weighted with its part in their stiffness.
     """
     model = path.model
     probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
-    mean = _node_mean(model)
+    mean, volumes = _node_mean(model), all_volumes(model)
 
     def one(x, p, mu):
-        pressure = mean @ _by_cell(p, model)
+        pressure = mean @ (_by_cell(p * volumes, model) / cell_volumes(model))
         F = probe.deformation_gradient(x)
         sigma = jax.vmap(lambda F, p: cauchy_stress_at(F, mu, path.gel, p))(F, pressure)
         return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
@@ -345,7 +346,13 @@ def _arcs(topology, share):
 
 
 def _node_mean(model):
-    """Matrix (n, n_cells) that averages over the cells whose triangles have the node as a corner."""
+    """Matrix (n, n_cells) that averages over the cells about a node, see `cauchy_stress`."""
+    if model.quadrature == "paper":
+        touches = jnp.zeros((model.n_nodes, model.n_cells))
+        for block in model.blocks:
+            part = jnp.einsum("cq,cqai->ca", block.weight, block.dphi**2)
+            touches = touches.at[block.nodes, block.cells[:, None]].add(part)
+        return touches / touches.sum(axis=1, keepdims=True)
     topology, part = model.lists.topology, model.lists.topology.partition
     number = np.full(len(part.vertices), -1)
     number[topology.node_vertices] = np.arange(model.n_nodes)

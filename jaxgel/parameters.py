@@ -6,13 +6,13 @@ An entry ``[[parameters]]`` has ``of`` (a parameter of the holes, Nv or chi), an
 """
 
 import dataclasses
-import tomllib
 from pathlib import Path as File
 
 import jax.numpy as jnp
 import numpy as np
 
 from . import cases
+from .files import read_toml
 from .messages import did_you_mean
 
 LINKS = ("same", "turned", "mirrored")
@@ -22,12 +22,7 @@ GEL = ("Nv", "chi")
 def study_table(file):
     """The table of a study's TOML file, and its name; ValueError for a file that cannot be read."""
     file = File(file)
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise ValueError(f"study: cannot read {str(file)!r}: {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise ValueError(f"study: {str(file)!r} is not TOML: {problem}") from None
+    table = read_toml(file, "study")
     if isinstance(table.get("case"), str) and (file.parent / table["case"]).is_file():
         table["case"] = str(file.parent / table["case"])
     return table, file.stem
@@ -64,7 +59,7 @@ def numbers(where, value, shape=()):
     """``value`` as a float array of ``shape``, a single number filling it; ValueError unless it is finite."""
     try:
         array = np.broadcast_to(np.asarray(value, dtype=float), shape)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.array([np.nan])
     if not np.all(np.isfinite(array)) or isinstance(value, bool):
         raise ValueError(f"{where}: {value!r} is not a finite number" + (f", or {' x '.join(map(str, shape))} of them" if shape else ""))

@@ -1,4 +1,4 @@
-"""Figures of a path: deformed patterns, curves, an animation, and ParaView files. Axes come in and go out; nothing is shown.
+"""Figures of a path: deformed patterns, curves, an animation. Axes come in and go out; nothing is shown.
 
 Patterns are drawn in mm on the triangles of the integration cells, so holes keep their true outline. In curves a solid line is
 a stable branch, a dashed line one with negative pivots, and what follows a self-contact is shaded.
@@ -18,11 +18,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 from matplotlib.tri import Triangulation
-from pyevtk.hl import unstructuredGridToVTK
-from pyevtk.vtk import VtkGroup, VtkTriangle
 
 from .edges import edge_lines, held_components
-from .files import open_folder
 from .observables import deformed_vertices, free_stretch, outlines, volume_ratio
 from .results import CREASE_RATIO, SELF_CONTACT, WRINKLE_RATIO, events, history
 
@@ -197,39 +194,6 @@ def animate_pattern(path, file, *, field="stretch", seconds=6.0, most_frames=60)
             ax.set_title(_mu_text(path.mu[k]))
             writer.grab_frame()
     plt.close(figure)
-
-
-def write_series(path, folder, *, table=None):
-    """``series.pvd`` and ``vtu/state-*.vtu`` for ParaView: the deformed gel of every state, with mu as time.
-
-    Points carry the displacement (mm), cells (triangles) the volume ratio J and ``invalid`` = 1 after self-contact.
-    ``table`` saves computing `results.history` again.
-    """
-    cloud = path.model.cloud
-    used, triangles = np.unique(np.asarray(cloud.triangles), return_inverse=True)
-    vertices = np.asarray(deformed_vertices(path))
-    dry, deformed, J = np.asarray(cloud.vertices)[used], vertices[:, used], _field_on_triangles(path, vertices, "J")
-    invalid = [text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]]
-    folder = open_folder(folder)
-    (folder / "vtu").mkdir(exist_ok=True)
-    connectivity = triangles.astype(np.int32).ravel()
-    offsets = np.arange(3, len(connectivity) + 1, 3, dtype=np.int32)
-    kinds = np.full(len(offsets), VtkTriangle.tid, dtype=np.uint8)
-    zero = np.zeros(len(used))
-    group = VtkGroup(str(folder / "series"))
-    for k, mu in enumerate(np.asarray(path.mu)):
-        file = unstructuredGridToVTK(
-            str(folder / "vtu" / f"state-{k:04d}"),
-            *(np.ascontiguousarray(deformed[k].T)),
-            zero,
-            connectivity=connectivity,
-            offsets=offsets,
-            cell_types=kinds,
-            pointData={"displacement": (*np.ascontiguousarray((deformed[k] - dry).T), zero)},
-            cellData={"J": np.ascontiguousarray(J[k]), "invalid": np.full(len(offsets), invalid[k], dtype=np.int32)},
-        )
-        group.addFile(file, sim_time=float(mu))
-    group.save()
 
 
 def field_values(path, field):

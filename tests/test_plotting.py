@@ -1,7 +1,6 @@
 """Figures carry what they say they carry; axes come in and go out."""
 
 import dataclasses
-import xml.etree.ElementTree as ElementTree
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -10,7 +9,7 @@ import pytest
 from PIL import Image
 
 from jaxgel import plotting, results
-from jaxgel.plotting import CURVES, animate_pattern, field_values, plot_curve, plot_curves, plot_pattern, plot_patterns, write_series
+from jaxgel.plotting import CURVES, animate_pattern, field_values, plot_curve, plot_curves, plot_pattern, plot_patterns
 
 
 @pytest.fixture(autouse=True)
@@ -121,20 +120,6 @@ def test_the_callers_settings_stay(path):
     before = dict(mpl.rcParams)
     plot_curves(path)
     assert dict(mpl.rcParams) == before
-
-
-def test_paraview_files_hold_every_state_in_the_order_of_mu(path, tmp_path):
-    write_series(path, tmp_path)
-    sets = ElementTree.parse(tmp_path / "series.pvd").getroot().findall("Collection/DataSet")
-    np.testing.assert_allclose([float(s.get("timestep")) for s in sets], path.mu)
-    for entry in sets:
-        content = (tmp_path / entry.get("file")).read_bytes()
-        start = content.index(b"<VTKFile")
-        header = ElementTree.fromstring(content[start : content.index(b"<AppendedData")] + b"</VTKFile>")
-        piece = header.find("UnstructuredGrid/Piece")
-        assert int(piece.get("NumberOfCells")) == len(path.model.cloud.triangles)
-        names = {array.get("Name") for array in piece.iter("DataArray")}
-        assert {"displacement", "J", "invalid"} <= names
 
 
 def test_lengths_carry_the_unit_of_the_plate(path):

@@ -1,0 +1,156 @@
+"""Random cases, and what every outcome must satisfy: a path that obeys mechanics, or one clear line.
+
+    python tests/random_cases.py [CASES] [FIRST]
+
+Draws plates, holes, gels, ranges of mu, discretisations and boundary conditions at random, sensible or not; number FIRST + k depends on
+nothing else. Prints a line per case; exit code 1 if one ends otherwise than as a path without ``faults``, or a ValueError or
+SweepFailed of one line. test_random_cases.py is the short form.
+"""
+
+import collections
+import gc
+import sys
+import time
+import warnings
+
+import jax
+import numpy as np
+
+import jaxgel
+from jaxgel import cases
+from jaxgel.constraints import free_dofs
+from jaxgel.energy import all_volumes, network_energy, residual, volume_ratios
+from jaxgel.equilibrium import TOLERANCE
+from jaxgel.sweep import SweepFailed
+
+OUTLINE = 0.12  # largest error of the gel's area over spacing^2 times the length of outlines, in units of 1 / mm: of second order
+IMBALANCE = 1e-6  # of forces computed from the energy alone, over the network's: 1e-10 of Newton's form times stiffness over softness
+SECONDS = 300  # a case that takes longer is reported
+
+
+def faults(path):
+    """What is wrong with a path's states, a list of texts; empty for a path that obeys mechanics."""
+    found, model, gel = [], path.model, path.gel
+    plate, free = model.cloud.plate, free_dofs(model.lists.topology)
+    force, energy_force = jax.jit(residual), jax.jit(jax.grad(network_energy))
+    gap, loads = np.asarray(jaxgel.min_gap(path)), np.zeros((model.n_nodes, 2))
+    areas = np.asarray(jaxgel.area_reduction_per_hole(path)) if plate.holes else np.zeros((len(path), 0))
+    for k, mu in enumerate(path.mu):
+        x, real = path.x[k], np.asarray(all_volumes(model)) > 0
+        J = np.asarray(volume_ratios(x, model))[real]
+        if not (np.all(np.isfinite(x)) and np.all(np.isfinite(path.pressure[k][real]))):
+            found.append(f"mu = {mu:.4g}: not finite")
+            continue
+        if not J.min() > 1:
+            found.append(f"mu = {mu:.4g}: J = {J.min():.6g}")
+            continue
+        if not path.residual[k] < TOLERANCE:
+            found.append(f"mu = {mu:.4g}: residual {path.residual[k]:.2g}")
+        f, scale = np.asarray(force(x, model, gel, mu, loads)), np.linalg.norm(energy_force(x, model, gel))
+        if not np.linalg.norm(f.ravel()[free]) < IMBALANCE * scale:
+            found.append(f"mu = {mu:.4g}: imbalance {np.linalg.norm(f.ravel()[free]) / scale:.2g}")
+        touching = model.contact is not None and gap[k] < float(model.contact.range)
+        if not touching and not np.all(np.abs(f.sum(axis=0)) < IMBALANCE * np.abs(f).sum()):
+            found.append(f"mu = {mu:.4g}: forces add up to {f.sum(axis=0)}")
+        if (path.lowest_eigenvalue[k] < 0) != (path.negative_pivots[k] > 0):
+            found.append(f"mu = {mu:.4g}: eigenvalue {path.lowest_eigenvalue[k]:.3g} with {path.negative_pivots[k]} negative pivots")
+        found += [] if gap[k] <= 0 else _area_faults(model, mu, J, areas[k])
+    return found
+
+
+def _area_faults(model, mu, J, reductions):
+    """The gel and its pores fill the box whose walls do not move: by the volumes of the cells and by the outlines of the holes."""
+    plate = model.cloud.plate
+    if model.quadrature == "paper" or any(condition == "free" for condition in plate.edges.values()):
+        return []
+    volumes = np.asarray(all_volumes(model))
+    dry = np.array([loop_area(loop) for loop in jaxgel.observables.dry_outlines(model)])
+    pores, gel = float(np.sum(dry * (1 - reductions))), float(volumes[volumes > 0] @ J)
+    perimeter = sum(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum() for loop in jaxgel.observables.dry_outlines(model))
+    error, most = abs(gel + pores - plate.width * plate.height), OUTLINE * model.cloud.spacing * perimeter
+    return [f"mu = {mu:.4g}: gel and pores miss the box by {error:.3g} of {most:.3g}"] if error > most else []
+
+
+def loop_area(loop):
+    """Area of a closed polygon (m, 2)."""
+    x, y = np.asarray(loop).T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
+def outcome(table):
+    """How a case ends, in a word, and its faults."""
+    try:
+        case = cases.from_table(table, "random")
+        path = jaxgel.sweep(case.model(), case.gel, mu=case.sweep.values, branch=case.sweep.branch, contact=case.sweep.contact)
+    except (ValueError, SweepFailed) as problem:
+        kind = "refused" if isinstance(problem, ValueError) else "no first state"
+        return f"{kind}: {problem}", [] if "\n" not in str(problem) else ["more than one line"]
+    return "complete" if path.stop.ok else path.stop_text, faults(path)
+
+
+def random_table(rng):
+    """The table of a random case of some tens to hundreds of nodes."""
+    width, height = rng.uniform(2, 30, 2)
+    side = min(width, height)
+    edges = {edge: str(rng.choice(["roller", "roller", "roller", "fixed", "free"])) for edge in ("left", "right", "bottom", "top")}
+    first, last = -rng.uniform(2, 8), -rng.uniform(0, 2)
+    sweep = {"mu_start": first, "mu_end": last, "steps": rng.choice(["auto", 3, 6, 12])}
+    sweep["steps"] = "auto" if sweep["steps"] == "auto" else int(sweep["steps"])
+    sweep |= {"branch": str(rng.choice(["stable", "symmetric"])), "contact": str(rng.choice(["on", "off", "stop"]))}
+    paper = rng.random() < 0.15
+    return {
+        "plate": {"width": width, "height": height, "edges": edges},
+        "holes": [random_hole(rng, width, height) for _ in range(rng.integers(0, 4))],
+        "gel": {"Nv": 10 ** rng.uniform(-5, -1), "chi": rng.uniform(1e-6, 1.2)},
+        "sweep": sweep,
+        "discretisation": {
+            "spacing": side / rng.uniform(5, 12),
+            "nodes_per_hole": int(rng.integers(8, 24)),
+            "basis": str(rng.choice(["linear", "quadratic"])),
+            "method": str(rng.choice(["mixed", "mixed", "displacement"])),
+            "quadrature": "paper" if paper else "conforming",
+        },
+    }
+
+
+def random_hole(rng, width, height):
+    """The table of a random hole, somewhere in the plate or cut by its edge."""
+    kind, size = str(rng.choice(list(cases.HOLES))), min(width, height) * rng.uniform(0.08, 0.3)
+    centre = (rng.uniform(-0.5, 0.5, 2) * [width, height]).tolist()
+    if kind == "polygon":
+        angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
+        return {"kind": kind, "vertices": (centre + size * np.stack([np.cos(angles), np.sin(angles)], axis=1)).tolist()}
+    own = {
+        "circle": {"radius": size},
+        "ellipse": {"semi_axes": [size, size * rng.uniform(0.4, 1)], "angle": rng.uniform(0, np.pi)},
+        "rectangle": {"sides": [size, size * rng.uniform(0.5, 2)], "angle": rng.uniform(0, np.pi)},
+        "superellipse": {"semi_axes": [size, size], "exponent": rng.uniform(1.2, 6), "angle": rng.uniform(0, np.pi)},
+        "fourier": {"radius": size, "cos": rng.uniform(-0.15, 0.15, 2).tolist(), "sin": rng.uniform(-0.15, 0.15, 2).tolist()},
+    }
+    return {"kind": kind, "centre": centre} | own[kind]
+
+
+def main():
+    """Run the cases and count their outcomes."""
+    count, first = (int(word) for word in [*sys.argv[1:], *["100", "0"][len(sys.argv) - 1 :]])
+    outcomes, wrong = collections.Counter(), 0
+    warnings.simplefilter("error")
+    for number in range(first, first + count):
+        began = time.perf_counter()
+        try:
+            text, bad = outcome(random_table(np.random.default_rng(number)))
+        except Exception as problem:
+            text, bad = "broken", [f"{type(problem).__name__}: {' '.join(str(problem).split())[:200]}"]
+        seconds = time.perf_counter() - began
+        bad += [f"took {seconds:.0f} s"] if seconds > SECONDS else []
+        wrong += bool(bad)
+        outcomes[text.split(":")[0].split(" after")[0]] += 1
+        print(f"{number:4d} {seconds:5.1f} s  {text[:150]}", *(f"     FAULT {fault}" for fault in bad[:3]), sep="\n", flush=True)
+        jax.clear_caches()
+        gc.collect()
+    print(f"{count} cases: {dict(outcomes)}; {wrong} with faults")
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
