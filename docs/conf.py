@@ -7,6 +7,7 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
+from latex2mathml.converter import convert
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -14,12 +15,14 @@ from jaxgel import cli
 
 project, author, copyright = "jaxgel", "the jaxgel authors", "the jaxgel authors"  # noqa: A001
 release = version = version_of("jaxgel")
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax"]
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath", "deflist", "fieldlist"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = "jaxgel"
+html_static_path, html_css_files = ["_static"], ["site.css"]
 html_theme_options = {"light_css_variables": {"color-brand-primary": "#0072b2", "color-brand-content": "#0072b2"}}
 default_role = "code"
 autodoc_member_order = "bysource"
@@ -60,7 +63,15 @@ def _plain(_app, _what, _name, _object, _options, lines):
     lines[:] = done
 
 
+def _formula(self, node):
+    """MathML, which browsers draw themselves: the pages need no script and no network."""
+    block = isinstance(node, nodes.math_block)
+    self.body.append(convert(node.astext(), display="block" if block else "inline"))
+    raise nodes.SkipNode
+
+
 def setup(app):
-    """Register the two."""
+    """Register these."""
+    app.add_html_math_renderer("mathml", (_formula, None), (_formula, None))
     app.add_directive("command-help", CommandHelp)
     app.connect("autodoc-process-docstring", _plain)
