@@ -99,6 +99,12 @@ def child(case, runs, threads):
         imported = time.perf_counter() - begin
         row = measure(Row(**case["ngsolve"]), runs, threads)
         row["setup_s"] += imported
+    elif "skfem" in case:
+        from skfem_gel import Row, measure
+
+        imported = time.perf_counter() - begin
+        row = measure(Row(**case["skfem"]), runs)
+        row["setup_s"] += imported
     else:
         row = measure_jaxgel(case["spacing"], runs)
     unit = 2**20 if sys.platform == "darwin" else 2**10

@@ -198,7 +198,8 @@ def discretise(
         skin = (SKIN * cloud.spacing if is_moved(cloud) else 0.0) if skin is None else float(skin)
         key = ("conforming", basis, dmax, skin)
         if key not in cloud.topology.cache:
-            cloud.topology.cache[key] = _conforming_lists(cloud.topology, basis, dmax, skin)
+            with jax.ensure_compile_time_eval():  # lists are made of numbers, also inside jit
+                cloud.topology.cache[key] = _conforming_lists(cloud.topology, basis, dmax, skin)
         lists = cloud.topology.cache[key]
         wall = lists.wall if conditions == "nodes" else np.full_like(lists.wall, -1)
         dphi, weight = _corrected_gradients(cloud.nodes, cloud.vertices, lists, basis, kind, wall)
