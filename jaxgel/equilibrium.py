@@ -22,6 +22,7 @@ from .mixed import condensed_rhs, constants, linearise, pressure_step, tangent, 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-10  # of the residual, relative to the forces of the network
 CONSTRAINT_TOLERANCE = 1e-11  # of J - J*(p), see ``mixed.linearise``
+FINE = 50  # spacings across the plate up to which round-off leaves less than a fifth of that; it grows with their number
 SLOW = 0.1  # a step that leaves more than this of the imbalance makes a new factor worth its cost
 
 
@@ -223,8 +224,14 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
 
 @jax.jit
 def linearised(x, p, model, gel, mu, loads, fixed, free):
-    """``mixed.linearise``, and the measures (relative residual, constraint, 1 / scale of the residual)."""
+    """``mixed.linearise``, and the measures (relative residual, constraint, 1 / scale of the residual).
+
+    The constraint is that of ``mixed.linearise`` over what a cloud as fine as this can reach: positions differ by a share spacing / size.
+    """
     now, (network, constraint) = linearise(x, p, model, gel, mu, loads, fixed)
+    topology = model.lists.topology
+    across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
+    constraint = constraint / max(1.0, across / FINE)
     per_force = 1 / (network + jnp.linalg.norm(loads))
     return now, (jnp.linalg.norm(reduced(now.rhs, free)) * per_force, constraint, per_force)
 
