@@ -3,8 +3,8 @@
     python benchmarks/kill.py [KILLS]
 
 Two cases take turns: sample 4 on 321 nodes, which buckles, at twelve given values of mu and with chosen steps. A kill falls anywhere
-between the start of the process and the time that an uninterrupted one takes; half of the resumed processes are killed as well. Where
-it falls before the run has a folder, ``run`` is what is repeated. Prints a line per kill; exit code 1 if any run ends differently.
+between the moment at which the run has a folder and the time that an uninterrupted one takes from there, drawing included; half of the
+resumed processes are killed as well. Prints a line per run; exit code 1 if any ends differently.
 """
 
 import json
@@ -32,9 +32,23 @@ def numbers(folder):
     return summary, (folder / "history.csv").read_bytes(), (folder / "states.npz").read_bytes(), vtu
 
 
-def killed(command, seconds):
-    """Whether a command was killed after so many seconds, not having ended before."""
+def begun(command, folder):
+    """The process of a command, once it has written its folder's summary."""
+    before = written(folder)
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    while process.poll() is None and written(folder) == before:
+        time.sleep(0.01)
+    return process
+
+
+def written(folder):
+    """When the folder's summary was written, or None."""
+    file = folder / "summary.json"
+    return file.stat().st_mtime_ns if file.is_file() else None
+
+
+def killed(process, seconds):
+    """Whether a process was killed after so many seconds, not having ended before."""
     try:
         process.wait(seconds)
     except subprocess.TimeoutExpired:
@@ -46,8 +60,6 @@ def killed(command, seconds):
 
 def states(folder):
     """What a killed run left, in words."""
-    if not (folder / "summary.json").is_file():
-        return "no folder"
     summary = json.loads((folder / "summary.json").read_text())
     return f"{summary['states']} states, {summary['status']}"
 
@@ -60,18 +72,18 @@ def main():
         expected, seconds = {}, {}
         for kind in CASES:
             subprocess.run(run_command(kind, Path(scratch) / kind), check=True)  # compiles
-            began = time.perf_counter()
-            subprocess.run(run_command(kind, Path(scratch) / kind), check=True)
+            process, began = begun(run_command(kind, Path(scratch) / kind), Path(scratch) / kind), time.perf_counter()
+            process.wait()
             seconds[kind], expected[kind] = time.perf_counter() - began, numbers(Path(scratch) / kind)
         done = 0
         while done < kills:
             kind, folder = list(CASES)[done % 2], Path(scratch) / f"killed-{done}"
             command, left = run_command(kind, folder), []
             for _ in range(rng.choice((1, 2))):
-                if done < kills and killed(command, rng.uniform(0, seconds[kind])):
+                if done < kills and killed(begun(command, folder), rng.uniform(0, seconds[kind])):
                     done += 1
                     left.append(states(folder))
-                command = [*JAXGEL, "resume", str(folder), "--no-plots", "--quiet"] if (folder / "summary.json").is_file() else command
+                command = [*JAXGEL, "resume", str(folder), "--no-plots", "--quiet"]
             subprocess.run(command, check=True)
             same = numbers(folder) == expected[kind]
             wrong += not same
