@@ -303,6 +303,8 @@ def _gel(table, default, folder):
 
 def _hole(i, table):
     kind = str(table.get("kind"))
+    if kind == "outline":
+        raise ValueError(f"holes[{i}].kind: 'outline' belongs in a case file; name that file by case = instead of repeating its holes")
     if kind not in HOLES:
         raise ValueError(f"holes[{i}].kind: {kind!r} is unknown; {did_you_mean(kind, HOLES)}")
     fields = {f.name: f for f in dataclasses.fields(HOLES[kind])}

@@ -22,6 +22,7 @@ import numpy as np
 from . import cases
 from .files import write_atomically
 from .inverse import DesignProblem, Outcome, optimise, verify
+from .loads import Loads
 from .messages import did_you_mean
 from .objectives import CURVES, DRY, limit, misfit, reading, weighted_sum
 from .optimisers import METHODS
@@ -84,6 +85,8 @@ def study_from_table(table, name):
     """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
     check_keys("study", table, ("case", *cases.SECTIONS, *KEYS))
     case = study_case(table, name)
+    if case.loads != Loads():
+        raise ValueError("loads: a study takes none; leave the section out")
     if case.sweep.steps == "auto" and case.sweep.mu is None:
         raise ValueError("sweep.steps: 'auto' is not accepted in a study; give a number, or mu = [list]")
     mu = list(case.sweep.values)

@@ -6,7 +6,7 @@ import shapely
 
 import jaxgel
 from jaxgel import cli
-from jaxgel.cases import load_case
+from jaxgel.cases import from_table, load_case
 from jaxgel.geometry import outline_points
 from jaxgel.outline_files import dry_gel, fit_fourier, read_outlines, swollen_gel, write_outline
 
@@ -115,6 +115,11 @@ def test_drawing_that_cannot_be_used_is_refused_in_one_line(name, content, entri
     with pytest.raises(ValueError, match=message) as problem:
         load_case(tmp_path / "case.toml")
     assert "\n" not in str(problem.value)
+
+
+def test_outline_in_a_study_says_where_it_belongs():
+    with pytest.raises(ValueError, match=r"^holes\[0\].kind: 'outline' belongs in a case file; name that file by case = "):
+        from_table({"plate": {"width": 2.0, "height": 1.0}, "holes": [{"kind": "outline", "file": "a.csv"}]}, "study")
 
 
 def test_command_writes_dry_and_swollen_outlines(path, run_folder, tmp_path, capsys):
