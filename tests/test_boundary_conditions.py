@@ -92,7 +92,7 @@ def test_traction_presses_a_film_as_the_uniaxial_closed_form_says():
 def test_column_under_its_weight_has_the_closed_form_of_its_height():
     """dW/dl = -b (H - Y) at every height Y: the top lies at the integral of l, here by Gauss quadrature of the inverse function.
 
-    The stretch varies along the column, so the cloud is not exact: 12 intervals leave 1 % of the settlement.
+    The stretch varies along the column, so the cloud is not exact: 6, 12 and 24 intervals leave 0.8, 0.4 and 0.09 % of the settlement.
     """
     gel, mu, b = jaxgel.Gel(Nv=0.05, chi=1e-4), -1.0, -0.05
     plate = jaxgel.Plate(0.5, 1, edges={"top": "free"})
@@ -103,7 +103,7 @@ def test_column_under_its_weight_has_the_closed_form_of_its_height():
     stretch = [brentq(lambda s, depth=depth: float(stress(s)) - b * depth, 1 + 1e-9, free) for depth in (1 - points) / 2]
     settlement = free - weights @ np.array(stretch) / 2
     top = path.x[1][np.abs(X[:, 1] - 0.5) < 1e-9, 1] + 0.5
-    np.testing.assert_allclose(free - top, settlement, rtol=0.01)
+    np.testing.assert_allclose(free - top, settlement, rtol=0.006)
 
 
 def test_periodic_cell_with_mirror_symmetry_is_the_cell_between_rollers():
