@@ -29,6 +29,9 @@ radius = 1.1
 [discretisation]
 spacing = 0.6666666666666666
 nodes_per_hole = 12
+[output]
+figures = false
+animation = false
 [sweep]
 """
 GIVEN, CHOSEN = "mu = [-4.9, -4.0, -3.0, -2.0, -1.5, -1.2]\n", 'steps = "auto"\nmu_end = -1.2\n'
