@@ -36,6 +36,7 @@ ROTATION_MU = [-4.9678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.7, -1.46
 ROTATION_MU += [-0.89, -0.86, -0.83, -0.8]
 CONTACT_MU = [-4.9678, -2.9678, -1.9678, -1.4678, -1.3, -1.2, -1.1, -1.0, -0.9178]  # of sample 3 past its crease
 INTERVALS = (30, 40, 60)  # background intervals per side of the plate
+FINEST = INTERVALS[-1]
 PRINTED_ANGLES = {1: 30.0, 2: 20.0, 3: 18.0}
 NO_ROTATION = -3.9678
 VISIBLE = 1.0  # degrees: about the width of a printed line over the plate
@@ -58,7 +59,7 @@ def fig_12(runs):
     crease = {key: crossing(path.mu, surface_ratio(path), CREASE_RATIO) for key, path in paths.items()}
     figure, ax = pyplot().subplots(figsize=(6.4, 4.0), layout="constrained")
     for (n, m), path in paths.items():
-        style = {30: ":", 40: "--", 60: "-"}[m]
+        style = (":", "--", "-")[INTERVALS.index(m)]
         label = f"sample {n}, {path.model.n_nodes} nodes, to mu = {path.mu[-1]:.2f}"
         ax.plot(path.mu, angle[n, m], style, color=COLOURS[n - 1], linewidth=1.1, label=label)
         if np.isfinite(crease[n, m]):
@@ -73,8 +74,8 @@ def fig_12(runs):
     ax.plot([], [], "o", color="#5c6670", markersize=4, label="crease limit; thin lines: printed angles")
     ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel="midline rotation (°)")
     ax.legend(frameon=False, fontsize=7)
-    common = [m for m in reference["mu"] if m in ROTATION_MU and m <= paths[1, 60].mu[-1]]
-    errors = [abs(angle[1, 60][at(paths[1, 60], m)] / reference["rotation"][reference["mu"].index(m)] - 1) for m in common]
+    common = [m for m in reference["mu"] if m in ROTATION_MU and m <= paths[1, FINEST].mu[-1]]
+    errors = [abs(angle[1, FINEST][at(paths[1, FINEST], m)] / reference["rotation"][reference["mu"].index(m)] - 1) for m in common]
     spread = "; ".join(f"sample {n}: {_spread(n, paths, angle)}" for n in PRINTED_ANGLES)
     claims = tuple(_angle_claim(n, paths, angle, crease, beyond if n == 3 else None) for n in PRINTED_ANGLES)
     rows = [
@@ -129,8 +130,8 @@ def _angle_claim(n, paths, angle, crease, beyond=None):
 
 
 def _onset_claim(paths, angle):
-    values = {n: abs(angle[n, 60][at(paths[n, 60], NO_ROTATION)]) for n in PRINTED_ANGLES}
-    before = {n: abs(angle[n, 60][0]) for n in PRINTED_ANGLES}
+    values = {n: abs(angle[n, FINEST][at(paths[n, FINEST], NO_ROTATION)]) for n in PRINTED_ANGLES}
+    before = {n: abs(angle[n, FINEST][0]) for n in PRINTED_ANGLES}
     reference = FINITE_ELEMENTS["sample-1"]
     text = f"At mu = {NO_ROTATION} the midlines are turned by {', '.join(f'{v:.2f}' for v in values.values())} degrees (finite elements, "
     text += f"sample 1: {reference['rotation'][1]}), at {ROTATION_MU[0]} by {', '.join(f'{v:.2f}' for v in before.values())}. "
@@ -246,7 +247,7 @@ def fig_14(runs):
         ours=f"Without contact the curves end, as outlines overlap or the smooth state is lost, with {ends}. Of samples 1, 4 and 7 "
         f"sample {largest} ends highest and sample {least} lowest; at mu = {shared:.4f} they have "
         f"{', '.join(percent(same[n]) for n in (1, 4, 7))}. "
-        f"Outlines and volumes of the gel give the same area reduction within {percent(off)}.",
+        f"Outlines and volumes of the gel give the same area reduction within {100 * off:.2g} %.",
         reference=f"Finite elements at mu = {reference['mu'][-1]}, whatever the shape: "
         f"{', '.join(f'{percent(v[-1])} for {s} pi mm^2' for s, v in reference['area'].items())}.",
         verdict="; ".join(f"{claim.statement}: {claim.verdict}" for claim in claims) + ".",
@@ -306,7 +307,7 @@ def _trend_claim(shared, same, last, paths):
 
 
 def _area_figure(paths, touching, reduction, area, same, last, shared):
-    figure, (left, right) = pyplot().subplots(1, 2, figsize=(7.2, 3.4), layout="constrained")
+    figure, (left, right) = pyplot().subplots(1, 2, figsize=(7.2, 3.8), layout="constrained")
     styles = {0: "-", 1: "--", 2: ":"}
     for f, (name, numbers) in enumerate(FAMILIES.items()):
         for i, n in enumerate(numbers):
@@ -337,7 +338,9 @@ def _area_figure(paths, touching, reduction, area, same, last, shared):
     right.plot([], [], "*", color="white", markeredgecolor="black", markersize=8, label="printed, samples 4 and 7")
     right.set(xlabel=r"initial area of a hole ($\pi$ mm$^2$)", ylabel="area reduction (%)")
     right.set_xticks([10, 15, 20])
-    right.legend(frameon=False, fontsize=6.5)
+    right.legend(frameon=False, fontsize=6.5, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.2))
+    left.set_title("(a)")
+    right.set_title("(b)")
     return figure
 
 
