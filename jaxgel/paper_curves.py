@@ -322,7 +322,7 @@ def _area_figure(paths, touching, reduction, area, same, last, shared):
         left.plot(free_stretch(path), 100 * np.asarray(area_reduction(path)), color="#5c6670", linewidth=0.6, zorder=0)
     left.plot([], [], color="#5c6670", linewidth=0.6, label="4, 7 with contact")
     left.set(xlabel=r"free-swelling stretch $\lambda_\mu$", ylabel="area reduction (%)")
-    left.legend(frameon=False, fontsize=6.5, ncols=1)
+    left.legend(frameon=False, fontsize=6.5, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.2))
     for n, printed in PRINTED_AREAS.items():
         right.plot(
             area[n] / np.pi,
