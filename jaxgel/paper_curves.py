@@ -73,7 +73,7 @@ def fig_12(runs):
         ax.axhline(printed, color=COLOURS[n - 1], linewidth=0.5, alpha=0.6)
     ax.plot([], [], "o", color="#5c6670", markersize=4, label="crease limit; thin lines: printed angles")
     ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel="midline rotation (°)")
-    ax.legend(frameon=False, fontsize=7)
+    ax.legend(fontsize=7, framealpha=0.95, edgecolor="none")  # over the thin lines
     common = [m for m in reference["mu"] if m in ROTATION_MU and m <= paths[1, FINEST].mu[-1]]
     errors = [abs(angle[1, FINEST][at(paths[1, FINEST], m)] / reference["rotation"][reference["mu"].index(m)] - 1) for m in common]
     spread = "; ".join(f"sample {n}: {_spread(n, paths, angle)}" for n in PRINTED_ANGLES)
@@ -121,7 +121,8 @@ def _angle_claim(n, paths, angle, crease, beyond=None):
     folded = float("nan")
     if beyond is not None:
         folded = crossing(beyond.mu, rotation_angle(beyond), printed)
-        text += f" With contact, which takes up the folds, the cloud of {beyond.model.n_nodes} nodes does at mu = {folded:.3f}."
+        where = f"at mu = {folded:.3f}" if np.isfinite(folded) else f"nowhere up to mu = {beyond.mu[-1]:.3f}"
+        text += f" With contact, which takes up the folds, the cloud of {beyond.model.n_nodes} nodes gets there {where}."
     nowhere = not reached and not np.isfinite(folded)
     verdict = CONTRADICTED if nowhere else CONFIRMED if reached and not past and not missed else CONDITION
     if past:
