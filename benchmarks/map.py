@@ -29,8 +29,8 @@ steps = 30
 spacing = {spacing}
 [[parameters]]
 of = "semi_axes"
-lower = [4.6, 3.8]
-upper = [4.9, 4.0]
+lower = [4.9, 3.9]
+upper = [5.0, 4.0]
 [[parameters]]
 of = "Nv"
 lower = 0.9e-3

@@ -6,6 +6,9 @@ Every size runs in a process of its own. Prints and writes scale.json beside thi
 constants and pattern), of the parts of a Newton step (medians of three: linearisation, tangent, factor, solve), of a sweep to two states
 with contact, of compilation, which the others leave out, and the peak memory of the process; below each column its exponent among the
 larger sizes. A process that takes more than ``--limit`` GiB is stopped, and the table says so.
+
+1e5 nodes, one thread of a busy machine: setup 134 s, a Newton step 19 s (assembly 3 s, factor 14 s), 8.6 GiB; exponents of setup 1.2,
+assembly 1.0, factor 1.4, memory 0.8.
 """  # fmt: skip
 
 import argparse
