@@ -267,3 +267,14 @@ def test_paper_quadrature_cannot_follow_moving_holes(tiny_plate):
     cloud = jaxgel.make_cloud(tiny_plate).at(tiny_plate.at(({"radius": jnp.asarray(1.0)},)))
     with pytest.raises(ValueError, match=r"^quadrature: 'paper' drops points in holes and cannot follow moving holes"):
         jaxgel.discretise(cloud, quadrature="paper")
+
+
+def test_a_cloud_is_discretised_inside_jit_without_lists_made_before(tiny_plate):
+    cloud = jaxgel.make_cloud(tiny_plate)  # a topology of its own, so without lists
+
+    def volume(radius):
+        model = jaxgel.discretise(cloud.at(tiny_plate.at([{"radius": radius}])), basis="linear")
+        return sum(jnp.sum(block.weight) for block in model.blocks)
+
+    whole, smaller = (float(jax.jit(volume)(radius)) for radius in (1.1, 1.0))
+    assert smaller - whole == pytest.approx(np.pi * (1.1**2 - 1.0**2), rel=5e-3)  # outlines of 96 chords
