@@ -14,9 +14,9 @@ import traceback
 import jax
 from tqdm import tqdm
 
-from .geometry import did_you_mean
+from .files import open_folder, write_atomically
+from .messages import did_you_mean
 from .paper_items import CONDITION, CONFIRMED, CONTRADICTED, FINITE_ELEMENTS, Runs, pyplot
-from .results import open_folder, write_atomically
 from .terminal import interruptible
 
 REPORT = "report.md"
