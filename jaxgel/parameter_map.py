@@ -21,7 +21,8 @@ A cluster under MPI (mpi4py) runs a map by ``mpiexec -n 65 python -m mpi4py.futu
         with MPIPoolExecutor() as executor:
             run_map(load_map("study.toml"), "out/study", executor)
 
-Its processes, and those of Dask, must see the folder; let each use one thread (OMP_NUM_THREADS=1, NPROC=1).
+Its processes, and those of Dask, must see the folder; let each use one thread (OMP_NUM_THREADS=1, NPROC=1; a
+gradient would need two).
 """
 
 import collections
