@@ -177,7 +177,7 @@ def test_a_case_file_can_say_all_of_it():
 
 def test_design_keeps_how_its_plate_is_held_and_refuses_loads():
     plate = jaxgel.Plate(2, 1, HOLE[:0], edges={"top": "fixed"}, deformation=((1.1, 0.0), (0.0, 1.0)), displacement={"top": (0.0, 0.1)})
-    again = from_table(tomllib.loads(case_text(plate, GEL, [-2.0], 0.25)), "again").plate
+    again = from_table(tomllib.loads(case_text(plate, GEL, [-2.0], 0.25, {})), "again").plate
     assert (again.edges, again.deformation, again.displacement) == (plate.edges, plate.deformation, plate.displacement)
     loaded = {"plate": {"width": 2.0, "height": 1.0}, "loads": {"body_force": [0.0, 0.0]}}
     with pytest.raises(ValueError, match=r"^loads: a study takes none; leave the section out$"):

@@ -227,7 +227,7 @@ def test_wrong_files_are_one_line_and_exit_code_2(old, new, message, tmp_path, c
 def test_missing_files_and_folders_are_one_line(tmp_path, capsys):
     for arguments, message in (
         (["design", "nowhere.toml"], "cannot read 'nowhere.toml'"),
-        (["resume", str(tmp_path)], "holds neither design.json nor summary.json"),
+        (["resume", str(tmp_path)], "holds none of design.json, map.json, summary.json"),
     ):
         assert cli.main(arguments) == 2
         error = capsys.readouterr().err

@@ -234,7 +234,10 @@ def test_moved_cloud_passes_the_patch_test_of_a_linear_field(tiny_plate):
         ({"basis": "cubic"}, r"basis: 'cubic' is not one of linear, quadratic"),
         ({"method": "hybrid"}, r"method: 'hybrid' is not 'mixed' or 'displacement'"),
         ({"quadrature": "gauss"}, r"quadrature: 'gauss' is not 'conforming' or 'paper'"),
-        ({"kind": "mls"}, r"kind: 'mls' does not interpolate; conditions at the nodes need 'imls' or 'iicvmls'"),
+        (
+            {"kind": "mls"},
+            r"kind: 'mls' does not interpolate, so conditions at the nodes need 'imls' or 'iicvmls'; or use 'penalty', 'lagrange'",
+        ),
         ({"dmax": 1.0}, r"dmax: 1.0 is too small; the support must reach beyond the next node"),
         ({"dmax": np.nan}, r"dmax: nan is too small"),
     ],
