@@ -24,17 +24,16 @@ def example():
     return cases.from_table(EXAMPLE, "example")
 
 
-def explicit(name):
-    """The built-in case ``name`` with its plate and holes written out, as a `cases.Case`; ValueError for another name."""
-    case = cases.load_case(name)
+def explicit(case):
+    """The `cases.Case` with its plate and holes written out in its ``source``, so that its table needs no sample and no moved hole."""
     own = {key: getattr(case.plate, key) for key in cases.PLATE}
     defaults = {field.name: field.default for field in dataclasses.fields(case.plate)}
     own["core"] = own["core"] if own["core"] == defaults["core"] else list(own["core"])
     own["displacement"] = {edge: value for edge, value in case.plate.displacement.items() if any(value)}
     plate = {key: value for key, value in own.items() if value not in ({}, defaults[key])} | {"edges": dict(case.plate.edges)}
     holes = [{"kind": type(h).__name__.lower()} | {key: np.asarray(v).tolist() for key, v in h.theta.items()} for h in case.plate.holes]
-    table = case.table() | {"plate": plate} | ({"holes": holes} if holes else {})
-    return cases.from_table(table, name)
+    source = {"plate": plate} | ({"holes": holes} if holes else {}) | {key: case.source[key] for key in ("gel",) if key in case.source}
+    return dataclasses.replace(case, source=source)
 
 
 def case_text(case):

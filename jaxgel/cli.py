@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 from . import cases
 from . import commands as do
-from .messages import did_you_mean
+from .messages import did_you_mean, is_number
 from .sweep import SweepFailed
 from .versions import check_jaxlib
 
@@ -57,6 +57,20 @@ def _parser():
         p.set_defaults(command=command)
         return p
 
+    _case_commands(add)
+    _study_commands(add)
+    _folder_commands(add)
+    add(do.doctor, "doctor", "show versions, float64 and threads, and audit the compiled kernels")
+    p = add(do.init, "init", "write a commented case file to start from")
+    p.add_argument("name", metavar="NAME", nargs="?", help="the file's name, without .toml (default: case, or the built-in name)")
+    p.add_argument("--from", dest="sample", metavar="SAMPLE", help="export a built-in case (see jaxgel samples) with all its numbers")
+    add(do.schema, "schema", "print the JSON schema of a case file")
+    add(do.list_samples, "samples", "list the built-in cases")
+    return parser, commands.choices
+
+
+def _case_commands(add):
+    """Commands on a case."""
     p = _case_options(add(do.run, "run", "swell a case and write its table, states and figures"), "out/CASE")
     p.add_argument(
         "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values of mu, both ends included (default: 40)"
@@ -87,10 +101,9 @@ def _parser():
     p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of mu (default: 4)")
     _branch_option(p)
 
-    p = add(do.plot, "plot", "draw the figures of a run's folder again")
-    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
-    p.add_argument("--out", metavar="DIR", help="where the figures go (default: the same folder)")
 
+def _study_commands(add):
+    """Commands that run many sweeps."""
     p = _quiet_option(add(do.design, "design", "search the best holes of a study and verify them"))
     p.add_argument("study", metavar="STUDY.toml", help="the path of a study's TOML file")
     p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
@@ -100,6 +113,17 @@ def _parser():
     p.add_argument("study", metavar="STUDY.toml", help="the path of a map's TOML file")
     p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
     p.add_argument("--resume", action="store_true", help="run the points of the map in the folder that have not ended")
+
+    p = _quiet_option(add(do.paper, "paper", "compute the paper's table and figures again, beside what it prints"))
+    p.add_argument("items", nargs="*", metavar="ITEM", help="table-1, fig-2, ..., fig-14 or algorithm (default: all that are missing)")
+    p.add_argument("--out", metavar="DIR", default="out/paper", help="folder of the results (default: out/paper)")
+
+
+def _folder_commands(add):
+    """Commands on a folder of results."""
+    p = add(do.plot, "plot", "draw the figures of a run's folder again")
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
+    p.add_argument("--out", metavar="DIR", help="where the figures go (default: the same folder)")
 
     p = _worker_options(add(do.resume, "resume", "continue an interrupted run, design or map, to the same result"))
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run, design or map")
@@ -115,21 +139,6 @@ def _parser():
     p = add(do.view, "view", "write one HTML page of a run's folder, with a slider for mu")
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
     p.add_argument("--out", metavar="FILE", help="the page (default: DIR/view.html)")
-
-    add(do.doctor, "doctor", "show versions, float64 and threads, and audit the compiled kernels")
-
-    p = add(do.init, "init", "write a commented case file to start from")
-    p.add_argument("name", metavar="NAME", nargs="?", help="the file's name, without .toml (default: case, or the built-in name)")
-    p.add_argument("--from", dest="sample", metavar="SAMPLE", help="export a built-in case (see jaxgel samples) with all its numbers")
-
-    p = _quiet_option(add(do.paper, "paper", "compute the paper's table and figures again, beside what it prints"))
-    p.add_argument("items", nargs="*", metavar="ITEM", help="table-1, fig-2, ..., fig-14 or algorithm (default: all that are missing)")
-    p.add_argument("--out", metavar="DIR", default="out/paper", help="folder of the results (default: out/paper)")
-
-    add(do.list_samples, "samples", "list the built-in cases")
-
-    add(do.schema, "schema", "print the JSON schema of a case file")
-    return parser, commands.choices
 
 
 def _case_options(p, out):
@@ -162,23 +171,15 @@ def _joined(argv):
     """``argv`` with a negative number after a long option attached to it, as argparse takes -1e-3 and -inf for options."""
     joined = []
     for word in argv:
-        if joined and joined[-1].startswith("--") and "=" not in joined[-1] and word.startswith("-") and _is_number(word):
+        if joined and joined[-1].startswith("--") and "=" not in joined[-1] and word.startswith("-") and is_number(word):
             joined[-1] += f"={word}"
         else:
             joined.append(word)
     return joined
 
 
-def _is_number(word):
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
 def _real(word):
-    if not _is_number(word):
+    if not is_number(word):
         raise argparse.ArgumentTypeError(f"{word!r} is not a number")
     return float(word)
 

@@ -275,7 +275,7 @@ def init(args):
     """``jaxgel init``: a commented case file to start from, with an example's or a built-in case's numbers."""
     from .case_file import case_text, example, explicit
 
-    case = explicit(args.sample) if args.sample else example()
+    case = explicit(cases.load_case(args.sample)) if args.sample else example()
     file = File(f"{args.name or (args.sample or 'case')}.toml".replace(".toml.toml", ".toml"))
     try:
         with file.open("x", encoding="utf-8") as stream:

@@ -6,7 +6,6 @@ compared with the same points evaluated one operation at a time, without compila
 
 import dataclasses
 import functools
-import os
 import platform
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
@@ -23,6 +22,7 @@ from .discretisation import discretise
 from .energy import residual, total_energy
 from .samples import sample
 from .shape_functions import shape_functions
+from .workers import usable_cores
 
 SIZES = (1, 7, 1000, 16_385, 32_769)
 DISTINCT = 1000  # points evaluated without compilation; more are repetitions of these
@@ -42,12 +42,8 @@ def describe():
         f"Python {platform.python_version()} on {platform.platform()}",
         ", ".join(f"{name} {version(name)}" for name in packages),
         f"float64: {'on' if jnp.zeros(()).dtype == jnp.float64 else 'OFF: something switched jax_enable_x64 off'}",
-        f"device: {jax.devices()[0].platform}; {_cores()} cores; threads: {', '.join(sorted(pools))}",
+        f"device: {jax.devices()[0].platform}; {usable_cores()} cores; threads: {', '.join(sorted(pools))}",
     ]
-
-
-def _cores():
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +71,7 @@ def audit(sizes=SIZES, names=None):
     tasks = {name: functools.partial(_at_points, name, sizes, *kernel) for name, kernel in point_kernels().items()}
     tasks |= {name: functools.partial(_on_sheets, name, sizes, kernel) for name, kernel in model_kernels().items()}
     tasks = [tasks[name] for name in names or tasks]
-    with ThreadPoolExecutor(_cores()) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         yield from pool.map(lambda task: task(), tasks)
 
 

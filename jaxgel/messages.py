@@ -21,3 +21,12 @@ def finite_numbers(value, shape, field):
     if array.shape != shape or not np.isfinite(array).all():
         raise ValueError(f"{field}: {value!r} is not {' x '.join(map(str, shape))} finite numbers")
     return tuple(map(tuple, array.tolist())) if len(shape) == 2 else tuple(array.tolist())
+
+
+def is_number(word):
+    """Whether a word can be read as a number."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

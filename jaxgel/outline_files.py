@@ -15,7 +15,7 @@ import shapely
 from .files import write_atomically
 from .geometry import outline_points
 from .holes import Fourier, Polygon
-from .messages import did_you_mean, finite_numbers
+from .messages import did_you_mean, finite_numbers, is_number
 
 FORMATS = ("dxf", "svg", "stl")
 FITS = ("fourier", "polygon")
@@ -86,19 +86,11 @@ def read_outlines(file):
 def _read_csv(file):
     """One outline: two columns x, y; a first row of words is skipped."""
     rows = [row for row in csv.reader(io.StringIO(file.read_text(encoding="utf-8"))) if row and not row[0].lstrip().startswith("#")]
-    if rows and not _is_number(rows[0][0]):
+    if rows and not is_number(rows[0][0]):
         rows = rows[1:]
     if any(len(row) < 2 for row in rows):
         raise ValueError("a row has no two columns")
     return [[(float(row[0]), float(row[1])) for row in rows]]
-
-
-def _is_number(word):
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _read_dxf(file):

@@ -50,6 +50,7 @@ from .material import check_gel
 from .messages import did_you_mean
 from .parameters import all_different, check_keys, entries, gel_of, numbers, parameter, plate_of, study_case, study_table
 from .recorder import Recorder
+from .results import COLUMNS
 from .sweep import sweep
 from .terminal import interruptible
 
@@ -58,19 +59,7 @@ KEYS = ("of", "name", "holes", "link", "lower", "upper", "number", "values")
 MAP, POINT, TABLE = "map.json", "point.json", "points.csv"
 FORMAT = 1  # of map.json and point.json
 TRIES = 3  # times that a point is begun, as its process may be killed
-LAST = (  # columns of history.csv of which points.csv has the last state's
-    "energy",
-    "J_min",
-    "J_max",
-    "J_mean",
-    "area_reduction",
-    "rotation_deg",
-    "core_rotation_deg",
-    "negative_pivots",
-    "lowest_eigenvalue",
-    "min_gap",
-    "surface_ratio",
-)
+LAST = COLUMNS[COLUMNS.index("energy") :]  # columns of history.csv of which points.csv has the last state's
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -20,13 +20,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import cases
+from .case_file import case_text, explicit
 from .files import write_atomically
 from .inverse import DesignProblem, Outcome, optimise, verify
 from .loads import Loads
 from .messages import did_you_mean
 from .objectives import CURVES, DRY, limit, misfit, reading, weighted_sum
 from .optimisers import METHODS
-from .parameters import GEL, all_different, check_keys, entries, gel_of, numbers, parameter, plate_of, study_case, study_table
+from .parameters import all_different, check_keys, entries, gel_of, numbers, parameter, plate_of, study_case, study_table
 from .search import read_log
 
 KEYS = {
@@ -122,8 +123,7 @@ def run_study(study, folder, *, resume=False, quiet=True):
     if design.outcome is Outcome.INTERRUPTED:
         return design, None
     plate = study.problem.plate({name: jnp.asarray(v) for name, v in design.parameters.items()})
-    gel, energy = study.problem.gel_at(design.parameters), study.case.source.get("gel", {})
-    text = case_text(plate, gel, study.problem.mu, study.verification["spacing"], energy)
+    text = case_text(explicit(_found(study, plate, study.problem.gel_at(design.parameters))))
     write_atomically(folder / "best.toml", lambda stream: stream.write(text.encode()))
     start, start_path = study.verify(study.problem.start)
     best, best_path = study.verify(design.parameters)
@@ -141,21 +141,12 @@ def run_study(study, folder, *, resume=False, quiet=True):
     return design, verified
 
 
-def case_text(plate, gel, mu, spacing, energy):
-    """A case file, TOML, of a concrete plate; ``energy`` are the entries of a user's energy in its gel section, if any."""
-    lines = ["[plate]", f"width = {plate.width!r}", f"height = {plate.height!r}"]
-    lines += [f"edges = {{ {', '.join(f'{edge} = {json.dumps(condition)}' for edge, condition in plate.edges.items())} }}"]
-    if plate.moved:
-        moves = [f"{edge} = {json.dumps(move)}" for edge, move in plate.displacement.items() if any(move)]
-        lines += [f"deformation = {json.dumps(plate.deformation)}", f"displacement = {{ {', '.join(moves)} }}"]
-    lines += [""]
-    for hole in plate.holes:
-        lines += ["[[holes]]", f'kind = "{type(hole).__name__.lower()}"']
-        lines += [f"{name} = {json.dumps(np.asarray(value).tolist())}" for name, value in hole.theta.items()] + [""]
-    lines += ["[gel]", f"Nv = {float(gel.Nv)!r}", f"chi = {float(gel.chi)!r}"]
-    lines += [f"{name} = {json.dumps(value)}" for name, value in energy.items() if name not in GEL]
-    lines += ["", "[sweep]", f"mu = {json.dumps(list(mu))}", ""]
-    return "\n".join([*lines, "[discretisation]", f"spacing = {float(spacing)!r}", ""])
+def _found(study, plate, gel):
+    """The `cases.Case` of a concrete plate and gel, on the cloud of the verification."""
+    sweep = dataclasses.replace(study.case.sweep, mu=tuple(study.problem.mu))
+    spacing = float(study.verification["spacing"])
+    cloud = dataclasses.replace(study.case.discretisation, spacing=spacing, nodes_per_hole=None, across=None)
+    return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud)
 
 
 # --- entries of the table ----------------------------------------------------------------------------------------------------

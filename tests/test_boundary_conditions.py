@@ -1,5 +1,6 @@
 """Boundary conditions against closed forms, and periodic cells against mirrored ones and finite elements."""
 
+import dataclasses
 import tomllib
 
 import jax
@@ -9,10 +10,11 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxgel
+from jaxgel.case_file import case_text, explicit
 from jaxgel.cases import from_table
 from jaxgel.constraints import free_dofs
 from jaxgel.energy import residual
-from jaxgel.study import case_text, study_from_table
+from jaxgel.study import study_from_table
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 HOLE = [jaxgel.Circle((0.0, 0.0), 0.7)]
@@ -175,9 +177,10 @@ def test_a_case_file_can_say_all_of_it():
     np.testing.assert_allclose(path.x[0][base], np.asarray(model.cloud.nodes)[base] * [1.1, 1.0] + [0.0, 0.5], atol=1e-14)
 
 
-def test_design_keeps_how_its_plate_is_held_and_refuses_loads():
+def test_a_case_file_keeps_how_its_plate_is_held_and_a_study_refuses_loads():
     plate = jaxgel.Plate(2, 1, HOLE[:0], edges={"top": "fixed"}, deformation=((1.1, 0.0), (0.0, 1.0)), displacement={"top": (0.0, 0.1)})
-    again = from_table(tomllib.loads(case_text(plate, GEL, [-2.0], 0.25, {})), "again").plate
+    case = dataclasses.replace(from_table({"plate": {"width": 2.0, "height": 1.0}}, "held"), plate=plate)
+    again = from_table(tomllib.loads(case_text(explicit(case))), "again").plate
     assert (again.edges, again.deformation, again.displacement) == (plate.edges, plate.deformation, plate.displacement)
     loaded = {"plate": {"width": 2.0, "height": 1.0}, "loads": {"body_force": [0.0, 0.0]}}
     with pytest.raises(ValueError, match=r"^loads: a study takes none; leave the section out$"):

@@ -29,7 +29,7 @@ def validator():
 
 @pytest.mark.parametrize("name", jaxgel.sample_names())
 def test_an_exported_sample_is_the_same_case(name, validator):
-    case, table = cases.load_case(name), tomllib.loads(case_text(explicit(name)))
+    case, table = cases.load_case(name), tomllib.loads(case_text(explicit(cases.load_case(name))))
     validator.validate(table)
     again = cases.from_table(table, name)
     for field in dataclasses.fields(case.plate):

@@ -37,7 +37,7 @@ def test_the_case_file_can_be_run(tmp_path):
     assert len(load_run(tmp_path / "out").mu) == 2
 
 
-@pytest.mark.parametrize("command", re.findall(r"jaxgel (run [^`\n]*|plot DIR|samples)", README))
+@pytest.mark.parametrize("command", re.findall(r"`jaxgel ([^`\n]*)`", README) + ["run sample-1 --out out/sample-1"])
 def test_commands_in_the_text_are_commands(command):
     words = command.split()
     if words[-1] == "--help":

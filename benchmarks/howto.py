@@ -1,0 +1,43 @@
+"""The tables of the how-to pages: python benchmarks/howto.py [rotations] [cell]
+
+``rotations`` is sample 1 by spacing, basis and method (docs/howto/discretisation.md); ``cell`` is the onset of buckling of the periodic
+cell of 2 x 2 holes, the lattice without end, by spacing (docs/howto/boundary.md). Without names both.
+"""
+
+import sys
+
+import numpy as np
+
+import jaxgel
+
+MU = [-2.9678, -1.9678, -1.4678, -0.9678]
+ROWS = [dict(spacing=spacing) for spacing in (1.1, 22 / 30, 0.55, 22 / 60)] + [dict(basis="linear"), dict(method="displacement")]
+SPACINGS = (0.2, 0.125, 0.1, 1 / 12, 0.0625)  # mm
+
+
+def rotations():
+    """Rotation of sample 1's midline, degrees."""
+    plate = jaxgel.sample("sample-1")
+    print("nodes  " + " ".join(f"{mu:9.4f}" for mu in MU))
+    for options in ROWS:
+        spacing = options.get("spacing")
+        model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing), **{k: v for k, v in options.items() if k != "spacing"})
+        angles = jaxgel.rotation_angle(jaxgel.sweep(model, plate.gel, mu=MU))
+        print(f"{len(model.cloud.nodes):5d}  " + " ".join(f"{angle:9.3f}" for angle in np.asarray(angles)), options, flush=True)
+
+
+def cell():
+    """First critical mu of the periodic cell, kT."""
+    holes = [jaxgel.Circle((x, y), 0.9) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
+    print("spacing  nodes  onset")
+    for spacing in SPACINGS:
+        plate = jaxgel.Plate(4, 4, holes, edges="periodic")
+        model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing, nodes_per_hole=round(4 / spacing)))
+        (point, *_) = jaxgel.critical_points(model, jaxgel.Gel(Nv=1e-3, chi=1e-5), mu=(-5.0, -2.0), most=1)
+        print(f"{spacing:7.4f}  {len(model.cloud.nodes):5d}  {point.mu:.4f}", flush=True)
+
+
+if __name__ == "__main__":
+    tables = {"rotations": rotations, "cell": cell}
+    for name in sys.argv[1:] or tables:
+        tables[name]()
