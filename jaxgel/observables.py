@@ -171,7 +171,7 @@ def _rotation_angle(x, model):
 def _extremum(x, model, i):
     """Point (2,) of the deformed midline that is extremal in y next to its sample ``i``, which stays where it is at an end of the line.
 
-    It solves dy/ds = 0 along the interpolated line; the last Newton step is differentiated, so the extremum moves with the state.
+    It is where dy/ds = 0 on the interpolated line, and moves with the state as that equation says, in derivatives of every order.
     """
     line = model.midline
     neighbours, support, numbers = model.cloud.nodes[line.nodes[i]], line.support[i], line.nodes[i]
@@ -185,14 +185,18 @@ def _extremum(x, model, i):
     def slope(s):
         return jax.jvp(lambda s: point(s)[1], (s,), (1.0,))[1]
 
-    def newton(s):
-        value, rate = jax.jvp(slope, (s,), (1.0,))
-        step = jnp.where(rate == 0, 0.0, -value / jnp.where(rate == 0, 1.0, rate))
-        return jnp.clip(s + step, start - reach, start + reach)
+    def over(value, rate):
+        return jnp.where(rate == 0, 0.0, value / jnp.where(rate == 0, 1.0, rate))
 
-    s = lax.stop_gradient(lax.fori_loop(0, EXTREMUM_ITERATIONS, lambda _, s: newton(s), start))
+    def by_newton(slope, start):
+        def step(_, s):
+            return jnp.clip(s - over(*jax.jvp(slope, (s,), (1.0,))), start - reach, start + reach)
+
+        return lax.fori_loop(0, EXTREMUM_ITERATIONS, step, start)
+
+    s = lax.custom_root(slope, start, by_newton, lambda rate, value: over(value, rate(1.0)))
     at_end = (i == 0) | (i == len(line.points) - 1)
-    return point(jnp.where(at_end, start, newton(s)))
+    return point(jnp.where(at_end, start, s))
 
 
 def _core_rotation(x, model):
