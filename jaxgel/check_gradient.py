@@ -36,7 +36,7 @@ RATE_ERROR = 0.05  # of a rate that is judged: below 2 - 0.05 = RATE it is not n
 NOISE_VALUES = 9  # values, the last step apart, from which the noise is estimated
 STEPS = {"angle": 2e-5, "cos": 2e-5, "sin": 2e-5, "exponent": 1e-4, "mu": 0.01, "chi": 0.005}
 LENGTH = 1e-4  # first step of lengths over the node spacing
-SHARE = 0.2  # first step of Nv over its value: its effect is nearly linear
+SHARE = 0.1  # first step of Nv over its value: its effect is nearly linear
 FILE = "check-grad.csv"
 
 OBJECTIVES = {

@@ -109,7 +109,7 @@ def test_every_iteration_count_is_bounded_and_bad_starts_are_named(problem):
 def test_diverging_newton_is_named_and_warns_of_nothing(problem):
     """From the dry nodes to nearly the pure solvent in one step."""
     found = solve(problem, -0.2, *dry_state(problem.model, problem.gel))
-    assert found.status in (Status.NOT_FINITE, Status.NOT_CONVERGED)
+    assert found.status in (Status.NOT_FINITE, Status.NOT_CONVERGED, Status.SINGULAR)  # round-off decides which comes first
     assert found.iterations <= MAX_ITERATIONS
 
 
