@@ -26,6 +26,7 @@ import numpy as np
 
 from . import holes
 from .cloud import make_cloud
+from .constraints import check_edges, check_room
 from .discretisation import discretise
 from .files import read_toml
 from .geometry import Plate, check_plate
@@ -183,11 +184,13 @@ class Case:
     """The ``plate``, ``holes`` and ``moved`` sections that it was made from, and ``gel`` where that names an energy."""
 
     def model(self, cloud=None):
-        """The discretised plate; ValueError for a cloud or support that the case does not allow.
+        """The discretised plate; ValueError for edges, a cloud or a support that the case does not allow.
 
         A plate whose holes have moved gets the cloud that it had before, placed, where that is good enough (see `placement.refreshed`)
         and a new one where it is not; ``cloud`` is that former one where it was made already.
         """
+        check_edges(self.plate)
+        check_room(self.plate)
         d = self.discretisation
         own = dict(spacing=d.spacing, nodes_per_hole=d.nodes_per_hole, across=d.across)
         cloud = make_cloud(self.plate.reference or self.plate, **own) if cloud is None else cloud

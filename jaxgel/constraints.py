@@ -14,7 +14,7 @@ from .morph import thin_plate_matrix
 
 
 def free_dofs(topology):
-    """The unknowns ``free`` (f,) or (f, k), see above; ValueError where rigid motion is left free."""
+    """The unknowns ``free`` (f,) or (f, k), see above; ValueError as `check_edges`."""
     plate, walls, n = topology.plate, topology.wall_nodes, len(topology.node_vertices)
     free, held = np.ones((n, 2), dtype=bool), np.zeros(2, dtype=int)
     for edge in EDGES:
@@ -26,10 +26,33 @@ def free_dofs(topology):
         corner = first[walls["left"][0] if plate.edges["left"] == "periodic" else walls["bottom"][0]]
         free[corner, held == 0] = False  # a periodic cell has its place by convention
         return _tied(first, free)
-    if held.min() == 0:
-        names = ", ".join(f"{edge} {condition}" for edge, condition in plate.edges.items())
-        raise ValueError(f"edges: {names} leave the plate free to slide; hold at least one edge normal to each direction")
+    check_edges(plate)
     return np.flatnonzero(free.ravel())
+
+
+def check_edges(plate):
+    """Raise ValueError, one line, for edges that leave the plate free to slide."""
+    held = {component for edge in EDGES for component in held_components(plate.edges, edge)}
+    if len(held) < 2 and "periodic" not in plate.edges.values():
+        raise ValueError(f"edges: {_named(plate)} leave the plate free to slide; hold at least one edge normal to each direction")
+
+
+def check_room(plate):
+    """Raise ValueError, one line, for a plate that fills a closed box: no state has a volume ratio above 1 everywhere."""
+    if not plate.holes and "free" not in plate.edges.values() and not _box_area(plate) > plate.width * plate.height * (1 + 1e-12):
+        raise ValueError(f"edges: {_named(plate)} leave no room to swell in; add a hole, free an edge or move one outwards")
+
+
+def _named(plate):
+    return ", ".join(f"{edge} {condition}" for edge, condition in plate.edges.items())
+
+
+def _box_area(plate):
+    """Area of the rectangle or parallelogram that the plate's edges enclose once they have moved."""
+    (w, h), F, by = (plate.width, plate.height), np.array(plate.deformation), plate.displacement
+    corners = ("left", "bottom"), ("right", "bottom"), ("left", "top")
+    at = [F @ [w * (side == "right"), h * (end == "top")] + [by[side][0], by[end][1]] for side, end in corners]
+    return float(np.linalg.det([at[1] - at[0], at[2] - at[0]]))
 
 
 def periodic_images(topology):

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .constraints import free_dofs
+from .constraints import check_room, free_dofs
 from .contact import with_contact
 from .equilibrium import Equilibrium, Status, dry_state, energy_at, overlaps, prepare, solve, touches
 from .implicit import no_tangent, state_tangents
@@ -82,6 +82,7 @@ def sweep(
         return _traced_sweep(model, gel, mu, branch, contact, loads, max_steps)
     targets, chosen = check_mu(mu)
     check_gel(gel)
+    check_room(model.lists.topology.plate)
     before = [] if start is None else [start] if isinstance(start, Step) else list(start)
     if before and not targets[-1 if chosen else 0] > before[-1].mu:
         raise ValueError(f"mu: {targets[-1 if chosen else 0]:g} is not above the start's mu = {before[-1].mu:g}")
@@ -95,8 +96,15 @@ def sweep(
     steps, stop, where = _chosen(attempt, targets, on_step, before, max_steps) if chosen else _given(attempt, targets, on_step, before)
     steps = steps[1:] if isinstance(start, Step) else steps
     if not steps:
-        raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}")
+        raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}{_instead(model, stop)}")
     return Path.from_steps(model, gel, steps, stop=stop, stop_text="" if stop.ok else f"stopped after mu = {where:.6g}: {stop.text}")
+
+
+def _instead(model, stop):
+    """What to change where not even the first state was found, to end its text with."""
+    if stop is Status.SELF_CONTACT:
+        return "; sweep with contact = 'on'"
+    return "; method = 'displacement' locks where the edges leave little room: take 'mixed'" if model.method == "displacement" else ""
 
 
 def _check_own(model, formulation, traced):

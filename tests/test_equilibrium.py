@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 import jaxgel
-from jaxgel.constraints import free_dofs, lift
+from jaxgel.constraints import check_room, free_dofs, lift
 from jaxgel.energy import residual, total_energy
 from jaxgel.equilibrium import MAX_ITERATIONS, TOLERANCE, Status, dry_state, energy_at, prepare, solve
 from jaxgel.material import Gel
@@ -142,6 +142,28 @@ def test_plate_that_may_slide_is_refused():
     )
     with pytest.raises(ValueError, match=message):
         free_dofs(jaxgel.make_cloud(plate).topology)
+
+
+@pytest.mark.parametrize(
+    ("room", "change"),
+    [
+        (False, {}),
+        (False, {"edges": "fixed", "deformation": ((1.2, 0.0), (0.0, 0.8))}),
+        (False, {"edges": "periodic"}),
+        (False, {"displacement": {"top": (0.0, -0.1)}}),
+        (True, {"displacement": {"top": (0.0, 0.1)}}),
+        (True, {"edges": "periodic", "deformation": ((1.1, 0.3), (0.0, 1.0))}),
+        (True, {"edges": {"top": "free"}}),
+        (True, {"holes": [jaxgel.Circle((0.0, 0.0), 0.1)]}),
+    ],
+)
+def test_plate_that_fills_a_closed_box_is_refused(room, change):
+    plate = jaxgel.Plate(1, 2, **change)
+    if room:
+        check_room(plate)
+    else:
+        with pytest.raises(ValueError, match=r"^edges: left .*leave no room to swell in; add a hole, free an edge or move one outwards$"):
+            check_room(plate)
 
 
 @pytest.mark.parametrize(("condition", "held"), [("roller", 4 * 5), ("fixed", 2 * 16)])
