@@ -67,6 +67,13 @@ _TEXTS = {
 }
 
 
+def advice(model, stop):
+    """What to change where not even the first state of a sweep was found, to end the text of its `Status` with; empty where that says it."""
+    if stop is Status.SELF_CONTACT:
+        return "; sweep with contact = 'on'"
+    return "; method = 'displacement' locks where the edges leave little room: take 'mixed'" if model.method == "displacement" else ""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Problem:
     """A model with its gel and loads, prepared for Newton's method."""

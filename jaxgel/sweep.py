@@ -13,7 +13,7 @@ import numpy as np
 
 from .constraints import check_room, free_dofs
 from .contact import with_contact
-from .equilibrium import Equilibrium, Status, dry_state, energy_at, overlaps, prepare, solve, touches
+from .equilibrium import Equilibrium, Status, advice, dry_state, energy_at, overlaps, prepare, solve, touches
 from .implicit import no_tangent, state_tangents
 from .incremental import incremental_step, prepare_incremental
 from .linear_solve import remember
@@ -96,15 +96,8 @@ def sweep(
     steps, stop, where = _chosen(attempt, targets, on_step, before, max_steps) if chosen else _given(attempt, targets, on_step, before)
     steps = steps[1:] if isinstance(start, Step) else steps
     if not steps:
-        raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}{_instead(model, stop)}")
+        raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}{advice(model, stop)}")
     return Path.from_steps(model, gel, steps, stop=stop, stop_text="" if stop.ok else f"stopped after mu = {where:.6g}: {stop.text}")
-
-
-def _instead(model, stop):
-    """What to change where not even the first state was found, to end its text with."""
-    if stop is Status.SELF_CONTACT:
-        return "; sweep with contact = 'on'"
-    return "; method = 'displacement' locks where the edges leave little room: take 'mixed'" if model.method == "displacement" else ""
 
 
 def _check_own(model, formulation, traced):
