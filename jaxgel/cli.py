@@ -136,6 +136,10 @@ def _folder_commands(add):
     p.add_argument("--height", type=_real, default=1.0, metavar="H", help="height in mm of the extruded STL (default: 1)")
     p.add_argument("--out", metavar="FILE", help="the file (default: CASE.FORMAT)")
 
+    p = add(do.export, "export", "write a run's history and states as one netCDF (HDF5) file")
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
+    p.add_argument("--out", metavar="FILE", help="the file (default: DIR/run.nc)")
+
     p = add(do.view, "view", "write one HTML page of a run's folder, with a slider for mu")
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
     p.add_argument("--out", metavar="FILE", help="the page (default: DIR/view.html)")

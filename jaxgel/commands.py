@@ -98,6 +98,14 @@ def outline(args):
     return DONE
 
 
+def export(args):
+    """``jaxgel export``: write a run's folder as netCDF."""
+    from .dataset import export
+
+    print(export(args.folder, args.out))
+    return DONE
+
+
 def view(args):
     """``jaxgel view``: write one HTML page of a run's folder."""
     from .view import write_page
