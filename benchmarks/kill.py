@@ -2,9 +2,9 @@
 
     python benchmarks/kill.py [KILLS]
 
-Two cases take turns: sample 4 on 321 nodes, which buckles, at twelve given values of mu and with chosen steps. A kill falls anywhere
-between the moment at which the run has a folder and the time that an uninterrupted one takes from there, drawing included; half of the
-resumed processes are killed as well. Prints a line per run; exit code 1 if any ends differently.
+Two cases take turns: sample 4 on 321 nodes, which buckles, at twelve given values of mu and with chosen steps. A kill falls somewhere in
+the second after a number of states drawn among those that the run will have, none and all included; half of the resumed processes are
+killed as well. Prints a line per run; exit code 1 if any ends differently.
 """
 
 import json
@@ -47,8 +47,10 @@ def written(folder):
     return file.stat().st_mtime_ns if file.is_file() else None
 
 
-def killed(process, seconds):
-    """Whether a process was killed after so many seconds, not having ended before."""
+def killed(process, folder, states, seconds):
+    """Whether a process was killed so many seconds after its folder had so many states, not having ended before."""
+    while process.poll() is None and summary_of(folder)["states"] < states:
+        time.sleep(0.01)
     try:
         process.wait(seconds)
     except subprocess.TimeoutExpired:
@@ -58,9 +60,14 @@ def killed(process, seconds):
     return False
 
 
-def states(folder):
+def summary_of(folder):
+    """Content of the folder's summary, which is whole at any moment."""
+    return json.loads((folder / "summary.json").read_text())
+
+
+def left_by(folder):
     """What a killed run left, in words."""
-    summary = json.loads((folder / "summary.json").read_text())
+    summary = summary_of(folder)
     return f"{summary['states']} states, {summary['status']}"
 
 
@@ -69,20 +76,19 @@ def main():
     kills, rng = int(sys.argv[1]) if len(sys.argv) > 1 else 20, random.Random(20)
     wrong = 0
     with tempfile.TemporaryDirectory() as scratch:
-        expected, seconds = {}, {}
+        expected = {}
         for kind in CASES:
-            subprocess.run(run_command(kind, Path(scratch) / kind), check=True)  # compiles
-            process, began = begun(run_command(kind, Path(scratch) / kind), Path(scratch) / kind), time.perf_counter()
-            process.wait()
-            seconds[kind], expected[kind] = time.perf_counter() - began, numbers(Path(scratch) / kind)
+            subprocess.run(run_command(kind, Path(scratch) / kind), check=True)
+            expected[kind] = numbers(Path(scratch) / kind)
         done = 0
         while done < kills:
             kind, folder = list(CASES)[done % 2], Path(scratch) / f"killed-{done}"
             command, left = run_command(kind, folder), []
             for _ in range(rng.choice((1, 2))):
-                if done < kills and killed(begun(command, folder), rng.uniform(0, seconds[kind])):
+                when = rng.randint(0, expected[kind][0]["states"]), rng.uniform(0, 1)
+                if done < kills and killed(begun(command, folder), folder, *when):
                     done += 1
-                    left.append(states(folder))
+                    left.append(left_by(folder))
                 command = [*JAXGEL, "resume", str(folder), "--no-plots", "--quiet"]
             subprocess.run(command, check=True)
             same = numbers(folder) == expected[kind]

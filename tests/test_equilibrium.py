@@ -1,5 +1,7 @@
 """Facts about Newton's method at one mu: how fast it is from the dry nodes, how each status comes about, and another way to the state."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,7 @@ from scipy.optimize import minimize
 import jaxgel
 from jaxgel.constraints import check_room, free_dofs, lift
 from jaxgel.energy import residual, total_energy
-from jaxgel.equilibrium import MAX_ITERATIONS, TOLERANCE, Status, dry_state, energy_at, prepare, solve
+from jaxgel.equilibrium import MAX_ITERATIONS, TOLERANCE, Status, advice, dry_state, energy_at, prepare, solve
 from jaxgel.material import Gel
 from jaxgel.mixed import state_pressure
 
@@ -133,6 +135,12 @@ def test_every_status_has_a_line_that_helps():
     assert len(set(texts)) == len(Status)
     assert all(text and "\n" not in text for text in texts)
     assert [status for status in Status if status.ok] == [Status.CONVERGED]
+
+
+def test_failed_first_state_says_what_to_change(tiny_model):
+    assert advice(tiny_model, Status.NOT_CONVERGED) == ""
+    assert advice(tiny_model, Status.SELF_CONTACT) == "; sweep with contact = 'on'"
+    assert advice(dataclasses.replace(tiny_model, method="displacement"), Status.NOT_FINITE).endswith("take 'mixed'")
 
 
 def test_plate_that_may_slide_is_refused():
