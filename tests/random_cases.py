@@ -158,7 +158,7 @@ def main():
         bad += [f"took {seconds:.0f} s"] if seconds > SECONDS else []
         wrong += bool(bad)
         outcomes[text.split(":")[0].split(" after")[0]] += 1
-        print(f"{number:4d} {seconds:5.1f} s  {text[:150]}", *(f"     FAULT {fault}" for fault in bad[:3]), sep="\n", flush=True)
+        print(f"{number:4d} {seconds:5.1f} s  {text[:300]}", *(f"     FAULT {fault}" for fault in bad[:3]), sep="\n", flush=True)
         jax.clear_caches()
         gc.collect()
     print(f"{count} cases: {dict(outcomes)}; {wrong} with faults")
