@@ -68,10 +68,14 @@ _TEXTS = {
 
 
 def advice(model, stop):
-    """What to change where not even the first state of a sweep was found, after the text of its `Status`; empty where that says it."""
+    """What to change where not even the first state of a sweep was found, after the text of its `Status`."""
     if stop is Status.SELF_CONTACT:
         return "; sweep with contact = 'on'"
-    return "; method = 'displacement' locks where the edges leave little room: take 'mixed'" if model.method == "displacement" else ""
+    return (
+        "; method = 'displacement' locks where the edges leave little room: take 'mixed'"
+        if model.method == "displacement"
+        else "; start at a lower mu"
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

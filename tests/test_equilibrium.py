@@ -138,7 +138,7 @@ def test_every_status_has_a_line_that_helps():
 
 
 def test_failed_first_state_says_what_to_change(tiny_model):
-    assert advice(tiny_model, Status.NOT_CONVERGED) == ""
+    assert advice(tiny_model, Status.NOT_CONVERGED) == "; start at a lower mu"
     assert advice(tiny_model, Status.SELF_CONTACT) == "; sweep with contact = 'on'"
     assert advice(dataclasses.replace(tiny_model, method="displacement"), Status.NOT_FINITE).endswith("take 'mixed'")
 
