@@ -191,7 +191,10 @@ def discretise(
     if quadrature == "paper":
         if is_moved(cloud):
             raise ValueError("quadrature: 'paper' drops points in holes and cannot follow moving holes; use 'conforming'")
-        lists, points, weight = _paper_lists(cloud.topology, basis, dmax, cells)
+        key = ("paper", basis, dmax, cells)
+        if key not in cloud.topology.cache:
+            cloud.topology.cache[key] = _paper_lists(cloud.topology, basis, dmax, cells)
+        lists, points, weight = cloud.topology.cache[key]
         owner = np.concatenate([np.repeat(c, (n >= 0).sum(axis=1)) for c, n in zip(lists.cells, lists.points, strict=True)])
         _, dphi = evaluate_points(cloud.nodes, points, lists.nodes, lists.support, owner, basis=basis, kind=kind)
     else:
