@@ -26,6 +26,8 @@ from .mixed import ROTATION, ROUND_OFF
 from .path import Step
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)  # on each stretch of wall between two nodes
+EPS = np.finfo(float).eps
+PATIENCE = 8  # iterations without progress after which Newton's method is given up
 STILL = 1e-14  # largest correction over the plate's size that is round-off
 
 
@@ -34,7 +36,7 @@ class WallProblem:
     """A model prepared for Newton's method with conditions of any kind; N = 2 n degrees of freedom, m multipliers."""
 
     model: object
-    """The ``Model``."""
+    """The ``Model``; all that come from a cloud with one ``method`` are alike to the compiler, whatever their conditions."""
     gel: object
     """The ``Gel``."""
     loads: jax.Array
@@ -59,6 +61,7 @@ def prepare_walls(model, gel, loads, free):
     free = free if model.conditions == "nodes" else np.arange(size)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads, dtype=float)
+    model = dataclasses.replace(model, kind="mls", conditions="nodes", penalty=0.0)  # what is left to compute does not depend on them
     return WallProblem(model, gel, loads, free, stiffness, rows)
 
 
@@ -82,22 +85,27 @@ def _newton(problem, mu, x, pressure):
     """``Equilibrium`` and the matrix (f + m, f + m) of its last Newton step."""
     model, free, m = problem.model, problem.free, len(problem.rows)
     dry, multipliers, iterations, moved, matrix = np.asarray(model.cloud.nodes), np.zeros(m), 0, np.inf, None
-    x, pressure = jnp.asarray(x), jnp.asarray(pressure)
+    x, pressure, stiff = jnp.asarray(x), jnp.asarray(pressure), np.abs(problem.stiffness)
+    best, improved = np.inf, 0
     args = model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads
     while True:
         rhs, condensed, now = _residual(x, pressure, *args)
         u = (np.asarray(x) - dry).ravel()
         wall = problem.stiffness @ u + problem.rows.T @ multipliers
-        imbalance = np.asarray(rhs).ravel() - wall
+        missing = np.asarray(rhs).ravel() - wall
         scale = float(now["network"]) + np.linalg.norm(wall)
-        size = max(np.linalg.norm(imbalance[free]) / scale, np.linalg.norm(problem.rows @ u) / np.linalg.norm(dry))
+        rounded = EPS * np.linalg.norm(stiff @ np.abs(np.asarray(x)).ravel()) / scale  # the large terms of a stiff penalty cancel
+        size = max(np.linalg.norm(missing[free]) / scale, np.linalg.norm(problem.rows @ u) / np.linalg.norm(dry))
         error = float(now["error"])
         if not np.isfinite(size + error):
             return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, None), matrix
-        done = size < TOLERANCE and error < CONSTRAINT_TOLERANCE
+        allowed = max(TOLERANCE, rounded)
+        done = size < allowed and error < CONSTRAINT_TOLERANCE
         if (done and iterations) or moved < STILL:
             return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, None), matrix
-        if iterations == MAX_ITERATIONS:
+        imbalance = max(size / allowed, error / CONSTRAINT_TOLERANCE)
+        best, improved = (imbalance, iterations) if imbalance < 0.5 * best else (best, improved)
+        if iterations == MAX_ITERATIONS or iterations > improved + PATIENCE:
             return Equilibrium(x, pressure, Status.NOT_CONVERGED, iterations, size, None), matrix
         K = dense(model, _cells(x, pressure, now["stiffness"], model, problem.gel)) + problem.stiffness
         matrix = np.block([[K, problem.rows.T], [problem.rows, np.zeros((m, m))]])
