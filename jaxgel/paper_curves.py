@@ -15,26 +15,25 @@ from .observables import (
     volume_ratio,
 )
 from .paper_items import (
+    CLOSING,
     COLOURS,
     CONDITION,
     CONFIRMED,
     CONTRADICTED,
     FINITE_ELEMENTS,
+    TURNING,
     Claim,
     Entry,
     at,
     crossing,
-    followed,
     percent,
     pyplot,
+    rows,
     stability,
 )
 from .results import CREASE_RATIO
-from .samples import SIDE, sample
+from .samples import GRID, SIDE, sample
 
-ROTATION_MU = [-4.9678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.7, -1.4678, -1.3, -1.2, -1.15, -1.1, -1.05, -1.0, -0.95, -0.9178]
-ROTATION_MU += [-0.89, -0.86, -0.83, -0.8]
-CONTACT_MU = [-4.9678, -2.9678, -1.9678, -1.4678, -1.3, -1.2, -1.1, -1.0, -0.9178]  # of sample 3 past its crease
 INTERVALS = (30, 40, 60)  # background intervals per side of the plate
 FINEST = INTERVALS[-1]
 PRINTED_ANGLES = {1: 30.0, 2: 20.0, 3: 18.0}
@@ -49,12 +48,8 @@ FAMILIES = {"ellipses": (1, 2, 3), "circles": (4, 5, 6), "squares": (7, 8, 9)}
 
 def fig_12(runs):
     """Fig. 12: rotation of samples 1-3 over mu, with refinement."""
-    paths = {
-        (n, m): runs.path(f"sample-{n}", ROTATION_MU, spacing=SIDE / m, branch="symmetric", contact="stop")
-        for n in PRINTED_ANGLES
-        for m in INTERVALS
-    }
-    beyond = runs.path("sample-3", CONTACT_MU, spacing=SIDE / INTERVALS[0], branch="stable", contact="on")
+    paths = {(n, m): runs.stopping(n, m) for n in PRINTED_ANGLES for m in INTERVALS}
+    beyond = {m: runs.touching(3, m, last) for m, last in ((INTERVALS[0], -1.1), (GRID, 0.0))}
     angle = {key: np.asarray(rotation_angle(path)) for key, path in paths.items()}
     crease = {key: crossing(path.mu, surface_ratio(path), CREASE_RATIO) for key, path in paths.items()}
     figure, ax = pyplot().subplots(figsize=(6.4, 4.0), layout="constrained")
@@ -64,9 +59,10 @@ def fig_12(runs):
         ax.plot(path.mu, angle[n, m], style, color=COLOURS[n - 1], linewidth=1.1, label=label)
         if np.isfinite(crease[n, m]):
             ax.plot(crease[n, m], np.interp(crease[n, m], path.mu, angle[n, m]), "o", color=COLOURS[n - 1], markersize=4)
-    ax.plot(
-        beyond.mu, rotation_angle(beyond), "-.", color="#5c6670", linewidth=0.8, label=f"sample 3, {beyond.model.n_nodes} nodes, contact"
-    )
+    for path, style in zip(beyond.values(), (":", "-."), strict=True):
+        late = np.asarray(path.mu) > -1.5
+        label = f"sample 3, {path.model.n_nodes} nodes, contact"
+        ax.plot(path.mu[late], rotation_angle(path)[late], style, color="#5c6670", linewidth=1.1, label=label)
     reference = FINITE_ELEMENTS["sample-1"]
     ax.plot(reference["mu"], reference["rotation"], "k+", markersize=7, label="finite elements, sample 1", zorder=3)
     for n, printed in PRINTED_ANGLES.items():
@@ -74,14 +70,20 @@ def fig_12(runs):
     ax.plot([], [], "o", color="#5c6670", markersize=4, label="crease limit; thin lines: printed angles")
     ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel="midline rotation (°)")
     ax.legend(fontsize=7, framealpha=0.95, edgecolor="none")  # over the thin lines
-    common = [m for m in reference["mu"] if m in ROTATION_MU and m <= paths[1, FINEST].mu[-1]]
+    common = [m for m in reference["mu"] if m in paths[1, FINEST].mu]
     errors = [abs(angle[1, FINEST][at(paths[1, FINEST], m)] / reference["rotation"][reference["mu"].index(m)] - 1) for m in common]
     spread = "; ".join(f"sample {n}: {_spread(n, paths, angle)}" for n in PRINTED_ANGLES)
     claims = tuple(_angle_claim(n, paths, angle, crease, beyond if n == 3 else None) for n in PRINTED_ANGLES)
-    rows = [
-        {"sample": n, "intervals": m, "nodes": path.model.n_nodes, "mu": float(mu), "rotation_deg": float(a), "surface_ratio": float(s)}
-        for (n, m), path in paths.items()
-        for mu, a, s in zip(path.mu, angle[n, m], surface_ratio(path), strict=True)
+    every = [*((n, "stop", path) for (n, _), path in paths.items()), *((3, "on", path) for path in beyond.values())]
+    table = [
+        row
+        for n, contact, path in every
+        for row in rows(
+            {"mu": path.mu, "rotation_deg": rotation_angle(path), "surface_ratio": surface_ratio(path)},
+            sample=n,
+            contact=contact,
+            nodes=path.model.n_nodes,
+        )
     ]
     return Entry(
         title="Fig. 12: rotation of samples 1, 2 and 3 over the chemical potential, each on three clouds, and the crease limit",
@@ -90,7 +92,7 @@ def fig_12(runs):
         reference=f"Finite elements, sample 1: {reference['rotation'][-1]} degrees at mu = {reference['mu'][-1]}; crease limit at mu = "
         f"{reference['crease_mu']}. The finest cloud is within {percent(max(errors))} of them at {len(common)} values of mu.",
         verdict="; ".join(f"sample {n} {claim.verdict}" for n, claim in zip(PRINTED_ANGLES, claims, strict=True)) + ".",
-        rows=rows,
+        rows=table,
         claims=(*claims, _onset_claim(paths, angle)),
         figure=figure,
     )
@@ -119,10 +121,10 @@ def _angle_claim(n, paths, angle, crease, beyond=None):
     )
     text += "".join(f"; {miss}" for miss in missed) + (f". The surface passes the crease limit at mu = {limits}." if limits else ".")
     folded = float("nan")
-    if beyond is not None:
-        folded = crossing(beyond.mu, rotation_angle(beyond), printed)
-        where = f"at mu = {folded:.3f}" if np.isfinite(folded) else f"nowhere up to mu = {beyond.mu[-1]:.3f}"
-        text += f" With contact, which takes up the folds, the cloud of {beyond.model.n_nodes} nodes gets there {where}."
+    for path in (beyond or {}).values():
+        folded = crossing(path.mu, rotation_angle(path), printed)
+        where = f"at mu = {folded:.3f}" if np.isfinite(folded) else f"nowhere up to mu = {path.mu[-1]:.3f}"
+        text += f" With contact, which takes up the folds, the cloud of {path.model.n_nodes} nodes gets there {where}."
     nowhere = not reached and not np.isfinite(folded)
     verdict = CONTRADICTED if nowhere else CONFIRMED if reached and not past and not missed else CONDITION
     if past:
@@ -135,7 +137,7 @@ def _onset_claim(paths, angle):
     before = {n: abs(angle[n, FINEST][0]) for n in PRINTED_ANGLES}
     reference = FINITE_ELEMENTS["sample-1"]
     text = f"At mu = {NO_ROTATION} the midlines are turned by {', '.join(f'{v:.2f}' for v in values.values())} degrees (finite elements, "
-    text += f"sample 1: {reference['rotation'][1]}), at {ROTATION_MU[0]} by {', '.join(f'{v:.2f}' for v in before.values())}. "
+    text += f"sample 1: {reference['rotation'][1]}), at {TURNING[0]} by {', '.join(f'{v:.2f}' for v in before.values())}. "
     text += "Too little to see in a picture, but rotation has no threshold: it grows smoothly from the dry state on."
     verdict = CONTRADICTED if max(values.values()) > VISIBLE else CONDITION if min(before.values()) > 1e-3 else CONFIRMED
     return Claim("No rotation before mu = -3.9678", verdict, text)
@@ -163,16 +165,7 @@ def fig_13(runs):
         f"Unrotated holes at mu = {symmetric.mu[flat]:.4f} belong to the symmetric branch with {symmetric.negative_pivots[flat]} negative "
         f"eigenvalues. Outlines come within the range of contact, {contact:.2g} micrometres, near mu = {touch:.4f}."
     )
-    rows = [
-        dict(zip(("branch", "mu", "core_rotation_deg", "aspect_ratio", "area_reduction", "negative_pivots"), values, strict=True))
-        for name, path in (("stable", stable), ("symmetric", symmetric))
-        for values in zip(
-            [name] * len(path),
-            *(np.asarray(v).tolist() for v in (path.mu, core_rotation(path), aspect_ratio(path)[:, CENTRE], area_reduction(path))),
-            path.negative_pivots.tolist(),
-            strict=True,
-        )
-    ]
+    table = [row for name, path in (("stable", stable), ("symmetric", symmetric)) for row in rows(_lattice_columns(path), branch=name)]
     return Entry(
         title="Fig. 13: the lattice; patterns of the symmetric branch, then of the stable one, and its core rotation",
         paper="Circles become lozenges without rotation from mu = -4.9688 to -0.2688; buckled and rotated at -0.1688, stretch 1.4510.",
@@ -180,10 +173,21 @@ def fig_13(runs):
         reference=f"Finite elements: buckles at mu = {reference['critical_mu']}, core rotation {reference['buckled']['core'][0]} degrees "
         f"at mu = {reference['buckled']['mu'][0]}, first contact at mu = {reference['first_contact_mu']}.",
         verdict=f"{verdict}: " + ("it buckles there." if late else "the lattice buckles at a much lower mu than the paper says."),
-        rows=rows,
+        rows=table,
         claims=(Claim("The lattice has buckled at stretch 1.4510, and not before mu = -0.2688", verdict, evidence),),
         figure=_lattice_figure(stable, symmetric, core),
     )
+
+
+def _lattice_columns(path):
+    return {
+        "mu": path.mu,
+        "core_rotation_deg": core_rotation(path),
+        "aspect_ratio": aspect_ratio(path)[:, CENTRE],
+        "area_reduction": area_reduction(path),
+        "least_gap": min_gap(path),
+        "negative_pivots": path.negative_pivots,
+    }
 
 
 def _lattice_figure(stable, symmetric, core):
@@ -209,7 +213,7 @@ def _lattice_figure(stable, symmetric, core):
     left.plot(-np.asarray(symmetric.mu), np.abs(core_rotation(symmetric)), "--", color=COLOURS[2], linewidth=1, label="symmetric branch")
     left.plot(-np.array(reference["buckled"]["mu"]), reference["buckled"]["core"], "x", color=COLOURS[1], label="finite elements")
     left.axvline(-reference["critical_mu"], color=COLOURS[1], linewidth=0.7, linestyle=":", label="their onset of buckling")
-    left.legend(frameon=False, fontsize=7)
+    left.legend(frameon=False, fontsize=7, loc="lower right", bbox_to_anchor=(0.92, 0.08))
     for ax, label in ((left, "core rotation (°)"), (right, "area reduction (%)")):
         ax.set(xscale="log", xlim=(5.5, 0.15), xlabel=r"chemical potential $\mu$ ($kT$)", ylabel=label)
         ax.set_xticks([5, 2, 1, 0.5, 0.2], ["−5", "−2", "−1", "−0.5", "−0.2"])
@@ -229,13 +233,13 @@ def fig_14(runs):
     shared = min(float(path.mu[-1]) for path in paths.values())
     same = {n: float(reduction[n][at(path, shared)]) for n, path in paths.items()}
     last = {n: float(values[-1]) for n, values in reduction.items()}
-    rows = [
-        {"sample": n, "contact": text, "mu": float(mu), "free_stretch": float(s), "area_reduction": float(r), "kinematic": float(v)}
-        for text, group in (("stop", paths), ("on", touching))
+    table = [
+        row
+        for contact, group in (("stop", paths), ("on", touching))
         for n, path in group.items()
-        for mu, s, r, v in zip(path.mu, free_stretch(path), area_reduction(path), _kinematic(path, area[n]), strict=True)
+        for row in rows(_area_columns(path, area[n]), sample=n, contact=contact)
     ]
-    off = max(abs(row["area_reduction"] - row["kinematic"]) for row in rows)
+    off = max(abs(row["area_reduction"] - row["kinematic"]) for row in table)
     reference = FINITE_ELEMENTS["areas"]
     claims = (*(_area_claim(n, touching[n], printed) for n, printed in PRINTED_AREAS.items()), _trend_claim(shared, same, last, paths))
     ends = ", ".join(f"sample {n} {percent(last[n])} at mu = {paths[n].mu[-1]:.4f}" for n in paths)
@@ -252,10 +256,20 @@ def fig_14(runs):
         reference=f"Finite elements at mu = {reference['mu'][-1]}, whatever the shape: "
         f"{', '.join(f'{percent(v[-1])} for {s} pi mm^2' for s, v in reference['area'].items())}.",
         verdict="; ".join(f"{claim.statement}: {claim.verdict}" for claim in claims) + ".",
-        rows=rows,
+        rows=table,
         claims=claims,
         figure=_area_figure(paths, touching, reduction, area, same, last, shared),
     )
+
+
+def _area_columns(path, area):
+    return {
+        "mu": path.mu,
+        "free_stretch": free_stretch(path),
+        "area_reduction": area_reduction(path),
+        "kinematic": _kinematic(path, area),
+        "least_gap_mm": min_gap(path),
+    }
 
 
 def _kinematic(path, area):
@@ -269,7 +283,7 @@ def _kinematic(path, area):
 def _area_claim(n, path, printed):
     values = np.asarray(area_reduction(path))
     mu = crossing(path.mu, values, printed)
-    branch = "symmetric" if followed(n) == "symmetric" and np.any(np.asarray(path.negative_pivots) > 0) else "stable"
+    branch = CLOSING[n][0]
     touch = np.asarray(min_gap(path)) < float(path.model.contact.range)
     first = float(path.mu[np.argmax(touch)]) if touch.any() else float("nan")
     if not np.isfinite(mu):
@@ -361,12 +375,12 @@ def algorithm(runs):
         runs.on_state(f"sample-1, {name}")
         paths[name] = sweep(model, gel, mu=mu, contact="off", branch="symmetric", formulation=name)
     count = min(map(len, paths.values()))
-    rows = []
+    table = []
     for k in range(count):
         difference = np.abs(np.asarray(paths["total"].x[k]) - np.asarray(paths["incremental"].x[k])).max()
         iterations = {f"newton_{name}": int(path.newton_iterations[k]) for name, path in paths.items()}
-        rows.append({"mu": mu[k], "largest_difference_mm": float(difference)} | iterations)
-    worst = max(row["largest_difference_mm"] for row in rows)
+        table.append({"nodes": model.n_nodes, "mu": mu[k], "largest_difference_mm": float(difference)} | iterations)
+    worst = max(row["largest_difference_mm"] for row in table)
     done = count == len(mu) and worst < 1e-8
     return Entry(
         title="Section 4: the paper's incremental algorithm against the total energy",
@@ -375,5 +389,5 @@ def algorithm(runs):
         "of mu.",
         reference="The total formulation is the reference; both are of this package, with tangents of different origin.",
         verdict=f"{CONFIRMED if done else CONTRADICTED}: {'both have' if done else 'they do not have'} the same equilibria to 1e-8 mm.",
-        rows=rows,
+        rows=table,
     )

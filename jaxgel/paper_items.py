@@ -12,7 +12,7 @@ import numpy as np
 
 from .cloud import make_cloud
 from .discretisation import discretise, make_probe
-from .samples import sample
+from .samples import GRID, SIDE, sample
 from .sweep import sweep
 
 CONFIRMED, CONDITION, CONTRADICTED = "confirmed", "confirmed with a condition", "contradicted"
@@ -23,6 +23,16 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#0
 DETAILED = [-4.9678, -3.9678, -2.9678, -2.4678, -1.9678, -1.4678, -1.1678, -0.95, -0.9178]
 BEYOND = [-0.8, -0.6678, -0.5678, -0.45, -0.4, -0.36, -0.327, -0.2978, -0.2678, -0.244, -0.23]
 """Chemical potentials, kT, of the patterns and of the holes' closing."""
+TURNING = [-4.9678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.7, -1.4678, -1.3, -1.2, -1.1678, -1.1, -1.05, -1.0, -0.95, -0.9178]
+TURNING += [-0.89, -0.86, -0.83, -0.8]
+"""Those of the ellipses' rotation."""
+CLOSING = {
+    3: ("stable", [-4.9678, -2.9678, -1.9678, -1.4678, -1.3, -1.2, -1.1, -1.0, -0.9178]),
+    4: ("stable", [mu for mu in DETAILED + BEYOND if mu <= -0.2678]),
+    7: ("symmetric", DETAILED + BEYOND),
+    9: ("symmetric", [-4.9678, -2.9678, -1.9678, -1.4678, -1.3, -1.1678, -1.05, -0.9178]),
+}
+"""Branch and chemical potentials of samples that are followed with contact."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,19 +101,27 @@ class Runs:
     def _report(self, name, model):
         return lambda step: self.on_state(f"{name}, {model.n_nodes} nodes, mu = {step.mu:.4f}")
 
-    def stopping(self, number):
-        """Path of sample ``number`` as the paper computes it, without contact, until outlines overlap; 4-9 on the symmetric branch."""
-        return self.path(f"sample-{number}", DETAILED + BEYOND, branch=followed(number), contact="stop")
+    def stopping(self, number, intervals=GRID):
+        """Path of sample ``number`` as the paper computes it, without contact, until outlines overlap, on the symmetric branch.
 
-    def touching(self, number):
-        """Path with contact until its holes are nearly closed: sample 4 on the stable branch, sample 7 on the symmetric one."""
-        branch, last = {4: ("stable", -0.2678), 7: ("symmetric", -0.23)}[number]
-        return self.path(f"sample-{number}", [mu for mu in DETAILED + BEYOND if mu <= last], branch=branch, contact="on")
+        The paper has 40 ``intervals`` of background nodes; on other clouds the path ends at the last of ``TURNING``. The symmetry of
+        samples 1-3 does not forbid their rotation.
+        """
+        mu = TURNING if number <= 3 else DETAILED
+        mu = mu + [value for value in BEYOND if value > mu[-1]] if intervals == GRID else mu
+        return self.path(f"sample-{number}", mu, spacing=SIDE / intervals, branch="symmetric", contact="stop")
 
+    def touching(self, number, intervals=GRID, last=0.0):
+        """Path of sample ``number`` with contact at the values of ``CLOSING`` up to ``last``."""
+        branch, mu = CLOSING[number]
+        mu = [value for value in mu if value <= last]
+        return self.path(f"sample-{number}", mu, spacing=SIDE / intervals, branch=branch, contact="on")
 
-def followed(number):
-    """The branch on which the paper's pictures of sample ``number`` lie."""
-    return "stable" if number <= 3 else "symmetric"
+    def shown(self, number, mu):
+        """Path and number of the state that shows sample ``number`` at ``mu``: with contact where outlines overlap before."""
+        path = self.stopping(number)
+        path = self.touching(number) if path.mu[-1] < mu and number in CLOSING else path
+        return path, at(path, mu)
 
 
 def at(path, mu):
@@ -119,6 +137,13 @@ def crossing(x, y, value):
         return float("nan")
     k = above[0]
     return float(x[k - 1] + (value - y[k - 1]) / (y[k] - y[k - 1]) * (x[k] - x[k - 1]))
+
+
+def rows(columns, **fixed):
+    """A dictionary for each of the k entries of the ``columns`` (name -> (k,)), after what is ``fixed``."""
+    return [
+        fixed | dict(zip(columns, values, strict=True)) for values in zip(*(np.asarray(v).tolist() for v in columns.values()), strict=True)
+    ]
 
 
 def percent(value):
@@ -137,14 +162,14 @@ def pyplot():
     return plt
 
 
-def bow(path, k):
-    """Largest distance () of the vertical pillar's centre line x = 0 from a straight line in state ``k``, mm."""
+def bow(path):
+    """Largest distance (k,) of the vertical pillar's centre line x = 0 from a straight line, mm."""
     plate = path.model.cloud.topology.plate
     y = np.linspace(-0.5, 0.5, 201) * plate.height
     probe = make_probe(path.model, np.stack([np.zeros_like(y), y], axis=1))
-    line = np.asarray(probe.position(np.asarray(path.x[k])))
-    slope, middle = np.polyfit(line[:, 1], line[:, 0], 1)
-    return float(np.abs(line[:, 0] - middle - slope * line[:, 1]).max())
+    lines = np.stack([np.asarray(probe.position(np.asarray(x))) for x in path.x])
+    fits = [np.polyval(np.polyfit(line[:, 1], line[:, 0], 1), line[:, 1]) for line in lines]
+    return np.abs(lines[:, :, 0] - fits).max(axis=1)
 
 
 def stability(path):

@@ -18,6 +18,7 @@ from .paper_items import (
     bow,
     percent,
     pyplot,
+    rows,
     stability,
 )
 from .quadrature import square_cells
@@ -41,26 +42,26 @@ BENT = 0.05  # mm, from which a pillar's centre line counts as bent
 
 def table_1(runs):
     """Table 1: nodes and Gauss points."""
-    rows = []
+    table = []
     for name, (nodes, points) in PRINTED.items():
         plate = sample(name)
         gauss = int(np.sum(~inside_holes(plate, square_cells(plate, plate.cells)[0].reshape(-1, 2))))
         ours = len(runs.cloud(name).nodes)
-        rows.append({"case": name, "nodes_paper": nodes, "nodes": ours, "gauss_points_paper": points, "gauss_points": gauss})
-    off = [r for r in rows if (r["nodes"], r["gauss_points"]) != (r["nodes_paper"], r["gauss_points_paper"])]
-    equal = len(rows) - len(off)
+        table.append({"case": name, "nodes_paper": nodes, "nodes": ours, "gauss_points_paper": points, "gauss_points": gauss})
+    off = [r for r in table if (r["nodes"], r["gauss_points"]) != (r["nodes_paper"], r["gauss_points_paper"])]
+    equal = len(table) - len(off)
     odd = [f"{r['case']}: printed {r['gauss_points_paper']}, found {r['gauss_points']}" for r in off]
     misprint = all(r["nodes"] == r["nodes_paper"] and r["gauss_points_paper"] % 4 and not r["gauss_points"] % 4 for r in off)
     why = " A plate with these symmetries has a multiple of 4 points, which the printed number is not." if misprint and off else ""
     verdict = CONFIRMED if not off else CONDITION if misprint else CONTRADICTED
-    evidence = f"{equal} of {len(rows)} pairs of counts agree to the digit. {'; '.join(odd)}.{why}"
+    evidence = f"{equal} of {len(table)} pairs of counts agree to the digit. {'; '.join(odd)}.{why}"
     return Entry(
         title="Table 1: nodes and Gauss points of the samples, and of the lattice",
         paper="; ".join(f"{name} {n} and {p}" for name, (n, p) in PRINTED.items()) + ".",
         ours=evidence,
         reference="None.",
         verdict=verdict + (": one printed number is a misprint." if misprint and off else "."),
-        rows=rows,
+        rows=table,
         claims=(Claim("The numbers of nodes and Gauss points of Table 1", verdict, evidence),),
     )
 
@@ -93,13 +94,15 @@ def fig_8(runs):
     symmetric, stable = runs.stopping(4), runs.touching(4)
     wanted = (-4.9678, -0.9178, -0.6678, -0.2678)
     shown = [(path, at(path, mu)) for path in (symmetric, stable) for mu in wanted]
-    shape = [_axes_over_diagonals(symmetric, at(symmetric, mu)) for mu in wanted]
+    widths = axes_over_diagonals(symmetric)
+    shape = [widths[at(symmetric, mu)] for mu in wanted]
     end = float(symmetric.mu[-1])
     lozenge = shape[2] > 1.05
-    reached = end >= wanted[-1]
+    square = end >= wanted[-1] and shape[3] < 1
     core = abs(float(np.asarray(core_rotation(stable))[at(stable, wanted[1])]))
     reference = FINITE_ELEMENTS["sample-4"]
-    verdict = CONFIRMED if lozenge and reached and shape[3] < 1 else CONDITION if lozenge else CONTRADICTED
+    verdict = CONFIRMED if lozenge and square else CONDITION if lozenge else CONTRADICTED
+    why = "" if square else f": lozenges, on the symmetric branch; squares are not reached, it ends at mu = {end:.4f}"
     evidence = (
         f"On the symmetric branch the holes are {shape[2]:.2f} times as wide along the axes as along the diagonals at mu = "
         f"{symmetric.mu[at(symmetric, wanted[2])]:.4f} (a circle has 1, a lozenge with corners on the axes 1.41, a square with sides along "
@@ -114,7 +117,7 @@ def fig_8(runs):
         ours=evidence,
         reference=f"Finite elements: unstable from mu = {reference['critical_mu']}, then core rotation "
         f"{reference['buckled']['core'][-1]} degrees at mu = {reference['buckled']['mu'][-1]}.",
-        verdict=verdict,
+        verdict=f"{verdict}{why}.",
         claims=(Claim("The circles of sample 4 become lozenges, then almost squares", verdict, evidence),),
     )
 
@@ -123,7 +126,8 @@ def fig_10(runs):
     """Fig. 10: sample 7 while it swells."""
     path = runs.touching(7)
     shown = [(path, at(path, mu)) for mu in (-4.9678, -0.9178, -0.5678, -0.2678)]
-    shape = [_axes_over_diagonals(path, k) for _, k in shown]
+    widths = axes_over_diagonals(path)
+    shape = [widths[k] for _, k in shown]
     inward = all(b < a for a, b in itertools.pairwise(shape))
     values = ", ".join(f"{v:.2f}" for v in shape)
     return _entry(
@@ -141,7 +145,33 @@ def fig_10(runs):
 
 def fig_7(runs):
     """Fig. 7: samples 1-3 at mu = -0.9178."""
-    return _three(runs, (1, 2, 3), -0.9178, "Fig. 7", "The vertical pillars buckle, in sample 3 more than in samples 1 and 2.")
+    numbers, mu = (1, 2, 3), -0.9178
+    shown, bows = _states(runs, numbers, mu)
+    words = "; ".join(
+        f"sample {n} at mu = {path.mu[k]:.4f}{_contact(path)}: rotation {float(rotation_angle(path)[k]):.1f} degrees, area reduction "
+        f"{percent(area_reduction(path)[k])}, pillar {b[k]:.2f} mm off its line, {path.negative_pivots[k]} negative eigenvalues"
+        for n, (path, k), b in zip(numbers, shown, bows, strict=True)
+    )
+    ends = _ends(runs, numbers, mu)
+    free = [runs.stopping(n) for n in numbers]
+    common = min(float(path.mu[-1]) for path in free)
+    alike = [bow(path)[at(path, common)] for path in free]
+    more = all(b > a for a, b in itertools.pairwise(alike))
+    bent = min(b[k] for (_, k), b in zip(shown, bows, strict=True)) > BENT
+    verdict = CONTRADICTED if not bent or not more else CONDITION if ends else CONFIRMED
+    same = f"At the same mu = {common:.4f}, without contact, they are {', '.join(f'{v:.2f}' for v in alike)} mm off: "
+    same += f"{'more' if more else 'not more'} with smaller holes."
+    evidence = " ".join(filter(None, (words + ".", same, ends)))
+    return _entry(
+        shown,
+        others=free,
+        title=f"Fig. 7: samples 1, 2, 3 at mu = {mu}; where outlines overlap before, with contact",
+        paper="The vertical pillars buckle, in sample 3 more than in samples 1 and 2.",
+        ours=evidence,
+        reference=f"Finite elements for sample 1: {FINITE_ELEMENTS['sample-1']['rotation'][-1]} degrees at mu = -0.9178.",
+        verdict=verdict + (": the pillars bend, but not more with smaller holes." if bent and not more else "."),
+        claims=(Claim("The pillars of samples 1-3 buckle, more with smaller holes", verdict, evidence),),
+    )
 
 
 def fig_9(runs):
@@ -156,59 +186,29 @@ def fig_11(runs):
     return _straight(runs, (7, 8, 9), -0.9178, "Fig. 11", text)
 
 
-def _three(runs, numbers, mu, figure, text):
-    paths = [runs.stopping(n) for n in numbers]
-    shown = [(path, at(path, mu)) for path in paths]
-    words = []
-    for n, (path, k) in zip(numbers, shown, strict=True):
-        words.append(
-            f"sample {n} at mu = {path.mu[k]:.4f}: rotation {float(rotation_angle(path)[k]):.1f} degrees, "
-            f"area reduction {percent(area_reduction(path)[k])}, pillar {bow(path, k):.2f} mm off its line"
-        )
-    short = [(n, path) for n, path in zip(numbers, paths, strict=True) if path.mu[-1] < mu]
-    ended = " ".join(f"Sample {n} {path.stop_text}." for n, path in short)
-    bows = [bow(path, k) for path, k in shown]
-    common = min(float(path.mu[-1]) for path in paths)
-    alike = [bow(path, at(path, common)) for path in paths]
-    more = all(b > a for a, b in itertools.pairwise(alike))
-    verdict = CONTRADICTED if min(bows) < BENT or not more else CONDITION if short else CONFIRMED
-    order = "more" if more else "not more"
-    same = f"At the same mu = {common:.4f} they are {', '.join(f'{v:.2f}' for v in alike)} mm off: {order} with smaller holes."
-    why = ": the pillars bend, but not more with smaller holes." if not more else f": not all reach mu = {mu}." if short else "."
-    return _entry(
-        shown,
-        title=f"{figure}: samples {', '.join(map(str, numbers))} at mu = {mu}, or where their smooth states end before",
-        paper=text,
-        ours="; ".join(words) + f". {same} {ended}",
-        reference=f"Finite elements for sample 1: {FINITE_ELEMENTS['sample-1']['rotation'][-1]} degrees at mu = -0.9178.",
-        verdict=verdict + why,
-        claims=(Claim("The pillars of samples 1-3 buckle, more with smaller holes", verdict, f"{'; '.join(words)}. {same} {ended}"),),
-    )
-
-
 def _straight(runs, numbers, mu, figure, text):
-    paths = [runs.stopping(n) for n in numbers]
-    shown = [(path, at(path, mu)) for path in paths]
-    words = [
-        f"sample {n} at mu = {path.mu[k]:.4f}: pillar {bow(path, k):.1e} mm off its line, {path.negative_pivots[k]} negative eigenvalues, "
-        f"{stability(path)}"
-        for n, (path, k) in zip(numbers, shown, strict=True)
-    ]
-    ended = " ".join(f"Sample {n} {path.stop_text}." for n, path in zip(numbers, paths, strict=True) if path.mu[-1] < mu)
+    shown, bows = _states(runs, numbers, mu)
+    words = "; ".join(
+        f"sample {n} at mu = {path.mu[k]:.4f}{_contact(path)}: pillar {b[k]:.1e} mm off its line, {path.negative_pivots[k]} negative "
+        f"eigenvalues, {stability(path)}"
+        for n, (path, k), b in zip(numbers, shown, bows, strict=True)
+    )
     stable = runs.touching(4) if numbers[0] == 4 else runs.path("sample-7", [-4.9678, -2.9678, -1.9678, -1.4678], contact="stop")
     k = at(stable, mu)
-    other = f"On the stable branch of sample {numbers[0]} the pillar is {bow(stable, k):.2f} mm off its line at mu = {stable.mu[k]:.4f}."
-    straight = max(bow(path, k) for path, k in shown) < BENT
+    other = f"On the stable branch of sample {numbers[0]} the pillar is {bow(stable)[k]:.2f} mm off its line at mu = {stable.mu[k]:.4f}."
+    straight = max(b[k] for (_, k), b in zip(shown, bows, strict=True)) < BENT
     unstable = any(path.negative_pivots[k] > 0 for path, k in shown)
     verdict = CONTRADICTED if not straight else CONDITION if unstable else CONFIRMED
-    evidence = "; ".join(words) + f". {ended} {other}"
+    evidence = " ".join(filter(None, (words + ".", _ends(runs, numbers, mu), other)))
     reference = "; ".join(
         f"sample {n}: {FINITE_ELEMENTS[f'sample-{n}']['critical_mu']}" for n in numbers if f"sample-{n}" in FINITE_ELEMENTS
     )
     name = f"Straight pillars of samples {numbers[0]}-{numbers[-1]}"
     return _entry(
-        shown,
-        title=f"{figure}: samples {', '.join(map(str, numbers))} at mu = {mu}, or where their symmetric states end before",
+        [*shown, (stable, k)],
+        others=[runs.stopping(n) for n in numbers],
+        title=f"{figure}: samples {', '.join(map(str, numbers))} at mu = {mu} on the symmetric branch, with contact where outlines overlap "
+        f"before; last, sample {numbers[0]} on the stable branch",
         paper=text,
         ours=evidence,
         reference=f"Finite elements: the symmetric state becomes unstable at mu: {reference}.",
@@ -217,11 +217,27 @@ def _straight(runs, numbers, mu, figure, text):
     )
 
 
+def _states(runs, numbers, mu):
+    """(path, state) of each sample at ``mu``, and the pillars' bows (k,), mm, along each path."""
+    shown = [runs.shown(n, mu) for n in numbers]
+    return shown, [bow(path) for path, _ in shown]
+
+
+def _contact(path):
+    return " with contact" if path.model.contact is not None else ""
+
+
+def _ends(runs, numbers, mu):
+    """Which samples do not get to ``mu`` without contact, in words."""
+    paths = {n: runs.stopping(n) for n in numbers}
+    return " ".join(f"Without contact sample {n} {path.stop_text}." for n, path in paths.items() if path.mu[-1] < mu)
+
+
 # --- pictures ----------------------------------------------------------------------------------------------------------------
 
 
-def _entry(shown, *, rows_of_axes=1, **texts):
-    """``Entry`` with the patterns of (path, state) pairs and a row of numbers for each."""
+def _entry(shown, *, others=(), rows_of_axes=1, **texts):
+    """``Entry`` with the patterns of (path, state) pairs and a row of numbers for each state of their paths and of ``others``."""
     from .plotting import FIELDS, field_values, plot_pattern
 
     fields = [field_values(dataclasses.replace(path, x=np.asarray(path.x)[[k]]), "stretch") for path, k in shown]
@@ -229,38 +245,46 @@ def _entry(shown, *, rows_of_axes=1, **texts):
     columns = len(shown) // rows_of_axes
     size = (2.15 * columns + 0.9, 2.6 * rows_of_axes)
     figure, axes = pyplot().subplots(rows_of_axes, columns, figsize=size, layout="constrained", squeeze=False, sharex=True, sharey=True)
-    rows = []
     for ax, (path, k) in zip(axes.flat, shown, strict=True):
         plot_pattern(path, k, ax=ax, limits=limits, colorbar=False)
         ax.label_outer()
         name = path.model.cloud.topology.plate.name.replace("-", " ")
         branch = "" if rows_of_axes == 1 else "symmetric, " if ax in axes[0] else "stable, "
         ax.set_title(rf"{branch}{'' if branch else name + ', '}$\mu = {path.mu[k]:.4f}$", fontsize=8)
-        rows.append(
-            {
-                "case": name,
-                "mu": float(path.mu[k]),
-                "midline_rotation_deg": float(rotation_angle(path)[k]),
-                "core_rotation_deg": float(core_rotation(path)[k]),
-                "area_reduction": float(area_reduction(path)[k]),
-                "negative_pivots": int(path.negative_pivots[k]),
-                "pillar_bow_mm": bow(path, k),
-            }
-        )
     coloured = next(c for c in axes.flat[0].collections if c.get_array() is not None)
     figure.colorbar(coloured, ax=axes, label=FIELDS["stretch"], shrink=0.85, extend="max")
-    return Entry(rows=rows, figure=figure, **texts)
+    paths = {id(path): path for path in (*(path for path, _ in shown), *others)}.values()
+    table = [row for number, path in enumerate(paths) for row in _rows(number, path, {k for other, k in shown if other is path})]
+    return Entry(rows=table, figure=figure, **texts)
 
 
-def _axes_over_diagonals(path, k):
-    """Width of the first hole along the axes over that along the diagonals."""
-    loop = np.asarray(outlines(dataclasses.replace(path, x=np.asarray(path.x)[[k]]))[0][0])
-    offset = loop - loop.mean(axis=0)
-    angle, radius = np.arctan2(offset[:, 1], offset[:, 0]), np.linalg.norm(offset, axis=1)
-    order = np.argsort(angle)
+def _rows(number, path, shown):
+    """Numbers of all states of a path; ``shown`` are those with a picture."""
+    columns = {
+        "mu": path.mu,
+        "midline_rotation_deg": rotation_angle(path),
+        "core_rotation_deg": core_rotation(path),
+        "area_reduction": area_reduction(path),
+        "axes_over_diagonals": axes_over_diagonals(path),
+        "pillar_bow_mm": bow(path),
+        "negative_pivots": path.negative_pivots,
+        "shown": [int(k in shown) for k in range(len(path))],
+    }
+    contact = "on" if path.model.contact is not None else "stop"
+    return rows(columns, path=number + 1, case=path.model.cloud.topology.plate.name, contact=contact)
+
+
+def axes_over_diagonals(path):
+    """Width (k,) of the first hole along the axes over that along the diagonals."""
     wanted = np.arange(8) * np.pi / 4 - np.pi
-    r = np.interp(wanted, angle[order], radius[order], period=2 * np.pi)
-    return float(r[::2].sum() / r[1::2].sum())
+    ratios = []
+    for loop in np.asarray(outlines(path)[0]):
+        offset = loop - loop.mean(axis=0)
+        angle, radius = np.arctan2(offset[:, 1], offset[:, 0]), np.linalg.norm(offset, axis=1)
+        order = np.argsort(angle)
+        r = np.interp(wanted, angle[order], radius[order], period=2 * np.pi)
+        ratios.append(r[::2].sum() / r[1::2].sum())
+    return np.array(ratios)
 
 
 PATTERNS = {6: fig_6, 7: fig_7, 8: fig_8, 9: fig_9, 10: fig_10, 11: fig_11}
