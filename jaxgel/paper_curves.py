@@ -3,17 +3,7 @@
 import numpy as np
 
 from .material import free_swelling
-from .observables import (
-    area_reduction,
-    aspect_ratio,
-    cell_volumes,
-    core_rotation,
-    free_stretch,
-    min_gap,
-    rotation_angle,
-    surface_ratio,
-    volume_ratio,
-)
+from .observables import aspect_ratio, cell_volumes, free_stretch, volume_ratio
 from .paper_items import (
     CLOSING,
     COLOURS,
@@ -24,12 +14,17 @@ from .paper_items import (
     TURNING,
     Claim,
     Entry,
+    area_reduction,
     at,
+    core_rotation,
     crossing,
+    min_gap,
     percent,
     pyplot,
+    rotation_angle,
     rows,
     stability,
+    surface_ratio,
 )
 from .results import CREASE_RATIO
 from .samples import GRID, SIDE, sample

@@ -10,6 +10,7 @@ from importlib.resources import files
 
 import numpy as np
 
+from . import observables
 from .cloud import make_cloud
 from .discretisation import discretise, make_probe
 from .samples import GRID, SIDE, sample
@@ -162,6 +163,19 @@ def pyplot():
     return plt
 
 
+def _once(observable):
+    """The observable as an array, computed once for each path: items share paths, and compiled programs are forgotten between them."""
+    return functools.lru_cache(maxsize=64)(lambda path: np.asarray(observable(path)))
+
+
+area_reduction = _once(observables.area_reduction)
+core_rotation = _once(observables.core_rotation)
+min_gap = _once(observables.min_gap)
+rotation_angle = _once(observables.rotation_angle)
+surface_ratio = _once(observables.surface_ratio)
+
+
+@functools.lru_cache(maxsize=64)
 def bow(path):
     """Largest distance (k,) of the vertical pillar's centre line x = 0 from a straight line, mm."""
     plate = path.model.cloud.topology.plate

@@ -1,12 +1,13 @@
 """Table 1 and Figs. 6-11 of Deng et al. (2020): counts and patterns of the nine samples."""
 
 import dataclasses
+import functools
 import itertools
 
 import numpy as np
 
 from .geometry import inside_holes
-from .observables import area_reduction, core_rotation, outlines, rotation_angle
+from .observables import outlines
 from .paper_items import (
     CONDITION,
     CONFIRMED,
@@ -14,10 +15,13 @@ from .paper_items import (
     FINITE_ELEMENTS,
     Claim,
     Entry,
+    area_reduction,
     at,
     bow,
+    core_rotation,
     percent,
     pyplot,
+    rotation_angle,
     rows,
     stability,
 )
@@ -274,6 +278,7 @@ def _rows(number, path, shown):
     return rows(columns, path=number + 1, case=path.model.cloud.topology.plate.name, contact=contact)
 
 
+@functools.lru_cache(maxsize=64)
 def axes_over_diagonals(path):
     """Width (k,) of the first hole along the axes over that along the diagonals."""
     wanted = np.arange(8) * np.pi / 4 - np.pi
