@@ -200,9 +200,10 @@ def _straight(runs, numbers, mu, figure, text):
     stable = runs.touching(4) if numbers[0] == 4 else runs.path("sample-7", [-4.9678, -2.9678, -1.9678, -1.4678], contact="stop")
     k = at(stable, mu)
     other = f"On the stable branch of sample {numbers[0]} the pillar is {bow(stable)[k]:.2f} mm off its line at mu = {stable.mu[k]:.4f}."
-    straight = max(b[k] for (_, k), b in zip(shown, bows, strict=True)) < BENT
+    bent = [n for n, (_, k), b in zip(numbers, shown, bows, strict=True) if b[k] > BENT]
     unstable = any(path.negative_pivots[k] > 0 for path, k in shown)
-    verdict = CONTRADICTED if not straight else CONDITION if unstable else CONFIRMED
+    verdict = CONTRADICTED if len(bent) == len(numbers) else CONDITION if bent or unstable else CONFIRMED
+    why = ["on the symmetric branch, which is unstable there"] * unstable + [f"sample {n} bends past its folds" for n in bent]
     evidence = " ".join(filter(None, (words + ".", _ends(runs, numbers, mu), other)))
     reference = "; ".join(
         f"sample {n}: {FINITE_ELEMENTS[f'sample-{n}']['critical_mu']}" for n in numbers if f"sample-{n}" in FINITE_ELEMENTS
@@ -216,7 +217,7 @@ def _straight(runs, numbers, mu, figure, text):
         paper=text,
         ours=evidence,
         reference=f"Finite elements: the symmetric state becomes unstable at mu: {reference}.",
-        verdict=verdict + (": on the symmetric branch, which is unstable there." if verdict == CONDITION else "."),
+        verdict=f"{verdict}{': ' * bool(why)}{'; '.join(why)}.",
         claims=(Claim(name, verdict, evidence),),
     )
 
