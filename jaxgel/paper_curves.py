@@ -29,7 +29,7 @@ from .paper_items import (
 from .results import CREASE_RATIO
 from .samples import GRID, SIDE, sample
 
-INTERVALS = (30, 40, 60)  # background intervals per side of the plate
+INTERVALS = (30, 40, 50)  # background intervals per side of the plate
 FINEST = INTERVALS[-1]
 PRINTED_ANGLES = {1: 30.0, 2: 20.0, 3: 18.0}
 NO_ROTATION = -3.9678
