@@ -63,7 +63,7 @@ def fig_12(runs):
     for n, printed in PRINTED_ANGLES.items():
         ax.axhline(printed, color=COLOURS[n - 1], linewidth=0.5, alpha=0.6)
     ax.plot([], [], "o", color="#5c6670", markersize=4, label="crease limit; thin lines: printed angles")
-    ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel="midline rotation (°)")
+    ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel="midline rotation (°)", xlim=(-5.1, -0.7), ylim=(-1, 36))
     ax.legend(fontsize=7, framealpha=0.95, edgecolor="none")  # over the thin lines
     common = [m for m in reference["mu"] if m in paths[1, FINEST].mu]
     errors = [abs(angle[1, FINEST][at(paths[1, FINEST], m)] / reference["rotation"][reference["mu"].index(m)] - 1) for m in common]
