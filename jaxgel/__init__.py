@@ -6,7 +6,9 @@ against locking. Importing it switches JAX to 64-bit numbers, and XLA to what co
 
 import os
 
-for flag in ("--xla_cpu_use_fusion_emitters=false", "--xla_backend_optimization_level=2"):  # compiles twice as fast, runs as fast
+from .versions import quick_flags
+
+for flag in quick_flags():
     if flag.split("=")[0] not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
 if len(os.sched_getaffinity(0)) == 1 if hasattr(os, "sched_getaffinity") else os.cpu_count() == 1:
