@@ -32,7 +32,7 @@ def evaluate(closed, *args):
     for equation in jaxpr.eqns:
         name, given, options = equation.primitive.name, [value(v) for v in equation.invars], equation.params
         if name in CONTROL:
-            results = CONTROL[name](*given, **options)
+            results = CONTROL[name](*given, results=[v.aval for v in equation.outvars], **options)
         elif name in OPERATIONS:
             results = [OPERATIONS[name](*given, **options)]
         else:
@@ -46,19 +46,22 @@ def evaluate(closed, *args):
 # --- what contains other functions -------------------------------------------------------------------------------------------
 
 
-def _scan(*args, jaxpr, length, num_consts, num_carry, reverse, **_):
-    constants, carry, rows = args[:num_consts], args[num_consts : num_consts + num_carry], args[num_consts + num_carry :]
+def _scan(*args, jaxpr, length, reverse, results, **_):
+    n_rows = sum(arg.ndim > v.aval.ndim for arg, v in zip(args, jaxpr.jaxpr.invars, strict=True))
+    n_carry = sum(len(r.shape) == v.aval.ndim for r, v in zip(results, jaxpr.jaxpr.outvars, strict=True))
+    n_constants = len(args) - n_rows - n_carry
+    constants, carry, rows = args[:n_constants], args[n_constants : n_constants + n_carry], args[n_constants + n_carry :]
     out = []
     for k in reversed(range(length)) if reverse else range(length):
         found = evaluate(jaxpr, *constants, *carry, *(row[k] for row in rows))
-        carry = found[:num_carry]
-        out.append(found[num_carry:])
+        carry = found[:n_carry]
+        out.append(found[n_carry:])
     if not out:
-        return [*carry, *(np.zeros((0, *aval.shape), aval.dtype) for aval in jaxpr.out_avals[num_carry:])]
+        return [*carry, *(np.zeros(r.shape, r.dtype) for r in results[n_carry:])]
     return [*carry, *(np.stack(rows[::-1] if reverse else rows) for rows in zip(*out, strict=True))]
 
 
-def _while(*args, cond_jaxpr, cond_nconsts, body_jaxpr, body_nconsts):
+def _while(*args, cond_jaxpr, cond_nconsts, body_jaxpr, body_nconsts, **_):
     of_cond, of_body, state = args[:cond_nconsts], args[cond_nconsts:][:body_nconsts], args[cond_nconsts + body_nconsts :]
     while np.any(evaluate(cond_jaxpr, *of_cond, *state)[0]):
         state = evaluate(body_jaxpr, *of_body, *state)
@@ -71,7 +74,7 @@ CONTROL = {
     "cond": lambda which, *args, branches, **_: evaluate(branches[int(which)], *args),
     "scan": _scan,
     "while": _while,
-    "split": lambda x, sizes, axis: np.split(x, np.cumsum(sizes)[:-1], axis),
+    "split": lambda x, sizes, axis, **_: np.split(x, np.cumsum(sizes)[:-1], axis),
 }
 
 

@@ -83,3 +83,10 @@ def test_the_refused_versions_are_those_of_the_project():
     for name in ("jax", "jaxlib"):
         (requirement,) = [r for r in project["dependencies"] if r.startswith(f"{name}>")]
         assert {part.removeprefix("!=") for part in requirement.split(",") if part.startswith("!=")} == set(versions.REFUSED)
+
+
+def test_only_known_flags_are_given_to_xla():
+    """An unknown one ends the process: jaxlib 0.12 has no emitters to choose."""
+    fusion = "--xla_cpu_use_fusion_emitters=false"
+    assert fusion in versions.quick_flags("0.10.1")
+    assert fusion not in versions.quick_flags("0.11.2") + versions.quick_flags("0.12.0.1")
