@@ -10,22 +10,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
+from jax import lax
 
 from .cloud import OUTLINE_SEGMENTS
 from .contact import outline_loops
-from .discretisation import make_probe
+from .discretisation import in_plane, make_probe
 from .energy import all_volumes, by_block, volume_ratios
 from .material import cauchy_stress as cauchy_stress_at
 from .material import free_swelling, volume_ratio_at
+from .shape_functions import shape_functions
 
+EXTREMUM_ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each gains a factor Nv over the bulk stiffness
 
 
 def rotation_angle(path):
     """Rotation of the midline (k,), degrees: the angle to the x axis of the line through its highest and its lowest point.
 
-    The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). Its extrema are those between the samples, so the angle
-    is a smooth function of the state until another extremum takes over.
+    The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the interpolated line, not of
+    samples, so the angle is a smooth function of the state until another extremum takes over.
     """
     return _over_states(_rotation_angle, path)
 
@@ -159,29 +162,41 @@ def _mapped(function):
 
 
 def _rotation_angle(x, model):
-    line = model.midline
-    position, tangent = line.position(x), line.deformation_gradient(x)[:, :, 0]
-    top, bottom = (_extremum(line.points[:, 0], position, tangent, sign) for sign in (1, -1))
+    height = model.midline.position(x)[:, 1]
+    top, bottom = jax.vmap(lambda i: _extremum(x, model, i))(jnp.stack([jnp.argmax(height), jnp.argmin(height)]))
     rise, run = top[1] - bottom[1], top[0] - bottom[0]
     return jnp.degrees(jnp.arctan(rise / jnp.where(run == 0, 1.0, run)))
 
 
-def _extremum(s, position, tangent, sign):
-    """Highest (``sign`` 1) or lowest (-1) point (2,) of the line through ``position`` (m, 2) with derivative ``tangent`` at ``s`` (m,).
+def _extremum(x, model, i):
+    """Point (2,) of the deformed midline that is extremal in y next to its sample ``i``, which stays where it is at an end of the line.
 
-    Between samples it is their cubic Hermite interpolant, whose height is extremal where a quadratic vanishes.
+    It is where dy/ds = 0 on the interpolated line, and moves with the state as that equation says, in derivatives of every order.
     """
-    i = jnp.argmax(sign * position[:, 1])
-    j = jnp.clip(jnp.where(sign * tangent[i, 1] > 0, i + 1, i - 1), 0, len(s) - 1)
-    h, rise = s[j] - s[i], position[j] - position[i]
-    first, last = h * tangent[i], h * tangent[j]
-    square, linear = 3 * (first + last - 2 * rise), 2 * (3 * rise - 2 * first - last)  # of the derivative by t = (s - s_i) / h
+    line = model.midline
+    neighbours, support, numbers = model.cloud.nodes[line.nodes[i]], line.support[i], line.nodes[i]
+    start, reach = line.points[i, 0], line.points[1, 0] - line.points[0, 0]
+    kind = "imls" if model.kind == "iicvmls" else model.kind  # its real twin
 
-    a, b, c = sign * square[1], sign * linear[1], sign * first[1]
-    turns = (c > 0) & (a + b + c < 0) & (jnp.abs(h) < 1.5 * (s[1] - s[0]))  # not at an end of the line, nor at a hole
-    root = jnp.sqrt(jnp.where(turns, b**2 - 4 * a * c, 1.0))
-    t = jnp.where(turns, 2 * c / jnp.where(turns, root - b, 1.0), 0.0)
-    return position[i] + t * (first + t * (linear / 2 + t * square / 3))
+    def point(s):
+        at = jnp.stack([s, line.points[i, 1]])
+        return in_plane(shape_functions(at, neighbours, support, basis=model.basis, kind=kind) @ x[numbers])
+
+    def slope(s):
+        return jax.jvp(lambda s: point(s)[1], (s,), (1.0,))[1]
+
+    def over(value, rate):
+        return jnp.where(rate == 0, 0.0, value / jnp.where(rate == 0, 1.0, rate))
+
+    def by_newton(slope, start):
+        def step(_, s):
+            return jnp.clip(s - over(*jax.jvp(slope, (s,), (1.0,))), start - reach, start + reach)
+
+        return lax.fori_loop(0, EXTREMUM_ITERATIONS, step, start)
+
+    s = lax.custom_root(slope, start, by_newton, lambda rate, value: over(value, rate(1.0)))
+    at_end = (i == 0) | (i == len(line.points) - 1)
+    return point(jnp.where(at_end, start, s))
 
 
 def _core_rotation(x, model):
