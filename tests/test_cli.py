@@ -201,6 +201,15 @@ def test_the_version_is_that_of_the_project(capsys):
     assert capsys.readouterr().out.split() == ["jaxgel", project["version"]]
 
 
+@pytest.fixture
+def _ctrl_c():
+    """Python's own reaction to Ctrl-C, which a process started in the background does not have."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_ctrl_c")
 def test_ctrl_c_is_not_lost_with_its_exception():
     """An exception in a destructor is only printed; the next step still knows that Ctrl-C was pressed."""
     with interruptible() as stop_if_asked:
