@@ -76,11 +76,15 @@ class Runs:
     def __init__(self, on_state=lambda _: None):
         self.on_state, self.shared, self._kept = on_state, {}, {}
 
-    def path(self, name, mu, *, spacing=None, **options):
-        """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing (the paper's by default)."""
-        key = (name, tuple(mu), spacing, tuple(sorted(options.items())))
+    def path(self, name, mu, *, spacing=None, discretisation=None, **options):
+        """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing (the paper's by default).
+
+        ``discretisation`` are options of `discretise`, the others of `sweep`.
+        """
+        discretisation = discretisation or {}
+        key = (name, tuple(mu), spacing, tuple(sorted(discretisation.items())), tuple(sorted(options.items())))
         if key not in self._kept:
-            model = self.model(name, spacing)
+            model = self.model(name, spacing, **discretisation)
             self._kept[key] = sweep(model, model.cloud.plate.gel, mu=list(mu), on_step=self._report(name, model), **options)
         return self._kept[key]
 
@@ -118,10 +122,19 @@ class Runs:
         mu = [value for value in mu if value <= last]
         return self.path(f"sample-{number}", mu, spacing=SIDE / intervals, branch=branch, contact="on")
 
+    def stiff(self, number):
+        """Path of sample ``number`` in the paper's own discretisation, displacements alone at its Gauss points: it locks, but goes far."""
+        options = dict(discretisation=dict(method="displacement", quadrature="paper"), branch="symmetric", contact="stop")
+        return self.path(f"sample-{number}", [mu for mu in DETAILED + BEYOND if mu <= -0.2678], **options)
+
     def shown(self, number, mu):
-        """Path and number of the state that shows sample ``number`` at ``mu``: with contact where outlines overlap before."""
+        """Path and number of the state that shows sample ``number`` at ``mu``, or its last one before.
+
+        With contact where outlines overlap before, and in the paper's own discretisation where the converged branch ends before.
+        """
         path = self.stopping(number)
-        path = self.touching(number) if path.mu[-1] < mu and number in CLOSING else path
+        if path.mu[-1] < mu:
+            path = self.touching(number) if number in CLOSING else self.stiff(number)
         return path, at(path, mu)
 
 
