@@ -24,6 +24,8 @@ PENALTY = 1e3  # kT/v per mm, the paper's
 CONDITIONS = ("nodes", "penalty", "lagrange")
 INTERPOLATING = ("imls", "iicvmls")
 BATCH = 256  # points whose shape functions are evaluated together
+CHUNK = 1024  # points of one call of the program that evaluates them: no shape in it is a cloud's own, so one program serves them all
+NEIGHBOURS = 16  # its neighbours are padded to a multiple of this
 MIDLINE_POINTS = 401  # samples of the plate's midline
 SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of the spacing
 STEEPEST = 100.0  # largest gradient of a shape function in an accepted model, over 1 / spacing; 1 to 15 is usual
@@ -267,19 +269,40 @@ def evaluate_points(nodes, points, lists, supports, owner, *, basis, kind, gradi
 
     Without ``gradients`` only the values; with them the pair of values (p, a) and gradients (p, a, 2).
     """
-    padding = -len(points) % BATCH  # whole batches only: one program instead of two
-    padded = jnp.concatenate([points, jnp.broadcast_to(points[:1], (padding, 2))])
-    owner = np.concatenate([owner, np.repeat(owner[:1], padding)]).astype(np.int32)
-    result = _evaluate_batches(nodes, padded, lists, supports, owner, basis=basis, kind=kind, gradients=gradients)
-    return jax.tree.map(lambda values: values[: len(points)], result)
+    count, width = len(points), lists.shape[1]
+    concrete = not isinstance(lax.stop_gradient(points), jax.core.Tracer)  # inside jit one call has all points
+    owner = np.concatenate([owner, np.repeat(owner[:1], -count % (CHUNK if concrete else BATCH))])
+    owners = owner.reshape(-1, CHUNK) if concrete else [owner]
+    lists, supports = (np.pad(part, ((0, 0), (0, -width % NEIGHBOURS))) for part in (lists, supports))
+    parts = zip(_in_parts(points, len(owner), len(owners)), owners, strict=True)
+    how = dict(basis=basis, kind=kind, gradients=gradients)
+    return _together([_evaluate(at, _picked(nodes, lists[own]), supports[own], **how) for at, own in parts], count, width)
+
+
+@functools.partial(jax.jit, static_argnames=("rows", "n_parts"))
+def _in_parts(points, rows, n_parts):
+    """The points in ``n_parts`` equal parts, padded to so many ``rows`` with the first one."""
+    return jnp.split(jnp.concatenate([points, jnp.broadcast_to(points[:1], (rows - len(points), 2))]), n_parts)
+
+
+@jax.jit
+def _picked(nodes, lists):
+    return nodes[lists]
+
+
+@functools.partial(jax.jit, static_argnames=("count", "width"))
+def _together(parts, count, width):
+    """The first ``count`` rows and ``width`` columns of values that lie in parts."""
+    return jax.tree.map(lambda *values: jnp.concatenate(values)[:count, :width], *parts)
 
 
 @functools.partial(jax.jit, static_argnames=("basis", "kind", "gradients"))
-def _evaluate_batches(nodes, points, lists, supports, owner, *, basis, kind, gradients):
+def _evaluate(points, neighbours, supports, *, basis, kind, gradients):
+    """`evaluate_points` of points (p, 2) with neighbours (p, a, 2) and supports (p, a) of their own."""
+
     @jax.checkpoint
     def one(point):
-        x, owner = point
-        neighbours, support = nodes[lists[owner]], supports[owner]
+        x, neighbours, support = point
 
         def phi(x):
             value = shape_functions(x, neighbours, support, basis=basis, kind=kind)
@@ -291,7 +314,7 @@ def _evaluate_batches(nodes, points, lists, supports, owner, *, basis, kind, gra
         gradient, value = jax.jacfwd(phi, has_aux=True)(x)
         return value, gradient
 
-    return lax.map(one, (points, owner), batch_size=BATCH)
+    return lax.map(one, (points, neighbours, supports), batch_size=BATCH)
 
 
 # --- conforming cells --------------------------------------------------------------------------------------------------------
