@@ -119,7 +119,7 @@ class Equilibrium:
     residual: float
     """Norm of the residual over the norm of the network's nodal forces."""
     factor: object
-    """The last ``linear_solve.Factor``, of a tangent near the state; None where the start was the solution."""
+    """The last ``linear_solve.Factor``, of a tangent near the state; None where the start was the solution, or a factor failed."""
     apart: bool = False
     """Whether contact was left out, as no outline is near itself."""
 
@@ -187,14 +187,16 @@ def _newton(problem, mu, x, pressure, *, fresh):
         if not np.isfinite(size + constraint):
             return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, kept)
         if size < TOLERANCE and constraint < CONSTRAINT_TOLERANCE:
-            kept = factor(problem.pattern, tangent_at(x, pressure, now, *args[:2], problem.fixed)) if fresh else kept
+            if fresh:
+                kept = None  # its memory is wanted
+                kept = factor(problem.pattern, tangent_at(x, pressure, now, *args[:2], problem.fixed))
             return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept)
         if iterations == MAX_ITERATIONS:
             return Equilibrium(x, pressure, Status.NOT_CONVERGED, iterations, size, kept)
         imbalance = max(size / TOLERANCE, constraint / CONSTRAINT_TOLERANCE)
         try:
             if fresh or kept is None or imbalance > SLOW * before:
-                basis = now
+                basis, kept = now, None  # the memory of the last factor is wanted
                 kept = factor(problem.pattern, tangent_at(x, pressure, basis, *args[:2], problem.fixed))
             rhs = free_rhs(now, basis, problem.model, problem.free)
             correction, _ = kept.solve(np.asarray(rhs), refine=False)

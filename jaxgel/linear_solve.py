@@ -36,16 +36,19 @@ class Pattern:
     """Number of node pairs i <= j."""
     free: np.ndarray
     """(f,) or (f, k) degrees of freedom of each unknown, see ``constraints``."""
-    source: np.ndarray
-    """(nnz,) entry of the flattened pair blocks, joined where nodes move together, that each stored matrix entry takes."""
     structure: sp.csc_matrix
-    """The free-free matrix (f, f) of a tangent, its values aside."""
+    """The free-free matrix (f, f) of a tangent with, in place of its values, ``source``."""
     tree: object
     """``multifrontal.Tree``."""
     joined: sp.csr_matrix | None = None
     """Takes the entries of the pair blocks (4 n_pairs,) to those of the pairs of nodes that stand for others; None where all do."""
     narrower: object = None
     """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
+
+    @property
+    def source(self):
+        """(nnz,) entry of the flattened pair blocks, joined where nodes move together, that each stored matrix entry takes."""
+        return self.structure.data
 
     def fitting(self, pairs):
         """The narrower pattern where it holds all of the pair blocks (n_pairs, 2, 2), otherwise this one."""
@@ -127,21 +130,24 @@ def analyse(pair_nodes, points, free):
     n_pairs, joined = len(pair_nodes), None
     if free.ndim == 2:
         pair_nodes, joined = _join(pair_nodes, len(points), free)
-    i, j = pair_nodes[:, 0], pair_nodes[:, 1]
+    own = free if joined is None else free[:, 0]
     local = np.full(2 * len(points), -1)
-    local[free if joined is None else free[:, 0]] = np.arange(len(free))
-    entry = np.arange(4 * len(i)).reshape(-1, 2, 2)
-    rows = np.broadcast_to((2 * i[:, None] + np.arange(2))[:, :, None], entry.shape)
-    columns = np.broadcast_to((2 * j[:, None] + np.arange(2))[:, None, :], entry.shape)
-    lower = (i != j)[:, None, None] & np.ones((2, 2), dtype=bool)
-    row = local[np.concatenate([rows.ravel(), columns[lower]])]
-    column = local[np.concatenate([columns.ravel(), rows[lower]])]
-    source = np.concatenate([entry.ravel(), entry[lower]])
-    kept = (row >= 0) & (column >= 0)
-    structure = sp.csc_matrix((source[kept] + 1.0, (row[kept], column[kept])), shape=(len(free),) * 2)
+    local[own] = np.arange(len(own))
+    structure = _sources(pair_nodes, len(points))[own][:, own]
     structure.sort_indices()
     tree = dissect(pair_nodes, local.reshape(-1, 2), points)
-    return Pattern(n_pairs, free, structure.data.astype(np.int64) - 1, structure, tree, joined)
+    return Pattern(n_pairs, free, structure.T, tree, joined)
+
+
+def _sources(pairs, n):
+    """Transpose (2 n, 2 n) of the matrix that has, where node pairs (p, 2) put an entry, its number in their blocks (p, 2, 2)."""
+    i, j = pairs.T
+    apart, number = i != j, np.arange(1, len(pairs) + 1, dtype=np.int32)
+    ends = np.concatenate([i, j[apart]]), np.concatenate([j, i[apart]])
+    graph = sp.csr_matrix((np.concatenate([np.where(apart, number, -number), -number[apart]]), ends), shape=(n, n))  # < 0: transposed
+    order = np.array([[[0, 1], [2, 3]], [[0, 2], [1, 3]]], dtype=np.int32)[(graph.data < 0).astype(np.int8)]
+    blocks = 4 * (np.abs(graph.data) - 1)[:, None, None] + order
+    return sp.bsr_matrix((blocks, graph.indices, graph.indptr), shape=(2 * n, 2 * n)).tocsr()
 
 
 def _join(pair_nodes, n, free):

@@ -13,8 +13,7 @@ import functools
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.linalg.blas import dsyrk, dtrsm
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg import get_blas_funcs, get_lapack_funcs
 
 LEAF = 40  # nodes of a part that is not divided any more
 BALANCE = 0.35  # least share of the nodes on either side of a cut
@@ -48,6 +47,11 @@ class Tree:
     fronts: tuple
     """The ``Front``s."""
 
+    @functools.cached_property
+    def fill(self):
+        """Numbers of a factor."""
+        return sum((front.end - front.first) * (front.end - front.first + len(front.below)) for front in self.fronts)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fronts:
@@ -55,6 +59,8 @@ class Fronts:
 
     tree: Tree
     """Its fronts."""
+    numbers: np.ndarray
+    """(tree.fill,) all that the corners and sides hold: one piece of memory, given back at once."""
     corners: list
     """Per front L (k, k) lower triangular, or the inverse transpose of a full L where the pivot block is indefinite."""
     sides: list
@@ -67,58 +73,66 @@ class Fronts:
         """Number of negative eigenvalues of the matrix."""
         return sum(int(np.sum(signs < 0)) for signs in self.signs if signs is not None)
 
-    @functools.cached_property
+    @property
     def size(self):
         """Bytes it fills."""
-        return sum(corner.nbytes + side.nbytes for corner, side in zip(self.corners, self.sides, strict=True))
+        return self.numbers.nbytes
 
     def solve(self, rhs):
         """Solution (f,) or (f, r), without refinement."""
-        y = np.asarray(rhs, dtype=float)[self.tree.order].reshape(len(self.tree.order), -1)
+        y = np.asarray(rhs, dtype=self.numbers.dtype)[self.tree.order].reshape(len(self.tree.order), -1)
+        trsm = get_blas_funcs("trsm", dtype=y.dtype)
         fronts = list(zip(self.tree.fronts, self.corners, self.sides, self.signs, strict=True))
         for front, L, B, signs in fronts:
             pivots = slice(front.first, front.end)
-            z = dtrsm(1.0, L, y[pivots], lower=1) if signs is None else signs[:, None] * (L.T @ y[pivots])
+            z = trsm(1.0, L, y[pivots], lower=1) if signs is None else signs[:, None] * (L.T @ y[pivots])
             y[pivots] = z
             y[front.below] -= B @ z
         for front, L, B, signs in reversed(fronts):
             pivots = slice(front.first, front.end)
             z = B.T @ y[front.below]
             z = y[pivots] - (z if signs is None else signs[:, None] * z)
-            y[pivots] = dtrsm(1.0, L, z, lower=1, trans_a=1) if signs is None else L @ z
-        solution = np.empty_like(y)
+            y[pivots] = trsm(1.0, L, z, lower=1, trans_a=1) if signs is None else L @ z
+        solution = np.empty(y.shape)
         solution[self.tree.order] = y
         return solution.reshape(np.shape(rhs))
 
 
-def factorise(tree, values):
+def factorise(tree, values, dtype=float):
     """``Fronts`` of the matrix whose entries are ``values`` (s,), finite; LinAlgError where the pivot block of a front is singular."""
     values = np.ravel(values)
+    potrf, (syrk, trsm) = get_lapack_funcs("potrf", dtype=dtype), get_blas_funcs(("syrk", "trsm"), dtype=dtype)
+    numbers, used = np.zeros(tree.fill, dtype), 0
     corners, sides, signs, updates = [], [], [], {}
     for number, front in enumerate(tree.fronts):
-        corner, side, update = _assembled(front, values, updates)
-        L, status = dpotrf(corner, lower=1, clean=0)
+        k, m = front.end - front.first, len(front.below)
+        corner, side = numbers[used : used + k * k].reshape(k, k, order="F"), numbers[used + k * k :][: m * k].reshape(m, k, order="F")
+        used += (k + m) * k
+        update = np.zeros((m, m), dtype, order="F")
+        _assemble(front, values, updates, corner, side, update)
+        L, status = potrf(corner, lower=1, clean=0)
         if status == 0:
-            positive, B = None, dtrsm(1.0, L, side, side=1, lower=1, trans_a=1, overwrite_b=1) if len(side) else side
-            update = dsyrk(-1.0, B, beta=1.0, c=update, lower=1, overwrite_c=1) if len(side) else update
+            positive = None
+            if m:
+                trsm(1.0, L, side, side=1, lower=1, trans_a=1, overwrite_b=1)
+                update = syrk(-1.0, side, beta=1.0, c=update, lower=1, overwrite_c=1)
         else:
             pivots, vectors = scipy.linalg.eigh(corner, lower=True, check_finite=False)
-            if not np.all(np.abs(pivots) > np.finfo(float).tiny):
+            if not np.all(np.abs(pivots) > np.finfo(dtype).tiny):
                 raise np.linalg.LinAlgError("a pivot vanishes")
             positive, L = np.sign(pivots), vectors / np.sqrt(np.abs(pivots))
-            B = side @ L
-            update -= (B * positive) @ B.T
+            side[:] = side @ L
+            update -= (side * positive) @ side.T
+        corner[:] = L
         updates[number] = update
-        corners.append(L)
-        sides.append(B)
+        corners.append(corner)
+        sides.append(side)
         signs.append(positive)
-    return Fronts(tree, corners, sides, signs)
+    return Fronts(tree, numbers, corners, sides, signs)
 
 
-def _assembled(front, values, updates):
-    """Pivot block (k, k), block (m, k) below and update (m, m) of a front: matrix entries and its children's updates; lower triangles."""
-    k, m = front.end - front.first, len(front.below)
-    corner, side, update = (np.zeros(shape, order="F") for shape in ((k, k), (m, k), (m, m)))
+def _assemble(front, values, updates, corner, side, update):
+    """Add matrix entries and its children's updates to a front's pivot block, block below and update; lower triangles."""
     for block, (source, place) in ((corner, front.corner), (side, front.side)):
         block.reshape(-1, order="F")[place] = values[source]  # a view: the block is contiguous by columns
     for child, pivots, rows in front.children:
@@ -129,7 +143,6 @@ def _assembled(front, values, updates):
             for from_column, to_column in rows[j]:
                 for from_row, to_row in rows[i]:
                     block[to_row, to_column] += part[from_row, from_column]
-    return corner, side, update
 
 
 # --- before there are numbers ------------------------------------------------------------------------------------------------
@@ -150,7 +163,7 @@ def dissect(pairs, unknowns, points):
 
     order = unknowns[np.concatenate([nodes for nodes, _ in parts])].ravel()
     order = order[order >= 0]
-    rank = np.append(np.argsort(order), -1)[unknowns]  # (n, 2), -1 where there is no unknown
+    rank = np.append(np.argsort(order), -1).astype(np.int32)[unknowns]  # (n, 2), -1 where there is no unknown
     sizes = [int(np.sum(unknowns[nodes] >= 0)) for nodes, _ in parts]
     ends = np.cumsum(sizes)
     ranks = [np.sort(rank[nodes][rank[nodes] >= 0]) for nodes in below]
@@ -216,7 +229,7 @@ def _entries(pairs, rank, ends, below):
     """Per front sources and places of the matrix entries in its pivot block and in the block below, lower triangle by columns."""
     row, column = (np.broadcast_to(r, (len(pairs), 2, 2)).ravel() for r in (rank[pairs[:, 0]][:, :, None], rank[pairs[:, 1]][:, None]))
     twice = np.repeat(pairs[:, 0] == pairs[:, 1], 4) & (row < column)
-    source = np.flatnonzero((row >= 0) & (column >= 0) & ~twice)
+    source = np.flatnonzero((row >= 0) & (column >= 0) & ~twice).astype(np.int32)
     low, high = np.minimum(row, column)[source], np.maximum(row, column)[source]
     owner = np.searchsorted(ends, low, side="right")
     by_owner = np.argsort(owner, kind="stable")
@@ -224,12 +237,12 @@ def _entries(pairs, rank, ends, below):
     result = []
     for number, end in enumerate(ends):
         mine = by_owner[stops[number] : stops[number + 1]]
-        first = ends[number - 1] if number else 0
+        first, end = int(ends[number - 1]) if number else 0, int(end)
         inside = high[mine] < end
         corner = low[mine] - first, high[mine] - first
         place = corner[1] + (end - first) * corner[0]
         under = np.searchsorted(below[number], high[mine]) + len(below[number]) * corner[0]
-        result.append(((source[mine][inside], place[inside]), (source[mine][~inside], under[~inside])))
+        result.append(((source[mine][inside], place[inside]), (source[mine][~inside], under[~inside].astype(np.int32))))
     return result
 
 

@@ -33,7 +33,7 @@ class Step:
     modes: object = None
     """(f, m) lowest modes, where the next state's are looked for; None for all but the last state read from a file."""
     factor: object = None
-    """Factor of the tangent next to the state; None for a state read from a file."""
+    """Factor of the tangent next to the state, for ``on_step`` only; None once the sweep goes on, and for a state read from a file."""
     switched: bool = False
     """Whether the state left an unstable branch: it does not continue the states before it."""
     apart: bool | None = None
@@ -60,6 +60,12 @@ class Step:
             switched=switched,
             apart=state.apart if problem.apart is not None else None,
         )
+
+    def told(self, on_step):
+        """The step without its factor, which is large, once ``on_step`` (or None) was told of it."""
+        if on_step is not None:
+            on_step(self)
+        return dataclasses.replace(self, factor=None)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -128,9 +128,8 @@ def _given(attempt, targets, on_step, before):
         step, status = _reach(attempt, target, done)
         if step is None:
             return done, status, done[-1].mu if done else target
+        step = step.told(on_step)
         done.append(step)
-        if on_step is not None:
-            on_step(step)
     return done, Status.CONVERGED, targets[-1]
 
 
@@ -164,10 +163,8 @@ def _chosen(attempt, targets, on_step, before, max_steps):
         spent += found.newton_iterations
         if found.status.ok:
             step *= 2.0 if found.newton_iterations < 4 else GROWTH.get(found.newton_iterations, 0.6)
-            done.append(dataclasses.replace(found, newton_iterations=spent, stride=step))
-            spent = 0
-            if on_step is not None:
-                on_step(done[-1])
+            found, spent = dataclasses.replace(found, newton_iterations=spent, stride=step).told(on_step), 0
+            done.append(found)
             if goal >= last:
                 return done, Status.CONVERGED, last
         elif not done or found.status is Status.SELF_CONTACT:
@@ -206,6 +203,7 @@ def _attempt(problem, stiffness, stable, mu, done):
     history = _same_branch(done)
     (found, switched), modes = _reached(problem, stable, mu, history), None
     if found.status.ok:
+        found = found if history else dataclasses.replace(found, factor=None)  # without modes to start from a new one is made
         modes, found = lowest_modes(problem, stiffness, found, mu, history[-1].modes if history else None)
         other = _stable(problem, stiffness, mu, found, modes) if stable and modes.negative > 0 else None
         if other is not None:
