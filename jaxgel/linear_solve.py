@@ -21,6 +21,7 @@ MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
 REMEMBERED_BYTES = 2**29  # most that the factors kept for `solve_near` may fill, those of all patterns together
 ONE_THREAD = 20_000  # unknowns up to which BLAS uses one thread: several fight over fronts as small as theirs
+COLUMNS = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
 NEARNESS = 1e-2  # largest relative difference of two tangents of which one's factor refines the other's solutions
 
 
@@ -119,7 +120,11 @@ class Factor:
     @functools.cached_property
     def norm(self):
         """Largest column sum of the matrix, an upper bound of its spectral norm."""
-        return float(np.add.reduceat(np.abs(self.matrix.data), self.matrix.indptr[:-1]).max())
+        data, first = self.matrix.data, self.matrix.indptr[:-1]
+        starts = np.split(first, range(COLUMNS, len(first), COLUMNS))
+        stops = [*(start[0] for start in starts[1:]), len(data)]
+        sums = (np.add.reduceat(np.abs(data[a[0] : b]), a - a[0]).max() for a, b in zip(starts, stops, strict=True))
+        return float(max(sums))
 
 
 def analyse(pair_nodes, points, free):

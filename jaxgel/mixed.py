@@ -25,6 +25,7 @@ from .linear_solve import analyse
 from .material import bulk_stiffness, neo_hookean, osmotic, volume_ratio_at
 
 CHUNK = 32  # cells whose tangents are added up together: few enough to stay in the cache
+TOGETHER = 1024  # cells whose volume gradients are made together, for the same reason
 ROTATION = np.array([[0.0, 1.0], [-1.0, 0.0]])  # det(a, b) = a . ROTATION b; cof F = R F R^T
 ROUND_OFF = 1e-3  # swelling J* - 1 below which the constraint is judged absolutely
 
@@ -217,7 +218,7 @@ def _volume_gradients(x, model, fixed):
     for block, S in zip(model.blocks, fixed.crossed, strict=True):
         local = x[block.nodes] - x[block.nodes[:, :1]]  # S annihilates translations; without this round-off grows like (x / spacing)^2
         if model.method == "mixed":
-            G = jnp.stack([_crossed_product(S, local[..., 1]), -_crossed_product(S, local[..., 0])], axis=-1)[:, None]
+            G = _crossed_gradients(S, local)[:, None]
         else:
             cofactor = jnp.einsum("ik,cqkl,jl->cqij", ROTATION, deformation_gradients(x, block), ROTATION)
             G = jnp.einsum("cq,cqij,cqaj->cqai", block.weight, cofactor, block.dphi)
@@ -225,6 +226,20 @@ def _volume_gradients(x, model, fixed):
         content.append(0.5 * jnp.einsum("cgai,cai->cg", G, local).ravel())  # V J is quadratic in x
     volumes = all_volumes(model)
     return tuple(gradients), jnp.where(volumes > 0, jnp.concatenate(content) / jnp.where(volumes > 0, volumes, 1.0), 2.0)
+
+
+def _crossed_gradients(S, x):
+    """Gradients (c, a, 2) of the cells' V J at their nodes ``x`` (c, a, 2), from their matrices S; the last ones made may overlap."""
+
+    def of(S, x):
+        return jnp.stack([_crossed_product(S, x[..., 1]), -_crossed_product(S, x[..., 0])], axis=-1)
+
+    def add(k, total):
+        first = jnp.minimum(k * TOGETHER, len(S) - TOGETHER)
+        part = (lax.dynamic_slice_in_dim(v, first, TOGETHER) for v in (S, x))
+        return lax.dynamic_update_slice_in_dim(total, of(*part), first, 0)
+
+    return of(S, x) if len(S) <= TOGETHER else lax.fori_loop(0, -(-len(S) // TOGETHER), add, jnp.zeros_like(x))
 
 
 def _crossed_product(S, v):
@@ -265,11 +280,11 @@ def _add_cells(total, cell, arrays, slots, n):
     """``total`` (p, ...) plus the upper entries of the cell matrices ``cell(arrays[c])`` (n, n, ...) at their ``slots`` (c, t)."""
     a, b = np.triu_indices(n)
 
-    def add(total, chunk):
-        arrays, slots = chunk
-        return total.at[slots].add(jax.vmap(cell)(arrays)[:, a, b], mode="drop"), None
+    def add(total, first, size):  # slices, as `lax.scan` would copy all arrays
+        part, at = jax.tree.map(lambda v: lax.dynamic_slice_in_dim(v, first, size), (arrays, slots))
+        return total.at[at].add(jax.vmap(cell)(part)[:, a, b], mode="drop")
 
-    whole = len(slots) // CHUNK * CHUNK
-    head = jax.tree.map(lambda v: v[:whole].reshape(whole // CHUNK, CHUNK, *v.shape[1:]), (arrays, slots))
-    total, _ = lax.scan(add, total, head)
-    return add(total, jax.tree.map(lambda v: v[whole:], (arrays, slots)))[0]
+    whole, rest = divmod(len(slots), CHUNK)
+    if whole:
+        total = lax.fori_loop(0, whole, lambda k, total: add(total, k * CHUNK, CHUNK), total)
+    return add(total, whole * CHUNK, rest)

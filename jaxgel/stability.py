@@ -52,7 +52,7 @@ def network_matrix(pattern, laplacian):
     """``network_stiffness`` from its entries (p,) by node pairs."""
     matrix = sp.csr_matrix(pattern.matrix(np.asarray(laplacian)[:, None, None] * np.eye(2)))
     matrix.eliminate_zeros()
-    return matrix
+    return matrix.copy()  # half of the entries were zero, but not given back
 
 
 def extreme_eigenvalues(factor, stiffness):
