@@ -1,6 +1,6 @@
 """Time and memory of jaxgel against the size of the cloud: sample 1 refined from 1e3 to 1e5 nodes and beyond.
 
-    python benchmarks/scale.py [--nodes 1000 3000 10000 30000 100000] [--threads 1] [--limit 12]
+    python benchmarks/scale.py [--nodes 1000 3000 10000 30000 100000 300000] [--threads 1] [--limit 16] [--solver auto]
 
 Every size runs in a process of its own. Prints and writes scale.json beside this file: seconds of the setup (cloud, discretisation,
 constants and pattern), of the parts of a Newton step (medians of three: linearisation, tangent, factor, solve), of a sweep to two states
@@ -28,32 +28,40 @@ HERE = Path(__file__).parent
 MU = (-4.9678, -4.5)  # kT
 SETUP, STEP = ("cloud", "discretise", "prepare"), ("linearise", "tangent", "factor", "solve")
 COLUMNS = (*SETUP, "setup", *STEP, "assembly", "step", "sweep", "compile")
+MEMORY = ("factor_gib", "step_gib", "peak_gib")
 EXPONENT_FROM = 9000  # nodes: below, fixed costs show
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--nodes", type=float, nargs="+", default=[1e3, 3e3, 1e4, 3e4, 1e5], help="sizes (1e3 ... 1e5)")
+    parser.add_argument("--nodes", type=float, nargs="+", default=[1e3, 3e3, 1e4, 3e4, 1e5, 3e5], help="sizes (1e3 ... 3e5)")
     parser.add_argument("--threads", type=int, default=1, help="threads of XLA and BLAS, and processors (1)")
-    parser.add_argument("--limit", type=float, default=12.0, help="GiB at which a process is stopped (12)")
+    parser.add_argument("--limit", type=float, default=16.0, help="GiB at which a process is stopped (16)")
+    parser.add_argument("--solver", default="auto", help="auto, direct or iterative, see jaxgel.linear_solve (auto)")
     parser.add_argument("--out", type=Path, default=HERE / "scale.json")
     parser.add_argument("--child", type=float, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
-        print(json.dumps(child(options.child, options.threads)))
+        print(json.dumps(child(options.child, options.threads, options.solver)))
         return
-    print(f"{'nodes':>7} {'DOFs':>7}", *(name.rjust(10) for name in COLUMNS), f"{'Newton':>6} {'peak GiB':>8} {'load':>5}")
+    print(
+        f"{'nodes':>7} {'DOFs':>7}",
+        *(name.rjust(10) for name in COLUMNS),
+        f"{'Newton':>6} {'factor':>7} {'step':>7} {'peak GiB':>8} {'load':>5}",
+    )
     rows = []
     for nodes in options.nodes:
-        row = isolated(nodes, options.threads, options.limit)
+        row = isolated(nodes, options.threads, options.limit, options.solver)
         rows.append(row)
         if "stopped" in row:
             print(f"{nodes:7.0f} {row['stopped']}", flush=True)
             continue
         times = " ".join(f"{row[name]:9.3f}s" for name in COLUMNS)
-        print(f"{row['nodes']:7d} {row['dofs']:7d} {times} {row['newton']:6d} {row['peak_gib']:8.2f} {row['load']:5.1f}", flush=True)
-    exponents = {name: exponent(rows, name) for name in (*COLUMNS, "peak_gib")}
-    print(f"{'exponent':>15}", *(f"{exponents[name]:10.2f}" for name in COLUMNS), f"{'':6} {exponents['peak_gib']:8.2f}")
+        memory = f"{row['factor_gib']:7.2f} {row['step_gib']:7.2f} {row['peak_gib']:8.2f}"
+        print(f"{row['nodes']:7d} {row['dofs']:7d} {times} {row['newton']:6d} {memory} {row['load']:5.1f}", flush=True)
+    exponents = {name: exponent(rows, name) for name in (*COLUMNS, *MEMORY)}
+    memory = f"{exponents['factor_gib']:7.2f} {exponents['step_gib']:7.2f} {exponents['peak_gib']:8.2f}"
+    print(f"{'exponent':>15}", *(f"{exponents[name]:10.2f}" for name in COLUMNS), f"{'':6} {memory}")
     machine = {"cores": os.cpu_count(), "processor": platform.machine(), "python": platform.python_version(), "threads": options.threads}
     options.out.write_text(json.dumps({"machine": machine, "rows": rows, "exponents": exponents}, indent=1) + "\n")
 
@@ -67,11 +75,11 @@ def exponent(rows, name):
     return sum((a - x) * (b - y) for a, b in points) / sum((a - x) ** 2 for a, _ in points)
 
 
-def isolated(nodes, threads, limit):
+def isolated(nodes, threads, limit, solver):
     """Row of one size from a process with that many threads and processors, stopped above ``limit`` GiB (Linux)."""
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NPROC")
     environment = os.environ | dict.fromkeys(names, str(threads)) | {"PYTHONPATH": str(HERE.parent)}
-    command = [sys.executable, __file__, "--child", str(nodes), "--threads", str(threads)]
+    command = [sys.executable, __file__, "--child", str(nodes), "--threads", str(threads), "--solver", solver]
     with tempfile.TemporaryFile("w+") as printed:
         process = subprocess.Popen(command, env=environment, stdout=printed)
         while process.poll() is None:
@@ -93,7 +101,7 @@ def resident(pid):
         return 0.0
 
 
-def child(wanted, threads):
+def child(wanted, threads, solver):
     """Row of one size, measured in this process."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:threads])
@@ -122,19 +130,21 @@ def child(wanted, threads):
         return result
 
     cloud = timed("cloud", lambda: jaxgel.make_cloud(plate, spacing=spacing))
-    model = timed("discretise", jaxgel.discretise, cloud)
+    model = timed("discretise", lambda: jaxgel.discretise(cloud, solver=solver))
     problem = timed("prepare", prepare, model, plate.gel)
     timed("prepare", lambda: (problem.pattern, problem.fixed.laplacian.block_until_ready()))
     seconds["prepare"] = [sum(seconds["prepare"])]
     (x, pressure), free = dry_state(model, plate.gel), problem.free
     args = problem.model, problem.gel, MU[0], problem.loads, problem.fixed
     for _ in range(4):
+        made = None  # one factor is in memory at a time
         now, _ = timed("linearise", linearised, x, pressure, *args, free)
         pairs = timed("tangent", tangent_at, x, pressure, now, problem.model, problem.gel, problem.fixed)
         made = timed("factor", factor, problem.pattern, pairs)
         timed("solve", made.solve, np.ones(len(free)))
     row = {name: statistics.median(values[1:] or values) for name, values in seconds.items()}
-    factor_gib, cells = made.size / 2**30, model.n_cells
+    unit = 2**30 if sys.platform == "darwin" else 2**20
+    factor_gib, step_gib, cells = made.size / 2**30, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, model.n_cells
     made = pairs = now = problem = None  # their memory is that of one step, not of the sweep
     begin, before = time.perf_counter(), compiled[0]
     path = jaxgel.sweep(model, plate.gel, mu=list(MU))
@@ -142,13 +152,13 @@ def child(wanted, threads):
     row["setup"] = sum(row[name] for name in SETUP)
     row["assembly"] = row["linearise"] + row["tangent"]
     row["step"] = sum(row[name] for name in STEP)
-    unit = 2**30 if sys.platform == "darwin" else 2**20
     return row | {
         "nodes": model.n_nodes,
         "dofs": len(free),
         "cells": cells,
         "compile": compiled[0],
         "factor_gib": factor_gib,
+        "step_gib": step_gib,
         "newton": int(np.sum(path.newton_iterations)),
         "stop": path.stop.name,
         "core_rotation": np.asarray(jaxgel.core_rotation(path)).tolist(),

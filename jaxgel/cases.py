@@ -11,7 +11,7 @@ A table has the sections of a case file, all but ``plate`` optional:
     [gel]              Nv, chi; energy = "module:function" and numbers that the function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
-    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature
+    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature, solver
     [output]           figures, animation, paraview (true or false)
 
 What an option accepts is written once, as a piece of JSON schema at its field: it is checked here and printed by `schema`.
@@ -30,6 +30,7 @@ from .constraints import check_edges, check_room
 from .discretisation import discretise
 from .files import read_toml
 from .geometry import Plate, check_plate
+from .linear_solve import SOLVERS
 from .loads import Loads
 from .material import Gel, check_gel
 from .messages import did_you_mean
@@ -139,6 +140,8 @@ class DiscretisationOptions:
     """One pressure per cell, or displacement only"""
     quadrature: str = _option("conforming", _word(QUADRATURES))
     """Cells along the true outline, or the paper's"""
+    solver: str = _option("auto", _word(SOLVERS))
+    """How linear systems are solved, see `linear_solve`"""
 
     def __post_init__(self):
         _check("discretisation", self)
@@ -199,7 +202,7 @@ class Case:
         elif self.plate.reference is not None:
             check_plate(self.plate)
             cloud, _ = refreshed(cloud, self.plate, basis=d.basis, dmax=d.dmax)
-        return discretise(cloud, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature)
+        return discretise(cloud, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature, solver=d.solver)
 
     def table(self):
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""

@@ -81,7 +81,7 @@ def check_gradient(case, *, directions=DIRECTIONS, halvings=HALVINGS, states=STA
 
     def made(tree):
         placed = cloud.at(plate.at([{name: tree[name][k] for name in hole.theta} for k, hole in enumerate(plate.holes)]))
-        model = discretise(placed, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature)
+        model = discretise(placed, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature, solver=d.solver)
         return model, dataclasses.replace(case.gel, Nv=tree["Nv"], chi=tree["chi"])
 
     def path(tree):

@@ -91,6 +91,7 @@ def _case_commands(add):
     p.add_argument(
         "--quadrature", metavar="|".join(cases.QUADRATURES), help="cells along the true outline, or the paper's (default: conforming)"
     )
+    p.add_argument("--solver", metavar="|".join(cases.SOLVERS), help="how linear systems are solved (default: auto, by their size)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation")
 
     p = _case_options(add(do.critical, "critical", "find where the symmetric branch becomes unstable or folds back"), "out/CASE-critical")

@@ -21,7 +21,7 @@ from .terminal import Progress, interruptible
 DONE, UNUSABLE, STOPPED, INTERRUPTED = 0, 2, 3, 130
 OPTIONS = {
     "sweep": ("mu_start", "mu_end", "steps", "branch", "imperfection", "contact"),
-    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature"),
+    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature", "solver"),
 }
 
 

@@ -15,6 +15,7 @@ from jax import lax
 from scipy.spatial import cKDTree
 
 from .geometry import edge_lines, inside_holes
+from .linear_solve import SOLVERS
 from .quadrature import EDGE_POINTS, edge_points, square_cells
 from .shape_functions import KINDS, n_monomials, shape_functions
 
@@ -110,7 +111,7 @@ class Lists:
 
 @_pytree(
     data=("cloud", "blocks", "outline", "midline", "core", "contact"),
-    meta=("lists", "basis", "dmax", "method", "quadrature", "kind", "conditions", "penalty"),
+    meta=("lists", "basis", "dmax", "method", "quadrature", "kind", "conditions", "penalty", "solver"),
 )
 @dataclasses.dataclass(frozen=True)
 class Model:
@@ -142,6 +143,8 @@ class Model:
     """How essential conditions are imposed: ``"nodes"``, or weakly, ``"penalty"`` or ``"lagrange"``; see ``walls``."""
     penalty: float = 0.0
     """Penalty factor, kT/v per mm; 0 without."""
+    solver: str = "auto"
+    """How linear systems are solved, ``"auto"``, ``"direct"`` or ``"iterative"``; see ``linear_solve``."""
     contact: object = None
     """The ``contact.Contact`` of hole boundaries with themselves; None where they may overlap."""
 
@@ -173,6 +176,7 @@ def discretise(
     penalty=PENALTY,
     cells=None,
     skin=None,
+    solver="auto",
 ):
     """``Model`` of a cloud: cells, quadrature points, shape function gradients.
 
@@ -182,10 +186,10 @@ def discretise(
     ``kind`` is that of ``shape_functions``. Those that do not interpolate, ``"icvmls"`` and ``"mls"``, need ``conditions="penalty"``, with
     the factor ``penalty`` in kT/v per mm, or ``"lagrange"`` instead of conditions at the ``"nodes"``: see ``walls``.
     ``skin`` (mm) enlarges the neighbour lists by the distance that points of a moved cloud may have come closer; by default 0 on
-    the reference cloud and a quarter of the spacing on a placed one. Raises ValueError for unknown options and where a point has
-    too few neighbours for the basis.
+    the reference cloud and a quarter of the spacing on a placed one. ``solver`` is that of ``linear_solve``. Raises ValueError for
+    unknown options and where a point has too few neighbours for the basis.
     """
-    _check_options(basis, method, quadrature, kind)
+    _check_options(basis, method, quadrature, kind, solver)
     _check_conditions(kind, conditions, penalty)
     dmax = (PAPER_DMAX if quadrature == "paper" else DMAX) if dmax is None else float(dmax)
     if not dmax > 1.0:
@@ -210,7 +214,7 @@ def discretise(
         dphi, weight = _corrected_gradients(cloud.nodes, cloud.vertices, lists, basis, kind, wall)
     probes = _observed(cloud, lists, basis, dmax, kind)
     how = conditions, float(penalty) if conditions == "penalty" else 0.0
-    model = Model(cloud, _blocks(lists, dphi, weight), *probes, lists, basis, dmax, method, quadrature, kind, *how)
+    model = Model(cloud, _blocks(lists, dphi, weight), *probes, lists, basis, dmax, method, quadrature, kind, *how, solver)
     _check_reproduction(model)
     return model
 
@@ -464,7 +468,7 @@ def _paper_lists(topology, basis, dmax, cells):
 # --- checks ------------------------------------------------------------------------------------------------------------------
 
 
-def _check_options(basis, method, quadrature, kind):
+def _check_options(basis, method, quadrature, kind, solver):
     n_monomials(basis)
     if method not in ("mixed", "displacement"):
         raise ValueError(f"method: {method!r} is not 'mixed' or 'displacement'")
@@ -472,6 +476,8 @@ def _check_options(basis, method, quadrature, kind):
         raise ValueError(f"quadrature: {quadrature!r} is not 'conforming' or 'paper'")
     if kind not in KINDS:
         raise ValueError(f"kind: {kind!r} is not one of {', '.join(KINDS)}")
+    if solver not in SOLVERS:
+        raise ValueError(f"solver: {solver!r} is not one of {', '.join(SOLVERS)}")
 
 
 def _check_conditions(kind, conditions, penalty):

@@ -101,7 +101,7 @@ class Problem:
     @functools.cached_property
     def pattern(self):
         """Pattern of the tangent; that of contact, made when first asked for, couples all nodes near a hole and takes the longer."""
-        return tangent_pattern(self.model.lists, self.free, self.model.contact)
+        return tangent_pattern(self.model.lists, self.free, self.model.contact, self.model.solver)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -273,7 +273,7 @@ def solve_traced(model, gel, mu, loads, x, pressure):
 
     The loop is a ``while_loop``; only the sparse solves leave for the host. Positions are nan where it did not converge.
     """
-    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact)
+    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact, model.solver)
     free, fixed = pattern.free, constants(model)
     args = model, gel, mu, loads, fixed, free
 

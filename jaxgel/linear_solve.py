@@ -19,8 +19,11 @@ from .multifrontal import dissect, factorise
 
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
+ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement: that of a factor in double precision
 REMEMBERED_BYTES = 2**29  # most that the factors kept for `solve_near` may fill, those of all patterns together
 ONE_THREAD = 20_000  # unknowns up to which BLAS uses one thread: several fight over fronts as small as theirs
+SOLVERS = ("auto", "direct", "iterative")
+LARGE_BYTES = 2**31  # of a factor in double precision, above which "auto" is "iterative": 1.2e5 nodes of sample 1
 COLUMNS = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
 NEARNESS = 1e-2  # largest relative difference of two tangents of which one's factor refines the other's solutions
 
@@ -45,6 +48,14 @@ class Pattern:
     """Takes the entries of the pair blocks (4 n_pairs,) to those of the pairs of nodes that stand for others; None where all do."""
     narrower: object = None
     """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
+    solver: str = "auto"
+    """``"direct"``, ``"iterative"``, or ``"auto"``: by the size of the factor."""
+
+    @property
+    def precision(self):
+        """Type of the numbers in which factors are kept."""
+        large = 8 * self.tree.fill > LARGE_BYTES
+        return np.float32 if self.solver == "iterative" or (self.solver == "auto" and large) else np.float64
 
     @property
     def source(self):
@@ -88,6 +99,10 @@ class Factor:
         with _few_threads(self.pattern):
             return self.fronts.solve(rhs)
 
+    def inverse(self, rhs):
+        """Solution (f,) or (f, r) as accurate as that of a factor in double precision; not checked where the factor is one."""
+        return self.apply(rhs) if self.pattern.precision is np.float64 else self.solve(rhs)[0]
+
     def solve(self, rhs, matrix=None, *, refine=True):
         """Solution (f,) or (f, r) for the right-hand side, and its backward error |b - K x| / (|K| |x| + |b|).
 
@@ -103,7 +118,7 @@ class Factor:
                 residual = rhs - matrix @ solution
                 size = np.linalg.norm(residual)
                 error = float(size / (self.norm * np.linalg.norm(solution) + scale + np.finfo(float).tiny))
-                if not size < 0.5 * before or (not refine and error < BACKWARD_ERROR):
+                if not size < 0.5 * before or (not refine and error < ENOUGH):
                     break
                 solution, before = solution + self.apply(residual), size
             else:
@@ -127,7 +142,7 @@ class Factor:
         return float(max(sums))
 
 
-def analyse(pair_nodes, points, free):
+def analyse(pair_nodes, points, free, solver="auto"):
     """``Pattern`` for node pairs (p, 2) with i <= j between nodes at ``points`` (n, 2) and free degrees of freedom (f,).
 
     The pairs include (i, i) for every node.
@@ -141,7 +156,7 @@ def analyse(pair_nodes, points, free):
     structure = _sources(pair_nodes, len(points))[own][:, own]
     structure.sort_indices()
     tree = dissect(pair_nodes, local.reshape(-1, 2), points)
-    return Pattern(n_pairs, free, structure.T, tree, joined)
+    return Pattern(n_pairs, free, structure.T, tree, joined, solver=solver)
 
 
 def _sources(pairs, n):
@@ -185,7 +200,7 @@ def factor(pattern, pairs):
         raise SingularTangent("the tangent is not finite")
     try:
         with _few_threads(pattern), np.errstate(over="ignore", invalid="ignore"):
-            return Factor(pattern, matrix, factorise(pattern.tree, pattern.entries(pairs)))
+            return Factor(pattern, matrix, factorise(pattern.tree, pattern.entries(pairs), pattern.precision))
     except np.linalg.LinAlgError as error:
         raise SingularTangent(str(error)) from error
 

@@ -125,17 +125,17 @@ def contact_pairs(lists):
     return lists.cache["contact pairs"]
 
 
-def tangent_pattern(lists, free, contact=None):
+def tangent_pattern(lists, free, contact=None, solver="auto"):
     """``linear_solve.Pattern`` of the tangent for the free degrees of freedom (f,), with or without ``contact``; kept with the lists."""
-    key = ("pattern", free.tobytes(), contact is not None)
+    key = ("pattern", free.tobytes(), contact is not None, solver)
     if key not in lists.cache:
         topology, pairs = lists.topology, node_pairs(lists)[0]
         points = topology.partition.vertices[topology.node_vertices]
         if contact is None:
-            lists.cache[key] = analyse(pairs, points, free)
+            lists.cache[key] = analyse(pairs, points, free, solver)
         else:
-            wider = analyse(np.concatenate([pairs, contact_pairs(lists)[0]]), points, free)
-            lists.cache[key] = dataclasses.replace(wider, narrower=tangent_pattern(lists, free))
+            wider = analyse(np.concatenate([pairs, contact_pairs(lists)[0]]), points, free, solver)
+            lists.cache[key] = dataclasses.replace(wider, narrower=tangent_pattern(lists, free, solver=solver))
     return lists.cache[key]
 
 

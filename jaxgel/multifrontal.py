@@ -13,7 +13,9 @@ import functools
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.linalg import get_blas_funcs, get_lapack_funcs
+from scipy.linalg import get_blas_funcs
+from scipy.linalg.blas import dsyrk, dtrsm
+from scipy.linalg.lapack import dpotrf
 
 LEAF = 40  # nodes of a part that is not divided any more
 BALANCE = 0.35  # least share of the nodes on either side of a cut
@@ -79,8 +81,12 @@ class Fronts:
         return self.numbers.nbytes
 
     def solve(self, rhs):
-        """Solution (f,) or (f, r), without refinement."""
-        y = np.asarray(rhs, dtype=self.numbers.dtype)[self.tree.order].reshape(len(self.tree.order), -1)
+        """Solution (f,) or (f, r), without refinement: as accurate as the precision in which the factor is kept."""
+        y = np.asarray(rhs, dtype=float)[self.tree.order].reshape(len(self.tree.order), -1)
+        scale = 1.0
+        if self.numbers.dtype != y.dtype:  # single precision has a small range
+            scale = np.abs(y).max(axis=0) + np.finfo(float).tiny
+            y = (y / scale).astype(self.numbers.dtype)
         trsm = get_blas_funcs("trsm", dtype=y.dtype)
         fronts = list(zip(self.tree.fronts, self.corners, self.sides, self.signs, strict=True))
         for front, L, B, signs in fronts:
@@ -94,45 +100,44 @@ class Fronts:
             z = y[pivots] - (z if signs is None else signs[:, None] * z)
             y[pivots] = trsm(1.0, L, z, lower=1, trans_a=1) if signs is None else L @ z
         solution = np.empty(y.shape)
-        solution[self.tree.order] = y
+        solution[self.tree.order] = scale * y
         return solution.reshape(np.shape(rhs))
 
 
 def factorise(tree, values, dtype=float):
-    """``Fronts`` of the matrix whose entries are ``values`` (s,), finite; LinAlgError where the pivot block of a front is singular."""
-    values = np.ravel(values)
-    potrf, (syrk, trsm) = get_lapack_funcs("potrf", dtype=dtype), get_blas_funcs(("syrk", "trsm"), dtype=dtype)
-    numbers, used = np.zeros(tree.fill, dtype), 0
+    """``Fronts`` of the matrix whose entries are ``values`` (s,), finite; LinAlgError where the pivot block of a front is singular.
+
+    All arithmetic is in double precision; ``dtype`` is that in which the factor is kept. In single precision its error acts on L, whose
+    condition number is the square root of the matrix's: the matrix itself, rounded so, would not even keep its inertia.
+    """
+    values, numbers, used = np.ravel(values), np.empty(tree.fill, dtype), 0
     corners, sides, signs, updates = [], [], [], {}
     for number, front in enumerate(tree.fronts):
-        k, m = front.end - front.first, len(front.below)
-        corner, side = numbers[used : used + k * k].reshape(k, k, order="F"), numbers[used + k * k :][: m * k].reshape(m, k, order="F")
-        used += (k + m) * k
-        update = np.zeros((m, m), dtype, order="F")
-        _assemble(front, values, updates, corner, side, update)
-        L, status = potrf(corner, lower=1, clean=0)
+        corner, side, update = _assembled(front, values, updates)
+        L, status = dpotrf(corner, lower=1, clean=0)
         if status == 0:
-            positive = None
-            if m:
-                trsm(1.0, L, side, side=1, lower=1, trans_a=1, overwrite_b=1)
-                update = syrk(-1.0, side, beta=1.0, c=update, lower=1, overwrite_c=1)
+            positive, B = None, dtrsm(1.0, L, side, side=1, lower=1, trans_a=1, overwrite_b=1) if len(side) else side
+            update = dsyrk(-1.0, B, beta=1.0, c=update, lower=1, overwrite_c=1) if len(side) else update
         else:
             pivots, vectors = scipy.linalg.eigh(corner, lower=True, check_finite=False)
-            if not np.all(np.abs(pivots) > np.finfo(dtype).tiny):
+            if not np.all(np.abs(pivots) > np.finfo(float).tiny):
                 raise np.linalg.LinAlgError("a pivot vanishes")
             positive, L = np.sign(pivots), vectors / np.sqrt(np.abs(pivots))
-            side[:] = side @ L
-            update -= (side * positive) @ side.T
-        corner[:] = L
+            B = side @ L
+            update -= (B * positive) @ B.T
         updates[number] = update
-        corners.append(corner)
-        sides.append(side)
+        for block, kept in ((L, corners), (B, sides)):
+            kept.append(numbers[used : used + block.size].reshape(block.shape, order="F"))
+            kept[-1][:] = block
+            used += block.size
         signs.append(positive)
     return Fronts(tree, numbers, corners, sides, signs)
 
 
-def _assemble(front, values, updates, corner, side, update):
-    """Add matrix entries and its children's updates to a front's pivot block, block below and update; lower triangles."""
+def _assembled(front, values, updates):
+    """Pivot block (k, k), block (m, k) below and update (m, m) of a front: matrix entries and its children's updates; lower triangles."""
+    k, m = front.end - front.first, len(front.below)
+    corner, side, update = (np.zeros(shape, order="F") for shape in ((k, k), (m, k), (m, m)))
     for block, (source, place) in ((corner, front.corner), (side, front.side)):
         block.reshape(-1, order="F")[place] = values[source]  # a view: the block is contiguous by columns
     for child, pivots, rows in front.children:
@@ -143,6 +148,7 @@ def _assemble(front, values, updates, corner, side, update):
             for from_column, to_column in rows[j]:
                 for from_row, to_row in rows[i]:
                     block[to_row, to_column] += part[from_row, from_column]
+    return corner, side, update
 
 
 # --- before there are numbers ------------------------------------------------------------------------------------------------

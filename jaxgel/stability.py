@@ -99,7 +99,7 @@ def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
     ``which`` "SA" takes the negative ones, "LA" the positive ones. With the modes ``before`` (f, count) of a nearby tangent they keep
     their signs.
     """
-    inverse = sla.LinearOperator(stiffness.shape, matvec=factor.apply, dtype=float)
+    inverse = sla.LinearOperator(stiffness.shape, matvec=factor.inverse, dtype=float)
     start = (
         np.sin(1.0 + np.arange(len(stiffness.indptr) - 1) ** 1.5) if before is None else before.sum(axis=1)
     )  # no symmetry, always the same

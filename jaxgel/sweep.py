@@ -393,6 +393,6 @@ def _states_jvp(static, primals, tangents):
         mu, mu_dot = report["mu"], jnp.zeros_like(report["mu"])
     if model.contact is not None and not is_traced(report) and np.all(report["apart"]):
         model, model_dot = (dataclasses.replace(m, contact=None) for m in (model, model_dot))  # no energy and no derivative, but a cost
-    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact)
+    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact, model.solver)
     x_dot = state_tangents(x, (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot), pattern)
     return (x, report), (x_dot, jax.tree.map(no_tangent, report))

@@ -79,8 +79,8 @@ def _warn(mu, status, negative_pivots, branch):
 def _judged(model, gel, mu, loads, x, p, status, contact):
     """Status, negative_pivots and lowest_eigenvalue of one traced state (n, 2), by a factor of its own tangent on the host."""
     topology, fixed = model.lists.topology, constants(model)
-    pattern = tangent_pattern(model.lists, free_dofs(topology), model.contact)
-    apart = tangent_pattern(model.lists, free_dofs(topology))
+    pattern = tangent_pattern(model.lists, free_dofs(topology), model.contact, model.solver)
+    apart = tangent_pattern(model.lists, free_dofs(topology), solver=model.solver)
     pairs = tangent(x, p, linearise(x, p, model, gel, mu, loads, fixed)[0], model, gel, fixed)
     judge = functools.partial(_judge, pattern, apart, topology.plate, contact)
     shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))

@@ -233,6 +233,7 @@ def test_moved_cloud_passes_the_patch_test_of_a_linear_field(tiny_plate):
     [
         ({"basis": "cubic"}, r"basis: 'cubic' is not one of linear, quadratic"),
         ({"method": "hybrid"}, r"method: 'hybrid' is not 'mixed' or 'displacement'"),
+        ({"solver": "gmres"}, r"solver: 'gmres' is not one of auto, direct, iterative"),
         ({"quadrature": "gauss"}, r"quadrature: 'gauss' is not 'conforming' or 'paper'"),
         (
             {"kind": "mls"},
