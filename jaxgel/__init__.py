@@ -21,7 +21,7 @@ jax.config.update("jax_enable_x64", True)
 from .branches import continue_branch, deflated, imperfection, switch  # noqa: E402
 from .cloud import Cloud, make_cloud  # noqa: E402
 from .critical import CriticalPoint, critical_points, folds  # noqa: E402
-from .discretisation import Model, discretise, make_probe  # noqa: E402
+from .discretisation import Model, discretise  # noqa: E402
 from .equilibrium import Status  # noqa: E402
 from .geometry import Plate  # noqa: E402
 from .holes import Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse  # noqa: E402
@@ -41,6 +41,7 @@ from .observables import (  # noqa: E402
     volume_ratio,
 )
 from .path import Path  # noqa: E402
+from .probe import make_probe  # noqa: E402
 from .samples import sample, sample_names  # noqa: E402
 from .shape_functions import shape_functions  # noqa: E402
 from .sweep import sweep  # noqa: E402

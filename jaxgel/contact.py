@@ -19,8 +19,8 @@ import numpy as np
 import shapely
 from jax import lax
 
-from .discretisation import reaching_nodes
 from .edges import edge_lines, held_components
+from .probe import reaching_nodes
 
 RANGE = 0.5  # of the node spacing
 STIFFNESS = 10.0  # of the network's Nv

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .contact import contact_energy
-from .discretisation import in_plane
+from .probe import in_plane
 
 
 def deformation_gradients(x, block):

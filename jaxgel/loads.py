@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .discretisation import make_probe, wall_ends
+from .discretisation import wall_ends
 from .edges import EDGES, edge_lines, held_components
 from .messages import did_you_mean, finite_numbers
+from .probe import make_probe
 from .quadrature import edge_points
 
 BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that counts as none

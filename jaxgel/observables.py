@@ -14,10 +14,10 @@ from jax import lax
 
 from .cloud import OUTLINE_SEGMENTS
 from .contact import outline_loops
-from .discretisation import NEIGHBOURS, in_plane, make_probe
 from .energy import all_volumes, by_block, volume_ratios
 from .material import cauchy_stress as cauchy_stress_at
 from .material import free_swelling, volume_ratio_at
+from .probe import NEIGHBOURS, in_plane, make_probe
 from .shape_functions import shape_functions
 
 EXTREMUM_ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum

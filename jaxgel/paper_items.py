@@ -12,7 +12,8 @@ import numpy as np
 
 from . import observables
 from .cloud import make_cloud
-from .discretisation import discretise, make_probe
+from .discretisation import discretise
+from .probe import make_probe
 from .samples import GRID, SIDE, sample
 from .sweep import sweep
 

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .cloud import make_cloud
-from .discretisation import discretise, make_probe
+from .discretisation import discretise
 from .geometry import Plate
 from .material import uniaxial_swelling
 from .paper_items import COLOURS, CONDITION, CONFIRMED, CONTRADICTED, Claim, Entry, pyplot
+from .probe import make_probe
 from .samples import sample
 from .sweep import SweepFailed, sweep
 

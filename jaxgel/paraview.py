@@ -6,10 +6,10 @@ import numpy as np
 from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkGroup, VtkTriangle
 
-from .discretisation import make_probe
 from .files import open_folder
 from .observables import cauchy_stress
 from .plotting import field_values
+from .probe import make_probe
 from .results import SELF_CONTACT, history
 
 

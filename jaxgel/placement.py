@@ -11,8 +11,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .cloud import make_cloud
-from .discretisation import DMAX, SKIN, discretise
+from .discretisation import DMAX, discretise
 from .geometry import reference_plate
+from .probe import SKIN
 
 SMALLEST_CELL = 0.4  # least quadrature weight over its value when the cloud was made
 SPENT = 0.2  # the same for a cloud that may yet serve a single trial design

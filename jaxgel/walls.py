@@ -17,13 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
-from .discretisation import make_probe
 from .energy import all_volumes, by_block, deformation_gradients, volume_ratios
 from .equilibrium import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, Equilibrium, Status, energy_at
 from .geometry import edge_lines
 from .material import bulk_stiffness, volume_ratio_at
 from .mixed import ROTATION, ROUND_OFF
 from .path import Step
+from .probe import make_probe
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)  # on each stretch of wall between two nodes
 EPS = np.finfo(float).eps

@@ -1,0 +1,165 @@
+"""Shape functions at points of a cloud: each point has the list of the nodes whose supports reach it, padded with support 0.
+
+Index letters: ``p`` point, ``a`` node of a list, ``l`` list, ``i j`` space.
+"""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from scipy.spatial import cKDTree
+
+from .shape_functions import shape_functions
+
+BATCH = 256  # points whose shape functions are evaluated together
+CHUNK = 1024  # points of one call of the program that evaluates them: no shape in it is a cloud's own, so one program serves them all
+NEIGHBOURS = 16  # its neighbours are padded to a multiple of this
+SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of the spacing
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["points", "nodes", "support", "phi", "dphi"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Probe:
+    """Shape functions at chosen material points."""
+
+    points: jax.Array
+    """(p, 2) the points on the dry plate, mm."""
+    nodes: jax.Array
+    """(p, a) node numbers."""
+    support: jax.Array
+    """(p, a) support radius of each node, mm; 0 for padding."""
+    phi: jax.Array
+    """(p, a) shape functions."""
+    dphi: jax.Array
+    """(p, a, 2) their gradients, 1/mm."""
+
+    def position(self, x):
+        """Deformed positions (p, 2) of the points for nodal positions ``x`` (n, 2), mm."""
+        return in_plane(jnp.einsum("pa,pai->pi", self.phi, x[self.nodes]))
+
+    def deformation_gradient(self, x):
+        """Deformation gradients (p, 2, 2) at the points."""
+        return in_plane(jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi), axis=1)
+
+
+def make_probe(model, points, reference_points=None):
+    """``Probe`` at material points (p, 2) of the dry plate, mm; ``points`` may be traced if their values on the reference are given."""
+    reference_points = np.asarray(points if reference_points is None else reference_points)
+    neighbours = probe_lists(model.cloud, model.dmax, reference_points)
+    return probe_at(model.cloud, points, neighbours, model.basis, model.kind)
+
+
+def probe_at(cloud, points, neighbours, basis, kind):
+    """``Probe`` at points (p, 2) with their lists of ``neighbours``, see ``probe_lists``."""
+    lists, supports = neighbours
+    phi, dphi = evaluate_points(cloud.nodes, jnp.asarray(points), lists, supports, np.arange(len(lists)), basis=basis, kind=kind)
+    return Probe(jnp.asarray(points), lists, supports, phi, dphi)
+
+
+def probe_lists(cloud, dmax, reference_points, room=0.0):
+    """Padded node lists (p, a) and supports (p, a) of material points (p, 2) and all points within ``room`` mm of them."""
+    topology = cloud.topology
+    support, skin = dmax * topology.node_spacing, room + SKIN * topology.spacing * is_moved(cloud)
+    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, skin)
+    return pad_nodes(*reaching, support)
+
+
+def evaluate_points(nodes, points, lists, supports, owner, *, basis, kind, gradients=True):
+    """Shape functions (p, a) at ``points`` (p, 2) with the node list (l, a) and supports of their owners (p,), and their gradients.
+
+    Without ``gradients`` only the values; with them the pair of values (p, a) and gradients (p, a, 2).
+    """
+    count, width = len(points), lists.shape[1]
+    concrete = not isinstance(lax.stop_gradient(points), jax.core.Tracer)  # inside jit one call has all points
+    owner = np.concatenate([owner, np.repeat(owner[:1], -count % (CHUNK if concrete else BATCH))])
+    owners = owner.reshape(-1, CHUNK) if concrete else [owner]
+    lists, supports = (np.pad(part, ((0, 0), (0, -width % NEIGHBOURS))) for part in (lists, supports))
+    parts = zip(_in_parts(points, len(owner), len(owners)), owners, strict=True)
+    how = dict(basis=basis, kind=kind, gradients=gradients)
+    return _together([_evaluate(at, _picked(nodes, lists[own]), supports[own], **how) for at, own in parts], count, width)
+
+
+@functools.partial(jax.jit, static_argnames=("rows", "n_parts"))
+def _in_parts(points, rows, n_parts):
+    """The points in ``n_parts`` equal parts, padded to so many ``rows`` with the first one."""
+    return jnp.split(jnp.concatenate([points, jnp.broadcast_to(points[:1], (rows - len(points), 2))]), n_parts)
+
+
+@jax.jit
+def _picked(nodes, lists):
+    return nodes[lists]
+
+
+@functools.partial(jax.jit, static_argnames=("count", "width"))
+def _together(parts, count, width):
+    """The first ``count`` rows and ``width`` columns of values that lie in parts."""
+    return jax.tree.map(lambda *values: jnp.concatenate(values)[:count, :width], *parts)
+
+
+@functools.partial(jax.jit, static_argnames=("basis", "kind", "gradients"))
+def _evaluate(points, neighbours, supports, *, basis, kind, gradients):
+    """`evaluate_points` of points (p, 2) with neighbours (p, a, 2) and supports (p, a) of their own."""
+
+    @jax.checkpoint
+    def one(point):
+        x, neighbours, support = point
+
+        def phi(x):
+            value = shape_functions(x, neighbours, support, basis=basis, kind=kind)
+            value = value.real if kind == "iicvmls" else value
+            return value, value
+
+        if not gradients:
+            return phi(x)[0]
+        gradient, value = jax.jacfwd(phi, has_aux=True)(x)
+        return value, gradient
+
+    return lax.map(one, (points, neighbours, supports), batch_size=BATCH)
+
+
+# --- lists of nodes ----------------------------------------------------------------------------------------------------------
+
+
+def is_moved(cloud):
+    """Whether the cloud is placed on another plate than its reference."""
+    return cloud.plate is not cloud.topology.plate
+
+
+def reaching_nodes(topology, points, owner, support, skin):
+    """Numbers of the nodes that reach each owner's points, ascending, all owners in a row, and their counts (owners,)."""
+    nodes = topology.partition.vertices[topology.node_vertices]
+    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max() + skin, output_type="ndarray")
+    pairs = pairs[pairs["v"] < support[pairs["j"]] + skin]
+    key = np.unique(owner[pairs["i"]] * len(nodes) + pairs["j"])
+    return key % len(nodes), np.bincount(key // len(nodes), minlength=owner.max() + 1)
+
+
+def pad_nodes(nodes, counts, support):
+    """Padded node lists (l, a) and supports (l, a), 0 for padding, from lists in a row."""
+    numbers = pad_rows(np.arange(len(nodes)), counts, np.arange(len(counts)))
+    real = numbers >= 0
+    padded = nodes[np.where(real, numbers, numbers[:, :1])].astype(np.int32)
+    return padded, np.where(real, support[padded], 0.0)
+
+
+def pad_rows(values, counts, rows):
+    """Rows (r, m) of values that lie in a row with ``counts``, padded with -1."""
+    column = np.arange(counts[rows].max())
+    start = np.concatenate([[0], np.cumsum(counts)])[rows]
+    real = column < counts[rows][:, None]
+    return np.where(real, values[np.where(real, start[:, None] + column, 0)], -1)
+
+
+def in_plane(field, axis=-1):
+    """A sum of shape functions and nodal values: as it is, or, for complex shape functions, which act on x1 + i x2, in components.
+
+    The components lie along ``axis``.
+    """
+    if not jnp.iscomplexobj(field):
+        return field
+    first, second = jnp.moveaxis(field, axis, 0)
+    z = first + 1j * second
+    return jnp.stack([z.real, z.imag], axis=axis)
