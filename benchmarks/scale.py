@@ -145,7 +145,7 @@ def child(wanted, threads, solver):
     row = {name: statistics.median(values[1:] or values) for name, values in seconds.items()}
     unit = 2**30 if sys.platform == "darwin" else 2**20
     factor_gib, step_gib, cells = made.size / 2**30, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, model.n_cells
-    made = pairs = now = problem = None  # their memory is that of one step, not of the sweep
+    made = pairs = now = problem = args = None  # their memory is that of one step, not of the sweep
     begin, before = time.perf_counter(), compiled[0]
     path = jaxgel.sweep(model, plate.gel, mu=list(MU))
     row["sweep"] = time.perf_counter() - begin - (compiled[0] - before)

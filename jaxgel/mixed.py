@@ -25,7 +25,7 @@ from .linear_solve import analyse
 from .material import bulk_stiffness, neo_hookean, osmotic, volume_ratio_at
 
 CHUNK = 32  # cells whose tangents are added up together: few enough to stay in the cache
-TOGETHER = 1024  # cells whose volume gradients are made together, for the same reason
+TOGETHER = 1024  # cells whose volume gradients, or pairs of nodes, are made together, for the same reason
 ROTATION = np.array([[0.0, 1.0], [-1.0, 0.0]])  # det(a, b) = a . ROTATION b; cof F = R F R^T
 ROUND_OFF = 1e-3  # swelling J* - 1 below which the constraint is judged absolutely
 
@@ -93,16 +93,21 @@ def _constants(total, blocks, slots):
 def node_pairs(lists):
     """Node pairs (p, 2), i <= j, that share a cell, and per block the slots (c, t) of ``Constants``; host, kept with the lists."""
     if "pairs" not in lists.cache:
-        n, keys = len(lists.topology.node_vertices), []
+        n, slots, parts = len(lists.topology.node_vertices), [], []
         for cells in lists.cells:
-            real = lists.support[cells] > 0
-            a, b = np.triu_indices(int(real.sum(axis=1).max()))
-            nodes = lists.nodes[cells].astype(np.int64)
-            keys.append(np.where(real[:, a] & real[:, b], nodes[:, a] * n + nodes[:, b], n * n))
-        unique = np.unique(np.concatenate([key.ravel() for key in keys]))
+            a, b = np.triu_indices(int((lists.support[cells] > 0).sum(axis=1).max()))
+            slots.append(np.empty((len(cells), len(a)), np.int32))
+            for first in range(0, len(cells), TOGETHER):  # neighbours, most of whose pairs are the same: their list is short
+                some, slot = cells[first : first + TOGETHER], slots[-1][first : first + TOGETHER]
+                nodes, real = lists.nodes[some].astype(np.int64), lists.support[some] > 0
+                own, place = np.unique(np.where(real[:, a] & real[:, b], nodes[:, a] * n + nodes[:, b], n * n), return_inverse=True)
+                slot[:] = place.reshape(slot.shape)
+                parts.append((own, slot))
+        unique = np.unique(np.concatenate([own for own, _ in parts]))
         unique = unique[unique < n * n]
-        slots = tuple(np.searchsorted(unique, key).astype(np.int32) for key in keys)
-        lists.cache["pairs"] = np.stack([unique // n, unique % n], axis=1), slots
+        for own, slot in parts:
+            slot[:] = np.searchsorted(unique, own)[slot]
+        lists.cache["pairs"] = np.stack([unique // n, unique % n], axis=1), tuple(slots)
     return lists.cache["pairs"]
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 import jaxgel
 from jaxgel.constraints import check_room, free_dofs, lift
 from jaxgel.energy import residual, total_energy
-from jaxgel.equilibrium import MAX_ITERATIONS, TOLERANCE, Status, advice, dry_state, energy_at, prepare, solve
+from jaxgel.equilibrium import MAX_ITERATIONS, TOLERANCE, Status, advice, dry_state, energy_at, linearised, prepare, solve, tangent_at
 from jaxgel.material import Gel
 from jaxgel.mixed import state_pressure
 
@@ -190,3 +190,15 @@ def test_displacement_method_agrees_with_the_mixed_one_where_the_state_is_homoge
     found = solve(prepare(model, gel), -1.0, *dry_state(model, gel))
     stretch = float(jaxgel.uniaxial_swelling(-1.0, gel))
     np.testing.assert_allclose(found.x[:, 1], stretch * (model.cloud.nodes[:, 1] + 0.5) - 0.5, atol=1e-9)
+
+
+def test_assembly_never_holds_the_matrices_of_all_points(coarse_model):
+    """Of one component each, let alone of four; a step needs less than a fifth of that, on finer clouds a smaller share."""
+    gel = coarse_model.cloud.plate.gel
+    problem, (x, pressure) = prepare(coarse_model, gel), dry_state(coarse_model, gel)
+    stencil = max(block.nodes.shape[1] for block in coarse_model.blocks)
+    first = x, pressure, coarse_model, problem.gel, -4.9, problem.loads, problem.fixed, problem.free
+    then = x, pressure, linearised(*first)[0], coarse_model, problem.gel, problem.fixed
+    for function, args in ((linearised, first), (tangent_at, then)):
+        memory = function.lower(*args).compile().memory_analysis()
+        assert 0 < memory.temp_size_in_bytes < 8 * coarse_model.n_points * stencil**2 / 5
