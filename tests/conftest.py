@@ -25,6 +25,8 @@ from jaxgel.results import load_path
 
 jax.config.update("jax_enable_x64", True)
 
+ROOM = 2.5  # GiB that a test process may fill from one module to the next
+
 
 def pytest_xdist_auto_num_workers(config):
     """Workers of ``-n auto``: one per core, but each with 6 GiB, since compiled programs pile up in a test process."""
@@ -118,5 +120,12 @@ def buckling_model(cloud_of):
 def _forget_compiled_programs():
     """Programs that JAX keeps fill gigabytes over a whole run; the cache on disk has them for the next module."""
     yield
-    jax.clear_caches()
-    gc.collect()
+    if _resident() > ROOM:
+        jax.clear_caches()
+        gc.collect()
+
+
+def _resident():
+    """GiB that this process fills; without bound where the system does not tell."""
+    file = Path("/proc/self/statm")
+    return int(file.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**30 if file.exists() else float("inf")
