@@ -1,54 +1,98 @@
-"""The swollen gel of sample 1 as a mixed finite-element problem (NGSolve), for ``ngsolve_sweep.py``.
+"""A swollen gel as a mixed finite-element problem (NGSolve), for ``ngsolve_sweep.py`` and ``finite_elements.py``.
 
 Displacement u of order k on curved triangles, pressure p discontinuous of order k-1 and condensed element by element. The stationary
 point of L(u, p) = int Nv/2 (F:F - 2) + p (J - 1) - g*(p) is sought, where g* is the Legendre transform of the mixing energy, so that
 the volume ratio J*(p) > 1 is feasible for every p (see ``volume_ratio``). Lengths in mm, energies in kT/v times mm^2, mu in kT.
 """
 
+import functools
+
+import netgen.meshing
 import netgen.occ as occ
 import ngsolve as ng
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-NV, CHI = 1e-3, 1e-4
+from jaxgel import Circle, Ellipse
+
 TOLERANCE = 1e-10  # mm, of the displacement; leaves a residual near 1e-13 of the network's nodal forces, no looser than jaxgel
 KEEP = 0.1  # a factorisation is kept while each correction is below this fraction of the one before
 
 
-def plate_mesh(order, plate, hole, grading):
-    """Triangles of sample 1, edges up to ``plate`` mm long and up to ``hole`` mm on the four ellipses (full axes 10 x 8 mm)."""
-    face = occ.MoveTo(-11, -11).Rectangle(22, 22).Face()
-    face.edges.Min(occ.X).name, face.edges.Max(occ.X).name = "left", "right"
-    face.edges.Min(occ.Y).name, face.edges.Max(occ.Y).name = "bottom", "top"
-    for cx, cy in ((5, 5), (-5, 5), (-5, -5), (5, -5)):
-        ellipse = occ.WorkPlane().MoveTo(cx, cy).Rotate(0 if cx * cy > 0 else 90).Ellipse(5, 4).Face()
-        ellipse.edges.maxh = hole
-        face = face - ellipse
-    mesh = ng.Mesh(occ.OCCGeometry(face, dim=2).GenerateMesh(maxh=plate, grading=grading))
-    mesh.Curve(order)
+def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
+    """Triangles of a ``jaxgel.Plate``, edges up to ``size`` mm long, to ``hole`` mm on the outlines, to ``corner`` mm at their corners.
+
+    With ``folds`` = n the lower left part, 1/2^n of either side, is meshed and then mirrored n times each way, so that the mesh has the
+    mirror lines of the plate to round-off. The boundaries are "x" and "y", the walls by their normal, and "hole".
+    """
+    left, bottom = -plate.width / 2, -plate.height / 2
+    face = occ.MoveTo(left, bottom).Rectangle(plate.width / 2**folds, plate.height / 2**folds).Face()
+    for outline in map(_face, plate.holes):
+        outline.edges.maxh, outline.edges.name = hole, "hole"
+        outline.vertices.maxh = corner or hole
+        face = face - outline
+    mesh = occ.OCCGeometry(face, dim=2).GenerateMesh(maxh=size, grading=grading)
+    for n in range(folds, 0, -1):
+        for start, length, axis in ((left, plate.width, (1, 0, 0)), (bottom, plate.height, (0, 1, 0))):
+            point = netgen.meshing.Pnt(*(np.array(axis) * (start + length / 2**n)))
+            mesh = mesh.Mirror(point, netgen.meshing.Vec(*axis))
+    walls = [mesh.AddRegion(name, 1) for name in "xy"]
+    for edge in mesh.Elements1D():
+        distance = np.abs([mesh[vertex].p[:2] for vertex in edge.vertices]) + [left, bottom]
+        for wall in np.flatnonzero(np.abs(distance).max(axis=0) < 1e-9):
+            edge.index = walls[wall]
+    mesh = ng.Mesh(mesh)
+    if folds:
+        _curve(mesh, plate, order)  # a mirrored mesh has lost its geometry
+    else:
+        mesh.Curve(order)
     return mesh
 
 
-def volume_ratio(p, mu):
+def _face(hole):
+    plane = occ.WorkPlane().MoveTo(*map(float, hole.centre)).Rotate(np.degrees(float(getattr(hole, "angle", 0))))
+    if isinstance(hole, Circle):
+        return plane.Circle(float(hole.radius)).Face()
+    if isinstance(hole, Ellipse):
+        return plane.Ellipse(*map(float, hole.semi_axes)).Face()
+    return plane.RectangleC(*map(float, hole.sides)).Face()
+
+
+def _curve(mesh, plate, order):
+    """Move the chords of circles onto them: interpolation of order k on each edge, as ``Curve`` does."""
+    move = ng.CF((0, 0))
+    for hole in plate.holes:
+        if isinstance(hole, Circle):
+            arm, radius = ng.CF((ng.x, ng.y)) - ng.CF(tuple(map(float, hole.centre))), float(hole.radius)
+            move += ng.IfPos(radius * (1 + 1e-6) - ng.Norm(arm), radius / ng.Norm(arm) - 1, 0) * arm
+    deformation = ng.GridFunction(ng.VectorH1(mesh, order=order))
+    deformation.Set(move, definedon=mesh.Boundaries("hole"), dual=True)
+    mesh.SetDeformation(deformation)
+
+
+def volume_ratio(p, mu, gel, steps=2):
     """J*(p) > 1 that solves ln(1 - 1/J) + 1/J + chi/J^2 - Nv/J = mu + p, as an NGSolve expression.
 
     With w = 1 - 1/J and Nv = chi = 0 this is ln w - w = mu + p - 1, so -w is the Lambert W function of -exp(mu + p - 1): its series
-    starts two Newton steps. Twelve digits below mu + p = -0.9.
+    starts the Newton ``steps``. Two give twelve digits below mu + p = -0.9, four below -0.2.
     """
     s = mu + p
     z = ng.exp(s - 1)
     w = z * (1 + z * (1 + z * (3 / 2 + z * (8 / 3 + z * (125 / 24 + z * 54 / 5)))))
-    for _ in range(2):
-        value = ng.log(w) + (1 - w) * (1 - NV) + CHI * (1 - w) ** 2 - s
-        w = w - value / (1 / w - (1 - NV) - 2 * CHI * (1 - w))
+    for _ in range(steps):
+        value = ng.log(w) + (1 - w) * (1 - gel.Nv) + gel.chi * (1 - w) ** 2 - s
+        w = w - value / (1 / w - (1 - gel.Nv) - 2 * gel.chi * (1 - w))
     return 1 / (1 - w)
 
 
 class MixedGel:
-    """One mesh with its state (u, p), residual, tangent and factorisation."""
+    """One mesh of a plate with its state (u, p), residual, tangent and factorisation."""
 
-    def __init__(self, mesh, order):
-        self.mesh, self.mu = mesh, ng.Parameter(0.0)
-        displacement = ng.VectorH1(mesh, order=order, dirichletx="left|right", dirichlety="bottom|top")
+    def __init__(self, plate, mesh, order, steps=2):
+        self.plate, self.mesh, self.mu, gel = plate, mesh, ng.Parameter(0.0), plate.gel
+        displacement = ng.VectorH1(mesh, order=order, dirichletx="x", dirichlety="y")
         space = displacement * ng.L2(mesh, order=order - 1)
         self.free_dofs, self.n_displacement = sum(displacement.FreeDofs()), displacement.ndof
         self.state = ng.GridFunction(space)
@@ -58,18 +102,24 @@ class MixedGel:
         grad_u, grad_v = ng.Grad(du), ng.Grad(v)
         self.F = ng.Id(2) + ng.Grad(self.u)
         C = _cofactor(self.F)
-        self.J = volume_ratio(self.p, self.mu).Compile()
-        compliance = (1 / (1 / (self.J**2 * (self.J - 1)) - 2 * CHI / self.J**3 + NV / self.J**2)).Compile()  # dJ*/dp
+        self.J = volume_ratio(self.p, self.mu, gel, steps).Compile()
+        compliance = (1 / (1 / (self.J**2 * (self.J - 1)) - 2 * gel.chi / self.J**3 + gel.Nv / self.J**2)).Compile()  # dJ*/dp
         # One term per line, because NGSolve evaluates every factor of an integrand once for each pair of components.
         self.tangent = ng.BilinearForm(space, condense=True)
-        self.tangent += (NV * ng.InnerProduct(grad_u, grad_v) + self.p * ng.InnerProduct(_cofactor(grad_u), grad_v)) * self.dx
+        self.tangent += (gel.Nv * ng.InnerProduct(grad_u, grad_v) + self.p * ng.InnerProduct(_cofactor(grad_u), grad_v)) * self.dx
         self.tangent += (dp * ng.InnerProduct(C, grad_v) + q * ng.InnerProduct(C, grad_u)) * self.dx
         self.tangent += -compliance * dp * q * self.dx
         self.residual = ng.LinearForm(space)
-        self.residual += ng.InnerProduct((NV * self.F + self.p * C).Compile(), grad_v) * self.dx
+        self.residual += ng.InnerProduct((gel.Nv * self.F + self.p * C).Compile(), grad_v) * self.dx
         self.residual += q * (ng.Det(self.F) - self.J).Compile() * self.dx
         self.step = self.state.vec.CreateVector()
         self.inverse, self.free = None, space.FreeDofs(True)
+
+    @functools.cached_property
+    def mass(self):
+        """Mass matrix of unit density, as a form."""
+        (u, _), (v, _) = self.state.space.TnT()
+        return ng.BilinearForm(u * v * self.dx, condense=False).Assemble()
 
     def factor(self):
         self.tangent.Assemble()
@@ -103,23 +153,74 @@ class MixedGel:
                 return factorisations, corrections
         raise RuntimeError(f"NGSolve: no equilibrium at mu = {mu}, last correction {size:.1e} mm")
 
+    def follow(self, mus):
+        """Equilibria at each of ``mus`` in turn from the present state, extrapolated from up to three before; yields mu."""
+        history, state = [], self.state.vec.FV().NumPy()
+        for mu in mus:
+            if len(history) > 1:
+                state[:] = BarycentricInterpolator([at for at, _ in history], [before for _, before in history])(mu)
+            self.equilibrium(mu)
+            history = [*history[-2:], (mu, state.copy())]
+            yield mu
+
     def core_rotation(self):
-        """Polar rotation of F at the centre, degrees."""
-        F11, F12, F21, F22 = self.F(self.mesh(0, 0))
+        """Polar rotation of F at the plate's core, degrees."""
+        F11, F12, F21, F22 = self.F(self.mesh(*self.plate.core))
         return float(np.degrees(np.arctan2(F21 - F12, F11 + F22)))
 
     def midline_rotation(self):
         """Angle to the x axis of the line from the lowest to the highest point of the deformed midline y = 0, degrees."""
-        x = np.linspace(-11, 11, 4001)
+        x = np.linspace(-0.5, 0.5, 4001) * self.plate.width
         x, y = (np.array(self.u(self.mesh(x, 0 * x))) + np.stack([x, 0 * x], axis=1)).T
         low, high = y.argmin(), y.argmax()
         return float(np.degrees(np.arctan((y[high] - y[low]) / (x[high] - x[low]))))
 
     def energy(self):
         """Total free energy of the dry plate (kT/v mm^2)."""
-        J = self.J
-        mixing = -(J - 1) * ng.log(J / (J - 1)) - CHI / J - self.mu * (J - 1)
-        return float(ng.Integrate((NV / 2 * (ng.InnerProduct(self.F, self.F) - 2 - 2 * ng.log(J)) + mixing) * self.dx, self.mesh))
+        J, gel = self.J, self.plate.gel
+        mixing = -(J - 1) * ng.log(J / (J - 1)) - gel.chi / J - self.mu * (J - 1)
+        return float(ng.Integrate((gel.Nv / 2 * (ng.InnerProduct(self.F, self.F) - 2 - 2 * ng.log(J)) + mixing) * self.dx, self.mesh))
+
+    def modes(self, k=3):
+        """Number of negative eigenvalues of the condensed tangent, the k ones nearest to 0 in order, kT/v, and their modes (k, n).
+
+        The number is that of negative pivots (Sylvester); the eigenvalues are with respect to the mass of unit density. A mode is placed
+        as the state is, and displaces by 1 mm at most.
+        """
+        self.tangent.Assemble()
+        free = np.flatnonzero(self.free)
+        tangent, mass = (_sparse(form.mat)[free][:, free] for form in (self.tangent, self.mass))
+        lu = splu(tangent, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
+        values, vectors = eigsh(tangent, k, mass, sigma=0, OPinv=LinearOperator(tangent.shape, lu.solve), v0=np.ones(len(free)))
+        modes, order = np.zeros((k, len(self.state.vec))), np.argsort(values)
+        for mode, vector in zip(modes, vectors[:, order].T, strict=True):
+            self.step.FV().NumPy()[:] = 0
+            self.step.FV().NumPy()[free] = vector
+            self.step.data += self.tangent.harmonic_extension * self.step
+            mode[:] = self.step.FV().NumPy()
+            mode /= np.abs(mode[: self.n_displacement]).max()
+        return int(np.sum(lu.U.diagonal() < 0)), values[order], modes
+
+    def area_reduction(self):
+        """Share of the holes' area that the gel has taken; the walls keep their place, so it is the area that the gel has gained."""
+        dry = float(ng.Integrate(ng.CF(1), self.mesh))
+        grown = float(ng.Integrate(ng.Det(self.F) * self.dx, self.mesh))
+        return (grown - dry) / (self.plate.width * self.plate.height - dry)
+
+    def outlines(self, parts=8):
+        """Points of the hole outlines, dry and deformed (m, 2), and the ratio (m,) of normal to tangential stretch; edge by edge."""
+        rule = ng.IntegrationRule([(t,) for t in np.arange(parts) / parts], [0.0] * parts)
+        points = self.mesh.MapToAllElements(rule, self.mesh.Boundaries("hole"))
+        dry, u = (ng.CF(values)(points) for values in ((ng.x, ng.y), self.u))
+        tangent = ng.specialcf.tangential(2)
+        stretch = ng.Norm(tangent + ng.Grad(self.u).Trace() * tangent)
+        ratio = ng.BoundaryFromVolumeCF(ng.Det(self.F)) / stretch**2  # without traction the normal is principal
+        return dry, dry + u, ratio(points)[:, 0]
+
+
+def _sparse(matrix):
+    rows, columns, values = (np.array(part) for part in matrix.COO())
+    return csc_matrix((values, (rows, columns)), shape=(matrix.height, matrix.width))
 
 
 def _cofactor(A):

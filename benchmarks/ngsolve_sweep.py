@@ -14,6 +14,8 @@ import ngsolve as ng
 import numpy as np
 from ngsolve_gel import MixedGel, plate_mesh
 
+from jaxgel import sample
+
 MU = np.linspace(-4.9678, -0.9178, 30)
 REFERENCE = Path(__file__).with_name("reference_core_rotation.json")
 
@@ -35,7 +37,8 @@ class Row:
 
     def gel(self):
         """The dry gel on this mesh."""
-        return MixedGel(plate_mesh(self.order, self.plate, self.hole, self.grading), self.order)
+        plate = sample("sample-1")
+        return MixedGel(plate, plate_mesh(plate, self.order, self.plate, self.hole, self.grading), self.order)
 
 
 # From 10 % to 0.25 % in the core rotation, each about the cheapest of its order. The last two are cubic at 6,800 degrees of freedom.

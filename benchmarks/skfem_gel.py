@@ -11,12 +11,16 @@ from importlib.metadata import version
 
 import numpy as np
 import skfem
-from ngsolve_gel import CHI, KEEP, NV, TOLERANCE, plate_mesh
+from ngsolve_gel import KEEP, TOLERANCE, plate_mesh
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 from skfem.helpers import ddot, grad
 
+from jaxgel import sample
+
+PLATE = sample("sample-1")
+NV, CHI = PLATE.gel.Nv, PLATE.gel.chi
 MU = np.linspace(-4.9678, -0.9178, 30)
 ELEMENTS = {1: skfem.ElementTriP1, 2: skfem.ElementTriP2, 3: skfem.ElementTriP3, 4: skfem.ElementTriP4}
 SUPERLU = dict(diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
@@ -37,7 +41,7 @@ ROWS = (Row(3, 4, 3, grading=0.8), Row(3, 4, 3), Row(3, 2, 0.9), Row(4, 6, 4), R
 
 def curved_mesh(plate, hole, grading):
     """Netgen's triangles with the middles of the edges on the holes moved onto the ellipses."""
-    mesh = plate_mesh(1, plate, hole, grading)
+    mesh = plate_mesh(PLATE, 1, plate, hole, grading)
     corners = np.array([[vertex.nr for vertex in element.vertices] for element in mesh.Elements()])
     straight = skfem.MeshTri(np.array([vertex.point for vertex in mesh.vertices]).T.copy(), corners.T.copy())
     curved = skfem.MeshTri2.from_mesh(straight)
