@@ -19,6 +19,7 @@ import matplotlib as mpl
 import numpy as np
 
 import jaxgel
+from jaxgel.paper_items import FINITE_ELEMENTS
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -27,13 +28,10 @@ SPACINGS = (1.1, 22 / 30, 0.55, 22 / 60, 0.275)  # mm
 BASES = ("linear", "quadratic")
 MU = (-2.9678, -1.9678, -1.4678, -0.9678, -0.9178)  # kT
 ON_THE_WAY = (-4.9678, -3.9678, -1.2178)
-REFERENCE = {  # at MU; NGSolve, curved elements of order 3-4, locally refined; midline and core at the last two +- 0.3 %
-    "midline rotation": (1.675, 6.819, 14.304, 26.8, 28.4),  # degrees
-    "core rotation": (2.009, 7.832, 15.94, 29.06, 30.73),  # degrees
-    "area reduction": (0.0182, 0.053126, 0.09493, 0.182554, 0.196282),
-    "energy": (-4.509397, -12.651592, -21.665261, -38.35503, -40.73393),  # kT/v mm^2
-}
-CRITICAL_MU = -1.7732  # of sample 4, kT
+KNOWN = FINITE_ELEMENTS["sample-1"]
+NAMES = {"midline rotation": "rotation", "core rotation": "core", "area reduction": "area", "energy": "energy"}
+REFERENCE = {name: tuple(KNOWN[key][KNOWN["mu"].index(mu)] for mu in MU) for name, key in NAMES.items()}
+CRITICAL_MU = FINITE_ELEMENTS["sample-4"]["critical_mu"]
 LAST = -1.3  # mu up to which the bifurcation is sought, kT
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/lattice.py [--out docs]
 
-Writes lattice.csv and lattice.png. Finite elements: core rotation 13.35 degrees and energy -1.264174 at mu = -1.9678.
+Writes lattice.csv and lattice.png; the finite elements are those of ``finite_elements.py``.
 """
 
 import argparse
@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 import jaxgel
 from jaxgel.observables import aspect_ratio
+from jaxgel.paper_items import FINITE_ELEMENTS
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -22,7 +23,6 @@ from jaxgel.plotting import plot_patterns
 
 MU = [-4.9678, -3.9678, -3.4678, -3.2, -3.15, -2.9678, -2.4678, -1.9678, -1.4678, -0.9678, -0.6678, -0.4678, -0.3678]
 MU += [-0.34, -0.3178, -0.3, -0.285, -0.2688, -0.25, -0.24, -0.23, -0.22, -0.21, -0.20, -0.195, -0.19, -0.18, -0.1688]
-FINITE_ELEMENTS = (-1.9678, 13.35)  # mu, core rotation in degrees
 CENTRE = 12  # the hole at the origin
 
 
@@ -56,7 +56,8 @@ def draw(path, rows, file):
         if contact.any():
             ax.axvline(-rows[np.argmax(contact), 0], color="#5c6670", linestyle="--", linewidth=0.8, label="first contact")
         if k == 2:
-            ax.plot(-FINITE_ELEMENTS[0], FINITE_ELEMENTS[1], "x", color="#d55e00", label="finite elements")
+            known = FINITE_ELEMENTS["lattice"]["buckled"]
+            ax.plot(-np.array(known["mu"]), known["core"], "x", color="#d55e00", label="finite elements")
             ax.legend(frameon=False, fontsize=7, loc="upper left")
         ax.set(xscale="log", xlim=(5.5, 0.15), xlabel=r"chemical potential $\mu$ ($kT$)", ylabel=label)
         ax.set_xticks([5, 2, 1, 0.5, 0.2], ["−5", "−2", "−1", "−0.5", "−0.2"])

@@ -10,13 +10,11 @@ import shapely
 
 import jaxgel
 from jaxgel.observables import cell_volumes, deformed_vertices, dry_outlines, free_stretch, mean_surface_ratios, surface_ratios
+from jaxgel.paper_items import FINITE_ELEMENTS
+from jaxgel.results import CREASE_RATIO
 
-MU = [-4.9678, -3.9678, -2.9678, -1.9678, -1.4678, -0.9678, -0.9178]
-MIDLINE = [0.1853, 0.5299, 1.675, 6.819, 14.304, 26.8, 28.4]
-CORE = [0.2276, 0.6477, 2.009, 7.832, 15.94, 29.06, 30.73]
-AREA = [0.002382, 0.006532, 0.0182, 0.053126, 0.09493, 0.182554, 0.196282]
-ENERGY = [-0.620347, -1.653513, -4.509397, -12.651592, -21.665261, -38.35503, -40.73393]
-# finite elements for sample 1: curved elements of order 3-4, refined; rotations known to 0.1 degrees at the last two mu
+KNOWN = FINITE_ELEMENTS["sample-1"]
+MU, MIDLINE, CORE, AREA, ENERGY = (KNOWN[name] for name in ("mu", "rotation", "core", "area", "energy"))
 
 
 def with_states(path, x):
@@ -219,12 +217,12 @@ def test_stress_of_the_uniaxially_swollen_square_is_the_closed_form(method, quad
 
 
 def test_surface_ratio_grows_past_the_crease_limit_late_in_the_sweep(sample_1):
-    """Finite elements: 2.39 at mu = -1.12."""
+    """The crease limit is where finite elements have it."""
     ratio = np.asarray(jaxgel.surface_ratio(sample_1))
     assert np.all(np.diff(ratio) > 0)
     assert 1.0 < ratio[0] < 1.05
-    crease = np.interp(2.39, ratio, sample_1.mu)
-    assert crease == pytest.approx(-1.12, abs=0.25)  # between samples of mu
+    crease = np.interp(CREASE_RATIO, ratio, sample_1.mu)
+    assert crease == pytest.approx(KNOWN["crease_mu"], abs=0.25)  # between samples of mu
 
 
 def test_mean_surface_ratio_of_a_homogeneous_strain(coarse_path, tiny_model):
