@@ -5,6 +5,7 @@ import numpy as np
 from .material import free_swelling
 from .observables import aspect_ratio, cell_volumes, free_stretch, volume_ratio
 from .paper_items import (
+    BY_FINITE_ELEMENTS,
     CLOSING,
     COLOURS,
     CONDITION,
@@ -84,8 +85,8 @@ def fig_12(runs):
         title="Fig. 12: rotation of samples 1, 2 and 3 over the chemical potential, each on three clouds, and the crease limit",
         paper="Rotation reaches about 30, 20 and 18 degrees in samples 1, 2, 3; none is visible before mu = -3.9678.",
         ours=" ".join(claim.evidence for claim in claims) + f" Rotation at mu = -1.9678 on the three clouds: {spread}.",
-        reference=f"Finite elements, sample 1: {reference['rotation'][-1]} degrees at mu = {reference['mu'][-1]}; crease limit at mu = "
-        f"{reference['crease_mu']}. The finest cloud is within {percent(max(errors))} of them at {len(common)} values of mu.",
+        reference=f"{BY_FINITE_ELEMENTS}, sample 1: {reference['rotation'][-1]} degrees at mu = {reference['mu'][-1]}; crease limit at "
+        f"mu = {reference['crease_mu']}. The finest cloud is within {percent(max(errors))} of them at {len(common)} values of mu.",
         verdict="; ".join(f"sample {n} {claim.verdict}" for n, claim in zip(PRINTED_ANGLES, claims, strict=True)) + ".",
         rows=table,
         claims=(*claims, _onset_claim(paths, angle)),
@@ -165,8 +166,8 @@ def fig_13(runs):
         title="Fig. 13: the lattice; patterns of the symmetric branch, then of the stable one, and its core rotation",
         paper="Circles become lozenges without rotation from mu = -4.9688 to -0.2688; buckled and rotated at -0.1688, stretch 1.4510.",
         ours=evidence,
-        reference=f"Finite elements: buckles at mu = {reference['critical_mu']}, core rotation {reference['buckled']['core'][0]} degrees "
-        f"at mu = {reference['buckled']['mu'][0]}, first contact at mu = {reference['first_contact_mu']}.",
+        reference=f"{BY_FINITE_ELEMENTS}: buckles at mu = {reference['critical_mu']}, core rotation {reference['buckled']['core'][0]} "
+        f"degrees at mu = {reference['buckled']['mu'][0]}, first contact at mu = {reference['first_contact_mu']}.",
         verdict=f"{verdict}: " + ("it buckles there." if late else "the lattice buckles at a much lower mu than the paper says."),
         rows=table,
         claims=(Claim("The lattice has buckled at stretch 1.4510, and not before mu = -0.2688", verdict, evidence),),
@@ -248,7 +249,7 @@ def fig_14(runs):
         f"sample {largest} ends highest and sample {least} lowest; at mu = {shared:.4f} they have "
         f"{', '.join(percent(same[n]) for n in (1, 4, 7))}. "
         f"Outlines and volumes of the gel give the same area reduction within {100 * off:.2g} %.",
-        reference=f"Finite elements at mu = {reference['mu'][-1]}, whatever the shape: "
+        reference=f"{BY_FINITE_ELEMENTS} at mu = {reference['mu'][-1]}, four circular holes: "
         f"{', '.join(f'{percent(v[-1])} for {s} pi mm^2' for s, v in reference['area'].items())}.",
         verdict="; ".join(f"{claim.statement}: {claim.verdict}" for claim in claims) + ".",
         rows=table,

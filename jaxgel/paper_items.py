@@ -19,7 +19,8 @@ from .sweep import sweep
 
 CONFIRMED, CONDITION, CONTRADICTED = "confirmed", "confirmed with a condition", "contradicted"
 FINITE_ELEMENTS = json.loads(files("jaxgel").joinpath("finite_elements.json").read_text(encoding="utf-8"))
-"""Values of another method, quoted in the report; ``about`` says how they were made."""
+"""Values of another method, quoted in the report; ``about`` says how they were made, ``spread`` stands for the error of its neighbours."""
+BY_FINITE_ELEMENTS = "Finite elements (`python benchmarks/finite_elements.py`)"
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")  # Okabe and Ito
 DETAILED = [-4.9678, -3.9678, -2.9678, -2.4678, -1.9678, -1.4678, -1.1678, -0.95, -0.9178]

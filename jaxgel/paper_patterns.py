@@ -9,6 +9,7 @@ import numpy as np
 from .geometry import inside_holes
 from .observables import outlines
 from .paper_items import (
+    BY_FINITE_ELEMENTS,
     CONDITION,
     CONFIRMED,
     CONTRADICTED,
@@ -86,7 +87,7 @@ def fig_6(runs):
         title="Fig. 6: sample 1 at growing chemical potential",
         paper="No visible deformation at mu = -4.9678; then the ellipses change and the plate rotates anticlockwise.",
         ours=f"Midline rotation {values} degrees at mu = {mus}.",
-        reference="Finite elements: "
+        reference=f"{BY_FINITE_ELEMENTS}: "
         + ", ".join(f"{r} degrees at mu = {m}" for m, r in zip(reference["mu"], reference["rotation"], strict=True))
         + ".",
         verdict=f"{CONFIRMED if angle[states[-1]] > 0 else CONTRADICTED}; within {percent(error)} of finite elements at common mu.",
@@ -121,7 +122,7 @@ def fig_8(runs):
         "below on the stable branch",
         paper="Circles at mu = -4.9678, lozenges at -0.6678, almost squares at -0.2678.",
         ours=evidence,
-        reference=f"Finite elements: unstable from mu = {reference['critical_mu']}, then core rotation "
+        reference=f"{BY_FINITE_ELEMENTS}: unstable from mu = {reference['critical_mu']}, then core rotation "
         f"{reference['buckled']['core'][-1]} degrees at mu = {reference['buckled']['mu'][-1]}.",
         verdict=f"{verdict}{': ' + why if lozenge else ''}.",
         claims=(Claim("The circles of sample 4 become lozenges, then almost squares", verdict, evidence),),
@@ -141,7 +142,7 @@ def fig_10(runs):
         title="Fig. 10: sample 7 at growing chemical potential, symmetric branch with contact",
         paper="The four sides of the squares deform inward (mu = -4.9678 to -0.5678), later more near the walls than near the midlines.",
         ours=f"Width of a hole along the axes over that along the diagonals: {values} (a square has 0.71); {stability(path)}.",
-        reference=f"Finite elements: unstable from mu = {FINITE_ELEMENTS['sample-7']['critical_mu']}.",
+        reference=f"{BY_FINITE_ELEMENTS}: unstable from mu = {FINITE_ELEMENTS['sample-7']['critical_mu']}.",
         verdict=CONDITION + ": so deform the holes of the symmetric branch, which is unstable." if inward else CONTRADICTED,
     )
 
@@ -174,7 +175,7 @@ def fig_7(runs):
         title=f"Fig. 7: samples 1, 2, 3 at mu = {mu}; where outlines overlap before, with contact",
         paper="The vertical pillars buckle, in sample 3 more than in samples 1 and 2.",
         ours=evidence,
-        reference=f"Finite elements for sample 1: {FINITE_ELEMENTS['sample-1']['rotation'][-1]} degrees at mu = -0.9178.",
+        reference=f"{BY_FINITE_ELEMENTS} for sample 1: {FINITE_ELEMENTS['sample-1']['rotation'][-1]} degrees at mu = -0.9178.",
         verdict=verdict + (": the pillars bend, but not more with smaller holes." if bent and not more else "."),
         claims=(Claim("The pillars of samples 1-3 buckle, more with smaller holes", verdict, evidence),),
     )
@@ -218,7 +219,7 @@ def _straight(runs, numbers, mu, figure, text):
         f"before and in the paper's own discretisation where the branch ends before; last, sample {numbers[0]} on the stable branch",
         paper=text,
         ours=evidence,
-        reference=f"Finite elements: the symmetric state becomes unstable at mu: {reference}.",
+        reference=f"{BY_FINITE_ELEMENTS}: the symmetric state becomes unstable at mu: {reference}.",
         verdict=f"{verdict}{': ' * bool(why)}{'; '.join(why)}.",
         claims=(Claim(name, verdict, evidence),),
     )
