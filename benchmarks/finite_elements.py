@@ -96,7 +96,7 @@ def main(names):
         **{name: known[name] for name in CASES},
         "areas": families(known),
     }
-    text = re.sub(r"\[[^][]*\]", lambda row: f"[{' '.join(row[0][1:-1].split())}]", json.dumps(content, indent=1))  # a row of numbers on one line
+    text = re.sub(r"\[[^][]*\]", lambda row: f"[{' '.join(row[0][1:-1].split())}]", json.dumps(content, indent=1))
     FILE.write_text(text + "\n", encoding="utf-8")
 
 
