@@ -24,6 +24,7 @@ NEAR = 0.1  # largest relative difference of d . K d for a mode's correction d b
 FIRST_ITERATIONS = 6  # inverse iterations for modes of which nothing is known
 MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
 ITERATIONS = 40
+NEARBY_ITERATIONS = 8  # with the factor of another tangent, before the state's own is factorised
 FIRST_AMPLITUDE = 0.02  # of the spacing: largest displacement of the first pinned state
 GROWTH = 1.5  # of the amplitude from one pinned state to the next
 MAX_PINNED = 24  # pinned states before the search for another branch gives up
@@ -66,15 +67,17 @@ def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY
     """``Modes`` of an ``Equilibrium`` at ``mu``, and that state, with a factor of its own tangent where one had to be made.
 
     ``stiffness`` is ``network_stiffness(problem)``; ``start`` (f, m) are modes of a nearby state, on which a factor of a nearby tangent
-    will do as long as the state is stable: eigenvalues are Rayleigh quotients of the state's own tangent. Davidson's iteration.
+    will do as long as the state is stable and they converge: eigenvalues are Rayleigh quotients of the state's own tangent. Davidson's
+    iteration.
     """
     nearby = start is not None and getattr(state.factor, "negative_pivots", -1) == 0
     if not nearby:
         state = dataclasses.replace(solve(problem, mu, state.x, state.pressure, fresh=True), iterations=state.iterations)
     start = _lowest_of_factor(state.factor, stiffness) if start is None else state.factor.apply(stiffness @ start)
     start = np.linalg.qr(start)[0]  # next to a singular tangent inverse iteration turns all vectors into one direction
-    eigenvalues, vectors = _davidson(acting(problem, state), stiffness, state, mu, start, accuracy)
-    if nearby and eigenvalues[0] < 0:  # the number of pivots belongs to the factor: on this side of zero it has to be the state's
+    most = NEARBY_ITERATIONS if nearby else ITERATIONS
+    eigenvalues, vectors, converged = _davidson(acting(problem, state), stiffness, state, mu, start, accuracy, most)
+    if nearby and (eigenvalues[0] < 0 or not converged):  # the number of pivots belongs to the factor: below zero it has to be the state's
         return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, vectors, accuracy=accuracy)
     return Modes(eigenvalues, vectors, state.factor.negative_pivots), state
 
@@ -110,15 +113,15 @@ def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
     return values[rank], modes[:, rank]
 
 
-def _davidson(problem, stiffness, state, mu, vectors, accuracy):
-    """The lowest eigenvalues (m,) of the state's tangent K and their vectors (f, m), from vectors (f, m).
+def _davidson(problem, stiffness, state, mu, vectors, accuracy, most):
+    """The lowest eigenvalues (m,) of the state's tangent K, their vectors (f, m), and whether ``most`` iterations were enough.
 
     Corrections d = K_f^-1 r of the imbalance r = K v - lambda N v come from the state's factor K_f. The last ones gain so little that
     K d may be taken for r, which is wrong by the distance of K_f from K: at most ``NEAR`` of the gain.
     """
     weights, images = stiffness @ vectors, tangent_products(problem, state.x, mu, vectors)
     eigenvalues, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights)
-    for _ in range(ITERATIONS):
+    for _ in range(most):
         vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
         imbalance = images - weights * eigenvalues
         d = state.factor.apply(imbalance)
@@ -131,7 +134,7 @@ def _davidson(problem, stiffness, state, mu, vectors, accuracy):
         vectors, weights, images = (np.concatenate(pair, axis=1) for pair in ((vectors, d), (weights, weighted), (images, product)))
         if last:
             break
-    return eigenvalues, vectors @ turn
+    return eigenvalues, vectors @ turn, last
 
 
 def _rayleigh_ritz(eigenvalues, coupling, corner, gram):
