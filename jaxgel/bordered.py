@@ -53,7 +53,8 @@ def solve_bordered(problem, mu, x, pressure, columns, conditions):
     for iterations in range(MAX_ITERATIONS + 1):
         args = model, gel, jnp.asarray(mu), problem.loads, problem.fixed
         now, measures = linearised(x, pressure, *args, free)
-        size = float(np.linalg.norm(np.asarray(reduced(now.rhs, free)) + columns @ forces) * float(measures[2]))
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
+            size = float(np.linalg.norm(np.asarray(reduced(now.rhs, free)) + columns @ forces) * float(measures[2]))
         at = picked(np.asarray(x), free)
         miss = conditions.targets - (at - origin) @ conditions.rows - conditions.slopes * (mu - conditions.mu_origin)
         allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(at) + MISS * np.abs(conditions.targets)

@@ -218,7 +218,7 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
     for iterations in range(MAX_ITERATIONS):
         rhs = np.asarray(free_rhs(now, now, problem.model, free)) + force * mode
         miss = amplitude - mode @ (picked(np.asarray(x), free) - origin)
-        with np.errstate(over="ignore"):  # a diverging iterate ends as a status
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
             size = float(np.linalg.norm(np.asarray(reduced(now.rhs, free)) + force * mode) * float(measures[2]))
         if not np.isfinite(size + float(measures[1])):
             return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, None), force

@@ -99,7 +99,8 @@ def _newton(problem, mu, stretch, u, share):
         matrices, force, network = _matrices(jnp.asarray(u), stretch, mu, model, problem.gel)
         imbalance = (np.asarray(problem.loads) - np.asarray(force)).ravel()
         missing = there - u.ravel()[held]
-        size = float(np.linalg.norm(imbalance[free]) / float(network))
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
+            size = float(np.linalg.norm(imbalance[free]) / float(network))
         if not np.isfinite(size) or not least > 0:
             return Equilibrium(u, None, Status.NOT_FINITE, iterations, size, None), matrix
         if size < TOLERANCE and np.abs(missing).max(initial=0.0) < 1e-14 * np.abs(dry).max() and matrix is not None:

@@ -93,9 +93,10 @@ def _newton(problem, mu, x, pressure):
         u = (np.asarray(x) - dry).ravel()
         wall = problem.stiffness @ u + problem.rows.T @ multipliers
         missing = np.asarray(rhs).ravel() - wall
-        scale = float(now["network"]) + np.linalg.norm(wall)
-        rounded = EPS * np.linalg.norm(stiff @ np.abs(np.asarray(x)).ravel()) / scale  # the large terms of a stiff penalty cancel
-        size = max(np.linalg.norm(missing[free]) / scale, np.linalg.norm(problem.rows @ u) / np.linalg.norm(dry))
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
+            scale = float(now["network"]) + np.linalg.norm(wall)
+            rounded = EPS * np.linalg.norm(stiff @ np.abs(np.asarray(x)).ravel()) / scale  # the large terms of a stiff penalty cancel
+            size = max(np.linalg.norm(missing[free]) / scale, np.linalg.norm(problem.rows @ u) / np.linalg.norm(dry))
         error = float(now["error"])
         if not np.isfinite(size + error):
             return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, None), matrix
