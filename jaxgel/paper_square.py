@@ -164,18 +164,19 @@ def fig_4(runs):
     stopped = [f"{r['method']} with {r['nodes']} nodes at mu = {r['reached_mu']:g}" for r in rows if r["reached_mu"] < MU[-1]]
     own = max(seconds[DEFAULT].max(), seconds[PRINTED].max())
     claim = _time_claim(rows, seconds)
-    over = [f"{r['method']}, {r['nodes']} nodes" for r in rows if r["cpu_seconds"] >= LIMIT and r["reached_mu"] == MU[-1]]
+    over = [f"{r['method']}, {r['nodes']} nodes" for r in rows if r["cpu_seconds"] >= LIMIT]
     return Entry(
         title="Fig. 4: computing time",
         paper="Up to about 1500 s with 15 x 15 nodes; IICVEFG takes less time than ICVEFG with penalty 1e3 for each number of nodes.",
-        ours=f"Processor time, medians of up to {REPEATS} warm runs from the dry square to mu = 0 by way of {len(MU)} values of mu, with "
+        ours=f"Processor time, medians of up to {REPEATS} warm runs from the dry square to mu = 0, or as far as the method gets, by way of "
+        f"{len(MU)} values of mu, with "
         f"{', '.join(str(side**2) for side in SIDES)} nodes: "
         + "; ".join(f"{name}: {', '.join(f'{v:.2f}' for v in values)} s" for name, values in seconds.items())
         + f". The slowest point of IICVEFG takes {own:.2f} s. "
         + (f"Stopped early: {'; '.join(stopped)}." if stopped else "All reached mu = 0."),
         reference="None: times depend on the machine.",
         verdict=f"{claim.verdict}; every point of IICVEFG takes {'less' if own < LIMIT else 'more'} than {LIMIT:g} s"
-        + (f"; longer take {'; '.join(over)}." if over else ", and so does every other one that reaches mu = 0."),
+        + (f"; longer take {'; '.join(over)}." if over else ", and so does every other one."),
         rows=rows,
         claims=(claim,),
         figure=_time_figure(rows),
@@ -188,14 +189,22 @@ def _square(side):
 
 
 def _timed(cloud, name):
-    """Median seconds of warm runs from the cloud to mu = 0, on the clock and on the processor, iterations and end."""
+    """Median seconds of warm runs from the cloud to the last mu reached, on the clock and on the processor, iterations and end.
+
+    What a method spends beyond, until it gives its branch up, is not counted.
+    """
     seconds, cpu, gel = [], [], cloud.plate.gel
     sweep(discretise(cloud, **METHODS[name]), gel, mu=MU[:2], branch="symmetric")  # compiles
     while len(seconds) < REPEATS and sum(seconds) < ENOUGH:
-        wall, used = time.perf_counter(), time.process_time()
-        path = sweep(discretise(cloud, **METHODS[name]), gel, mu=MU, branch="symmetric")
-        seconds.append(time.perf_counter() - wall)
-        cpu.append(time.process_time() - used)
+        now = start = time.perf_counter(), time.process_time()
+
+        def reached(_):
+            nonlocal now
+            now = time.perf_counter(), time.process_time()
+
+        path = sweep(discretise(cloud, **METHODS[name]), gel, mu=MU, branch="symmetric", on_step=reached)
+        for times, a, b in zip((seconds, cpu), start, now, strict=True):
+            times.append(b - a)
     return {
         "nodes": len(cloud.nodes),
         "method": name,
@@ -232,9 +241,9 @@ def _time_figure(rows):
         early = [r for r in own if r["reached_mu"] < MU[-1]]
         open_marker = dict(color=colour, markerfacecolor="white", markersize=4.5)
         ax.plot([r["nodes"] for r in early], [r["cpu_seconds"] for r in early], marker, **open_marker)
-    ax.plot([], [], "o", color="black", markerfacecolor="white", markersize=4.5, label=r"open: lost its branch before $\mu = 0$")
+    ax.plot([], [], "o", color="black", markerfacecolor="white", markersize=4.5, label=r"open: to where it lost its branch, $\mu < 0$")
     ax.axhline(LIMIT, color="#5c6670", linewidth=0.7, linestyle="--")
-    ax.set(xlabel="number of nodes", ylabel=r"median processor time to $\mu = 0$ (s)")
+    ax.set(xlabel="number of nodes", ylabel=r"median processor time to the last $\mu$ (s)")
     ax.set_xticks([side**2 for side in SIDES], [f"{side}×{side}" for side in SIDES])
     ax.minorticks_off()
     figure.legend(frameon=False, fontsize=7.5, loc="outside right center")
