@@ -246,5 +246,7 @@ def _time_figure(rows):
     ax.set(xlabel="number of nodes", ylabel=r"median processor time to the last $\mu$ (s)")
     ax.set_xticks([side**2 for side in SIDES], [f"{side}×{side}" for side in SIDES])
     ax.minorticks_off()
+    ax.set_yticks([t for t in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if ax.get_ylim()[0] < t < ax.get_ylim()[1]])
+    ax.yaxis.set_major_formatter("{x:g}")
     figure.legend(frameon=False, fontsize=7.5, loc="outside right center")
     return figure
