@@ -70,15 +70,18 @@ def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY
     will do as long as the state is stable and they converge: eigenvalues are Rayleigh quotients of the state's own tangent. Davidson's
     iteration.
     """
-    nearby = start is not None and getattr(state.factor, "negative_pivots", -1) == 0
+    given = start is not None
+    nearby = given and getattr(state.factor, "negative_pivots", -1) == 0
     if not nearby:
         state = dataclasses.replace(solve(problem, mu, state.x, state.pressure, fresh=True), iterations=state.iterations)
-    start = _lowest_of_factor(state.factor, stiffness) if start is None else state.factor.apply(stiffness @ start)
+    start = state.factor.apply(stiffness @ start) if given else _lowest_of_factor(state.factor, stiffness)
     start = np.linalg.qr(start)[0]  # next to a singular tangent inverse iteration turns all vectors into one direction
     most = NEARBY_ITERATIONS if nearby else ITERATIONS
     eigenvalues, vectors, converged = _davidson(acting(problem, state), stiffness, state, mu, start, accuracy, most)
     if nearby and (eigenvalues[0] < 0 or not converged):  # the number of pivots belongs to the factor: below zero it has to be the state's
         return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, vectors, accuracy=accuracy)
+    if given and not nearby and (state.factor.negative_pivots > 0) != (eigenvalues[0] < 0):  # the lowest mode is none that was followed
+        return lowest_modes(problem, stiffness, state, mu, accuracy=accuracy)
     return Modes(eigenvalues, vectors, state.factor.negative_pivots), state
 
 

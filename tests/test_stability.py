@@ -10,7 +10,7 @@ import scipy.linalg
 import jaxgel
 from jaxgel.energy import total_energy
 from jaxgel.equilibrium import prepare, solve
-from jaxgel.stability import nearest_modes, network_stiffness, oriented
+from jaxgel.stability import lowest_modes, nearest_modes, network_stiffness, oriented
 
 MU = np.linspace(-4.9678, -0.9178, 10)
 
@@ -63,6 +63,18 @@ def test_the_network_stiffness_is_the_hessian_of_the_networks_energy(tiny_model)
 @pytest.fixture(scope="module")
 def unstable_path(buckling_model):
     return jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.2, -1.645, -1.635, -1.3], branch="symmetric")
+
+
+def test_a_negative_eigenvalue_is_found_from_modes_that_are_blind_to_it(unstable_path):
+    """Modes that were followed so far may all have another symmetry than the one that becomes unstable."""
+    problem = prepare(unstable_path.model, unstable_path.gel)
+    stiffness, mu = network_stiffness(problem), unstable_path.mu[-1]
+    state = solve(problem, mu, unstable_path.x[-1], unstable_path.pressure[-1], fresh=True)
+    eigenvalues, modes = nearest_modes(state.factor, stiffness, 6)
+    assert eigenvalues[0] < 0 < eigenvalues[-1]
+    found, _ = lowest_modes(problem, stiffness, state, mu, modes[:, eigenvalues > 0][:, :2])
+    np.testing.assert_allclose(found.eigenvalues[0], eigenvalues[0], rtol=2e-3)
+    assert found.negative == np.sum(eigenvalues < 0)
 
 
 def test_negative_eigenvalues_are_counted_for_the_state_itself(unstable_path):
