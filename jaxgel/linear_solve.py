@@ -5,8 +5,8 @@ of freedom. Factors are ``multifrontal``; the residual of every solution is chec
 working precision.
 
 The solver ``"direct"`` keeps factors in double precision, ``"iterative"`` in single precision: half the memory, as the preconditioner of
-an iteration in double precision that ends at the same residual. Both eliminate in double precision, so the
-inertia is the same, and both serve derivatives. ``"auto"``, the default, is the direct one up to ``LARGE_BYTES`` of factor.
+an iteration in double precision that ends at the same residual. Both eliminate in double precision, so the inertia is the same, and both
+serve derivatives. ``"auto"``, the default, is the direct one up to ``LARGE_BYTES`` of factor.
 """
 
 import collections

@@ -10,18 +10,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
-from jax import lax
 
 from .cloud import OUTLINE_SEGMENTS
 from .contact import outline_loops
 from .energy import all_volumes, by_block, volume_ratios
 from .material import cauchy_stress as cauchy_stress_at
 from .material import free_swelling, volume_ratio_at
-from .probe import NEIGHBOURS, in_plane, make_probe
-from .shape_functions import shape_functions
+from .midline import angle_of_extrema
+from .probe import make_probe
 
-EXTREMUM_ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
-EXTREMA = 16  # that are found together, or a multiple
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each gains a factor Nv over the bulk stiffness
 
 
@@ -31,9 +28,7 @@ def rotation_angle(path):
     The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the interpolated line, not of
     samples, so the angle is a smooth function of the state until another extremum takes over.
     """
-    kind = "imls" if path.model.kind == "iicvmls" else path.model.kind  # its real twin
-    extrema = _extrema(*_next_to_extrema(jnp.asarray(path.x), path.model), basis=path.model.basis, kind=kind)
-    return _angle_between(extrema, len(path.x))
+    return angle_of_extrema(jnp.asarray(path.x), path.model)
 
 
 def core_rotation(path):
@@ -162,68 +157,6 @@ def _over_states(function, path):
 @functools.cache
 def _mapped(function):
     return jax.jit(jax.vmap(function, in_axes=(0, None)))
-
-
-@jax.jit
-def _next_to_extrema(x, model):
-    """The arguments of `_extremum` for the highest and the lowest sample of the midline in each state of ``x`` (k, n, 2).
-
-    They are padded with the first one and with neighbours of no support: one program of the extrema serves most paths.
-    """
-    line = model.midline
-    room = ((0, 0), (0, -line.nodes.shape[1] % (4 * NEIGHBOURS)))
-    nodes, support = jnp.pad(line.nodes, room), jnp.pad(line.support, room)
-
-    def one(x):
-        height = line.position(x)[:, 1]
-        i = jnp.stack([jnp.argmax(height), jnp.argmin(height)])
-        reach = jnp.where((i == 0) | (i == len(height) - 1), 0.0, line.points[1, 0] - line.points[0, 0])
-        return line.points[i], reach, model.cloud.nodes[nodes[i]], support[i], x[nodes[i]]
-
-    def padded(values):
-        values = values.reshape(-1, *values.shape[2:])
-        return jnp.concatenate([values, jnp.repeat(values[:1], -len(values) % EXTREMA, axis=0)])
-
-    return jax.tree.map(padded, jax.vmap(one)(x))
-
-
-@functools.partial(jax.jit, static_argnames=("basis", "kind"))
-def _extrema(*samples, basis, kind):
-    """`_extremum` (m, 2) of m samples."""
-    return jax.vmap(functools.partial(_extremum, basis=basis, kind=kind))(*samples)
-
-
-@functools.partial(jax.jit, static_argnames="states")
-def _angle_between(extrema, states):
-    """Angle (states,) to the x axis, degrees, of the line through the highest and the lowest point of each state."""
-    run, rise = jnp.moveaxis(extrema[: 2 * states : 2] - extrema[1 : 2 * states : 2], 1, 0)
-    return jnp.degrees(jnp.arctan(rise / jnp.where(run == 0, 1.0, run)))
-
-
-def _extremum(start, reach, neighbours, support, values, *, basis, kind):
-    """Point (2,) of the deformed midline that is extremal in y within ``reach`` of the dry point ``start`` (2,).
-
-    Shape functions of the ``neighbours`` (a, 2) and their deformed positions ``values`` (a, 2) give the line. The extremum is where
-    dy/ds = 0, and moves with the state as that equation says, in derivatives of every order; without reach it is the start.
-    """
-
-    def point(s):
-        return in_plane(shape_functions(jnp.stack([s, start[1]]), neighbours, support, basis=basis, kind=kind) @ values)
-
-    def slope(s):
-        return jax.jvp(lambda s: point(s)[1], (s,), (1.0,))[1]
-
-    def over(value, rate):
-        return jnp.where(rate == 0, 0.0, value / jnp.where(rate == 0, 1.0, rate))
-
-    def by_newton(slope, start):
-        def step(_, s):
-            return jnp.clip(s - over(*jax.jvp(slope, (s,), (1.0,))), start - reach, start + reach)
-
-        return lax.fori_loop(0, EXTREMUM_ITERATIONS, step, start)
-
-    s = lax.custom_root(slope, start[0], by_newton, lambda rate, value: over(value, rate(1.0)))
-    return point(jnp.where(reach > 0, s, start[0]))
 
 
 def _core_rotation(x, model):
