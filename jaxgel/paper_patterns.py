@@ -10,6 +10,7 @@ from .geometry import inside_holes
 from .observables import outlines
 from .paper_items import (
     BY_FINITE_ELEMENTS,
+    COLOURS,
     CONDITION,
     CONFIRMED,
     CONTRADICTED,
@@ -68,7 +69,23 @@ def table_1(runs):
         verdict=verdict + (": one printed number is a misprint." if misprint and off else "."),
         rows=table,
         claims=(Claim("The numbers of nodes and Gauss points of Table 1", verdict, evidence),),
+        figure=_cloud_figure({row["case"]: runs.cloud(row["case"]) for row in table}),
     )
+
+
+def _cloud_figure(clouds):
+    """The nodes of each cloud, with their number."""
+    figure, axes = pyplot().subplots(2, -(-len(clouds) // 2), figsize=(7.5, 3.6), layout="constrained")
+    for ax in axes.flat[len(clouds) :]:
+        ax.remove()
+    for ax, (name, cloud) in zip(axes.flat, clouds.items(), strict=False):
+        ax.plot(*np.asarray(cloud.nodes).T, ".", color=COLOURS[0], markersize=0.8)
+        ax.set_title(f"{name.replace('-', ' ')}, {len(cloud.nodes)} nodes", fontsize=7)
+        ax.set_aspect("equal")
+        ax.tick_params(labelsize=6)
+    figure.supxlabel("$x$ (mm)", fontsize=8)
+    figure.supylabel("$y$ (mm)", fontsize=8)
+    return figure
 
 
 # --- patterns of one sample --------------------------------------------------------------------------------------------------
