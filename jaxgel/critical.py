@@ -372,6 +372,6 @@ def _fold(frame, before, last):
         if abs(slope * step) < TOLERANCE:
             mode = dx[:, None] / np.sqrt(dx @ (frame.stiffness @ dx))
             local = _Expansion(-float(mode[:, 0] @ mu_force(problem, state.x, mu)), 0.0, float("nan"), np.zeros(len(free)))
-            eigenvalue = [float(mode[:, 0] @ tangent_products(problem, state.x, mu, mode)[:, 0])]
+            eigenvalue = [float(mode[:, 0] @ tangent_products(problem, state, mu, mode, frame.stiffness @ mode)[:, 0])]
             return [_point(frame, state, mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
     return []

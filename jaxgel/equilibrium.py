@@ -122,6 +122,8 @@ class Equilibrium:
     """The last ``linear_solve.Factor``, of a tangent near the state; None where the start was the solution, or a factor failed."""
     apart: bool = False
     """Whether contact was left out, as no outline is near itself."""
+    linearisation: object = None
+    """The ``mixed.Linearisation`` about the state; None where the last one made is about another."""
 
 
 def prepare(model, gel, loads=None):
@@ -168,6 +170,15 @@ def acting(problem, state):
     return problem.apart if state.apart else problem
 
 
+def with_own_factor(problem, mu, state):
+    """The ``Equilibrium`` at ``mu`` (kT) with a factor of its own tangent."""
+    if state.linearisation is None:
+        return dataclasses.replace(solve(problem, mu, state.x, state.pressure, fresh=True), iterations=state.iterations)
+    problem = acting(problem, state)
+    pairs = tangent_at(state.x, state.pressure, state.linearisation, problem.model, problem.gel, problem.fixed)
+    return dataclasses.replace(state, factor=factor(problem.pattern, pairs))
+
+
 def touches(model, x):
     """Whether an outline comes so near itself that contact acts."""
     return not float(_closest(x, model)) >= 1.0
@@ -190,7 +201,7 @@ def _newton(problem, mu, x, pressure, *, fresh):
             if fresh:
                 kept = None  # its memory is wanted
                 kept = factor(problem.pattern, tangent_at(x, pressure, now, *args[:2], problem.fixed))
-            return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept)
+            return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept, linearisation=now)
         if iterations == MAX_ITERATIONS:
             return Equilibrium(x, pressure, Status.NOT_CONVERGED, iterations, size, kept)
         imbalance = max(size / TOLERANCE, constraint / CONSTRAINT_TOLERANCE)

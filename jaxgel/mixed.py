@@ -169,6 +169,14 @@ def condensed_rhs(now, basis, model):
     return now.rhs - _nodal_sum(basis.gradients, basis.stiffness * now.error, model)
 
 
+def volume_product(v, p, basis, model, fixed):
+    """Product (n, 2) of the volume's share of the tangent about ``basis``, sum_g [p S_g + (k/V) G_g G_g^T], with ``v`` (n, 2)."""
+    changes, volumes = _volume_gradients(v, model, fixed)[0], all_volumes(model)
+    rates = [jnp.einsum("cgai,cai->cg", G, v[b.nodes]).ravel() for G, b in zip(basis.gradients, model.blocks, strict=True)]
+    rates = basis.stiffness * jnp.concatenate(rates) / jnp.where(volumes > 0, volumes, 1.0)
+    return _nodal_sum(changes, p, model) + _nodal_sum(basis.gradients, rates, model)
+
+
 def pressure_step(dx, now, basis, model):
     """Step (g,) of the pressures that belongs to the step ``dx`` (n, 2) of the positions."""
     volumes = all_volumes(model)

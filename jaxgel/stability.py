@@ -15,8 +15,11 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
 from .constraints import picked, reduced, spread
-from .energy import residual
-from .equilibrium import Status, acting, solve, solve_pinned
+from .contact import contact_force
+from .energy import network_energy
+from .equilibrium import Status, acting, linearised, solve, solve_pinned, with_own_factor
+from .material import neo_hookean
+from .mixed import volume_product
 
 TRACKED = 2  # modes that are carried along a sweep: both of a double eigenvalue
 ACCURACY = 1e-3  # of the lowest eigenvalue, relative
@@ -66,23 +69,25 @@ def extreme_eigenvalues(factor, stiffness):
 def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY):
     """``Modes`` of an ``Equilibrium`` at ``mu``, and that state, with a factor of its own tangent where one had to be made.
 
-    ``stiffness`` is ``network_stiffness(problem)``; ``start`` (f, m) are modes of a nearby state, on which a factor of a nearby tangent
-    will do as long as the state is stable and they converge: eigenvalues are Rayleigh quotients of the state's own tangent. Davidson's
-    iteration.
+    ``stiffness`` is ``network_stiffness(problem)``; ``start`` (f, m) are modes of a nearby state. On them the factor of a nearby tangent
+    will do as long as they converge and fewer than all are unstable, by its pivots and by their eigenvalues alike, which are Rayleigh
+    quotients of the state's own tangent. Davidson's iteration.
     """
-    given = start is not None
-    nearby = given and getattr(state.factor, "negative_pivots", -1) == 0
+    given, pivots = start is not None, getattr(state.factor, "negative_pivots", -1)
+    nearby = given and 0 <= pivots < TRACKED
     if not nearby:
-        state = dataclasses.replace(solve(problem, mu, state.x, state.pressure, fresh=True), iterations=state.iterations)
+        state = with_own_factor(problem, mu, state)
+        pivots = state.factor.negative_pivots
     start = state.factor.apply(stiffness @ start) if given else _lowest_of_factor(state.factor, stiffness)
     start = np.linalg.qr(start)[0]  # next to a singular tangent inverse iteration turns all vectors into one direction
     most = NEARBY_ITERATIONS if nearby else ITERATIONS
     eigenvalues, vectors, converged = _davidson(acting(problem, state), stiffness, state, mu, start, accuracy, most)
-    if nearby and (eigenvalues[0] < 0 or not converged):  # the number of pivots belongs to the factor: below zero it has to be the state's
+    known, seen = min(pivots, TRACKED), int(np.sum(eigenvalues < 0))
+    if given and (seen < known or (seen > known and not nearby)):  # an unstable mode is none of those that were followed
+        return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, accuracy=accuracy)
+    if nearby and (seen > known or not converged):
         return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, vectors, accuracy=accuracy)
-    if given and not nearby and (state.factor.negative_pivots > 0) != (eigenvalues[0] < 0):  # the lowest mode is none that was followed
-        return lowest_modes(problem, stiffness, state, mu, accuracy=accuracy)
-    return Modes(eigenvalues, vectors, state.factor.negative_pivots), state
+    return Modes(eigenvalues, vectors, pivots), state
 
 
 def _lowest_of_factor(factor, stiffness):
@@ -122,7 +127,8 @@ def _davidson(problem, stiffness, state, mu, vectors, accuracy, most):
     Corrections d = K_f^-1 r of the imbalance r = K v - lambda N v come from the state's factor K_f. The last ones gain so little that
     K d may be taken for r, which is wrong by the distance of K_f from K: at most ``NEAR`` of the gain.
     """
-    weights, images = stiffness @ vectors, tangent_products(problem, state.x, mu, vectors)
+    weights = stiffness @ vectors
+    images = tangent_products(problem, state, mu, vectors, weights)
     eigenvalues, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights)
     for _ in range(most):
         vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
@@ -131,18 +137,26 @@ def _davidson(problem, stiffness, state, mu, vectors, accuracy, most):
         weighted = stiffness @ d
         share = vectors.T @ weighted
         d, weighted = d - vectors @ share, weighted - weights @ share
-        last = NEAR * abs(imbalance[:, 0] @ d[:, 0]) <= accuracy * abs(eigenvalues[0])
-        product = imbalance if last else tangent_products(problem, state.x, mu, d)
-        eigenvalues, turn = _rayleigh_ritz(eigenvalues, images.T @ d, d.T @ product, d.T @ weighted)
+        product, small = imbalance, accuracy / NEAR
+        better, turn = _rayleigh_ritz(eigenvalues, images, d, product, weighted)
+        gains = imbalance[:, 0] @ d[:, 0], better[0] - eigenvalues[0]  # parts of the first may cancel where the factor is indefinite
+        last = np.abs(gains).max() <= small * min(abs(eigenvalues[0]), abs(better[0]))
+        if not last:
+            product = tangent_products(problem, state, mu, d, weighted)
+            better, turn = _rayleigh_ritz(eigenvalues, images, d, product, weighted)
+        eigenvalues = better
         vectors, weights, images = (np.concatenate(pair, axis=1) for pair in ((vectors, d), (weights, weighted), (images, product)))
         if last:
             break
     return eigenvalues, vectors @ turn, last
 
 
-def _rayleigh_ritz(eigenvalues, coupling, corner, gram):
-    """Lowest eigenvalues (m,) and coefficients (2 m, m) in the basis of m Ritz vectors and m corrections orthogonal to them."""
-    m = len(eigenvalues)
+def _rayleigh_ritz(eigenvalues, images, d, product, weighted):
+    """Lowest eigenvalues (m,) and coefficients (2 m, m) in the basis of m Ritz vectors and m corrections ``d`` (f, m) orthogonal to them.
+
+    ``images`` and ``product`` (f, m) are K times the two, ``weighted`` (f, m) is N d.
+    """
+    m, coupling, corner, gram = len(eigenvalues), images.T @ d, d.T @ product, d.T @ weighted
     scale = 1 / np.sqrt(np.diagonal(gram) + np.finfo(float).tiny)
     both = np.block([[np.diag(eigenvalues), coupling * scale], [(coupling * scale).T, 0.5 * (corner + corner.T) * np.outer(scale, scale)]])
     gram = np.outer(scale, scale) * gram + 1e-9 * np.eye(m)  # two corrections may be the same but for round-off
@@ -151,15 +165,34 @@ def _rayleigh_ritz(eigenvalues, coupling, corner, gram):
     return values[:m], coefficients[:, :m]
 
 
-def tangent_products(problem, x, mu, vectors):
-    """Products (f, m) of the tangent at positions ``x`` (n, 2), the Hessian of the total energy, with vectors (f, m)."""
-    return np.asarray(_products(x, vectors, problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.free))
+def tangent_products(problem, state, mu, vectors, weights):
+    """Products (f, m) of the state's own tangent, the Hessian of the total energy, with ``vectors`` (f, m).
+
+    ``weights`` (f, m) are the products of ``network_stiffness``, which is all of a neo-Hookean network's share. Without it and contact the
+    products cost less than a derivative of the residual, as the volume's share is at hand in the state's linearisation.
+    """
+    basis = state.linearisation
+    if basis is None:
+        everything = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed, problem.free
+        basis = linearised(state.x, state.pressure, *everything)[0]
+    share = _products(vectors, state.x, state.pressure, basis, problem.model, problem.gel, problem.fixed, problem.free)
+    return np.asarray(share) + (weights if problem.gel.network is neo_hookean else 0.0)
 
 
 @jax.jit
-def _products(x, vectors, model, gel, mu, loads, free):
+def _products(vectors, x, p, basis, model, gel, fixed, free):
+    """``tangent_products`` less the share of a neo-Hookean network."""
+
+    def force(x):
+        network = jax.grad(network_energy)(x, model, gel) if gel.network is not neo_hookean else 0.0
+        return network + (contact_force(x, model) if model.contact is not None else 0.0)
+
     def one(v):
-        return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (spread(v, x.shape, free),))[1], free)
+        v = spread(v, x.shape, free)
+        product = volume_product(v, p, basis, model, fixed)
+        if gel.network is not neo_hookean or model.contact is not None:
+            product += jax.jvp(force, (x,), (v,))[1]
+        return reduced(product, free)
 
     return jax.vmap(one, in_axes=1, out_axes=1)(vectors)
 
