@@ -22,12 +22,12 @@ from .material import neo_hookean
 from .mixed import volume_product
 
 TRACKED = 2  # modes that are carried along a sweep: both of a double eigenvalue
-ACCURACY = 1e-3  # of the lowest eigenvalue, relative
+ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 1e-2 is seen where a mode that is not followed is about to become the lowest
 NEAR = 0.1  # largest relative difference of d . K d for a mode's correction d between a state and the factor that its solution left
 FIRST_ITERATIONS = 6  # inverse iterations for modes of which nothing is known
 MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
 ITERATIONS = 40
-NEARBY_ITERATIONS = 4  # with the factor of another tangent, before the state's own is factorised
+NEARBY_ITERATIONS = 2  # with the factor of another tangent, before the state's own is factorised
 FIRST_AMPLITUDE = 0.02  # of the spacing: largest displacement of the first pinned state
 GROWTH = 1.5  # of the amplitude from one pinned state to the next
 MAX_PINNED = 24  # pinned states before the search for another branch gives up
@@ -78,10 +78,9 @@ def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY
     if not nearby:
         state = with_own_factor(problem, mu, state)
         pivots = state.factor.negative_pivots
-    start = state.factor.apply(stiffness @ start) if given else _lowest_of_factor(state.factor, stiffness)
+    start = state.factor.apply(_products_with(stiffness, start)) if given else _lowest_of_factor(state.factor, stiffness)
     start = np.linalg.qr(start)[0]  # next to a singular tangent inverse iteration turns all vectors into one direction
-    most = NEARBY_ITERATIONS if nearby else ITERATIONS
-    eigenvalues, vectors, converged = _davidson(acting(problem, state), stiffness, state, mu, start, accuracy, most)
+    eigenvalues, vectors, converged = _davidson(acting(problem, state), stiffness, state, mu, start, accuracy, own=not nearby)
     known, seen = min(pivots, TRACKED), int(np.sum(eigenvalues < 0))
     if given and (seen < known or (seen > known and not nearby)):  # an unstable mode is none of those that were followed
         return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, accuracy=accuracy)
@@ -121,27 +120,27 @@ def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
     return values[rank], modes[:, rank]
 
 
-def _davidson(problem, stiffness, state, mu, vectors, accuracy, most):
-    """The lowest eigenvalues (m,) of the state's tangent K, their vectors (f, m), and whether ``most`` iterations were enough.
+def _davidson(problem, stiffness, state, mu, vectors, accuracy, own):
+    """The lowest eigenvalues (m,) of the state's tangent K, their vectors (f, m), and whether the iterations were enough.
 
-    Corrections d = K_f^-1 r of the imbalance r = K v - lambda N v come from the state's factor K_f. The last ones gain so little that
-    K d may be taken for r, which is wrong by the distance of K_f from K: at most ``NEAR`` of the gain.
+    Corrections d = K_f^-1 r of the imbalance r = K v - lambda N v come from the state's factor K_f. Where that is its ``own`` K d is r;
+    where it is not r is wrong by the distance of K_f from K, at most ``NEAR`` of what the last correction gains.
     """
-    weights = stiffness @ vectors
+    weights = _products_with(stiffness, vectors)
     images = tangent_products(problem, state, mu, vectors, weights)
     eigenvalues, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights)
-    for _ in range(most):
+    for _ in range(ITERATIONS if own else NEARBY_ITERATIONS):
         vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
         imbalance = images - weights * eigenvalues
         d = state.factor.apply(imbalance)
-        weighted = stiffness @ d
+        weighted = _products_with(stiffness, d)
         share = vectors.T @ weighted
         d, weighted = d - vectors @ share, weighted - weights @ share
-        product, small = imbalance, accuracy / NEAR
+        product, small = imbalance - images @ share, accuracy / NEAR
         better, turn = _rayleigh_ritz(eigenvalues, images, d, product, weighted)
         gains = imbalance[:, 0] @ d[:, 0], better[0] - eigenvalues[0]  # parts of the first may cancel where the factor is indefinite
         last = np.abs(gains).max() <= small * min(abs(eigenvalues[0]), abs(better[0]))
-        if not last:
+        if not (last or own):
             product = tangent_products(problem, state, mu, d, weighted)
             better, turn = _rayleigh_ritz(eigenvalues, images, d, product, weighted)
         eigenvalues = better
@@ -149,6 +148,11 @@ def _davidson(problem, stiffness, state, mu, vectors, accuracy, most):
         if last:
             break
     return eigenvalues, vectors @ turn, last
+
+
+def _products_with(matrix, vectors):
+    """Products (f, m) of a sparse matrix with ``vectors`` (f, m), one by one: SciPy's product with all of them takes twice as long."""
+    return np.stack([matrix @ vector for vector in vectors.T], axis=1)
 
 
 def _rayleigh_ritz(eigenvalues, images, d, product, weighted):
