@@ -101,7 +101,7 @@ class Cloud:
     @property
     def nodes(self):
         """(n, 2) node positions, mm."""
-        return self.vertices[self.topology.node_vertices]
+        return _nodes(self.vertices, self.topology.node_vertices)
 
     @property
     def spacing(self):
@@ -144,13 +144,23 @@ def place(topology, plate):
     """Positions (v, 2) of all vertices for the holes of ``plate``; a pure function, smooth in every hole parameter."""
     part, n = topology.partition, topology.n_background
     on_outlines = [arc_points(plate, o.arc, o.s) for o in topology.outlines]
-    outline = jnp.concatenate(on_outlines) if on_outlines else jnp.zeros((0, 2))
-    background = jnp.asarray(part.vertices[:n])
-    if on_outlines:
-        background = background + topology.morph.displacement(outline - part.vertices[n : n + len(outline)])
-    placed = jnp.concatenate([background, outline])
-    ends, f = placed[part.cut_ends], part.cut_fractions[:, None]
+    return _carried(on_outlines, part.vertices, topology.morph if on_outlines else None, part.cut_ends, part.cut_fractions, n)
+
+
+@functools.partial(jax.jit, static_argnames="n")
+def _carried(outlines, vertices, morph, cut_ends, cut_fractions, n):
+    """Positions (v, 2) of all vertices for those of the ``outlines``; ``vertices`` (v, 2) on the reference, ``n`` of the background."""
+    placed = jnp.asarray(vertices[:n])
+    if outlines:
+        outline = jnp.concatenate(outlines)
+        placed = jnp.concatenate([placed + morph.displacement(outline - vertices[n : n + len(outline)]), outline])
+    ends, f = placed[cut_ends], cut_fractions[:, None]
     return jnp.concatenate([placed, (1 - f) * ends[:, 0] + f * ends[:, 1]])
+
+
+@jax.jit
+def _nodes(vertices, numbers):
+    return vertices[numbers]
 
 
 def _make_topology(plate, spacing, nodes_per_hole, across):

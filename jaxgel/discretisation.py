@@ -7,6 +7,7 @@ padded arrays.
 
 import dataclasses
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -192,13 +193,23 @@ def _observed(cloud, lists, basis, dmax, kind):
     if key not in lists.cache:
         reference = np.concatenate([topology.partition.vertices[outline], fixed])
         lists.cache[key] = probe_lists(cloud, dmax, reference, plate.width / (MIDLINE_POINTS - 1))
-    probe = probe_at(cloud, jnp.concatenate([cloud.vertices[outline], fixed]), lists.cache[key], basis, kind)
-    cut = len(outline), len(outline) + len(midline)
-    parts = (slice(0, cut[0]), slice(*cut), slice(cut[1], None))
-    outline, midline, core = (jax.tree.map(lambda leaf, part=part: leaf[part], probe) for part in parts)
+    probe = probe_at(cloud, _followed(cloud.vertices, outline, fixed), lists.cache[key], basis, kind)
+    outline, midline, core = _cut(probe, (len(outline), len(outline) + len(midline)))
     if in_hole:
         core = dataclasses.replace(core, dphi=jnp.full_like(core.dphi, jnp.nan))
     return outline, midline, core
+
+
+@jax.jit
+def _followed(vertices, outline, fixed):
+    return jnp.concatenate([vertices[outline], fixed])
+
+
+@functools.partial(jax.jit, static_argnames="cuts")
+def _cut(probe, cuts):
+    """The ``Probe`` in parts that begin at 0 and at the ``cuts``."""
+    ends = itertools.pairwise((0, *cuts, len(probe.nodes)))
+    return [jax.tree.map(lambda leaf, part=slice(*pair): leaf[part], probe) for pair in ends]
 
 
 # --- conforming cells --------------------------------------------------------------------------------------------------------
@@ -215,11 +226,14 @@ def _corrected_gradients(nodes, vertices, lists, basis, kind, wall):
     quadrature = topology.quadrature
     shared = dict(lists=lists.nodes, supports=lists.support, basis=basis, kind=kind)
     _, dphi = evaluate_points(nodes, quadrature.points(vertices), owner=quadrature.owner, **shared)
-    on_edges = edge_points(vertices, edges)
+    on_edges = _edge_points(vertices, edges)
     trace = evaluate_points(nodes, on_edges, owner=np.repeat(edge_owner, len(EDGE_POINTS)), gradients=False, **shared)
     weight = quadrature.weights(vertices)
     corrected = _correct(nodes, vertices, trace, dphi, weight, quadrature.owner, edges, edge_owner, lists.nodes, lists.support, wall)
     return corrected, weight
+
+
+_edge_points = jax.jit(edge_points)
 
 
 @jax.jit
@@ -274,13 +288,19 @@ def _groups(counts):
 
 def _blocks(lists, dphi, weight):
     """``Block``s from gradients (p, a, 2) and weights (p,) of all quadrature points."""
-    blocks = []
-    for cells, numbers in zip(lists.cells, lists.points, strict=True):
-        n = int((lists.support[cells] > 0).sum(axis=1).max())
-        real = numbers >= 0
-        at = np.where(real, numbers, numbers[:, :1])  # padding repeats a point of its own cell, where every energy is finite
-        blocks.append(Block(cells, lists.nodes[cells, :n], dphi[at, :n], jnp.where(real, weight[at], 0.0)))
-    return tuple(blocks)
+    widths = tuple(int((lists.support[cells] > 0).sum(axis=1).max()) for cells in lists.cells)
+    values = _by_cell(dphi, weight, lists.points, widths)
+    return tuple(Block(c, lists.nodes[c, :n], *of_cells) for c, n, of_cells in zip(lists.cells, widths, values, strict=True))
+
+
+@functools.partial(jax.jit, static_argnames="widths")
+def _by_cell(dphi, weight, points, widths):
+    """Per block the gradients (c, q, a, 2), with lists of the given width, and weights (c, q) of the numbered ``points`` (c, q)."""
+    values = []
+    for numbers, n in zip(points, widths, strict=True):
+        at = jnp.where(numbers >= 0, numbers, numbers[:, :1])  # padding repeats a point of its own cell, where every energy is finite
+        values.append((dphi[at, :n], jnp.where(numbers >= 0, weight[at], 0.0)))
+    return values
 
 
 def wall_ends(topology, edges):

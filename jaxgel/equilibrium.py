@@ -134,6 +134,7 @@ def prepare(model, gel, loads=None):
     return Problem(model, gel, loads, constants(model) if apart is None else apart.fixed, apart)
 
 
+@jax.jit
 def dry_state(model, gel, mu=None):
     """Positions (n, 2) and pressures (g,) to start from without a previous state: the dry nodes, moved as the edges are, and p = -Nv.
 

@@ -169,7 +169,7 @@ def arc_point(plate, arc, s):
 
 def arc_points(plate, arc, s):
     """Points (m, 2) in mm at the shares ``s`` (m,) of the arc; compiled once per kind of hole."""
-    return outline_points(plate.holes[arc.hole], arc_parameter(plate, arc, jnp.asarray(s)))
+    return outline_points(plate.holes[arc.hole], arc_parameter(plate, arc, np.asarray(s)))
 
 
 def equal_arc_length(plate, arc, n_intervals):

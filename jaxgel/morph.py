@@ -5,6 +5,7 @@ carries both displacements inwards. It is linear in the displacements and exact 
 """
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,7 @@ from .geometry import edge_lines
 REST = -1  # source of a displacement of zero: a corner of the plate
 
 
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["matrix", "nodes", "sources", "fraction", "axis"], meta_fields=[])
 @dataclasses.dataclass(frozen=True, eq=False)
 class Morph:
     """The linear map from the displacement of the outline vertices to that of the background vertices; NumPy arrays."""

@@ -6,6 +6,7 @@ triangles. Index letters: ``p`` point, ``k`` vertex.
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -31,12 +32,22 @@ class Quadrature:
 
     def points(self, vertices):
         """The points (p, 2) for vertices (v, 2), mm."""
-        return jnp.einsum("pk,pki->pi", self.values, vertices[self.corners])
+        return _points(vertices, self.corners, self.values)
 
     def weights(self, vertices):
         """Their weights (p,), mm^2: they add up to the area of each cell."""
-        a, b = jnp.einsum("plk,pki->lpi", self.slopes, vertices[self.corners])
-        return self.share * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+        return _weights(vertices, self.corners, self.slopes, self.share)
+
+
+@jax.jit
+def _points(vertices, corners, values):
+    return jnp.einsum("pk,pki->pi", values, vertices[corners])
+
+
+@jax.jit
+def _weights(vertices, corners, slopes, share):
+    a, b = jnp.einsum("plk,pki->lpi", slopes, vertices[corners])
+    return share * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def cell_quadrature(partition, n_background):

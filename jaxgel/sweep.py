@@ -10,10 +10,12 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 
 from .constraints import check_room, free_dofs
 from .contact import with_contact
-from .equilibrium import Equilibrium, Status, advice, dry_state, energy_at, overlaps, prepare, solve, touches
+from .energy import total_energy
+from .equilibrium import Equilibrium, Status, advice, dry_state, overlaps, prepare, solve, touches
 from .implicit import no_tangent, state_tangents
 from .incremental import incremental_step, prepare_incremental
 from .linear_solve import remember
@@ -329,7 +331,7 @@ def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
     if chosen and is_traced(mu):
         raise ValueError("mu: chosen steps need concrete numbers (first, last); differentiate with respect to a list of values instead")
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
-    loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads, dtype=float)
+    loads = jnp.asarray(np.zeros((model.n_nodes, 2)) if loads is None else loads, dtype=float)
     values = jnp.zeros(0) if chosen else jnp.atleast_1d(jnp.asarray(mu, dtype=float))
     leaves, structure = jax.tree.flatten((model, gel, values, loads))
     floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
@@ -338,10 +340,15 @@ def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     del report["apart"]
     values = report.pop("mu") if chosen else values
-    energy = jax.vmap(lambda x, mu: energy_at(x, model, gel, mu, loads))(x, values)
-    pressure = jax.vmap(lambda x, mu: state_pressure(x, model, gel, mu))(x, values)
+    energy, pressure = _energies_and_pressures(x, model, gel, values, loads)
     report.pop("mu", None)
     return Path(model=model, gel=gel, mu=values, x=x, pressure=pressure, energy=energy, stop=None, stop_text="", **report)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, None, None, 0, None))
+def _energies_and_pressures(x, model, gel, mu, loads):
+    return total_energy(x, model, gel, mu, loads), state_pressure(x, model, gel, mu)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -364,8 +371,8 @@ def _states(static, floats, rest):
     path = sweep(model, gel, mu=wanted, on_step=keep, **options)
     missing = 0 if static.chosen is not None else len(mu) - len(path)
 
-    def pad(values, fill):
-        return jnp.concatenate([jnp.asarray(values), jnp.full((missing, *np.shape(values)[1:]), fill)])
+    def pad(values, fill):  # in NumPy: nothing is compiled
+        return jnp.asarray(np.concatenate([values, np.full((missing, *np.shape(values)[1:]), fill)]))
 
     report = dict(
         mu=jnp.asarray(path.mu) if static.chosen is not None else mu,
@@ -380,7 +387,7 @@ def _states(static, floats, rest):
     return pad(path.x, jnp.nan), report
 
 
-@_states.defjvp
+@functools.partial(_states.defjvp, symbolic_zeros=True)
 def _states_jvp(static, primals, tangents):
     """The rule of ``implicit.state_tangents`` at every state; what is reported of the states has no derivative."""
     floats, rest = primals
@@ -388,7 +395,9 @@ def _states_jvp(static, primals, tangents):
     warn(report, static.branch)
     model, gel, mu, loads = static.join(floats, rest)
     zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
-    model_dot, gel_dot, mu_dot, loads_dot = static.join(tangents[0], zeros)
+    none = jnp.zeros if is_traced(primals) else np.zeros  # NumPy's need no program each
+    floats_dot = [none(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
+    model_dot, gel_dot, mu_dot, loads_dot = static.join(floats_dot, zeros)
     if static.chosen is not None:
         mu, mu_dot = report["mu"], jnp.zeros_like(report["mu"])
     if model.contact is not None and not is_traced(report) and np.all(report["apart"]):
