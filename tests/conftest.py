@@ -14,9 +14,9 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1]
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA mistakes its own tuning flags for missing processor features in that cache
 os.environ["MPLBACKEND"] = "Agg"
-# A test runs most of its programs once or twice, so that compiling them is what it spends its time on: LLVM's optimisation is left out, and
-# with it AVX, whose wide vectors XLA then hands over wrongly from function to function. `test_cli` compares the numbers with those of programs
-# that are compiled as a user's are; XLA_FLAGS="" runs all tests with such.
+# A test runs most of its programs once or twice and spends its time on compiling them: LLVM's optimisation is left out, and with it AVX,
+# whose wide vectors XLA's functions then hand each other wrongly (jaxlib 0.10.1: `volume_ratio_at` is off by 0.2). `test_compilation`
+# compares the numbers with those of programs compiled as a user's are; with XLA_FLAGS="" in the environment all tests have such.
 if platform.machine() in ("x86_64", "AMD64"):
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_max_isa=SSE4_2")
 
