@@ -276,7 +276,7 @@ def doctor(_):
         print(f"  {found.name:<50} {found.difference:8.1e}{'' if found.ok else f'  WRONG at {found.points:,} points'}", flush=True)
         failed += [] if found.ok else [found.name]
     faster = "" if jax.config.jax_compilation_cache_dir else "; with JAX_COMPILATION_CACHE_DIR set, the next audit compiles nothing"
-    print(f"audited in {time.perf_counter() - began:.0f} s{faster}")
+    print(f"audited in {time.perf_counter() - began:.1f} s{faster}")
     if failed:
         print(f"jaxgel: this installation computes wrongly: {', '.join(failed)}; install another jaxlib", file=sys.stderr)
     return STOPPED if failed else DONE
