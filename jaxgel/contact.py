@@ -25,6 +25,7 @@ from .probe import reaching_nodes
 RANGE = 0.5  # of the node spacing
 STIFFNESS = 10.0  # of the network's Nv
 NEIGHBOURS = 3.0  # dry distance over the range of a pair
+SHARES = (16, 4, 1)  # parts of a hole's points, one of which is made room for in a tangent: the smallest that holds those that act
 _ANTICLOCKWISE = ("bottom", "right", "top", "left")
 APPROACH = 0.5  # of a pair's distance, or range, that one Newton iteration leaves
 
@@ -159,14 +160,30 @@ def _hole_energy(hole, points):
 
 
 def _hole_tangent(hole, points):
-    """Blocks (n, n, 2, 2): the Hessian of each pair in its separation, taken to the points and from there to the nodes."""
-    H = hole.weight[:, :, None, None] * _each_pair(jax.hessian(pair_energy))(_separations(points, hole.sign, hole.shift), hole.reach)
+    """Blocks (n, n, 2, 2): the Hessian of each pair in its separation, taken to the points and from there to the nodes.
+
+    Where surfaces touch few points act, and all others are left out: the products cost their number times the square of the nodes'.
+    """
+    square = jnp.sum(_separations(points, hole.sign, hole.shift) ** 2, axis=-1)
+    acts = (square < hole.reach**2) & (square > 0)
+    acting = jnp.any(acts, axis=(0, 1)) | jnp.any(acts, axis=(0, 2))
+    first = jnp.argsort(~acting)  # a stable sort: those that act, along the outline, and then the others
+    sizes = sorted({-(-len(points) // share) for share in SHARES})
+    enough = jnp.searchsorted(jnp.asarray(sizes), jnp.sum(acting))
+    return lax.switch(enough, [functools.partial(_tangent_of, hole, points, size) for size in sizes], first)
+
+
+def _tangent_of(hole, points, size, first):
+    """Blocks (n, n, 2, 2) of the first ``size`` points in that order (m,)."""
+    some = first[:size]
+    separations = _separations(points[some], hole.sign, hole.shift)
+    H = _each_pair(jax.hessian(pair_energy))(separations, hole.reach[:, some[:, None], some])
+    H = hole.weight[some[:, None], some][:, :, None, None] * H
     at_points = -jnp.einsum("gmpij,gj->mpij", H, hole.sign)  # a pair and its mirror image act alike, which takes up the half
-    number = jnp.arange(len(points))
+    number, outline = jnp.arange(size), hole.model.outline
     at_points = at_points.at[number, number].add(jnp.sum(H, axis=(0, 2)))
-    outline = hole.model.outline
-    column = jnp.searchsorted(hole.nodes, jnp.asarray(outline.nodes)[hole.points])
-    phi = jnp.zeros((len(points), len(hole.nodes))).at[number[:, None], column].add(outline.phi[hole.points])
+    column = jnp.searchsorted(hole.nodes, jnp.asarray(outline.nodes)[hole.points[some]])
+    phi = jnp.zeros((size, len(hole.nodes))).at[number[:, None], column].add(outline.phi[hole.points[some]])
     return jnp.einsum("ma,mbij->abij", phi, jnp.einsum("mpij,pb->mbij", at_points, phi))
 
 

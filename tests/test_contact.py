@@ -79,6 +79,21 @@ def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
     np.testing.assert_allclose(product, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
 
 
+def test_tangent_of_the_points_that_act_is_that_of_all_points(squeezed, monkeypatch):
+    """From no point to most of them acting, which takes every one of the ``SHARES``."""
+    model, x = squeezed
+    dry = model.cloud.nodes
+    states = [dry + share * (x - dry) for share in (0.0, 0.785, 0.79, 0.8, 1.0)]  # of 128 points 0, 6, 14, 51, 100
+    sparse = jax.jit(contact.contact_tangents)
+    found = [sparse(x, model) for x in states]
+    monkeypatch.setattr(contact, "SHARES", (1,))
+    dense = jax.jit(lambda x, model: contact.contact_tangents(x, model))
+    for blocks, x in zip(found, states, strict=True):
+        for some, every in zip(blocks, dense(x, model), strict=True):
+            np.testing.assert_allclose(some, every, rtol=1e-12, atol=1e-12 * np.abs(every).max())  # the order of sums
+    assert [float(jnp.abs(blocks[0]).max()) > 0 for blocks in found] == [False, True, True, True, True]
+
+
 def test_forces_on_each_hole_sum_to_zero_along_its_walls(squeezed):
     """A whole hole's in both directions, a cut hole's along its wall, where its mirror image takes up the rest."""
     model, x = squeezed
