@@ -26,13 +26,17 @@ def open_folder(folder):
     return folder
 
 
-def write_atomically(file, write):
-    """Call ``write(stream)`` on a file beside ``file`` and move it there once it is on disk, so that no reader sees half of it."""
+def write_atomically(file, write, *, durable=True):
+    """Call ``write(stream)`` on a file beside ``file`` and move it there once it is on disk, so that no reader sees half of it.
+
+    Without ``durable`` it need not be on disk: the file outlives this process, but not necessarily the machine's loss of power.
+    """
     part = file.with_name(file.name + ".part")
     with part.open("wb") as stream:
         write(stream)
         stream.flush()
-        os.fsync(stream.fileno())
+        if durable:
+            os.fsync(stream.fileno())
     part.replace(file)
 
 

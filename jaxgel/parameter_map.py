@@ -192,7 +192,7 @@ def run_point(text, values, folder):
     try:
         case = study.at(values)
         model = case.model(cloud)
-        recorder = Recorder(folder, case, model, case.gel)
+        recorder = Recorder(folder, case, model, case.gel, durable=False)
         options = dict(branch=case.sweep.branch, contact=case.sweep.contact, loads=imperfect_loads(case, model))
         path = sweep(model, case.gel, mu=case.sweep.values, on_step=recorder, **options)
         status, reason = "complete" if path.stop.ok else "stopped", path.stop_text

@@ -5,6 +5,7 @@ stops a run, Ctrl-C or a lost machine, the finished states stay readable, and `r
 """
 
 import csv
+import functools
 import io
 import json
 import os
@@ -29,14 +30,14 @@ class Recorder:
     """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; pass it as ``on_step``.
 
     ``case`` is the `cases.Case` behind ``model`` and ``gel``; ``steps`` are those that an interrupted run left after ``seconds``, to go
-    on from. Without them earlier results in ``folder`` are removed; other files stay. Raises ValueError when the folder cannot be
-    written.
+    on from. Without them earlier results in ``folder`` are removed; other files stay. Without ``durable`` the steps wait for the disk at
+    `finish` only, for sweeps that are begun again where the machine is lost. Raises ValueError when the folder cannot be written.
     """
 
-    def __init__(self, folder, case, model, gel, *, steps=(), seconds=0.0):
+    def __init__(self, folder, case, model, gel, *, steps=(), seconds=0.0, durable=True):
         self.folder, self.case, self.model, self.gel = open_folder(folder), case, of_case(model, case), gel
         self.records = []  # (step, row, outlines) of each accepted state
-        self.started = time.perf_counter() - seconds
+        self.started, self.durable = time.perf_counter() - seconds, durable
         if not steps:
             _clear(self.folder)
         for step in steps:
@@ -60,9 +61,10 @@ class Recorder:
         with (self.folder / "history.csv").open("a", newline="") as stream:
             _csv_writer(stream).writerow(_csv_row(row))
             stream.flush()
-            os.fsync(stream.fileno())
-        write_atomically(self.folder / "states.npz", lambda stream: np.savez(stream, **self._states()))
-        self._write_summary("running", "the sweep has not ended", Status.INTERRUPTED)
+            if self.durable:
+                os.fsync(stream.fileno())
+        self._write_states(durable=self.durable)
+        self._write_summary("running", "the sweep has not ended", Status.INTERRUPTED, durable=self.durable)
 
     def _take(self, step):
         """The row of a step, which joins the records."""
@@ -77,8 +79,13 @@ class Recorder:
 
     def finish(self, status, text, stop=Status.INTERRUPTED):
         """Close the record with ``status`` "complete", "stopped", "interrupted" or "failed", the reason as ``text``, and its `Status`."""
+        if self.records and not self.durable:
+            self._write_states(durable=True)
         self._write_history()
         self._write_summary(status, text, stop)
+
+    def _write_states(self, *, durable):
+        write_atomically(self.folder / "states.npz", lambda stream: np.savez(stream, **self._states()), durable=durable)
 
     def _states(self):
         steps = self.steps
@@ -102,14 +109,13 @@ class Recorder:
 
         write_atomically(self.folder / "history.csv", write)
 
-    def _write_summary(self, status, text, stop):
+    def _write_summary(self, status, text, stop, *, durable=True):
         table = self.table
         summary = {
             "format": FORMAT,
             "case": self.case.name,
             "options": self.case.table(),
-            "versions": {name: version(name) for name in NUMERICAL}
-            | {"python": platform.python_version(), "platform": platform.platform()},
+            "versions": _versions(),
             "nodes": len(self.model.cloud.nodes),
             "cells": int(self.model.n_cells),
             "quadrature_points": int(self.model.n_points),
@@ -122,7 +128,12 @@ class Recorder:
             "events": events(table),
         }
         encoded = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False).encode()
-        write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded))
+        write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded), durable=durable)
+
+
+@functools.cache
+def _versions():
+    return {name: version(name) for name in NUMERICAL} | {"python": platform.python_version(), "platform": platform.platform()}
 
 
 def _clear(folder):

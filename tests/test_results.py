@@ -132,8 +132,10 @@ def test_rows_from_the_first_self_contact_on_are_invalid(path, tmp_path, monkeyp
     assert {"event": "self-contact", "mu": path.mu[1]}.items() <= load_run(tmp_path).summary["events"][0].items()
 
 
-def test_after_every_step_the_folder_can_be_read(path, tmp_path):
-    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+@pytest.mark.parametrize("durable", [True, False])
+def test_after_every_step_the_folder_can_be_read(path, tmp_path, monkeypatch, durable):
+    recorder, synced = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel, durable=durable), []
+    monkeypatch.setattr("os.fsync", synced.append)
     with pytest.raises(ValueError, match="no accepted state"):
         load_run(tmp_path)
     for k, step in enumerate(steps_of(path), start=1):
@@ -141,6 +143,9 @@ def test_after_every_step_the_folder_can_be_read(path, tmp_path):
         run = load_run(tmp_path)
         assert run.summary["status"] == "running"
         np.testing.assert_array_equal(run.mu, path.mu[:k])
+    assert len(synced) == (3 * len(path.mu) if durable else 0)
+    recorder.finish("complete", "")
+    assert len(synced) == (3 * len(path.mu) + 2 if durable else 3)  # the states, too, where they have not been
     assert not list(tmp_path.glob("*.part"))
 
 
