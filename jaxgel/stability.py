@@ -24,6 +24,7 @@ from .mixed import volume_product
 TRACKED = 2  # modes that are carried along a sweep: both of a double eigenvalue
 ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 1e-2 is seen where a mode that is not followed is about to become the lowest
 NEAR = 0.1  # largest relative difference of d . K d for a mode's correction d between a state and the factor that its solution left
+IDLE = 1e-2  # part of the accuracy below which a correction is not worth its making
 FIRST_ITERATIONS = 6  # inverse iterations for modes of which nothing is known
 MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
 ITERATIONS = 40
@@ -133,6 +134,8 @@ def _davidson(problem, stiffness, state, mu, vectors, accuracy, own):
         vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
         imbalance = images - weights * eigenvalues
         d = state.factor.apply(imbalance)
+        if 0 <= imbalance[:, 0] @ d[:, 0] <= IDLE * accuracy * eigenvalues[0]:
+            return eigenvalues, vectors, True
         weighted = _products_with(stiffness, d)
         share = vectors.T @ weighted
         d, weighted = d - vectors @ share, weighted - weights @ share
@@ -164,7 +167,7 @@ def _rayleigh_ritz(eigenvalues, images, d, product, weighted):
     scale = 1 / np.sqrt(np.diagonal(gram) + np.finfo(float).tiny)
     both = np.block([[np.diag(eigenvalues), coupling * scale], [(coupling * scale).T, 0.5 * (corner + corner.T) * np.outer(scale, scale)]])
     gram = np.outer(scale, scale) * gram + 1e-9 * np.eye(m)  # two corrections may be the same but for round-off
-    values, coefficients = scipy.linalg.eigh(both, scipy.linalg.block_diag(np.eye(m), gram))
+    values, coefficients = scipy.linalg.eigh(both, scipy.linalg.block_diag(np.eye(m), gram), check_finite=False)
     coefficients[m:] *= scale[:, None]
     return values[:m], coefficients[:, :m]
 
