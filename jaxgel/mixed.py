@@ -26,6 +26,7 @@ from .material import bulk_stiffness, neo_hookean, osmotic, volume_ratio_at
 
 CHUNK = 32  # cells whose tangents are added up together: few enough to stay in the cache
 TOGETHER = 1024  # cells whose volume gradients, or pairs of nodes, are made together, for the same reason
+PAIRS = 2**16  # pairs of nodes whose forces are added up together, likewise
 ROTATION = np.array([[0.0, 1.0], [-1.0, 0.0]])  # det(a, b) = a . ROTATION b; cof F = R F R^T
 ROUND_OFF = 1e-3  # swelling J* - 1 below which the constraint is judged absolutely
 
@@ -229,30 +230,40 @@ def _volume_gradients(x, model, fixed):
     """Per block the gradients (c, g, a, 2) of the groups' volumes V J, and the volume ratios J (g,) of all groups; 2 for padding."""
     gradients, content = [], []
     for block, S in zip(model.blocks, fixed.crossed, strict=True):
-        local = x[block.nodes] - x[block.nodes[:, :1]]  # S annihilates translations; without this round-off grows like (x / spacing)^2
         if model.method == "mixed":
-            G = _crossed_gradients(S, local)[:, None]
+            G, contents = _crossed_gradients(S, x, block.nodes)
+            G, contents = G[:, None], contents[:, None]
         else:
             cofactor = jnp.einsum("ik,cqkl,jl->cqij", ROTATION, deformation_gradients(x, block), ROTATION)
             G = jnp.einsum("cq,cqij,cqaj->cqai", block.weight, cofactor, block.dphi)
+            contents = 0.5 * jnp.einsum("cgai,cai->cg", G, _local(x, block.nodes))
         gradients.append(G)
-        content.append(0.5 * jnp.einsum("cgai,cai->cg", G, local).ravel())  # V J is quadratic in x
+        content.append(contents.ravel())
     volumes = all_volumes(model)
     return tuple(gradients), jnp.where(volumes > 0, jnp.concatenate(content) / jnp.where(volumes > 0, volumes, 1.0), 2.0)
 
 
-def _crossed_gradients(S, x):
-    """Gradients (c, a, 2) of the cells' V J at their nodes ``x`` (c, a, 2), from their matrices S; the last ones made may overlap."""
+def _local(x, nodes):
+    """Positions (c, a, 2) of the cells' ``nodes`` (c, a) from the first: without this round-off grows like (x / spacing)^2."""
+    return x[nodes] - x[nodes[:, :1]]
 
-    def of(S, x):
-        return jnp.stack([_crossed_product(S, x[..., 1]), -_crossed_product(S, x[..., 0])], axis=-1)
+
+def _crossed_gradients(S, x, nodes):
+    """Gradients (c, a, 2) of the cells' V J at their ``nodes`` (c, a), and V J (c,), from their matrices S; the last may be made twice."""
+
+    def of(S, nodes):
+        local = _local(x, nodes)  # S annihilates translations
+        G = jnp.stack([_crossed_product(S, local[..., 1]), -_crossed_product(S, local[..., 0])], axis=-1)
+        return G, 0.5 * jnp.sum(G * local, axis=(1, 2))  # V J is quadratic in x
 
     def add(k, total):
         first = jnp.minimum(k * TOGETHER, len(S) - TOGETHER)
-        part = (lax.dynamic_slice_in_dim(v, first, TOGETHER) for v in (S, x))
-        return lax.dynamic_update_slice_in_dim(total, of(*part), first, 0)
+        parts = of(*(lax.dynamic_slice_in_dim(v, first, TOGETHER) for v in (S, jnp.asarray(nodes))))
+        return tuple(lax.dynamic_update_slice_in_dim(t, part, first, 0) for t, part in zip(total, parts, strict=True))
 
-    return of(S, x) if len(S) <= TOGETHER else lax.fori_loop(0, -(-len(S) // TOGETHER), add, jnp.zeros_like(x))
+    if len(S) <= TOGETHER:
+        return of(S, nodes)
+    return lax.fori_loop(0, -(-len(S) // TOGETHER), add, (jnp.zeros((*nodes.shape, 2), x.dtype), jnp.zeros(len(S), x.dtype)))
 
 
 def _crossed_product(S, v):
@@ -284,9 +295,17 @@ def _network_force(x, model, gel, fixed):
     """Nodal forces (n, 2) of the network, kT/v mm."""
     if gel.network is not neo_hookean:
         return jax.grad(network_energy)(x, model, gel)
-    i, j = fixed.pairs[:, 0], fixed.pairs[:, 1]
-    entries = gel.Nv * fixed.laplacian[:, None]
-    return jnp.zeros_like(x).at[i].add(entries * x[j]).at[j].add(jnp.where((i != j)[:, None], entries * x[i], 0.0))
+
+    def add(total, first, size):
+        pairs, laplacian = (lax.dynamic_slice_in_dim(v, first, size) for v in (fixed.pairs, fixed.laplacian))
+        i, j, entries = pairs[:, 0], pairs[:, 1], gel.Nv * laplacian[:, None]
+        return total.at[i].add(entries * x[j]).at[j].add(jnp.where((i != j)[:, None], entries * x[i], 0.0))
+
+    whole, rest = divmod(len(fixed.pairs), PAIRS)
+    total = jnp.zeros_like(x)
+    if whole:
+        total = lax.fori_loop(0, whole, lambda k, total: add(total, k * PAIRS, PAIRS), total)
+    return add(total, whole * PAIRS, rest)
 
 
 def _add_cells(total, cell, arrays, slots, n):
