@@ -5,7 +5,8 @@
 Each number of workers runs the same Sobol samples of the semi-axes and of Nv, 30 steps of mu to -0.9178 each, from an empty folder;
 what is compiled comes from JAX's compilation cache (JAX_COMPILATION_CACHE_DIR, or a temporary one that a first point fills). Prints and
 writes map.json beside this file: wall seconds with the start of the processes, median seconds of a point, efficiency = (wall of
-one worker / wall) / workers, the share of their time in which workers are busy with points, and the load of the machine.
+one worker / wall) / workers, the share of their time in which workers are busy with points, and the load of the machine. "machine" is
+what the processors give: the pace of as many processes that share nothing, each with its own dense products, over that of one.
 """  # fmt: skip
 
 import argparse
@@ -18,6 +19,8 @@ import tempfile
 import time
 from importlib.metadata import version
 from pathlib import Path
+
+import numpy as np
 
 STUDY = """
 case = "sample-1"
@@ -68,23 +71,38 @@ def measure(options, scratch):
         run_map(load_map(file), scratch / "first", executor)
     file.write_text(STUDY.format(points=options.points, spacing=options.spacing))
     study, rows = load_map(file), []
-    print(f"{'workers':>7} {'wall':>8} {'per point':>10} {'efficiency':>10} {'busy':>6} {'load':>6}  points")
+    print(f"{'workers':>7} {'wall':>8} {'per point':>10} {'efficiency':>10} {'machine':>7} {'busy':>6} {'load':>6}  points")
     for number in options.workers:
+        with Workers(number) as executor:
+            list(executor.map(pace, [0.0] * number))  # they have started
+            rate = statistics.fmean(executor.map(pace, [3.0] * number))
         begin = time.perf_counter()
         with Workers(number) as executor:
             points = run_map(study, scratch / f"of-{number}", executor, quiet=not sys.stderr.isatty())
         wall = time.perf_counter() - begin
         median = statistics.median(point["seconds"] for point in points)
         row = dict(workers=number, wall_s=wall, point_s=median, busy=sum(point["seconds"] for point in points) / (number * wall))
+        row["pace"] = rate
         row["load"] = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
         row["statuses"] = {status: sum(p["status"] == status for p in points) for status in {p["status"] for p in points}}
         rows.append(row)
         row["efficiency"] = rows[0]["wall_s"] * rows[0]["workers"] / (row["wall_s"] * number)
+        row["machine"] = rate / rows[0]["pace"]
         print(
-            f"{number:7d} {wall:7.1f}s {median:9.2f}s {row['efficiency']:10.0%} {row['busy']:6.0%} {row['load']:6.1f}  {row['statuses']}",
+            f"{number:7d} {wall:7.1f}s {median:9.2f}s {row['efficiency']:10.0%} {row['machine']:7.0%} {row['busy']:6.0%}",
+            f"{row['load']:6.1f}  {row['statuses']}",
             flush=True,
         )
     return rows
+
+
+def pace(seconds):
+    """Products per second of matrices (300, 300), which fit the cache of one core, made for so long in this process."""
+    matrix, began, made = np.random.default_rng(0).normal(size=(300, 300)), time.perf_counter(), 0
+    while time.perf_counter() - began < seconds:
+        matrix @ matrix
+        made += 1
+    return made / max(seconds, 1e-9)
 
 
 if __name__ == "__main__":
