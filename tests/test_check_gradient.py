@@ -15,6 +15,7 @@ HOLE = dict(kind="ellipse", centre=[0.3, -0.2], semi_axes=[2.4, 1.6], angle=0.4)
 TABLE = dict(
     plate=dict(width=8.0, height=8.0, edges={"top": "free"}),
     holes=[HOLE],
+    gel=dict(Nv=1e-2, chi=0.1),  # stiff enough for Nv to turn this plate: at 1e-3 the angle's change is lost in round-off
     sweep=dict(mu_start=-3.0, mu_end=-1.8, steps=2),
     discretisation=dict(spacing=1.2, nodes_per_hole=14),
 )
@@ -29,6 +30,10 @@ kind = "ellipse"
 centre = [0.3, -0.2]
 semi_axes = [2.4, 1.6]
 angle = 0.4
+
+[gel]
+Nv = 1e-2
+chi = 0.1
 
 [sweep]
 mu_start = -3.0
@@ -54,7 +59,7 @@ def test_the_remainders_fall_quadratically(rows):
     assert failures(rows) == []
     judged = {(row.objective, row.family) for row in rows if np.isfinite(row.rate)}
     every = {(row.objective, row.family) for row in rows}
-    assert judged >= every - {("rotation", "Nv")} and len(every) == 3 * 6  # at equal mu Nv hardly turns this plate: 1e-5 of the angle
+    assert judged == every and len(every) == 3 * 6
     smooth = [row.rate for row in rows if row.family in ("chi", "mu") and np.isfinite(row.rate)]
     assert min(smooth) > RATE and np.median(smooth) == pytest.approx(2.0, abs=0.005)  # no kinks where no node moves
     assert {row.family for row in rows} == {"centre", "semi_axes", "angle", "Nv", "chi", "mu"}
