@@ -3,7 +3,6 @@
 import functools
 import gc
 import os
-import platform
 import time
 from pathlib import Path
 
@@ -14,11 +13,6 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1]
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA mistakes its own tuning flags for missing processor features in that cache
 os.environ["MPLBACKEND"] = "Agg"
-# Most tests run a program once or twice and spend their time compiling it: LLVM's optimisation is left out but in the modules `LONG`, and
-# with it AVX, whose wide vectors XLA's functions then hand each other wrongly (jaxlib 0.10.1: `volume_ratio_at` is off by 0.2).
-# `test_compilation` compares the numbers with those of programs compiled as a user's are; with XLA_FLAGS="" all tests have such.
-if platform.machine() in ("x86_64", "AMD64") and "XLA_FLAGS" not in os.environ:
-    os.environ["XLA_FLAGS"], os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "--xla_cpu_max_isa=SSE4_2", "1"
 
 import jax
 import numpy as np
@@ -31,8 +25,6 @@ from jaxgel.results import load_path
 
 jax.config.update("jax_enable_x64", True)
 
-LONG = ("test_branches", "test_case_gradients", "test_check_gradient", "test_critical", "test_random_cases", "test_stability", "test_sweep")
-QUICK = os.environ.get("JAX_DISABLE_MOST_OPTIMIZATIONS") == "1"
 ROOM = 2.5  # GiB that a test process may fill from one module to the next
 
 
@@ -122,16 +114,6 @@ def square_model(cloud_of):
 def buckling_model(cloud_of):
     """Sample 4 on a coarse cloud: its symmetric state buckles."""
     return jaxgel.discretise(cloud_of("sample-4"))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compiled_quickly(request):
-    """Programs are compiled for a short life, but in the modules that run them long; so are those of the processes they start."""
-    quick = QUICK and request.path.stem not in LONG
-    if quick != jax.config.read("jax_disable_most_optimizations"):
-        jax.clear_caches()
-        jax.config.update("jax_disable_most_optimizations", quick)
-        os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(quick))
 
 
 @pytest.fixture(scope="module", autouse=True)
