@@ -66,5 +66,6 @@ def draw_history(ax, design):
     if positive.size and positive.min() > FEASIBLE * positive.max() and positive.max() > 30 * positive.min():
         ax.set_yscale("log")
     ax.set(xlabel="evaluation (dotted: new cloud)", ylabel="objective")
-    ax.legend(frameon=False, fontsize=7.5)
+    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)  # among the points it would hide some
+    ax.legend(frameon=False, fontsize=7.5, columnspacing=1.0, handletextpad=0.3, **above)
     return ax
