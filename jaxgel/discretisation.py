@@ -226,14 +226,11 @@ def _corrected_gradients(nodes, vertices, lists, basis, kind, wall):
     quadrature = topology.quadrature
     shared = dict(lists=lists.nodes, supports=lists.support, basis=basis, kind=kind)
     _, dphi = evaluate_points(nodes, quadrature.points(vertices), owner=quadrature.owner, **shared)
-    on_edges = _edge_points(vertices, edges)
+    on_edges = edge_points(vertices, edges)
     trace = evaluate_points(nodes, on_edges, owner=np.repeat(edge_owner, len(EDGE_POINTS)), gradients=False, **shared)
     weight = quadrature.weights(vertices)
     corrected = _correct(nodes, vertices, trace, dphi, weight, quadrature.owner, edges, edge_owner, lists.nodes, lists.support, wall)
     return corrected, weight
-
-
-_edge_points = jax.jit(edge_points)
 
 
 @jax.jit

@@ -97,6 +97,7 @@ def _rule(corners, owner, values, slopes, share):
     return *columns, np.full(e * q, share), np.repeat(owner, q)
 
 
+@jax.jit
 def edge_points(vertices, edges):
     """Points (2 e, 2) of the edges (e, 2) for vertices (v, 2)."""
     start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]

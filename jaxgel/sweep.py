@@ -14,17 +14,16 @@ from jax.custom_derivatives import SymbolicZero
 
 from .constraints import check_room, free_dofs
 from .contact import with_contact
-from .energy import total_energy
 from .equilibrium import Equilibrium, Status, advice, dry_state, overlaps, prepare, solve, touches
 from .implicit import no_tangent, state_tangents
 from .incremental import incremental_step, prepare_incremental
 from .linear_solve import remember
 from .material import check_gel
-from .mixed import state_pressure, tangent_pattern
+from .mixed import tangent_pattern
 from .path import Path, Step
 from .relaxation import relax, relax_along
 from .stability import lowest_modes, network_stiffness, stable_state
-from .traced import flagged, is_traced, scan_states, warn
+from .traced import energies_and_pressures, flagged, is_traced, scan_states, warn
 from .walls import prepare_walls, wall_step
 
 BRANCHES = ("stable", "symmetric")
@@ -340,15 +339,9 @@ def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     del report["apart"]
     values = report.pop("mu") if chosen else values
-    energy, pressure = _energies_and_pressures(x, model, gel, values, loads)
+    energy, pressure = energies_and_pressures(x, model, gel, values, loads)
     report.pop("mu", None)
     return Path(model=model, gel=gel, mu=values, x=x, pressure=pressure, energy=energy, stop=None, stop_text="", **report)
-
-
-@jax.jit
-@functools.partial(jax.vmap, in_axes=(0, None, None, 0, None))
-def _energies_and_pressures(x, model, gel, mu, loads):
-    return total_energy(x, model, gel, mu, loads), state_pressure(x, model, gel, mu)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))

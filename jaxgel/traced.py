@@ -12,9 +12,10 @@ import numpy as np
 
 from .constraints import free_dofs
 from .contact import crosses, outline_loops
+from .energy import total_energy
 from .equilibrium import Status, dry_state, overlaps, solve_traced
 from .linear_solve import SingularTangent, factor, remember
-from .mixed import constants, linearise, tangent, tangent_pattern
+from .mixed import constants, linearise, state_pressure, tangent, tangent_pattern
 from .stability import extreme_eigenvalues, network_matrix
 
 NEARLY_SINGULAR = 1e-3  # eigenvalue, over the network's stiffness, below which a state's derivatives are flagged
@@ -74,6 +75,13 @@ def _warn(mu, status, negative_pivots, branch):
         if np.any(where):
             at = ", ".join(f"{value:.6g}" for value in np.asarray(mu)[where])
             warnings.warn(f"sweep: ill-posed derivative at mu = {at}: {text}", IllPosedDerivative, stacklevel=3)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, None, None, 0, None))
+def energies_and_pressures(x, model, gel, mu, loads):
+    """Total energy (k,) and pressures (k, g) of the states ``x`` (k, n, 2) at ``mu`` (k,), in one program."""
+    return total_energy(x, model, gel, mu, loads), state_pressure(x, model, gel, mu)
 
 
 def _judged(model, gel, mu, loads, x, p, status, contact):
