@@ -23,6 +23,7 @@ from .multifrontal import dissect, factorise
 
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
+FAR = 1e-6  # relative correction left by the factor of another tangent from which on it will not do
 ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement: that of a factor in double precision
 REMEMBERED_BYTES = 2**29  # most that the factors kept for `solve_near` may fill, those of all patterns together
 ONE_THREAD = 20_000  # unknowns up to which BLAS uses one thread: several fight over fronts as small as theirs
@@ -110,24 +111,30 @@ class Factor:
     def solve(self, rhs, matrix=None, *, refine=True):
         """Solution (f,) or (f, r) for the right-hand side, and its backward error |b - K x| / (|K| |x| + |b|).
 
-        It is refined, against ``matrix`` where that is given in place of the factorised one, until the residual stops falling; without
-        ``refine`` the first solution is taken where it will do for a Newton step. Raises ``SingularTangent`` where refinement does
-        not converge, or to no better backward error than ``BACKWARD_ERROR`` and a residual of 1e-4 of the right-hand side.
+        It is refined, against ``matrix`` where that is given in place of the factorised one, until the corrections stop shrinking: in
+        soft modes the residual tells nothing. Without ``refine`` the first solution is taken where it will do for a Newton step. Raises
+        ``SingularTangent`` where refinement does not converge, or to no better backward error than ``BACKWARD_ERROR`` and a residual of
+        1e-4 of the right-hand side, or where the factor is too far from the given ``matrix``.
         """
-        matrix = self.matrix if matrix is None else matrix
+        near, matrix = matrix is not None, self.matrix if matrix is None else matrix
         rhs = np.asarray(rhs)
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging Newton iterate ends as a status
-            solution, before, scale = self.apply(rhs), np.inf, np.linalg.norm(rhs)
+            solution, before, far, scale = self.apply(rhs), np.inf, False, np.linalg.norm(rhs)
             for _ in range(MAX_REFINEMENTS):
-                residual = rhs - matrix @ solution
+                residual, norm = rhs - matrix @ solution, np.linalg.norm(solution)
                 size = np.linalg.norm(residual)
-                error = float(size / (self.norm * np.linalg.norm(solution) + scale + np.finfo(float).tiny))
-                if not size < 0.5 * before or (not refine and error < ENOUGH):
+                error = float(size / (self.norm * norm + scale + np.finfo(float).tiny))
+                if not refine and error < ENOUGH:
                     break
-                solution, before = solution + self.apply(residual), size
+                correction = self.apply(residual)
+                change = np.linalg.norm(correction)
+                if not change < 0.5 * before:
+                    far = near and change > FAR * norm
+                    break
+                solution, before = solution + correction, change
             else:
                 error = np.inf
-        if not (error < BACKWARD_ERROR and size <= 1e-4 * scale):
+        if far or not (error < BACKWARD_ERROR and size <= 1e-4 * scale):
             raise SingularTangent(f"the linear solve left a backward error of {error:.1e}")
         return solution, error
 
