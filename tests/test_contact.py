@@ -10,9 +10,11 @@ from scipy.integrate import quad
 
 import jaxgel
 from jaxgel import contact
+from jaxgel.constraints import reduced, spread
 from jaxgel.contact import pair_energy, with_contact
-from jaxgel.equilibrium import overlaps, touches
+from jaxgel.equilibrium import Equilibrium, Status, overlaps, prepare, touches
 from jaxgel.mixed import constants, contact_pairs, linearise, node_pairs, state_pressure, tangent
+from jaxgel.stability import tangent_products
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 contact_energy, contact_force = jax.jit(contact.contact_energy), jax.jit(contact.contact_force)
@@ -77,6 +79,18 @@ def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
     np.add.at(product, j[other], np.einsum("plk,pl->pk", blocks[other], direction[i[other]]))
     _, expected = jax.jvp(lambda x: contact_force(x, model), (x,), (jnp.asarray(direction),))
     np.testing.assert_allclose(product, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
+
+
+def test_products_of_the_tangent_include_contact(squeezed):
+    """Those with contact less those without, of a state whose other forces do not matter."""
+    model, x = squeezed
+    problem = prepare(model, GEL)
+    state = Equilibrium(x, state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0), Status.CONVERGED, 0, 0.0, None)
+    vectors = np.random.default_rng(2).normal(size=(len(problem.free), 2))
+    found = np.subtract(*(tangent_products(p, state, -1.0, vectors, 0 * vectors) for p in (problem, problem.apart)))
+    directions = [spread(v, x.shape, problem.free) for v in vectors.T]
+    expected = [reduced(jax.jvp(lambda x: contact_force(x, model), (x,), (d,))[1], problem.free) for d in directions]
+    np.testing.assert_allclose(found.T, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
 
 
 def test_tangent_of_the_points_that_act_is_that_of_all_points(squeezed, monkeypatch):

@@ -8,9 +8,11 @@ import pytest
 import scipy.linalg
 
 import jaxgel
-from jaxgel.energy import total_energy
-from jaxgel.equilibrium import prepare, solve
-from jaxgel.stability import lowest_modes, nearest_modes, network_stiffness, oriented
+from jaxgel.constraints import spread
+from jaxgel.energy import residual, total_energy
+from jaxgel.equilibrium import Equilibrium, Status, prepare, solve
+from jaxgel.mixed import state_pressure
+from jaxgel.stability import lowest_modes, nearest_modes, network_stiffness, oriented, tangent_products
 
 MU = np.linspace(-4.9678, -0.9178, 10)
 
@@ -96,3 +98,26 @@ def test_a_mode_points_the_same_way_whatever_the_sign_it_comes_with(tiny_path):
     problem = prepare(tiny_path.model, tiny_path.gel)
     vectors = np.random.default_rng(1).normal(size=(len(problem.pattern.free), 3))
     np.testing.assert_array_equal(oriented(vectors, problem), oriented(-vectors, problem))
+
+
+def stiffening(F, gel):
+    """A network whose tangent depends on F."""
+    return 0.5 * gel.Nv * jax.numpy.sum(F**2) * (1 + 0.1 * jax.numpy.sum(F**2))
+
+
+@pytest.mark.parametrize(("method", "network"), [("mixed", None), ("displacement", None), ("mixed", stiffening)])
+def test_products_of_the_tangent_are_those_of_the_energys_hessian(cloud_of, method, network):
+    """At any positions, equilibrium or not, with the pressures that belong to them; for contact see test_contact."""
+    model = jaxgel.discretise(cloud_of("square"), method=method)
+    gel = jaxgel.Gel() if network is None else jaxgel.Gel(network=network)
+    x = model.cloud.nodes * jax.numpy.array([1.2, 1.3]) + 0.02 * jax.numpy.sin(model.cloud.nodes[:, ::-1])
+    problem, mu = prepare(model, gel), -1.0
+    state = Equilibrium(x, state_pressure(x, model, gel, mu), Status.CONVERGED, 0, 0.0, None)
+    vectors = np.random.default_rng(3).normal(size=(len(problem.free), 2))
+
+    def force(v):
+        return residual(spread(v, x.shape, problem.free) + x, model, problem.gel, mu, problem.loads).ravel()[problem.free]
+
+    expected = np.stack([jax.jvp(force, (np.zeros(len(problem.free)),), (v,))[1] for v in vectors.T], axis=1)
+    found = tangent_products(problem, state, mu, vectors, network_stiffness(problem) @ vectors)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
