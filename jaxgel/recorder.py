@@ -37,6 +37,7 @@ class Recorder:
     def __init__(self, folder, case, model, gel, *, steps=(), seconds=0.0, durable=True):
         self.folder, self.case, self.model, self.gel = open_folder(folder), case, of_case(model, case), gel
         self.records = []  # (step, row, outlines) of each accepted state
+        self.stored = 0  # states that are on disk for good
         self.started, self.durable = time.perf_counter() - seconds, durable
         if not steps:
             _clear(self.folder)
@@ -79,13 +80,14 @@ class Recorder:
 
     def finish(self, status, text, stop=Status.INTERRUPTED):
         """Close the record with ``status`` "complete", "stopped", "interrupted" or "failed", the reason as ``text``, and its `Status`."""
-        if self.records and not self.durable:
+        if len(self.records) > self.stored:  # Ctrl-C may have come between the row and its states
             self._write_states(durable=True)
         self._write_history()
         self._write_summary(status, text, stop)
 
     def _write_states(self, *, durable):
         write_atomically(self.folder / "states.npz", lambda stream: np.savez(stream, **self._states()), durable=durable)
+        self.stored = len(self.records) if durable else 0
 
     def _states(self):
         steps = self.steps

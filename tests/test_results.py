@@ -149,6 +149,24 @@ def test_after_every_step_the_folder_can_be_read(path, tmp_path, monkeypatch, du
     assert not list(tmp_path.glob("*.part"))
 
 
+def test_ctrl_c_between_a_row_and_its_states_loses_neither(path, tmp_path, monkeypatch):
+    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+
+    def pressed(**_):
+        raise KeyboardInterrupt
+
+    *before, last = steps_of(path)
+    for step in before:
+        recorder(step)
+    with monkeypatch.context() as patch:
+        patch.setattr(recorder, "_write_states", pressed)
+        with pytest.raises(KeyboardInterrupt):
+            recorder(last)
+    assert len(load_run(tmp_path).mu) == len(path.mu) - 1
+    recorder.finish("interrupted", "stopped by the user")
+    np.testing.assert_array_equal(load_run(tmp_path).mu, path.mu)
+
+
 def test_a_new_run_clears_its_own_files_and_no_others(path, tmp_path):
     for name in ("pattern.png", "notes.txt"):
         (tmp_path / name).write_text("before")
