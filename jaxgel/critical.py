@@ -20,8 +20,9 @@ import numpy as np
 
 from .bordered import Bordered, Conditions, mu_force, solve_bordered
 from .constraints import carried, free_dofs, picked, reduced, spread
-from .energy import residual, total_energy
+from .energy import curvature, residual
 from .equilibrium import prepare, solve
+from .implicit import only_first
 from .stability import nearest_modes, network_stiffness, oriented, tangent_products
 from .sweep import check_mu, sweep
 from .symmetry import characters, symmetries
@@ -122,7 +123,7 @@ class _Search:
 def _located(search, structure, leaves):
     """Critical mu (k,)."""
     if is_traced(leaves):
-        raise ValueError("critical_points: is not available inside jit or vmap, and has first derivatives only")
+        raise ValueError("critical_points: is not available inside jit or vmap")
     model, gel, loads = jax.tree.unflatten(structure, leaves)
     search.points[:] = _locate_all(model, gel, search.mu, loads, search.most)
     return jnp.array([point.mu for point in search.points])
@@ -130,7 +131,7 @@ def _located(search, structure, leaves):
 
 @_located.defjvp
 def _located_jvp(search, structure, primals, tangents):
-    mu = _located(search, structure, *primals)
+    mu = only_first(_located(search, structure, *primals), "critical_points")
     inputs, dots = jax.tree.unflatten(structure, primals[0]), jax.tree.unflatten(structure, tangents[0])
     found = [_onset_tangent(p.x, p.modes, p.correction, p.mu, inputs, dots, fold=p.kind == "fold") for p in search.points]
     return mu, jnp.stack(found) if found else jnp.zeros(0)
@@ -148,19 +149,10 @@ def _onset_tangent(x, modes, correction, mu, inputs, dots, *, fold):
         r = residual(at, model, gel, mu, loads)
         if fold:
             return jnp.sum(modes[0] * r)
-        return sum(_curvature(at, v, model, gel, mu, loads) for v in modes) - jnp.sum(correction * r)
+        return sum(curvature(at, v, model, gel, mu, loads) for v in modes) - jnp.sum(correction * r)
 
     _, change = jax.jvp(lambda *inputs: onset(*inputs, mu), inputs, dots)
     return -change / jax.grad(onset, argnums=3)(*inputs, mu)
-
-
-def _curvature(x, v, model, gel, mu, loads):
-    """Second derivative () of the total energy along the field ``v`` (n, 2)."""
-
-    def along(t):
-        return total_energy(x + t * v, model, gel, mu, loads)
-
-    return jax.jvp(lambda t: jax.jvp(along, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
 
 
 def _locate_all(model, gel, mu, loads, most):
@@ -306,12 +298,12 @@ def _derivatives(x, modes, model, gel, mu, loads):
     """D phi / d mu, d phi / dx (n, 2), and the third and fourth derivative of the energy along the first mode."""
 
     def phi(x, mu):
-        return sum(_curvature(x, v, model, gel, mu, loads) for v in modes)
+        return sum(curvature(x, v, model, gel, mu, loads) for v in modes)
 
     gradient, slope = jax.grad(phi, argnums=(0, 1))(x, mu)
 
     def along(t):
-        return _curvature(x + t * modes[0], modes[0], model, gel, mu, loads)
+        return curvature(x + t * modes[0], modes[0], model, gel, mu, loads)
 
     def third(t):
         return jax.jvp(along, (t,), (1.0,))[1]

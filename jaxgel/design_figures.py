@@ -12,7 +12,9 @@ LABELS = {
     "core_rotation": ("core rotation (°)", 1.0),
     "area_reduction": ("area reduction (%)", 100.0),
     "surface_ratio": ("surface stretch ratio", 1.0),
+    "crease_indicator": ("softened surface stretch ratio", 1.0),
     "gap": ("smallest gap (mm)", 1.0),
+    "lowest_eigenvalue": ("lowest eigenvalue, of the network's", 1.0),
 }
 
 

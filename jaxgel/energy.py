@@ -56,6 +56,15 @@ def total_energy(x, model, gel, mu, loads):
     return network_energy(x, model, gel) + jnp.sum(all_volumes(model) * swelling) - jnp.sum(loads * x) + touch
 
 
+def curvature(x, v, model, gel, mu, loads):
+    """Second derivative () of the total energy along the field ``v`` (n, 2), at ``x`` (n, 2): v . K v."""
+
+    def along(t):
+        return total_energy(x + t * v, model, gel, mu, loads)
+
+    return jax.jvp(lambda t: jax.jvp(along, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
+
+
 def network_energy(x, model, gel):
     """Energy () of the network alone, kT/v mm^2."""
     density = jax.vmap(jax.vmap(lambda F: gel.network(F, gel)))

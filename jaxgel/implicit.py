@@ -56,6 +56,17 @@ def no_tangent(values):
     return jnp.zeros_like(values) if floating else np.zeros(values.shape, dtype=jax.dtypes.float0)
 
 
+@functools.partial(jax.custom_jvp, nondiff_argnums=(1,))
+def only_first(values, what):  # noqa: ARG001
+    """The ``values`` of ``what``; used in a rule for tangents, ValueError where that is differentiated once more."""
+    return values
+
+
+@only_first.defjvp
+def _refuse(what, *_):
+    raise ValueError(f"{what}: has first derivatives only")
+
+
 def _over_states(function, states, model):
     """``function`` of each state, for as many of them at once as memory allows: per cell that is one product of small matrices."""
     one = 16 * sum(block.nodes.size for block in model.blocks)

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .eigenvalue import lowest_eigenvalue
 from .geometry import arcs, edge_lines, outline_points, reference_plate
 from .observables import area_reduction, core_rotation, dry_outlines, mean_surface_ratios, outlines, rotation_angle, surface_ratio
 
@@ -112,6 +113,7 @@ CURVES = {
     "surface_ratio": surface_ratio,
     "crease_indicator": crease_indicator,
     "gap": gap,
+    "lowest_eigenvalue": lowest_eigenvalue,
 }
 """Quantities of a path by name; each gives (k,) values."""
 

@@ -63,8 +63,14 @@ def network_matrix(pattern, laplacian):
 def extreme_eigenvalues(factor, stiffness):
     """The lowest eigenvalue of the factorised tangent, and the one nearest zero: the same where none is negative."""
     nearest = nearest_modes(factor, stiffness, 1)[0][0]
+    return lowest_mode(factor, stiffness)[0] if factor.negative_pivots > 0 else nearest, nearest
+
+
+def lowest_mode(factor, stiffness):
+    """The lowest eigenvalue of the factorised tangent and its mode (f,), by shift-invert Lanczos."""
     negative = min(factor.negative_pivots, MOST_NEGATIVE)
-    return nearest_modes(factor, stiffness, negative, which="SA")[0][0] if negative > 0 else nearest, nearest
+    values, modes = nearest_modes(factor, stiffness, max(negative, 1), which="SA" if negative else "LM")
+    return values[0], modes[:, 0]
 
 
 def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY):

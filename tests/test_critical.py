@@ -164,6 +164,8 @@ def test_jit_and_second_derivatives_are_refused(buckling_model):
 
     with pytest.raises(ValueError, match=r"^critical_points: is not available inside jit"):
         jax.jit(critical_mu)(1e-4)
+    with pytest.raises(ValueError, match=r"^critical_points: has first derivatives only"):
+        jax.grad(jax.grad(critical_mu))(1e-4)
 
 
 def test_a_list_of_mu_is_refused(buckling_model):

@@ -11,8 +11,9 @@ import pytest
 
 import jaxgel
 from jaxgel import cases, cli, search
+from jaxgel.design_figures import LABELS
 from jaxgel.inverse import Outcome
-from jaxgel.objectives import porosity
+from jaxgel.objectives import CURVES, porosity
 from jaxgel.study import VERIFIED, load_study, study_from_table
 
 DESIGN = Path(__file__).parents[1] / "design"
@@ -232,3 +233,7 @@ def test_missing_files_and_folders_are_one_line(tmp_path, capsys):
         assert cli.main(arguments) == 2
         error = capsys.readouterr().err
         assert message in error and error.count("\n") == 1
+
+
+def test_every_quantity_has_a_label_in_the_figure():
+    assert LABELS.keys() == CURVES.keys()

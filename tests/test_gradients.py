@@ -11,6 +11,8 @@ from jax.flatten_util import ravel_pytree
 
 import jaxgel
 from jaxgel import IllPosedDerivative
+from jaxgel.eigenvalue import lowest_eigenvalue
+from jaxgel.stability import ACCURACY
 
 MU = [-3.5, -2.2, -1.5]
 STEP = 1e-5  # of the value; central differences of states solved to 1e-13 are then good to about 1e-8 and the kinks of the weights to 1e-6
@@ -77,6 +79,24 @@ def test_forward_equals_reverse(observables, start, jacobian):
     _, forward = jax.jvp(observables, (start[0],), (direction,))
     scale = np.abs(jacobian) @ np.abs(direction)  # of the terms, which nearly cancel in the third observable
     np.testing.assert_array_less(np.abs(forward - jacobian @ direction), 1e-10 * scale)
+
+
+def test_the_lowest_eigenvalue_has_first_derivatives(path_at, start):
+    """Along one direction, with a longer step: the tangent has the weights' kinks, but is known to 1e-11 of the network's only."""
+
+    def lowest(vector):
+        return lowest_eigenvalue(path_at(vector))[-1]
+
+    vector = np.asarray(start[0])
+    direction, step = np.random.default_rng(0).normal(size=len(vector)) * np.abs(vector), 1e-4
+    gradient = np.asarray(jax.grad(lowest)(start[0]))
+    difference = (lowest(vector + step * direction) - lowest(vector - step * direction)) / (2 * step)
+    np.testing.assert_allclose(gradient @ direction, difference, rtol=1e-6)
+    value, forward = jax.jvp(lowest, (start[0],), (direction,))
+    np.testing.assert_allclose(forward, gradient @ direction, rtol=1e-10)
+    np.testing.assert_allclose(value, path_at(vector).lowest_eigenvalue[-1], rtol=ACCURACY)
+    with pytest.raises(ValueError, match="has first derivatives only"):
+        jax.jvp(jax.grad(lowest), (start[0],), (direction,))
 
 
 def test_second_derivatives_are_differences_of_gradients(cloud):
