@@ -271,10 +271,13 @@ def _lengths(points, chords):
 
 def _surface_ratio(tangential, mu, gel):
     """Ratio (m,) of normal to ``tangential`` stretch (m,) of a surface without traction."""
-    J = volume_ratio_at(-gel.Nv, mu, gel)
-    for _ in range(SURFACE_ITERATIONS):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
+
+    def better(J, _):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
         force = jax.vmap(lambda t, n: jax.grad(gel.network)(jnp.diag(jnp.stack([t, n])), gel)[1, 1])
-        J = volume_ratio_at(-force(tangential, J / tangential) / tangential, mu, gel)
+        return volume_ratio_at(-force(tangential, J / tangential) / tangential, mu, gel), None
+
+    start = jnp.broadcast_to(volume_ratio_at(-gel.Nv, mu, gel), tangential.shape)
+    J, _ = jax.lax.scan(better, start, length=SURFACE_ITERATIONS)  # a loop: unrolled it compiles five times as long
     return J / tangential**2
 
 
