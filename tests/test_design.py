@@ -55,7 +55,7 @@ above = 10.0
 evaluations = 4
 
 [verification]
-spacing = 1.0
+spacing = 1.2
 mu = [-3.0, -1.8]
 """
 
@@ -206,7 +206,7 @@ def test_the_best_design_is_a_case_that_run_accepts(folder):
         ("above = 10.0", "above = 10.0\nbelow = 11.0", "constraints[0]: give one of above, below and within"),
         ("evaluations = 4", "evaluations = 0", "search.evaluations: 0"),
         ("evaluations = 4", 'method = "slsq"', "search.method: 'slsq' is unknown; did you mean 'slsqp'?"),
-        ("[verification]\nspacing = 1.0", "[verification]\nspacing = -1.0", "verification.spacing: -1.0"),
+        ("[verification]\nspacing = 1.2", "[verification]\nspacing = -1.0", "verification.spacing: -1.0"),
         ("[search]", "[serch]", "study: unknown entry 'serch'; did you mean 'search'?"),
         ("[plate]", "[plate", "is not TOML"),
         ("above = 10.0", "above = 14.0", None),  # not met by the start, but usable

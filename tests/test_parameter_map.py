@@ -260,6 +260,7 @@ def test_a_killed_worker_loses_no_point(tmp_path, expected):
     check(rows, expected, tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
 @pytest.mark.filterwarnings("ignore")  # of Dask's own
 def test_a_killed_dask_worker_loses_no_point(tmp_path, expected):
