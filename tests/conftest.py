@@ -1,8 +1,11 @@
 """Strict flags for every test, and one small run that several tests look at."""
 
+import contextlib
+import ctypes
 import functools
 import gc
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -121,11 +124,17 @@ def buckling_model(cloud_of):
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_compiled_programs():
-    """Programs that JAX keeps fill gigabytes over a whole run; the cache on disk has them for the next module."""
+    """Programs that JAX keeps fill gigabytes over a whole run; the cache on disk has them for the next module.
+
+    The C library keeps most of what is freed; unless it is told to give that back, every module from here on would begin without programs.
+    """
     yield
     if _resident() > ROOM:
         jax.clear_caches()
         gc.collect()
+        if sys.platform == "linux":
+            with contextlib.suppress(AttributeError):  # another C library
+                ctypes.CDLL(None).malloc_trim(0)
 
 
 def _resident():

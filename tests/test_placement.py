@@ -58,6 +58,7 @@ def test_small_motion_keeps_the_cloud_and_large_motion_makes_a_new_one(cloud):
     np.testing.assert_allclose(quality(far).smallest_cell, 1.0)
 
 
+@pytest.mark.slow
 def test_objective_changes_across_a_rebuild_by_less_than_the_discretisation_error(cloud):
     """With 609 nodes the rotation of sample 1 is right to 2 %; across the first rebuild on the way to smaller holes it jumps by 1.5 %."""
     plate = moved(cloud.plate, (4.8, 3.8))
