@@ -70,8 +70,8 @@ class Finding:
 def audit(sizes=SIZES, names=None):
     """A `Finding` for every kernel, one after another: the compiled one at so many points against the same one operation by operation.
 
-    Compiling takes most of the time, and releases Python's lock: a thread for each core compiles while this one evaluates what the
-    results should be. With JAX's compilation cache it is done once. ``names`` chooses among the kernels.
+    Compiling and running release Python's lock, tracing does not: this thread traces and lowers one program after another, others, one
+    for each core, compile and run them. With JAX's compilation cache compiling is done once. ``names`` chooses among the kernels.
     """
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # none of these programs takes long, but there are many
     kernels = {name: functools.partial(_on_sheets, kernel) for name, kernel in model_kernels().items()}
@@ -79,10 +79,14 @@ def audit(sizes=SIZES, names=None):
     begun = []
     with ThreadPoolExecutor(usable_cores()) as pool, _no_garbage_collection():
         for name in names or kernels:
-            compiled, expected = kernels[name]()
-            begun.append((name, expected, [pool.submit(compiled, n) for n in sizes]))
+            program, arguments, expected = kernels[name]()
+            begun.append((name, expected, [pool.submit(_run, program.lower(*arguments(n)), arguments(n)) for n in sizes]))
         for name, expected, results in begun:
             yield _worst(name, {n: _difference(found.result(), expected(n)) for n, found in zip(sizes, results, strict=True)})
+
+
+def _run(lowered, arguments):
+    return lowered.compile()(*arguments)
 
 
 @contextlib.contextmanager
@@ -98,14 +102,14 @@ def _no_garbage_collection():
 
 
 def _at_points(function, arguments):
-    """Two functions of a number of points: the compiled kernel's results, and what they should be.
+    """The kernel to be compiled, and two functions of a number of points: its arguments, and what its results should be.
 
     The points repeat themselves, so that those that differ are evaluated once without compiling, for all numbers.
     """
     one = jax.make_jaxpr(function)(*(values[0] for values in arguments))  # traced, and differentiated, once for all numbers of points
     batched = jax.vmap(jaxpr_as_fun(one))
     compiled, distinct = jax.jit(batched, compiler_options=few_parts()), functools.cache(lambda: plain(batched)(*arguments))
-    return lambda n: compiled(*_repeated(arguments, n)), lambda n: _repeated(distinct(), n)
+    return compiled, functools.partial(_repeated, arguments), lambda n: _repeated(distinct(), n)
 
 
 def _worst(name, differences):
@@ -135,8 +139,9 @@ def point_kernels():
     nodes = grid + rng.uniform(-0.2, 0.2, (DISTINCT, 25, 2))
     x, matrix = rng.uniform(-0.5, 0.5, (DISTINCT, 2)), rng.normal(size=(4, 2))
 
-    def paper(G, mu):  # the three search for the same root
-        return material.free_swelling(mu, gel), material.paper_stress(G, mu, gel), material.paper_tangent(G, mu, gel)
+    def paper(G, mu):
+        stretch = material.free_swelling(mu, gel)
+        return stretch, material.paper_stress(G, mu, gel, stretch), material.paper_tangent(G, mu, gel, stretch)
 
     def with_gradient(x, nodes):
         def phi(x):
@@ -189,9 +194,9 @@ def model_kernels():
 
 
 def _on_sheets(function):
-    """Two functions of a number of points, as `_at_points` gives; its cells repeat themselves, or are there once but weighted."""
+    """What `_at_points` gives; the cells repeat themselves, or are there once but weighted."""
     compiled, once = jax.jit(function, compiler_options=few_parts()), plain(jax.jit(function))  # inlined, but traced once for all numbers
-    return lambda n: compiled(*_sheet(n, repeat=True)), lambda n: once(*_sheet(n, repeat=False))
+    return compiled, functools.partial(_sheet, repeat=True), lambda n: once(*_sheet(n, repeat=False))
 
 
 def _sheet(n, *, repeat):

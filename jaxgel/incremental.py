@@ -151,7 +151,8 @@ def _point(phi, L, mu, gel):
     """Integrands at one point: of K (2 a, 2 a), Eqs. (47)-(49), of f_2 (2 a,), Eq. (51), and its network part."""
     F = jnp.eye(2) + L
     G = F.T @ F
-    S, D = paper_stress(G, mu, gel), voigt(paper_tangent(G, mu, gel))
+    stretch = free_swelling(mu, gel)
+    S, D = paper_stress(G, mu, gel, stretch), voigt(paper_tangent(G, mu, gel, stretch))
     B_L0, B_L1, B = strain_matrices(phi, L)
     S_hat = jnp.kron(jnp.eye(2), S)  # Eq. (55)
     K_NL = B.T @ S_hat @ B

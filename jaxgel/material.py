@@ -291,18 +291,19 @@ def paper_free_energy(F_prime, mu, gel):
     return free_energy(stretch * F_prime, mu, gel) / stretch**2
 
 
-def paper_stress(G, mu, gel):
+def paper_stress(G, mu, gel, stretch=None):
     """Second Piola-Kirchhoff stress S (2, 2), in kT/v, in the reference C_mu; Eq. (6), for the default energy.
 
     ``G`` (2, 2) = F'^T F' is the in-plane right Cauchy-Green tensor; G33 = 1, since F_mu = diag(l, l, 1) has J_mu = l^2.
+    ``stretch`` () is l = ``free_swelling(mu, gel)`` where it is known.
     """
-    B, _, _ = _paper_coefficients(G, mu, gel)
+    B, _, _ = _paper_coefficients(G, mu, gel, stretch)
     return gel.Nv * jnp.eye(2) + B * _inverse(G).T
 
 
-def paper_tangent(G, mu, gel):
-    """Tangent D_ijkl = 2 dS_ij/dG_kl (2, 2, 2, 2), in kT/v, at ``G`` (2, 2); Eqs. (8)-(9), for the default energy."""
-    B, C, J = _paper_coefficients(G, mu, gel)
+def paper_tangent(G, mu, gel, stretch=None):
+    """Tangent D_ijkl = 2 dS_ij/dG_kl (2, 2, 2, 2), in kT/v, at ``G`` (2, 2); Eqs. (8)-(9). Arguments as of ``paper_stress``."""
+    B, C, J = _paper_coefficients(G, mu, gel, stretch)
     inverse = _inverse(G)
     return 2 * B / J**2 * _cofactor_derivative() + C * jnp.einsum("ji,lk->ijkl", inverse, inverse)
 
@@ -313,11 +314,12 @@ def voigt(D):
     return D[rows[:, None], columns[:, None], rows[None, :], columns[None, :]]
 
 
-def _paper_coefficients(G, mu, gel):
+def _paper_coefficients(G, mu, gel, stretch):
     """B of Eq. (6), C of Eq. (8) = J' dB/dJ' - 2 B, and J'."""
     if gel.network is not neo_hookean or gel.volumetric is not flory_rehner:
         raise ValueError("gel: Eqs. (6)-(9) hold for the Flory-Rehner energy only; differentiate free_energy for another")
-    Jm, J = free_swelling(mu, gel) ** 2, jnp.sqrt(_det(G))
+    stretch = free_swelling(mu, gel) if stretch is None else stretch
+    Jm, J = stretch**2, jnp.sqrt(_det(G))
     logarithm = -J * jnp.log1p(1 / (Jm * J - 1))  # J' ln(1 - 1/(J_mu J'))
     mixing = gel.chi / (Jm**2 * J)
     B = (1 - gel.Nv) / Jm + logarithm + mixing - mu * J

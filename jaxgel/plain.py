@@ -36,7 +36,7 @@ def evaluate(closed, *args):
         elif name in OPERATIONS:
             results = [OPERATIONS[name](*given, **options)]
         else:
-            results = equation.primitive.bind(*map(jax.numpy.asarray, given), **options)
+            results = equation.primitive.bind(*jax.device_put(given), **options)
             results = results if equation.primitive.multiple_results else [results]
         kinds = [v.aval.dtype for v in equation.outvars]
         values.update(zip(equation.outvars, (np.asarray(r, dtype=k) for r, k in zip(results, kinds, strict=True)), strict=True))
@@ -109,6 +109,16 @@ def _slice(x, *, start_indices, limit_indices, strides):
     return x[tuple(map(slice, start_indices, limit_indices, strides or [None] * x.ndim))]
 
 
+def _dynamic_slice(x, *starts, slice_sizes, **_):
+    # one that would reach outside is moved inside, as JAX does
+    starts = [min(max(int(start), 0), n - size) for start, n, size in zip(starts, x.shape, slice_sizes, strict=True)]
+    return x[tuple(slice(start, start + size) for start, size in zip(starts, slice_sizes, strict=True))]
+
+
+def _extreme(function):
+    return lambda x, *, axes, **_: function(x, *axes)
+
+
 def _elementwise(function):
     return lambda *args, **_: function(*args)
 
@@ -120,6 +130,7 @@ def _reduced(function):
 NAMES = {  # of NumPy's functions of whole arrays, where they are not those of JAX's operations
     "add": "add",
     "add_any": "add",
+    "and": "bitwise_and",
     "div": "divide",
     "eq": "equal",
     "ge": "greater_equal",
@@ -132,6 +143,8 @@ NAMES = {  # of NumPy's functions of whole arrays, where they are not those of J
     "mul": "multiply",
     "ne": "not_equal",
     "neg": "negative",
+    "not": "invert",
+    "or": "bitwise_or",
     "pow": "power",
     "stop_gradient": "asarray",
     "sub": "subtract",
@@ -143,11 +156,14 @@ OPERATIONS = {
         f"reduce_{name}": _reduced(getattr(np, of_numpy))
         for name, of_numpy in {"sum": "sum", "max": "max", "min": "min", "or": "any"}.items()
     },
+    "argmax": _extreme(np.argmax),
+    "argmin": _extreme(np.argmin),
     "broadcast_in_dim": _broadcast,
     "complex": _elementwise(lambda a, b: a + 1j * b),
     "concatenate": lambda *args, dimension: np.concatenate(args, axis=dimension),
     "convert_element_type": lambda x, *, new_dtype, **_: x.astype(new_dtype),
     "dot_general": _product,
+    "dynamic_slice": _dynamic_slice,
     "integer_pow": lambda x, *, y: x**y,
     "iota": lambda *, shape, dimension, **_: _broadcast(np.arange(shape[dimension]), shape=shape, broadcast_dimensions=(dimension,)),
     "pad": _pad,
@@ -155,5 +171,6 @@ OPERATIONS = {
     "select_n": lambda which, *cases: np.where(which, *cases[::-1]),
     "slice": _slice,
     "squeeze": lambda x, *, dimensions: np.squeeze(x, axis=tuple(dimensions)),
+    "stack": lambda *args, axis: np.stack(args, axis),
     "transpose": lambda x, *, permutation: np.transpose(x, permutation),
 }
