@@ -125,6 +125,7 @@ def _folder_commands(add):
     p = add(do.plot, "plot", "draw the figures of a run's folder again")
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
     p.add_argument("--out", metavar="DIR", help="where the figures go (default: the same folder)")
+    p.add_argument("--mp4", action="store_true", help="the animation as pattern.mp4 too, by ffmpeg")
 
     p = _worker_options(add(do.resume, "resume", "continue an interrupted run, design or map, to the same result"))
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run, design or map")

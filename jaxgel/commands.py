@@ -86,7 +86,12 @@ def plot(args):
     """``jaxgel plot``: draw the figures of a run's folder again."""
     folder = File(args.folder)
     table = load_run(folder).history
-    _draw(load_path(folder), open_folder(args.out) if args.out else folder, table, cases.OutputOptions())
+    path, out = load_path(folder), open_folder(args.out) if args.out else folder
+    _draw(path, out, table, cases.OutputOptions())
+    if args.mp4:
+        from .plotting import animate_pattern
+
+        animate_pattern(path, out / "pattern.mp4")
     return DONE
 
 

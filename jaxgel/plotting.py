@@ -12,7 +12,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import scipy.sparse
-from matplotlib.animation import PillowWriter
+from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
@@ -177,7 +177,12 @@ def plot_modes(model, points, *, axes=None, size=0.05):
 
 @_styled
 def animate_pattern(path, file, *, field="stretch", seconds=6.0, most_frames=60):
-    """Write a GIF of the pattern over all states of a path (at most ``most_frames`` of them, evenly chosen), ``seconds`` long."""
+    """Write a GIF of the pattern over all states of a path (at most ``most_frames`` of them, evenly chosen), ``seconds`` long.
+
+    A ``file`` whose name ends in .mp4 becomes a film (H.264) by the program ffmpeg, that on the PATH or, else, that of the package
+    imageio-ffmpeg (extra ``[view]``); ValueError where there is neither.
+    """
+    kind, settings = _writer_of(file)
     states = np.unique(np.linspace(0, len(path.mu) - 1, min(most_frames, len(path.mu))).round().astype(int))
     vertices, values = _pictured(path, states, field)
     figure, ax = plt.subplots(figsize=(4.4, 3.8), layout="constrained")
@@ -187,13 +192,29 @@ def animate_pattern(path, file, *, field="stretch", seconds=6.0, most_frames=60)
         figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # every frame as the first one is laid out
-    writer = PillowWriter(fps=max(1.0, len(states) / seconds))
-    with writer.saving(figure, str(file), dpi=110):
+    writer = kind(fps=max(1.0, len(states) / seconds))
+    with mpl.rc_context(settings), writer.saving(figure, str(file), dpi=110):
         for k, v, colours in zip(states, vertices, values, strict=True):
             gel.move(v, colours)
             ax.set_title(_mu_text(path.mu[k]))
             writer.grab_frame()
     plt.close(figure)
+
+
+def _writer_of(file):
+    """Matplotlib's writer for a file's name, and the settings it needs."""
+    if not str(file).lower().endswith(".mp4"):
+        return PillowWriter, {}
+    if FFMpegWriter.isAvailable():
+        return FFMpegWriter, {}
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return FFMpegWriter, {"animation.ffmpeg_path": get_ffmpeg_exe()}
+    except (ImportError, RuntimeError):
+        raise ValueError(
+            f"file: {str(file)!r} needs the program ffmpeg; install it, or pip install 'jaxgel[view]', or write a GIF"
+        ) from None
 
 
 def field_values(path, field):

@@ -23,7 +23,7 @@ from .path import Path
 from .results import COLUMNS, FORMAT, INTEGER_COLUMNS, SELF_CONTACT, STEP_ARRAYS, SWITCHED, events, history, of_case
 
 NUMERICAL = ("jaxgel", "jax", "jaxlib", "numpy", "scipy")  # packages on which the last digits depend
-FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "series.pvd", "run.nc")
+FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "pattern.mp4", "series.pvd", "run.nc")
 
 
 class Recorder:

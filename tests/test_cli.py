@@ -34,8 +34,9 @@ def test_a_run_leaves_the_files_of_the_interface(run_folder):
 
 
 def test_plot_draws_the_figures_of_a_folder_again(run_folder, tmp_path, capsys):
-    assert cli.main(["plot", str(run_folder), "--out", str(tmp_path / "again")]) == 0
-    assert {file.name for file in (tmp_path / "again").iterdir()} == FILES - {"summary.json", "history.csv", "states.npz"}
+    assert cli.main(["plot", str(run_folder), "--out", str(tmp_path / "again"), "--mp4"]) == 0
+    drawn = {file.name for file in (tmp_path / "again").iterdir()}
+    assert drawn == FILES - {"summary.json", "history.csv", "states.npz"} | {"pattern.mp4"}
     assert capsys.readouterr().err == ""
 
 

@@ -1,7 +1,9 @@
 """Figures carry what they say they carry; axes come in and go out."""
 
 import dataclasses
+import sys
 
+import imageio_ffmpeg
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
@@ -114,6 +116,21 @@ def test_the_animation_has_a_frame_per_state(path, tmp_path):
     animate_pattern(path, tmp_path / "pattern.gif")
     with Image.open(tmp_path / "pattern.gif") as image:
         assert image.n_frames == len(path.mu)
+
+
+def test_an_mp4_has_a_frame_per_state_and_lasts_as_long_as_asked(path, tmp_path):
+    animate_pattern(path, tmp_path / "pattern.mp4", seconds=2.0)
+    assert (tmp_path / "pattern.mp4").read_bytes()[4:8] == b"ftyp"
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(tmp_path / "pattern.mp4")
+    assert frames == len(path.mu) and seconds == pytest.approx(2.0)
+
+
+def test_a_film_without_ffmpeg_is_refused_in_one_line(path, tmp_path, monkeypatch):
+    monkeypatch.setattr("jaxgel.plotting.FFMpegWriter.isAvailable", lambda: False)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(ValueError, match=r"^file: '.*pattern.mp4' needs the program ffmpeg; install it, [^\n]*$"):
+        animate_pattern(path, tmp_path / "pattern.mp4")
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_callers_settings_stay(path):
