@@ -20,7 +20,7 @@ from .equilibrium import Status
 from .files import open_folder, write_atomically
 from .observables import outlines
 from .path import Path
-from .results import COLUMNS, FORMAT, INTEGER_COLUMNS, SELF_CONTACT, STEP_ARRAYS, SWITCHED, events, history, of_case
+from .results import COLUMNS, FORMAT, INTEGER_COLUMNS, SELF_CONTACT, STEP_ARRAYS, events, history, of_case
 
 NUMERICAL = ("jaxgel", "jax", "jaxlib", "numpy", "scipy")  # packages on which the last digits depend
 FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "pattern.mp4", "series.pvd", "run.nc")
@@ -73,8 +73,6 @@ class Recorder:
         row = {name: column[0] for name, column in history(one).items()}
         if self.records and self.records[-1][1]["status"] == SELF_CONTACT:
             row["status"] = SELF_CONTACT
-        elif step.switched and row["status"] != SELF_CONTACT:
-            row["status"] = SWITCHED
         self.records.append((step, row, [np.asarray(loop)[0] for loop in outlines(one)]))
         return row
 

@@ -98,7 +98,7 @@ def events(table):
         where = f"between mu = {before:.4f} and {mu[k]:.4f}" if k else f"at or before mu = {mu[k]:.4f}"
         found.append({"event": event, "mu": float(mu[k]), "mu_before": before, "text": f"{text} {where}"})
 
-    for k in [k for k, text in enumerate(table.get("status", ())) if text == SWITCHED]:
+    for k in [k for k, text in enumerate(table.get("status", ())) if SWITCHED in text]:
         add(k, "bifurcation", "the branch became unstable and the path went over to the stable one")
     for k in range(1, len(mu)):
         if pivots[k] != pivots[k - 1]:
@@ -106,7 +106,7 @@ def events(table):
     for name, ratio in (("crease", CREASE_RATIO), ("wrinkle", WRINKLE_RATIO)):
         for k in np.flatnonzero(np.asarray(table["surface_ratio"]) > ratio)[:1]:
             add(k, name, f"a hole's surface is compressed past the {name} limit (stretch ratio {ratio})")
-    for k in [k for k, text in enumerate(table.get("status", ())) if text == IN_CONTACT][:1]:
+    for k in [k for k, text in enumerate(table.get("status", ())) if IN_CONTACT in text][:1]:
         add(k, "contact", "a hole's sides first touch")
     for k in np.flatnonzero(np.asarray(table["min_gap"]) <= 0)[:1]:
         add(k, "self-contact", "a hole's boundary touches itself")
@@ -222,12 +222,14 @@ def _step(states, i):
 
 def _status_texts(path, gap):
     """Status texts (k,) of a path, with the first self-contact and all that follows it invalid."""
-    texts = [status.name.lower().replace("_", " ") for status in path.status]
-    switched = getattr(path, "switched", np.zeros(len(texts), dtype=bool))
-    touched = np.logical_or.accumulate(np.asarray(gap) <= 0)
-    if path.model.contact is not None:
-        texts = [IN_CONTACT if g < float(path.model.contact.range) else text for g, text in zip(gap, texts, strict=True)]
-    return [SELF_CONTACT if t else SWITCHED if s else text for text, s, t in zip(texts, switched, touched, strict=True)]
+    switched = getattr(path, "switched", np.zeros(len(path.mu), dtype=bool))
+    crossed = np.logical_or.accumulate(np.asarray(gap) <= 0)
+    touching = gap < (0.0 if path.model.contact is None else float(path.model.contact.range))
+    texts = []
+    for status, *facts in zip(path.status, switched, touching, strict=True):
+        said = [text for text, holds in zip((SWITCHED, IN_CONTACT), facts, strict=True) if holds]
+        texts.append(", ".join(said) or status.name.lower().replace("_", " "))
+    return [SELF_CONTACT if c else text for text, c in zip(texts, crossed, strict=True)]
 
 
 def _read_summary(content, _):

@@ -110,6 +110,16 @@ def test_a_step_to_the_stable_branch_is_a_bifurcation(path, tmp_path):
     np.testing.assert_array_equal(run.states["switched"], [False, False, True, False])
 
 
+def test_a_step_to_the_stable_branch_into_contact_is_both(path, tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "min_gap", lambda p: np.where(p.mu < path.mu[2], 0.9, 0.3))  # mm; contact acts below 0.55
+    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    for step in steps_of(path, switched=2):
+        recorder(step)
+    run = load_run(tmp_path)
+    assert run.history["status"][2:] == ["switched to the stable branch, a hole's sides touch", "a hole's sides touch"]
+    assert [(e["event"], e["mu"]) for e in run.summary["events"][:2]] == [("bifurcation", path.mu[2]), ("contact", path.mu[2])]
+
+
 def test_crease_and_self_contact_are_reported_once_where_they_first_show():
     found = events(table(surface_ratio=[1.0, 2.4, 2.5, 3.0], min_gap=[0.5, 0.2, 0.1, 0.0]))
     assert [(e["event"], e["mu"]) for e in found] == [("crease", -3.0), ("self-contact", -2.0)]
