@@ -38,6 +38,7 @@ class Search:
         self.problem, self.evaluations, self.name, self.record = problem, evaluations, name, record or {}
         self.start = problem.vector
         self.log, self.known, self.unit = [], {}, None
+        self.ahead = []  # entries of an interrupted search that have not been asked for again: the optimiser must not see them yet
         self.cloud: object = None  # in use, with its number; so many were made
         self.number, self.clouds = 0, 0
         self.folder = open_folder(folder) if folder is not None else None
@@ -89,6 +90,9 @@ class Search:
             if len(self.log) >= self.evaluations:
                 raise Exhausted
             entry = self._evaluate(vector)
+        elif entry in self.ahead:
+            self.ahead.remove(entry)
+            self.log.append(entry)
         self._show(entry)
         if entry["invalid"]:
             raise Invalid(entry["invalid"])
@@ -129,14 +133,15 @@ class Search:
         log = read_log(self.folder)
         if log["problem"] != self._identity():
             raise ValueError(f"folder: {LOG} in {str(self.folder)!r} is of another problem; give another folder, or do not resume")
-        self.log, self.unit = log["evaluations"], log["unit"]
-        self.known = {(entry["cloud"], np.array(entry["vector"]).tobytes()): entry for entry in self.log}
+        self.ahead, self.unit = log["evaluations"], log["unit"]
+        self.known = {(entry["cloud"], np.array(entry["vector"]).tobytes()): entry for entry in self.ahead}
 
     def write(self, outcome="running"):
         """The log to disk, whole or not at all."""
         if self.folder is None:
             return
-        log = dict(format=FORMAT, problem=self._identity(), record=self.record, outcome=str(outcome), unit=self.unit, evaluations=self.log)
+        log = dict(format=FORMAT, problem=self._identity(), record=self.record, outcome=str(outcome), unit=self.unit)
+        log["evaluations"] = [*self.log, *self.ahead]
         encoded = json.dumps(log, allow_nan=False).encode()
         write_atomically(self.folder / LOG, lambda stream: stream.write(encoded))
 

@@ -248,6 +248,19 @@ def test_a_resumed_search_gives_the_numbers_of_an_uninterrupted_one(problem, tmp
     np.testing.assert_allclose(resumed.parameters["semi_axes"], whole.parameters["semi_axes"], rtol=1e-12)
 
 
+def test_a_search_killed_after_any_evaluation_ends_with_the_same_numbers(problem, tmp_path):
+    """In short boxes, several of which are repeated: none may be centred on a better design that comes later."""
+    whole = optimise(problem, evaluations=7, step=0.04, folder=tmp_path / "whole")
+    log = json.loads((tmp_path / "whole" / "design.json").read_text())
+    for kept in (4, 6):
+        folder, evaluations = tmp_path / str(kept), log["evaluations"][:kept]
+        folder.mkdir()
+        evaluations[-1] |= {"gradients": []}  # killed between sweep and gradient
+        (folder / "design.json").write_text(json.dumps(log | {"outcome": "running", "evaluations": evaluations}))
+        again = optimise(problem, evaluations=7, step=0.04, folder=folder, resume=True)
+        assert again.history == whole.history
+
+
 def test_a_log_of_another_problem_is_refused(problem, tmp_path):
     optimise(problem, evaluations=1, folder=tmp_path)
     with pytest.raises(ValueError, match=r"design\.json.*of another problem"):
