@@ -34,10 +34,11 @@ def test_sample_has_the_papers_number_of_gauss_points(name):
     plate = jaxgel.sample(name)
     model = jaxgel.discretise(jaxgel.make_cloud(plate), quadrature="paper", basis="linear", dmax=1.8)  # the count is that of any support
     assert model.n_points == GAUSS_POINTS[name]
-    assert sum(float(jnp.sum(block.weight > 0)) for block in model.blocks) == GAUSS_POINTS[name]
+    weights = [np.asarray(block.weight) for block in model.blocks]
+    assert sum(np.sum(weight > 0) for weight in weights) == GAUSS_POINTS[name]
     cell = plate.width * plate.height / plate.cells**2
-    np.testing.assert_allclose(sum(float(jnp.sum(block.weight)) for block in model.blocks), gel_area(plate), rtol=0.025)  # dropped whole
-    assert max(float(jnp.max(jnp.sum(block.weight, axis=1))) for block in model.blocks) == pytest.approx(cell, rel=1e-12)
+    np.testing.assert_allclose(sum(weight.sum() for weight in weights), gel_area(plate), rtol=0.025)  # dropped whole
+    assert max(weight.sum(axis=1).max() for weight in weights) == pytest.approx(cell, rel=1e-12)
 
 
 def gel_area(plate):
@@ -155,8 +156,8 @@ def test_weights_are_positive_and_add_up_to_the_area_of_the_cells(fixture, reque
     area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
     cells = np.bincount(part.cell_of_triangle, area)
     for block in model.blocks:
-        np.testing.assert_allclose(jnp.sum(block.weight, axis=1), cells[np.asarray(block.cells)], rtol=1e-12)
-        assert jnp.min(block.weight) >= 0
+        np.testing.assert_allclose(np.sum(block.weight, axis=1), cells[np.asarray(block.cells)], rtol=1e-12)
+        assert np.min(block.weight) >= 0
     halves = np.bincount(part.cell_of_triangle)
     whole = (halves == 2) & np.isclose(cells, model.cloud.spacing**2, rtol=1e-9)
     assert model.n_points == 4 * whole.sum() + 3 * halves[~whole].sum()

@@ -114,11 +114,11 @@ def test_linearisation_has_the_forces_and_constraint_errors_of_the_mixed_functio
     def functional(x):
         return network_energy(x, model, gel) + jnp.sum(all_volumes(model) * p * volume_ratios(x, model)) - jnp.sum(loads * x)
 
-    forces = jax.grad(functional)(x)
+    forces = jax.jit(jax.grad(functional))(x)
     np.testing.assert_allclose(now.rhs, -forces, atol=1e-13 * float(scale))
     star = jaxgel.material.volume_ratio_at(p, mu, gel)
     np.testing.assert_allclose(now.error, volume_ratios(x, model) - star, atol=1e-13)
-    assert float(scale) == pytest.approx(float(jnp.linalg.norm(jax.grad(network_energy)(x, model, gel))), rel=1e-12)
+    assert float(scale) == pytest.approx(float(jnp.linalg.norm(jax.jit(jax.grad(network_energy))(x, model, gel))), rel=1e-12)
     assert float(constraint) > 1
 
 
@@ -135,8 +135,8 @@ def test_condensed_newton_step_solves_the_full_saddle_point_system(tiny_model):
     dx[free] = np.linalg.solve(condensed, rhs)
     dp = pressure_step(jnp.asarray(dx.reshape(-1, 2)), now, now, model)
 
-    lagrangian = jax.hessian(lambda x: network_energy(x, model, gel) + jnp.sum(p * volumes * volume_ratios(x, model)))(x)
-    G = jax.jacfwd(lambda x: volumes * volume_ratios(x, model))(x).reshape(len(volumes), -1)[:, free]
+    lagrangian = jax.jit(jax.hessian(lambda x: network_energy(x, model, gel) + jnp.sum(p * volumes * volume_ratios(x, model))))(x)
+    G = jax.jit(jax.jacfwd(lambda x: volumes * volume_ratios(x, model)))(x).reshape(len(volumes), -1)[:, free]
     K = np.asarray(lagrangian).reshape((2 * model.n_nodes,) * 2)[np.ix_(free, free)]
     system = np.block([[K, G.T], [G, np.diag(-volumes / np.asarray(now.stiffness))]])
     right = np.concatenate([np.asarray(now.rhs).ravel()[free], -volumes * np.asarray(now.error)])

@@ -58,9 +58,11 @@ def test_the_network_stiffness_is_the_hessian_of_the_networks_energy(tiny_model)
 
     problem = prepare(tiny_model, tiny_model.cloud.plate.gel)
     free, x = problem.pattern.free, jax.numpy.asarray(tiny_model.cloud.nodes)
-    hessian = jax.jacfwd(jax.grad(lambda v: network_energy(x.ravel().at[free].set(v).reshape(-1, 2), tiny_model, problem.gel)))(
-        x.ravel()[free]
-    )
+
+    def energy(v):
+        return network_energy(x.ravel().at[free].set(v).reshape(-1, 2), tiny_model, problem.gel)
+
+    hessian = jax.jit(jax.jacfwd(jax.grad(energy)))(x.ravel()[free])
     np.testing.assert_allclose(np.asarray(hessian), network_stiffness(problem).toarray(), atol=1e-15)
 
 
