@@ -109,10 +109,11 @@ def test_the_lowest_eigenvalue_has_first_derivatives(path_at, start):
     ],
 )
 def test_second_derivatives_are_differences_of_gradients(cloud, basis, readings):
-    """By the first semi-axis of all holes, Nv and chi, also of the midline's rotation, whose extrema move along the line.
+    """By the first semi-axis of all holes, Nv and chi, also of the midline's rotation, whose extrema move along the line (261 nodes).
 
     The gradient is smooth but where a node enters a support, hence the short step. All three gradients come from one program.
     """
+    cloud = cloud if basis == "linear" else jaxgel.make_cloud(cloud.plate, spacing=22 / 18)
 
     def gradient(v):
         def reading(v):
