@@ -208,8 +208,7 @@ def _attempt(problem, stiffness, stable, mu, done):
         modes, found = lowest_modes(problem, stiffness, found, mu, history[-1].modes if history else None)
         other = _stable(problem, stiffness, mu, found, modes) if stable and modes.negative > 0 else None
         if other is not None:
-            iterations = found.iterations + other[0].iterations
-            found, modes, switched = dataclasses.replace(other[0], iterations=iterations), other[1], True
+            found, modes, switched = dataclasses.replace(other[0], iterations=found.iterations + other[0].iterations), other[1], True
     return Step.at(problem, mu, found, modes, switched=switched)
 
 
@@ -224,12 +223,15 @@ def _reached(problem, stable, mu, history):
         return found if found.status.ok or not problem.model.cloud.plate.moved else _ramped(problem, mu, found), False
     if problem.apart is None:
         return solve(problem, mu, x, pressure), False
-    last, far = history[-1], not np.abs(x - history[-1].x).max() < problem.model.contact.range
+    last, most = history[-1], float(problem.model.contact.range)
+    far = not np.abs(x - last.x).max() < most
     acted = touches(problem.model, last.x) if last.apart is None else not last.apart
     near = (acted or far) and touches(problem.model, x)
     if far and (acted or near):
         return Equilibrium(x, pressure, Status.NOT_CONVERGED, 0, float("nan"), None), False
     found = solve(problem, mu, x, pressure, near=near)
+    if found.status.ok and not found.apart and not np.abs(found.x - last.x).max() < most:
+        found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
     if found.status.ok or not stable or mu - last.mu > SNAP:
         return found, False
     relaxed = relax(problem, mu, last.x, last.pressure)
@@ -337,10 +339,9 @@ def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
     static = _Static(structure, floating, tuple(map(float, mu)) if chosen else None, branch, contact, max_steps)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
-    del report["apart"]
-    values = report.pop("mu") if chosen else values
+    values = report["mu"] if chosen else values
     energy, pressure = energies_and_pressures(x, model, gel, values, loads)
-    report.pop("mu", None)
+    report = {name: column for name, column in report.items() if name not in ("apart", "mu")}
     return Path(model=model, gel=gel, mu=values, x=x, pressure=pressure, energy=energy, stop=None, stop_text="", **report)
 
 
@@ -353,7 +354,6 @@ def _states(static, floats, rest):
             raise ValueError("mu: chosen steps cannot be found inside jit or vmap; give a list of values")
         return scan_states(*inputs, static.contact)
     model, gel, mu, loads = inputs
-    wanted = static.chosen if static.chosen is not None else list(np.asarray(mu))
     apart = []
 
     def keep(step):
@@ -361,7 +361,7 @@ def _states(static, floats, rest):
         apart.append(bool(step.apart))
 
     options = dict(branch=static.branch, contact=static.contact, loads=loads, max_steps=static.max_steps)
-    path = sweep(model, gel, mu=wanted, on_step=keep, **options)
+    path = sweep(model, gel, mu=static.chosen or list(np.asarray(mu)), on_step=keep, **options)
     missing = 0 if static.chosen is not None else len(mu) - len(path)
 
     def pad(values, fill):  # in NumPy: nothing is compiled

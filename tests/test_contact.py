@@ -15,6 +15,7 @@ from jaxgel.contact import pair_energy, with_contact
 from jaxgel.equilibrium import Equilibrium, Status, overlaps, prepare, touches
 from jaxgel.mixed import constants, contact_pairs, linearise, node_pairs, state_pressure, tangent
 from jaxgel.stability import tangent_products
+from jaxgel.sweep import _reached
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 contact_energy, contact_force = jax.jit(contact.contact_energy), jax.jit(contact.contact_force)
@@ -149,6 +150,15 @@ def test_sides_that_touch_do_not_overlap_and_are_in_equilibrium(closed):
     assert closed.negative_pivots[-1] == 0 and closed.residual.max() < 1e-10
     apart = jaxgel.sweep(closed.model, GEL, mu=MU, contact="off")
     assert overlaps(apart.model, apart.x[-1])
+
+
+def test_a_leap_into_contact_is_refused(slit):
+    """Prediction and last state are apart; where Newton's method closes the slit from there is not where a gel that swells slowly would."""
+    steps, model = [], with_contact(jaxgel.discretise(slit), GEL)
+    jaxgel.sweep(model, GEL, mu=MU[:1], on_step=steps.append)
+    found, _ = _reached(prepare(model, GEL), True, MU[-1], steps)
+    assert found.status is Status.NOT_CONVERGED
+    assert np.abs(found.x - steps[0].x).max() > float(model.contact.range) and not touches(model, steps[0].x)
 
 
 def test_a_sweep_told_to_stop_ends_before_the_overlap(slit):
