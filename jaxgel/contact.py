@@ -5,6 +5,8 @@
 over all points of one hole, d and D their distances now and on the dry plate and w the lengths of dry outline they stand for. Two
 parallel surfaces a gap g apart so press each other with kappa P(g / range), where P(3/4) = 0.169, P(1/2) = 1.25, P(1/4) = 5.62. Psi has two
 continuous derivatives and grows beyond all bounds; neighbours, whose r is short, meet only where the outline folds onto itself.
+Range and kappa are numerical; what they do to sample 7 at mu = -0.4, its corners closed (`python benchmarks/contact.py`): a third and three
+times kappa move the core rotation of 89.55 degrees by 0.03, half the range by 0.18 and a quarter by 0.44, the energy by 7e-6 at most.
 Where a wall cuts a hole, its mirror image at the wall completes it, which keeps the outline from passing the wall. Lengths in mm,
 kappa in kT/v. Index letters: ``h`` hole, ``m`` point, ``n`` node of a hole, ``g`` image.
 """
