@@ -13,6 +13,7 @@ for flag in quick_flags():
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
 if len(os.sched_getaffinity(0)) == 1 if hasattr(os, "sched_getaffinity") else os.cpu_count() == 1:
     os.environ.setdefault("NPROC", "2")  # XLA's threads: a host callback waits for its arguments on one, which another one copies
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # a program from JAX's compilation cache fills the terminal with its machine's features
 
 import jax  # noqa: E402
 
