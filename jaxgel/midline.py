@@ -31,11 +31,14 @@ def _next_to_extrema(x, model):
     line = model.midline
     room = ((0, 0), (0, -line.nodes.shape[1] % (4 * NEIGHBOURS)))
     nodes, support = jnp.pad(line.nodes, room), jnp.pad(line.support, room)
+    apart = jnp.diff(line.points[:, 0])
+    gap = apart > 1.5 * jnp.min(apart)  # a hole: the line ends at both samples, and an extremum there is no root of its slope
+    end = jnp.append(True, gap) | jnp.append(gap, True)
 
     def one(x):
         height = line.position(x)[:, 1]
         i = jnp.stack([jnp.argmax(height), jnp.argmin(height)])
-        reach = jnp.where((i == 0) | (i == len(height) - 1), 0.0, line.points[1, 0] - line.points[0, 0])
+        reach = jnp.where(end[i], 0.0, jnp.min(apart))
         return line.points[i], reach, model.cloud.nodes[nodes[i]], support[i], x[nodes[i]]
 
     def padded(values):

@@ -22,7 +22,7 @@ from random_cases import faults, random_table
 GELS = st.builds(lambda power, chi: jaxgel.Gel(10**power, chi), st.floats(-5, -1), st.floats(1e-9, 1.2))
 
 
-@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     gel=GELS,
     ends=st.tuples(st.floats(-8, -1), st.floats(-1, 0)).filter(lambda ends: ends[0] < ends[1]),
