@@ -175,7 +175,9 @@ def volume_product(v, p, basis, model, fixed):
     changes, volumes = _volume_gradients(v, model, fixed)[0], all_volumes(model)
     rates = [jnp.einsum("cgai,cai->cg", G, v[b.nodes]).ravel() for G, b in zip(basis.gradients, model.blocks, strict=True)]
     rates = basis.stiffness * jnp.concatenate(rates) / jnp.where(volumes > 0, volumes, 1.0)
-    return _nodal_sum(changes, p, model) + _nodal_sum(basis.gradients, rates, model)
+    pairs = zip(changes, basis.gradients, by_block(p, model), by_block(rates, model), strict=True)
+    weighted = [jnp.einsum("cg,cgai->cai", p, change) + jnp.einsum("cg,cgai->cai", rate, G) for change, G, p, rate in pairs]
+    return _at_nodes(weighted, model)
 
 
 def pressure_step(dx, now, basis, model):
@@ -285,9 +287,15 @@ def _crossed_matrix(S):
 
 def _nodal_sum(gradients, p, model):
     """sum_g p_g G_g (n, 2)."""
+    parts = zip(by_block(p, model), gradients, strict=True)
+    return _at_nodes([jnp.einsum("cg,cgai->cai", pressure, G) for pressure, G in parts], model)
+
+
+def _at_nodes(forces, model):
+    """Sum (n, 2) of forces at the nodes of the cells, per block (c, a, 2)."""
     total = jnp.zeros((model.n_nodes, 2))
-    for block, G, pressure in zip(model.blocks, gradients, by_block(p, model), strict=True):
-        total = total.at[block.nodes].add(jnp.einsum("cg,cgai->cai", pressure, G))
+    for block, force in zip(model.blocks, forces, strict=True):
+        total = total.at[block.nodes].add(force)
     return total
 
 

@@ -207,7 +207,7 @@ def _products(vectors, x, p, basis, model, gel, fixed, free):
             product += jax.jvp(force, (x,), (v,))[1]
         return reduced(product, free)
 
-    return jax.vmap(one, in_axes=1, out_axes=1)(vectors)
+    return jax.lax.map(one, vectors.T).T  # one after the other, as each fills the cache
 
 
 def oriented(vectors, problem):
