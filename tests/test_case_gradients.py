@@ -4,9 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from jax.flatten_util import ravel_pytree
 
 import jaxgel
+from jaxgel.equilibrium import Equilibrium, Status, prepare, with_own_factor
+from jaxgel.stability import nearest_modes
 
 PERTURBED = np.array([0.02, -0.02, 0.01, -0.01])  # of the radii of sample 4, relative: without any symmetry
 CASES = {
@@ -42,6 +45,16 @@ class Objectives:
         return jnp.stack([self.rotation(path)[-1], jaxgel.area_reduction(path)[-1]])
 
 
+def round_off(path):
+    """Relative difference that double precision allows two solutions with the tangent of the last state, each with a rounded matrix and
+    right-hand side: four times its condition number times the unit round-off."""
+    x, pressure, mu = jnp.asarray(path.x[-1]), jnp.asarray(path.pressure[-1]), float(path.mu[-1])
+    state = Equilibrium(x, pressure, Status.CONVERGED, 0, 0.0, None)
+    factor = with_own_factor(prepare(path.model, path.gel), mu, state).factor
+    (softest,), _ = nearest_modes(factor, sp.identity(factor.matrix.shape[0], format="csr"), 1)
+    return 4 * np.finfo(float).eps * factor.norm / abs(softest)
+
+
 @pytest.mark.parametrize("name", ["sample-4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sample-7", "lattice"))])
 def test_derivatives_on_the_buckled_branch_are_those_of_the_resolved_problem(name, cloud_of):
     objectives = Objectives(name, cloud_of(name))
@@ -56,7 +69,8 @@ def test_derivatives_on_the_buckled_branch_are_those_of_the_resolved_problem(nam
     scale = sum(np.abs(parts).sum(axis=1) for parts in terms.values())
 
     forward = jax.jvp(objectives, (start,), (steps,))[1]
-    np.testing.assert_array_less(np.abs(forward - sum(parts.sum(axis=1) for parts in terms.values())), 1e-10 * scale)
+    room = max(1e-10, round_off(path)) * scale  # 4e-8 for the lattice, of which it takes 9e-9
+    np.testing.assert_array_less(np.abs(forward - sum(parts.sum(axis=1) for parts in terms.values())), room)
 
     for moved in [steps] if name == "lattice" else [{family: step} for family, step in steps.items()]:  # its sweeps take seconds
         back = {family: -step for family, step in moved.items()}
