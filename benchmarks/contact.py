@@ -2,9 +2,9 @@
 
     python benchmarks/contact.py [--spacing 0.55]
 
-The two are numerical, so a result should not depend on them: each line changes one of the defaults (range half the node spacing,
-kappa 10 Nv) and prints the angles, the energy relative to that without contact's share, and the smallest gap within a hole at the last mu.
-The holes' area follows from the swelling and does not depend on contact.
+The two are numerical, so a result should not depend on them: each line has another share of the defaults (range half the node spacing,
+kappa 10 Nv) and prints, at the last mu, angles in degrees, the energy in kT/v mm^2, contact's share of it, the area reduction, and the
+smallest gap within a hole over the range. The holes' area follows from the swelling and does not depend on contact.
 """  # fmt: skip
 
 import argparse

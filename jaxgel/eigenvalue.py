@@ -4,6 +4,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .constraints import spread
 from .energy import curvature, deformation_gradients
@@ -17,10 +18,10 @@ from .traced import is_traced
 def lowest_eigenvalue(path):
     """Lowest eigenvalue (k,) of the tangent at every state of a ``path.Path``, over the network's stiffness, with first derivatives.
 
-    It is that of `stability`, dimensionless, to the accuracy of Lanczos' iteration. v . K v / v . N v is stationary in the mode v, so
-    that no derivative of v is needed: d lambda = v . (dK - lambda dN) v for v . N v = 1, by way of the state as well. Where two modes
-    share the eigenvalue it has no derivative, and gets that of one of them. ValueError inside ``jax.jit`` and ``jax.vmap``, and where a
-    second derivative is asked for.
+    It is that of `stability`, dimensionless, to the accuracy of Lanczos' iteration. v . K v / v . N v is stationary in the mode v, so that
+    no derivative of v is needed: d lambda = v . (dK - lambda dN) v for v . N v = 1, by way of the state as well. Where two modes share the
+    eigenvalue it has no derivative, and gets that of one of them. nan for a state that was not reached. ValueError inside ``jax.jit`` and
+    ``jax.vmap``, and where a second derivative is asked for.
     """
     leaves, structure = jax.tree.flatten((path.x, path.model, path.gel, jnp.asarray(path.mu)))
     return _lowest(structure, leaves)[0]
@@ -36,7 +37,8 @@ def _lowest(structure, leaves):
     stiffness, values, modes = network_stiffness(problem), [], []
     for x_k, mu_k in zip(x, mu, strict=True):
         state = Equilibrium(x_k, state_pressure(x_k, model, gel, mu_k), Status.CONVERGED, 0, 0.0, None)
-        value, mode = lowest_mode(with_own_factor(problem, float(mu_k), state).factor, stiffness)
+        factor = with_own_factor(problem, float(mu_k), state).factor
+        value, mode = (np.nan, np.zeros(len(problem.free))) if factor is None else lowest_mode(factor, stiffness)
         values.append(value)
         modes.append(spread(mode, x_k.shape, problem.free))
     return jnp.array(values), jnp.stack(modes)

@@ -84,7 +84,7 @@ def test_forward_equals_reverse(observables, start, jacobian):
 
 
 def test_the_lowest_eigenvalue_has_first_derivatives(path_at, start):
-    """Along one direction, with a longer step: the tangent has the weights' kinks, but is known to 1e-11 of the network's only."""
+    """Along one direction, with a longer step: the tangent has the weights' kinks, but is known to 1e-10 of the network's only."""
 
     def lowest(vector):
         return lowest_eigenvalue(path_at(vector))[-1]

@@ -1,6 +1,7 @@
 """The lowest eigenvalue and the number of negative ones are those of the accepted states, told by dense eigenvalues."""
 
 import csv
+import dataclasses
 
 import jax
 import numpy as np
@@ -9,10 +10,11 @@ import scipy.linalg
 
 import jaxgel
 from jaxgel.constraints import spread
+from jaxgel.eigenvalue import lowest_eigenvalue
 from jaxgel.energy import residual, total_energy
 from jaxgel.equilibrium import Equilibrium, Status, prepare, solve
 from jaxgel.mixed import state_pressure
-from jaxgel.stability import lowest_modes, nearest_modes, network_stiffness, oriented, tangent_products
+from jaxgel.stability import ACCURACY, lowest_modes, nearest_modes, network_stiffness, oriented, tangent_products
 
 MU = np.linspace(-4.9678, -0.9178, 10)
 
@@ -125,3 +127,11 @@ def test_products_of_the_tangent_are_those_of_the_energys_hessian(cloud_of, meth
     expected = np.stack([product(v) for v in vectors.T], axis=1)
     found = tangent_products(problem, state, mu, vectors, network_stiffness(problem) @ vectors)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+def test_a_state_that_was_not_reached_has_no_lowest_eigenvalue(tiny_path):
+    x = tiny_path.x.copy()
+    x[-1] = np.nan
+    found = lowest_eigenvalue(dataclasses.replace(tiny_path, x=x))
+    assert np.isnan(found[-1])
+    np.testing.assert_allclose(found[:-1], tiny_path.lowest_eigenvalue[:-1], rtol=ACCURACY)
