@@ -82,23 +82,28 @@ class Fronts:
 
     def solve(self, rhs):
         """Solution (f,) or (f, r), without refinement: as accurate as the precision in which the factor is kept."""
-        y = np.asarray(rhs, dtype=float)[self.tree.order].reshape(len(self.tree.order), -1)
+        y = np.asarray(rhs, dtype=float)[self.tree.order]
+        y = y.ravel() if y.size == len(y) else y  # one vector: BLAS of level 2, which takes three quarters of the time
         scale = 1.0
         if self.numbers.dtype != y.dtype:  # single precision has a small range
             scale = np.abs(y).max(axis=0) + np.finfo(float).tiny
             y = (y / scale).astype(self.numbers.dtype)
-        trsm = get_blas_funcs("trsm", dtype=y.dtype)
+        trsv, trsm = get_blas_funcs(("trsv", "trsm"), dtype=y.dtype)
+
+        def triangular(L, z, transposed=0):
+            return trsv(L, z, lower=1, trans=transposed) if z.ndim == 1 else trsm(1.0, L, z, lower=1, trans_a=transposed)
+
         fronts = list(zip(self.tree.fronts, self.corners, self.sides, self.signs, strict=True))
         for front, L, B, signs in fronts:
             pivots = slice(front.first, front.end)
-            z = trsm(1.0, L, y[pivots], lower=1) if signs is None else signs[:, None] * (L.T @ y[pivots])
+            z = triangular(L, y[pivots]) if signs is None else (signs * (L.T @ y[pivots]).T).T
             y[pivots] = z
             y[front.below] -= B @ z
         for front, L, B, signs in reversed(fronts):
             pivots = slice(front.first, front.end)
             z = B.T @ y[front.below]
-            z = y[pivots] - (z if signs is None else signs[:, None] * z)
-            y[pivots] = trsm(1.0, L, z, lower=1, trans_a=1) if signs is None else L @ z
+            z = y[pivots] - (z if signs is None else (signs * z.T).T)
+            y[pivots] = triangular(L, z, transposed=1) if signs is None else L @ z
         solution = np.empty(y.shape)
         solution[self.tree.order] = scale * y
         return solution.reshape(np.shape(rhs))

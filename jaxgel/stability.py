@@ -21,11 +21,12 @@ from .equilibrium import Status, acting, linearised, solve, solve_pinned, with_o
 from .material import neo_hookean
 from .mixed import volume_product
 
-TRACKED = 2  # modes that are carried along a sweep: both of a double eigenvalue
-ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 1e-2 is seen where a mode that is not followed is about to become the lowest
+TRACKED = 2  # modes whose eigenvalues are made accurate where all may be unstable: both of a double eigenvalue
+FOLLOWED = 4  # modes that are carried along a sweep, any of which may become the lowest
+ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 8e-3 is seen next to a crease, where a local mode falls fast
 NEAR = 0.1  # largest relative difference of d . K d for a mode's correction d between a state and the factor that its solution left
-IDLE = 1e-2  # part of the accuracy below which a correction is not worth its making
-FIRST_ITERATIONS = 6  # inverse iterations for modes of which nothing is known
+IDLE = 0.1  # part of the accuracy below which a correction is not worth its making
+FIRST_ITERATIONS = 4  # inverse iterations for modes of which nothing is known
 MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
 ITERATIONS = 40
 NEARBY_ITERATIONS = 2  # with the factor of another tangent, before the state's own is factorised
@@ -85,29 +86,47 @@ def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY
     if not nearby:
         state = with_own_factor(problem, mu, state)
         pivots = state.factor.negative_pivots
-    start = state.factor.apply(_products_with(stiffness, start)) if given else _lowest_of_factor(state.factor, stiffness)
-    start = np.linalg.qr(start)[0]  # next to a singular tangent inverse iteration turns all vectors into one direction
-    eigenvalues, vectors, converged = _davidson(acting(problem, state), stiffness, state, mu, start, accuracy, own=not nearby)
+    followed, weights = _iterated(state.factor, stiffness, start if given else _lowest_of_factor(state.factor, stiffness))
+    if not nearby:  # they are unknown, or changed much
+        followed, weights = _iterated(state.factor, stiffness, followed)
+    m = pivots + 1 if nearby else TRACKED
+    lowest = followed[:, :m], weights[:, :m]
+    eigenvalues, vectors, converged = _davidson(acting(problem, state), stiffness, state, mu, *lowest, accuracy, own=not nearby)
+    vectors = np.concatenate([vectors, followed[:, m:]], axis=1)
     known, seen = min(pivots, TRACKED), int(np.sum(eigenvalues < 0))
     if given and (seen < known or (seen > known and not nearby)):  # an unstable mode is none of those that were followed
         return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, accuracy=accuracy)
     if nearby and (seen > known or not converged):
-        return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, vectors, accuracy=accuracy)
+        return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, followed, accuracy=accuracy)
     return Modes(eigenvalues, vectors, pivots), state
 
 
+def _iterated(factor, stiffness, start):
+    """Ritz vectors (f, m) of the factorised tangent, ascending, after an inverse iteration from ``start`` (f, m), and N times them."""
+    before = _products_with(stiffness, start)
+    vectors, r = np.linalg.qr(factor.apply(before))  # next to a singular tangent all vectors turn into one direction
+    weights, images = _products_with(stiffness, vectors), scipy.linalg.solve_triangular(r, before.T, trans="T", check_finite=False).T
+    _, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
+    return vectors @ turn, weights @ turn
+
+
+def _without_symmetry(f, factor=1):
+    """A fixed vector (f,), or vectors (f, m) for factors (m,), without any symmetry."""
+    return np.sin(1.0 + np.multiply.outer(np.arange(f) ** 1.5, factor))
+
+
 def _lowest_of_factor(factor, stiffness):
-    """Modes (f, TRACKED) of the factorised tangent with the lowest eigenvalues: the negative ones, or those next to zero."""
+    """Modes (f, FOLLOWED) of the factorised tangent with the lowest eigenvalues: the negative ones, or those next to zero."""
     negative = min(factor.negative_pivots, MOST_NEGATIVE)
     if negative == 0:
-        vectors = np.sin(1.0 + np.arange(stiffness.shape[0])[:, None] ** 1.5 * np.arange(1, TRACKED + 1))  # no symmetry, always the same
+        vectors = _without_symmetry(stiffness.shape[0], np.arange(1, FOLLOWED + 1))
         for _ in range(FIRST_ITERATIONS):
             vectors = np.linalg.qr(factor.apply(stiffness @ vectors))[0]
         return vectors
     below = nearest_modes(factor, stiffness, negative, which="SA")[1]  # of 1 / eigenvalue: the negative ones
-    missing = max(TRACKED - negative, 0)
+    missing = max(FOLLOWED - negative, 0)
     above = [nearest_modes(factor, stiffness, missing, which="LA")[1]] if missing else []
-    return np.concatenate([below, *above], axis=1)[:, :TRACKED]
+    return np.concatenate([below, *above], axis=1)[:, :FOLLOWED]
 
 
 def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
@@ -117,9 +136,7 @@ def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
     their signs.
     """
     inverse = sla.LinearOperator(stiffness.shape, matvec=factor.inverse, dtype=float)
-    start = (
-        np.sin(1.0 + np.arange(len(stiffness.indptr) - 1) ** 1.5) if before is None else before.sum(axis=1)
-    )  # no symmetry, always the same
+    start = _without_symmetry(stiffness.shape[0]) if before is None else before.sum(axis=1)
     values, modes = sla.eigsh(factor.matrix, count, stiffness, 0.0, which=which, OPinv=inverse, v0=start)
     if before is not None:
         modes = modes * np.where(np.sum(modes * (stiffness @ before), axis=0) < 0, -1.0, 1.0)
@@ -127,15 +144,14 @@ def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
     return values[rank], modes[:, rank]
 
 
-def _davidson(problem, stiffness, state, mu, vectors, accuracy, own):
+def _davidson(problem, stiffness, state, mu, vectors, weights, accuracy, own):
     """The lowest eigenvalues (m,) of the state's tangent K, their vectors (f, m), and whether the iterations were enough.
 
     Corrections d = K_f^-1 r of the imbalance r = K v - lambda N v come from the state's factor K_f. Where that is its ``own`` K d is r;
     where it is not r is wrong by the distance of K_f from K, at most ``NEAR`` of what the last correction gains.
     """
-    weights = _products_with(stiffness, vectors)
     images = tangent_products(problem, state, mu, vectors, weights)
-    eigenvalues, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights)
+    eigenvalues, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
     for _ in range(ITERATIONS if own else NEARBY_ITERATIONS):
         vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
         imbalance = images - weights * eigenvalues

@@ -85,6 +85,17 @@ def test_a_negative_eigenvalue_is_found_from_modes_that_are_blind_to_it(unstable
     assert found.negative == np.sum(eigenvalues < 0)
 
 
+@pytest.mark.slow
+def test_the_lowest_eigenvalue_is_found_where_modes_change_their_order(cloud_of):
+    """On the lattice the lowest three, a double one among them, give way to a mode of another symmetry."""
+    model = jaxgel.discretise(cloud_of("lattice"))
+    path = jaxgel.sweep(model, model.cloud.plate.gel, mu=np.linspace(-3.5, -1.6, 14), contact="off")
+    problem = prepare(path.model, path.gel)
+    states = [solve(problem, mu, x, p, fresh=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
+    exact = [nearest_modes(state.factor, network_stiffness(problem), 1)[0][0] for state in states]
+    np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
+
+
 def test_negative_eigenvalues_are_counted_for_the_state_itself(unstable_path):
     exact = dense_eigenvalues(unstable_path)
     np.testing.assert_array_equal(unstable_path.negative_pivots, np.sum(exact < 0, axis=1))
