@@ -127,14 +127,13 @@ def _over_holes(function, model, *fields):
 
 def _weights_and_ranges(dry, joined, sign, shift, most):
     """Weights (m, m) and ranges (g, m, m) of the pairs of dry points (m, 2)."""
-    length = _norm(jnp.roll(dry, -1, axis=0) - dry) * joined
+    length = _root(jnp.sum((jnp.roll(dry, -1, axis=0) - dry) ** 2, axis=-1)) * joined
     weight = 0.5 * (length + jnp.roll(length, 1))
-    return weight[:, None] * weight, jnp.minimum(_norm(_separations(dry, sign, shift)) / NEIGHBOURS, most)
+    return weight[:, None] * weight, jnp.minimum(_root(_squares(dry, sign, shift)) / NEIGHBOURS, most)
 
 
-def _norm(vectors):
-    """Lengths (...) of vectors (..., 2), with derivative 0 at 0."""
-    square = jnp.sum(vectors**2, axis=-1)
+def _root(square):
+    """Square roots with derivative 0 at 0."""
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
@@ -156,6 +155,12 @@ def _separations(points, sign, shift):
     return points[:, None] - (sign[:, None] * points + shift[:, None])[:, None]
 
 
+def _squares(points, sign, shift):
+    """Squared lengths (g, m, m) of the ``_separations``, by components: the form that XLA vectorises."""
+    x, y = ((v[:, None] - (sign[:, None, i] * v + shift[:, None, i])[:, None]) ** 2 for i, v in enumerate(points.T))
+    return x + y
+
+
 def _hole_energy(hole, points):
     energies = _each_pair(pair_energy)(_separations(points, hole.sign, hole.shift), hole.reach)
     return 0.5 * jnp.sum(hole.weight * energies)
@@ -166,7 +171,7 @@ def _hole_tangent(hole, points):
 
     Where surfaces touch few points act, and all others are left out: the products cost their number times the square of the nodes'.
     """
-    square = jnp.sum(_separations(points, hole.sign, hole.shift) ** 2, axis=-1)
+    square = _squares(points, hole.sign, hole.shift)
     acts = (square < hole.reach**2) & (square > 0)
     acting = jnp.any(acts, axis=(0, 1)) | jnp.any(acts, axis=(0, 2))
     first = jnp.argsort(~acting)  # a stable sort: those that act, along the outline, and then the others
@@ -190,13 +195,13 @@ def _tangent_of(hole, points, size, first):
 
 
 def _hole_closest(hole, points):
-    distance = jnp.linalg.norm(_separations(points, hole.sign, hole.shift), axis=-1)
-    return jnp.min(jnp.where(hole.reach > 0, distance / jnp.where(hole.reach > 0, hole.reach, 1.0), jnp.inf))
+    square = _squares(points, hole.sign, hole.shift)
+    return jnp.sqrt(jnp.min(jnp.where(hole.reach > 0, square / jnp.where(hole.reach > 0, hole.reach, 1.0) ** 2, jnp.inf)))
 
 
 def _hole_limit(hole, points, step):
-    distance = jnp.linalg.norm(_separations(points, hole.sign, hole.shift), axis=-1)
-    approach = jnp.linalg.norm(_separations(step, hole.sign, 0.0 * hole.shift), axis=-1)
+    distance = jnp.sqrt(_squares(points, hole.sign, hole.shift))
+    approach = jnp.sqrt(_squares(step, hole.sign, 0.0 * hole.shift))
     room = distance - APPROACH * jnp.minimum(distance, hole.reach)
     tight = (hole.reach > 0) & (approach > room)
     return jnp.min(jnp.where(tight, room / jnp.where(tight, approach, 1.0), 1.0))
