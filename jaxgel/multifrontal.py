@@ -91,6 +91,8 @@ class Fronts:
         trsv, trsm = get_blas_funcs(("trsv", "trsm"), dtype=y.dtype)
 
         def triangular(L, z, transposed=0):
+            if not len(z):  # a front whose nodes are all held
+                return z
             return trsv(L, z, lower=1, trans=transposed) if z.ndim == 1 else trsm(1.0, L, z, lower=1, trans_a=transposed)
 
         fronts = list(zip(self.tree.fronts, self.corners, self.sides, self.signs, strict=True))

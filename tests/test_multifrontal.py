@@ -67,6 +67,20 @@ def test_solutions_and_inertia_are_those_of_the_dense_matrix(shift, system):
     np.testing.assert_array_equal(made.solve(rhs[:, 0]), made.solve(rhs[:, :1])[:, 0])
 
 
+@pytest.mark.parametrize("columns", [None, 2])
+def test_a_front_may_have_no_unknowns(columns, system):
+    """Where the nodes of a cut are all held, as along a wall."""
+    pairs, unknowns, points, tree = system
+    held = tree.order[tree.fronts[-1].first :]
+    rest = np.where(np.isin(unknowns, held), -1, unknowns)
+    rest[rest >= 0] = np.argsort(np.argsort(rest[rest >= 0]))
+    without = pairs, rest, points, dissect(pairs, rest, points)
+    assert any(front.first == front.end for front in without[-1].fronts)
+    blocks = values(without, 3, 20.0)
+    K, rhs = dense(without, blocks), np.ones(np.sum(rest >= 0) if columns is None else (np.sum(rest >= 0), columns))
+    np.testing.assert_allclose(K @ factorise(without[-1], blocks).solve(rhs), rhs, atol=1e-12)
+
+
 def test_both_kinds_of_pivot_blocks_are_met(system):
     signs = factorise(system[-1], values(system, 3, 5.0)).signs
     assert any(s is None for s in signs) and any(s is not None for s in signs)
