@@ -14,12 +14,10 @@ A table has the sections of a case file, all but ``plate`` optional:
     [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature, solver
     [output]           figures, animation, paraview (true or false)
 
-What an option accepts is written once, as a piece of JSON schema at its field: it is checked here and printed by `schema`.
+What an entry accepts is written once, as a piece of JSON schema: `schema` joins them, prints them, and every table is checked against them.
 """
 
 import dataclasses
-import math
-import sys
 from pathlib import Path as File
 
 import numpy as np
@@ -28,13 +26,14 @@ from . import holes
 from .cloud import make_cloud
 from .constraints import check_edges, check_room
 from .discretisation import discretise
+from .edges import CONDITIONS, EDGES
 from .files import read_toml
 from .geometry import Plate, check_plate
 from .linear_solve import SOLVERS
 from .loads import Loads
 from .material import Gel, check_gel
-from .messages import did_you_mean
 from .placement import refreshed
+from .rules import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check, listed, tabled, whole, word
 from .samples import sample
 from .sweep import BRANCHES, CONTACT, check_mu
 from .user_energy import user_gel
@@ -46,28 +45,19 @@ SECTIONS = ("plate", "holes", "moved", "gel", "loads", "sweep", "discretisation"
 BASES = ("linear", "quadratic")
 METHODS = ("mixed", "displacement")
 QUADRATURES = ("conforming", "paper")
-NUMBER, POSITIVE, FLAG = {"type": "number"}, {"type": "number", "exclusiveMinimum": 0.0}, {"type": "boolean"}
-PAIR = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}
+_CONDITION = word(CONDITIONS)
 PLATE = {
     "width": POSITIVE,
     "height": POSITIVE,
-    "edges": {"type": ["string", "object"]},
-    "deformation": {"type": "array", "items": PAIR},
-    "displacement": {"type": "object", "additionalProperties": PAIR},
+    "edges": {"type": ["string", "object"], "if": {"type": "object"}, "then": tabled(dict.fromkeys(EDGES, _CONDITION)), "else": _CONDITION},
+    "deformation": listed(PAIR, 2, 2),
+    "displacement": tabled(dict.fromkeys(EDGES, PAIR)),
     "spacing": POSITIVE,
-    "nodes_per_hole": {"type": "integer", "minimum": 3},
-    "cells": {"type": "integer", "minimum": 1},
+    "nodes_per_hole": whole(3),
+    "cells": whole(1),
     "core": PAIR,
-    "unit": {"type": "string"},
+    "unit": TEXT,
 }  # fields of `geometry.Plate`; the first two are required
-
-
-def _word(choices):
-    return {"type": "string", "enum": list(choices)}
-
-
-def _whole(least):
-    return {"type": "integer", "minimum": least}
 
 
 def _option(default, rule):
@@ -83,25 +73,19 @@ class SweepOptions:
     """First value."""
     mu_end: float = _option(-0.9178, NUMBER)
     """Last value."""
-    steps: str | int = _option(40, {"anyOf": [{"const": "auto"}, _whole(2)]})
+    steps: str | int = _option(40, {"anyOf": [{"const": "auto"}, whole(2)]})
     """"auto", or the number of equally spaced values with both ends included."""
-    mu: tuple | None = _option(None, {"type": "array", "items": NUMBER, "minItems": 1})
+    mu: tuple | None = _option(None, listed(NUMBER, least=1))
     """The values themselves, increasing; then the three above are not used."""
-    branch: str = _option("stable", _word(BRANCHES))
+    branch: str = _option("stable", word(BRANCHES))
     """Branch to follow where the plate is symmetric"""
     imperfection: float = _option(0.0, NUMBER)
     """Size of the load along the first bifurcation's mode, see `branches.imperfection`; 0 for none."""
-    contact: str = _option("on", _word(CONTACT))
+    contact: str = _option("on", word(CONTACT))
     """Where hole boundaries meet, keep them apart, let them overlap, or stop"""
 
     def __post_init__(self):
         _check("sweep", self)
-        if self.steps != "auto" and (type(self.steps) is not int or self.steps < 2):
-            raise ValueError(f"sweep.steps: {self.steps!r} is neither 'auto' nor a whole number of at least 2")
-        if self.mu is not None and not isinstance(self.mu, tuple):
-            raise ValueError(f"sweep.mu: {self.mu!r} is not a list of numbers")
-        for value in self.mu or ():
-            _number("sweep", "mu", value)
         check_mu(self.values)
 
     @property
@@ -128,19 +112,19 @@ class DiscretisationOptions:
 
     spacing: float | None = _option(None, POSITIVE)
     """Distance of the background nodes, mm."""
-    nodes_per_hole: int | None = _option(None, _whole(3))
+    nodes_per_hole: int | None = _option(None, whole(3))
     """Nodes on the outline of a whole hole."""
-    across: int | None = _option(None, _whole(2))
+    across: int | None = _option(None, whole(2))
     """Least number of nodes across every ligament, by local refinement."""
-    basis: str = _option("quadratic", _word(BASES))
+    basis: str = _option("quadratic", word(BASES))
     """Basis of the shape functions"""
     dmax: float | None = _option(None, POSITIVE)
     """Support radius over spacing."""
-    method: str = _option("mixed", _word(METHODS))
+    method: str = _option("mixed", word(METHODS))
     """One pressure per cell, or displacement only"""
-    quadrature: str = _option("conforming", _word(QUADRATURES))
+    quadrature: str = _option("conforming", word(QUADRATURES))
     """Cells along the true outline, or the paper's"""
-    solver: str = _option("auto", _word(SOLVERS))
+    solver: str = _option("auto", word(SOLVERS))
     """How linear systems are solved, see `linear_solve`"""
 
     def __post_init__(self):
@@ -219,28 +203,32 @@ def load_case(case, changes=None):
     >>> load_case("sample-1", {"sweep": {"steps": 3}}).sweep.values
     [-4.9678, -2.9428, -0.9178]
     """
-    table, name, folder = _read(case)
+    found, name, folder = _read(case)
     for section, entries in (changes or {}).items():
-        old = table.get(section, {})
-        table[section] = (old if isinstance(old, dict) else {}) | entries
-    return from_table(table, name, folder)
+        old = found.get(section, {})
+        if not isinstance(entries, dict):  # a list of holes takes the place of the case's own
+            found[section] = entries
+        elif isinstance(old, dict):
+            found[section] = old | entries
+    return from_table(found, name, folder)
 
 
-def from_table(table, name, folder="."):
+def from_table(table, name, folder=None):
     """The `Case` of a table as described at the top of this module; ValueError names the section and key of a wrong entry.
 
-    A module that the table names is looked for in ``folder``, in the working folder and where Python looks for modules.
+    Drawings and a module that the table names are looked for in ``folder``, the module also in the working folder and where Python looks
+    for modules. Without ``folder`` a table cannot name drawings.
     """
-    _known("case file", table, SECTIONS)
-    plate_table, holes = _section(table, "plate"), table.get("holes", [])
-    plate = _sample(plate_table, holes) if "sample" in plate_table else _plate(plate_table, holes, name)
-    moved = table.get("moved", [])
-    plate = _moved(plate, moved) if moved else plate
-    gel_table = _section(table, "gel")
-    gel = _gel(gel_table, plate.gel or Gel(), folder)
-    options = {section: _options(kind, section, _section(table, section)) for section, kind in OPTIONS.items()}
-    source = {"plate": plate_table} | {name: value for name, value in (("holes", holes), ("moved", moved)) if value}
-    return Case(name, plate, gel, source=source | ({"gel": gel_table} if "energy" in gel_table else {}), **options)
+    from .schema import case_schema
+
+    check(table, case_schema(), "case file")
+    holes = [_numbers_of(hole, folder, f"holes[{i}]") for i, hole in enumerate(table.get("holes", []))]
+    plate, moved, gel = table["plate"], table.get("moved", []), table.get("gel", {})
+    found = _moved(_plate(plate, holes, name), moved)
+    source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("moved", moved)) if value}
+    source |= {"gel": gel} if "energy" in gel else {}
+    options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
+    return Case(name, found, _gel(gel, found.gel or Gel(), folder or "."), source=source, **options)
 
 
 def _read(case):
@@ -249,93 +237,50 @@ def _read(case):
     if file.suffix != ".toml" and not file.is_file():
         sample(case)  # raises for an unknown name
         return {"plate": {"sample": case}}, case, "."
-    return _with_outlines(read_toml(file, "case"), file.parent), file.stem, file.parent
+    return read_toml(file, "case"), file.stem, file.parent
 
 
-def _with_outlines(table, folder):
-    """The table with the numbers of the holes that it has from drawings in place of their files, so that it needs no other file."""
-    holes = table.get("holes")
-    if not isinstance(holes, list) or not any(isinstance(hole, dict) and hole.get("kind") == "outline" for hole in holes):
-        return table
+def _numbers_of(hole, folder, where):
+    """The table of a hole, with the numbers of a drawing in place of its file, so that a run's folder needs no other file."""
+    if hole["kind"] != "outline":
+        return hole
+    if folder is None:
+        raise ValueError(f"{where}.kind: 'outline' belongs in a case file; name that file by case = instead of repeating its holes")
     from .outline_files import hole_table
 
-    drawn = [isinstance(hole, dict) and hole.get("kind") == "outline" for hole in holes]
-    return table | {"holes": [hole_table(h, folder, f"holes[{i}]") if d else h for i, (h, d) in enumerate(zip(holes, drawn, strict=True))]}
-
-
-def _section(table, name):
-    section = table.get(name, {})
-    if not isinstance(section, dict):
-        raise ValueError(f"{name}: {section!r} is not a section; write [{name}]")
-    return section
-
-
-def _known(where, table, known):
-    for key in table:
-        if key not in known:
-            raise ValueError(f"{where}: unknown entry {key!r}; {did_you_mean(key, known)}")
-
-
-def _sample(table, holes):
-    _known("plate", table, ("sample",))
-    if holes:
-        raise ValueError(f"holes: plate.sample = {table['sample']!r} has its own; drop one of the two")
-    return sample(str(table["sample"]))
+    return hole_table(hole, folder, where)
 
 
 def _plate(table, holes, name):
-    _known("plate", table, ("sample", *PLATE))
-    for key in ("width", "height"):
-        if key not in table:
-            raise ValueError(f"plate: {key} is missing; give width and height in mm, or sample = a built-in name")
-    if not isinstance(holes, list) or not all(isinstance(h, dict) for h in holes):
-        raise ValueError("holes: not a list of sections; write [[holes]] above each hole")
-    for key in PLATE.keys() & table.keys():
-        _accepted("plate", key, table[key], PLATE[key])
-    if not isinstance(table.get("edges", ""), str | dict):
-        raise ValueError(f'plate.edges: {table["edges"]!r} is neither a condition nor a table such as {{ top = "free" }}')
-    return Plate(**table, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name)
-
-
-def _gel(table, default, folder):
-    own = "energy" in table
-    _known("gel", table, ("Nv", "chi", "energy", *(table if own else ())))
-    numbers = {"Nv": default.Nv, "chi": default.chi} | {key: value for key, value in table.items() if key != "energy"}
-    numbers = {key: _number("gel", key, value) for key, value in numbers.items()}
-    gel = user_gel(table["energy"], numbers, folder) if own else Gel(**numbers)
-    check_gel(gel)
-    return gel
+    if "sample" not in table:
+        return Plate(**table, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name)
+    if holes:
+        raise ValueError(f"holes: plate.sample = {table['sample']!r} has its own; drop one of the two")
+    return sample(table["sample"])
 
 
 def _hole(i, table):
-    kind = str(table.get("kind"))
-    if kind == "outline":
-        raise ValueError(f"holes[{i}].kind: 'outline' belongs in a case file; name that file by case = instead of repeating its holes")
-    if kind not in HOLES:
-        raise ValueError(f"holes[{i}].kind: {kind!r} is unknown; {did_you_mean(kind, HOLES)}")
-    fields = {f.name: f for f in dataclasses.fields(HOLES[kind])}
-    entries = {key: value for key, value in table.items() if key != "kind"}
-    _known(f"holes[{i}], kind {kind!r}", entries, tuple(fields))
-    for key, field in fields.items():
-        if key not in entries and field.default is dataclasses.MISSING:
-            raise ValueError(f"holes[{i}], kind {kind!r}: {key} is missing (accepted: {', '.join(fields)})")
     try:
-        return HOLES[kind](**entries)
+        return HOLES[table["kind"]](**{key: value for key, value in table.items() if key != "kind"})
     except ValueError as problem:
         raise ValueError(f"holes[{i}]: {problem}") from None
 
 
-def _moved(plate, table):
-    if not isinstance(table, list) or not all(isinstance(theta, dict) for theta in table):
-        raise ValueError("moved: not a list of sections; write [[moved]] above the parameters of each hole")
+def _moved(plate, moved):
     try:
-        return plate.at([{name: np.asarray(value, dtype=float) for name, value in theta.items()} for theta in table])
+        return plate.at([{name: np.asarray(value, dtype=float) for name, value in theta.items()} for theta in moved]) if moved else plate
     except (ValueError, TypeError) as problem:
         raise ValueError(f"moved: {problem}") from None
 
 
-def _options(kind, section, table):
-    _known(section, table, tuple(f.name for f in dataclasses.fields(kind)))
+def _gel(table, default, folder):
+    numbers = {"Nv": default.Nv, "chi": default.chi} | {key: float(value) for key, value in table.items() if key != "energy"}
+    gel = user_gel(table["energy"], numbers, folder) if "energy" in table else Gel(**numbers)
+    check_gel(gel)
+    return gel
+
+
+def _options(kind, table):
     return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in table.items()})
 
 
@@ -345,37 +290,6 @@ def _given(options):
 
 def _check(section, options):
     """Raise ValueError, naming section and key, for a value that its field does not accept."""
-    for field in dataclasses.fields(options):
-        value = getattr(options, field.name)
-        if value is not None or field.default is not None:
-            _accepted(section, field.name, value, field.metadata["schema"])
-
-
-def _accepted(section, key, value, rule):
-    """Raise ValueError unless ``value`` is what the piece of JSON schema asks for; alternatives and long lists are checked elsewhere."""
-    if "enum" in rule:
-        _choice(section, key, value, rule["enum"])
-    elif rule.get("type") == "number":
-        _number(section, key, value, above=rule.get("exclusiveMinimum", -math.inf))
-    elif rule.get("type") == "integer" and (type(value) is not int or value < rule["minimum"]):
-        raise ValueError(f"{section}.{key}: {value!r} is not a whole number of at least {rule['minimum']}")
-    elif "maxItems" in rule:
-        if not isinstance(value, list) or len(value) != rule["maxItems"]:
-            raise ValueError(f"{section}.{key}: {value!r} is not a list of {rule['maxItems']} numbers")
-        for item in value:
-            _number(section, key, item)
-    elif rule.get("type") in ("boolean", "string") and type(value) is not {"boolean": bool, "string": str}[rule["type"]]:
-        raise ValueError(f"{section}.{key}: {value!r} is not {'true or false' if rule['type'] == 'boolean' else 'a text'}")
-
-
-def _number(section, key, value, above=-math.inf):
-    known = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
-    if not known or value <= above or value > sys.float_info.max:
-        wanted = "finite number" + (f" above {above:g}" if above > -math.inf else "")
-        raise ValueError(f"{section}.{key}: {value!r} is not a {wanted}")
-    return float(value)
-
-
-def _choice(section, key, value, known):
-    if value not in known:
-        raise ValueError(f"{section}.{key}: {value!r} is unknown; {did_you_mean(value, known)}")
+    fields = dataclasses.fields(options)
+    given = {f.name: value for f in fields if (value := getattr(options, f.name)) is not None or f.default is not None}
+    check({section: given}, tabled({section: tabled({f.name: f.metadata["schema"] for f in fields})}), section)

@@ -16,18 +16,18 @@ from .edges import EDGES, edge_lines, held_components
 from .messages import did_you_mean, finite_numbers
 from .probe import make_probe
 from .quadrature import edge_points
+from .rules import PAIR, tabled
 
 BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that counts as none
-_FORCE = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 
 
 @dataclasses.dataclass(frozen=True)
 class Loads:
     """Constant dead loads, as a case file gives them; ValueError for what is not two numbers or an unknown edge."""
 
-    body_force: tuple | None = dataclasses.field(default=None, metadata={"schema": _FORCE})
+    body_force: tuple | None = dataclasses.field(default=None, metadata={"schema": PAIR})
     """(2,) force per dry area, kT/v per mm; None for none."""
-    traction: Mapping = dataclasses.field(default_factory=dict, metadata={"schema": {"type": "object", "additionalProperties": _FORCE}})
+    traction: Mapping = dataclasses.field(default_factory=dict, metadata={"schema": tabled(dict.fromkeys(EDGES, PAIR))})
     """Edge -> force (2,) per dry length, kT/v."""
 
     def __post_init__(self):

@@ -15,11 +15,23 @@ import shapely
 from .files import write_atomically
 from .geometry import outline_points
 from .holes import Fourier, Polygon
-from .messages import did_you_mean, finite_numbers, is_number
+from .messages import did_you_mean, is_number
+from .rules import NUMBER, PAIR, POSITIVE, TEXT, tabled, whole, word
 
 FORMATS = ("dxf", "svg", "stl")
 FITS = ("fourier", "polygon")
-ENTRIES = ("kind", "file", "number", "fit", "tolerance", "scale", "centre")
+OUTLINE = tabled(
+    {
+        "kind": {"const": "outline"},
+        "file": TEXT | {"$comment": "give the path of a CSV, DXF or SVG file"},
+        "number": whole(0) | {"description": "Which of several closed outlines, counted from 0."},
+        "fit": word(FITS),
+        "tolerance": POSITIVE | {"description": "Distance of the fit from the outline, mm."},
+        "scale": NUMBER | {"description": "Multiplies lengths."},
+        "centre": PAIR | {"description": "Where the centroid goes, mm."},
+    },
+    ["file"],
+)  # rule of an entry of kind "outline"
 FLATNESS = 1e-3  # of an outline's size: distance of a curve's chords when a drawing is read
 TOLERANCE = 1e-2  # of the radius of a circle of the same area: default distance of the fit from the outline
 MOST_TERMS = 24  # of a Fourier outline
@@ -35,26 +47,18 @@ def hole_table(entry, folder, where):
     ``file`` is relative to ``folder``; ``number`` says which of several closed outlines; ``scale`` multiplies lengths and ``centre``
     (2,) moves the centroid; ``fit`` is "fourier" or "polygon", within ``tolerance`` mm (1 % of the mean radius by default).
     """
-    for key in entry:
-        if key not in ENTRIES:
-            raise ValueError(f"{where}, kind 'outline': unknown entry {key!r}; {did_you_mean(key, ENTRIES)}")
-    if not isinstance(entry.get("file"), str):
-        raise ValueError(f"{where}.file: {entry.get('file')!r} is not the path of a CSV, DXF or SVG file")
     found = read_outlines(File(folder) / entry["file"])
     number = entry.get("number", 0 if len(found) == 1 else None)
-    if type(number) is not int or not 0 <= number < len(found):
+    if number not in range(len(found)):
         raise ValueError(f"{where}.number: {number!r} is not one of the {len(found)} closed outlines of {entry['file']!r}, counted from 0")
-    scale = entry.get("scale", 1.0)
-    points = found[number] * finite_numbers([scale], (1,), f"{where}.scale")[0]
+    points = entry.get("scale", 1.0) * found[number]
     shape = shapely.Polygon(points)
     if not (shape.is_valid and shape.area > 0):
         raise ValueError(f"{where}.file: outline {number} of {entry['file']!r} crosses itself or has no area")
     if "centre" in entry:
-        points = points - shapely.get_coordinates(shape.centroid)[0] + finite_numbers(entry["centre"], (2,), f"{where}.centre")
-    tolerance = finite_numbers([entry.get("tolerance", TOLERANCE * np.sqrt(shape.area / np.pi))], (1,), f"{where}.tolerance")[0]
+        points = points - shapely.get_coordinates(shape.centroid)[0] + np.array(entry["centre"])
+    tolerance = entry.get("tolerance", TOLERANCE * np.sqrt(shape.area / np.pi))
     fit = entry.get("fit", "fourier")
-    if fit not in FITS:
-        raise ValueError(f"{where}.fit: {fit!r} is unknown; {did_you_mean(fit, FITS)}")
     try:
         hole = fit_fourier(points, tolerance) if fit == "fourier" else fit_polygon(points, tolerance)
     except ValueError as problem:
@@ -117,8 +121,8 @@ def _read_svg(file):
     from svgpathtools import Document, Line
 
     lines = []
-    for whole in Document(str(file)).paths():
-        for path in whole.continuous_subpaths():
+    for compound in Document(str(file)).paths():
+        for path in compound.continuous_subpaths():
             if not path.isclosed():
                 continue
             pieces = [1 if isinstance(part, Line) else int(np.ceil(np.pi / np.sqrt(FLATNESS))) for part in path]

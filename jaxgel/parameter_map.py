@@ -47,15 +47,23 @@ from .branches import imperfect_loads
 from .cloud import make_cloud
 from .files import open_folder, write_atomically
 from .material import check_gel
-from .messages import did_you_mean
-from .parameters import all_different, check_keys, entries, gel_of, numbers, parameter, plate_of, study_case, study_table
+from .parameters import PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
 from .recorder import Recorder
 from .results import COLUMNS
+from .rules import listed, tabled, whole, word
 from .sweep import sweep
 from .terminal import interruptible
 
 SAMPLES = ("grid", "sobol")
-KEYS = ("of", "name", "holes", "link", "lower", "upper", "number", "values")
+BOUNDS, VALUES = PARAMETER | {"lower": VALUE, "upper": VALUE}, {"values": listed({}, least=1)}
+NUMBER = {"number": whole(2) | {"$comment": "a grid takes it with lower and upper, or values = [list] instead"}}
+GRID = {
+    "type": "object",
+    "if": {"required": ["values"]},
+    "then": tabled(PARAMETER | VALUES, ["of"]),
+    "else": tabled(BOUNDS | NUMBER | VALUES, ["of", "number", "lower", "upper"]),
+}
+SOBOL = tabled({"samples": word(SAMPLES), "points": whole(1), "seed": whole(0)}, ["points"])
 MAP, POINT, TABLE = "map.json", "point.json", "points.csv"
 FORMAT = 1  # of map.json and point.json
 TRIES = 3  # times that a point is begun, as its process may be killed
@@ -112,22 +120,24 @@ def resumed_map(folder):
             raise ValueError(f"format {record['format']}, this version reads {FORMAT}")
         study = map_from_table(record["study"], str(record["name"]))
         return dataclasses.replace(study, points=list(record["points"]))
-    except (OSError, ValueError, KeyError, TypeError) as problem:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
         raise ValueError(f"folder: {str(file)!r} is missing, damaged or not written by jaxgel: {' '.join(str(problem).split())}") from None
 
 
 def map_from_table(table, name):
     """The `MapStudy` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
-    check_keys("study", table, ("case", *cases.SECTIONS, "parameters", "map"))
-    case = study_case(table, name)
+    sobol = isinstance(table.get("map"), dict) and table["map"].get("samples") == "sobol"
+    parameter_rule = tabled(BOUNDS | NUMBER | VALUES, ["of"]) if sobol else GRID
+    sections = {"map": SOBOL if sobol else tabled({"samples": word(SAMPLES)}), "parameters": listed(parameter_rule, least=1)}
+    case = study_case(table, name, sections)
     own = {"mu_end": case.sweep.mu_end} if case.sweep.mu is None else {}
-    varied = entries(table, "parameters", KEYS, least=1)
+    varied = table["parameters"]
     parameters = all_different([parameter(f"parameters[{i}]", entry, case, own) for i, entry in enumerate(varied)])
-    single = [str(p["of"]) for p in parameters if not p["holes"]]
+    single = [p["of"] for p in parameters if not p["holes"]]
     if len(set(single)) < len(single):
         raise ValueError(f"parameters: each of {', '.join(sorted(set(single)))} can be varied once only")
-    options = _map_options(table)
-    if options["samples"] == "grid":
+    options = {"samples": "grid"} | ({"seed": 0} if sobol else {}) | table.get("map", {})
+    if not sobol:
         axes = [_axis(f"parameters[{i}]", entry, p) for i, (entry, p) in enumerate(zip(varied, parameters, strict=True))]
         points = [{p["name"]: value for p, value in zip(parameters, point, strict=True)} for point in itertools.product(*axes)]
     else:
@@ -291,39 +301,19 @@ def _components(p):
 # --- entries of the table ----------------------------------------------------------------------------------------------------
 
 
-def _map_options(table):
-    own = table.get("map", {})
-    if not isinstance(own, dict):
-        raise ValueError(f"map: {own!r} is not a section; write [map]")
-    samples = own.get("samples", "grid")
-    if samples not in SAMPLES:
-        raise ValueError(f"map.samples: {samples!r} is unknown; {did_you_mean(samples, SAMPLES)}")
-    check_keys("map", own, ("samples",) if samples == "grid" else ("samples", "points", "seed"))
-    options = {"samples": samples} | ({} if samples == "grid" else {"points": None, "seed": 0}) | own
-    for key, least in {"points": 1, "seed": 0}.items() if samples == "sobol" else ():
-        if type(options[key]) is not int or options[key] < least:
-            raise ValueError(f"map.{key}: {options[key]!r} is not a whole number of at least {least}")
-    return options
-
-
 def _axis(where, entry, p):
     """Values of a parameter on a grid, as lists or numbers."""
     shape = np.shape(p["own"])
     if "values" in entry:
-        if any(key in entry for key in ("lower", "upper", "number")) or not (isinstance(entry["values"], list) and entry["values"]):
-            raise ValueError(f"{where}.values: give a list of values, or lower, upper and number, not both")
         return [numbers(f"{where}.values", value, shape).tolist() for value in entry["values"]]
-    if type(entry.get("number")) is not int or entry["number"] < 2:
-        raise ValueError(f"{where}.number: {entry.get('number')!r} is not a whole number of at least 2; a grid takes it, or values")
     return np.linspace(*_bounds(where, entry, shape), entry["number"]).tolist()
 
 
 def _sobol(varied, parameters, options):
     """Points of a scrambled Sobol sequence between the bounds, one dimension for each component of a parameter."""
     for i, entry in enumerate(varied):
-        for key in ("number", "values"):
-            if key in entry:
-                raise ValueError(f"parameters[{i}].{key}: it belongs to a grid; Sobol samples take lower and upper")
+        if "number" in entry or "values" in entry or not entry.keys() >= {"lower", "upper"}:
+            raise ValueError(f"parameters[{i}]: number and values belong to a grid; Sobol samples take lower and upper")
     bounds = [_bounds(f"parameters[{i}]", e, np.shape(p["own"])) for i, (e, p) in enumerate(zip(varied, parameters, strict=True))]
     lower, upper = (np.concatenate([np.ravel(side) for side in sides]) for sides in zip(*bounds, strict=True))
     more = math.ceil(math.log2(options["points"]))  # the sequence is balanced at powers of 2
@@ -336,9 +326,6 @@ def _sobol(varied, parameters, options):
 
 
 def _bounds(where, entry, shape):
-    for key in ("lower", "upper"):
-        if key not in entry:
-            raise ValueError(f"{where}.{key}: it is missing; give lower and upper")
     lower, upper = (numbers(f"{where}.{key}", entry[key], shape) for key in ("lower", "upper"))
     if not np.all(lower <= upper):
         raise ValueError(f"{where}.upper: {entry['upper']!r} is not above lower = {entry['lower']!r}")

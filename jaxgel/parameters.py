@@ -14,9 +14,13 @@ import numpy as np
 from . import cases
 from .files import read_toml
 from .messages import did_you_mean
+from .rules import TEXT, check, listed, tabled, whole, word
 
 LINKS = ("same", "turned", "mirrored")
 GEL = ("Nv", "chi")
+OF = TEXT | {"$comment": "it says which quantity is meant"}
+PARAMETER = {"of": OF, "name": TEXT, "holes": listed(whole(0), least=1), "link": word(LINKS)}  # rules of what all entries may have
+VALUE = {"type": ["number", "array"]}
 
 
 def study_table(file):
@@ -28,31 +32,15 @@ def study_table(file):
     return table, file.stem
 
 
-def study_case(table, name):
-    """The `Case` of a study's table: its ``case``, changed by the sections of a case that the table has; ValueError for wrong entries."""
-    sections = {key: value for key, value in table.items() if key in cases.SECTIONS}
-    return cases.load_case(str(table["case"]), sections) if "case" in table else cases.from_table(sections, name)
+def study_case(table, name, sections):
+    """The `Case` of a study's table: its ``case``, changed by the sections of a case that the table has; ValueError for wrong entries.
 
-
-def entries(table, section, keys, least=0):
-    """The entries of a section written with double brackets, each with ``of`` and otherwise only ``keys``; ValueError else."""
-    found = table.get(section, [])
-    if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
-        raise ValueError(f"{section}: not a list of sections; write [[{section}]] above each")
-    if len(found) < least:
-        raise ValueError(f"{section}: missing; give at least one [[{section}]]")
-    for i, entry in enumerate(found):
-        check_keys(f"{section}[{i}]", entry, keys)
-        if "of" not in entry:
-            raise ValueError(f"{section}[{i}]: of is missing; it says which quantity is meant")
-    return found
-
-
-def check_keys(where, table, known):
-    """ValueError for an entry of the table that is not ``known``."""
-    for key in table:
-        if key not in known:
-            raise ValueError(f"{where}: unknown entry {key!r}; {did_you_mean(key, known)}")
+    ``sections`` are the rules of the study's own sections.
+    """
+    required = [key for key, rule in sections.items() if "minItems" in rule]
+    check(table, tabled({"case": TEXT} | {key: {} for key in cases.SECTIONS} | sections, required), "study")
+    changes = {key: value for key, value in table.items() if key in cases.SECTIONS}
+    return cases.load_case(table["case"], changes) if "case" in table else cases.from_table(changes, name)
 
 
 def numbers(where, value, shape=()):
@@ -87,17 +75,15 @@ def parameter(where, entry, case, others=None):
         chosen, own = [], float(others[of])
     else:
         chosen = entry.get("holes", [k for k, hole in enumerate(holes) if of in hole.theta])
-        if not (isinstance(chosen, list) and chosen and all(type(k) is int and 0 <= k < len(holes) for k in chosen)):
+        if max(chosen) >= len(holes):
             raise ValueError(f"{where}.holes: {chosen!r} is not a list of hole numbers, 0 to {len(holes) - 1}")
         if any(of not in holes[k].theta for k in chosen):
             raise ValueError(f"{where}.holes: not all of {chosen} have the parameter {of!r}")
         own = np.asarray(holes[chosen[0]].theta[of])
     link = entry.get("link", "same")
-    if link not in LINKS:
-        raise ValueError(f"{where}.link: {link!r} is unknown; {did_you_mean(link, LINKS)}")
     if of == "vertices" and link != "same":
         raise ValueError(f"{where}.link: {link!r} is not accepted for vertices; give each hole its own parameter")
-    return dict(name=str(entry.get("name", of)), of=of, holes=chosen, link=link, own=own)
+    return dict(name=entry.get("name", of), of=of, holes=chosen, link=link, own=own)
 
 
 def plate_of(plate, parameters):

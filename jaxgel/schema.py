@@ -1,4 +1,4 @@
-"""The JSON schema of a case file, made from the fields that `cases` checks: for editors, and for whoever writes cases by program.
+"""The JSON schema of a case file, which every case is checked against: also for editors, and for whoever writes cases by program.
 
 It holds for every entry by itself; what two entries must have to do with each other (an order, a hole outside the plate) is left to
 `cases` and to the geometry.
@@ -8,11 +8,12 @@ import ast
 import dataclasses
 import functools
 import inspect
-import textwrap
+import sys
 
-from .cases import HOLES, NUMBER, OPTIONS, PLATE, POSITIVE
-from .edges import CONDITIONS, EDGES
+from .cases import HOLES, OPTIONS, PLATE
 from .geometry import Plate
+from .outline_files import OUTLINE
+from .rules import NUMBER, POSITIVE, listed, tabled, word
 from .samples import sample_names
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -22,26 +23,27 @@ GEL = {
 }
 ENERGY = {
     "type": "string",
-    "pattern": r"^[^:]+:[^:]+$",
+    "pattern": r"^[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*$",
+    "title": "text of the form module:function",
     "description": "Own energy: module:function, called with all numbers of this section; returns the gel.",
 }
 
 
+@functools.cache
 def case_schema():
     """The JSON schema (draft 2020-12) of a case file, a dict."""
-    sections = {"plate": _plate(), "holes": {"type": "array", "items": {"oneOf": [_hole(kind) for kind in HOLES]}}, "gel": _gel()}
-    sections["moved"] = {"type": "array", "items": {"type": "object"}, "description": "Parameters that replace those of each hole."}
+    sections = {"plate": _plate(), "holes": listed(_hole()), "gel": _gel()}
+    sections["moved"] = listed({"type": "object"}) | {"description": "Parameters that replace those of each hole."}
     sections |= {section: _options(kind) for section, kind in OPTIONS.items()}
     title = "A jaxgel case: lengths in mm, angles in radians, mu in kT"
-    return {"$schema": DIALECT, "title": title} | _object(sections, ["plate"])
+    return {"$schema": DIALECT, "title": title} | tabled(sections, ["plate"])
 
 
 @functools.cache
 def field_texts(cls):
     """Field -> what is written under it in the source of a dataclass, in one line."""
-    (body,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
     texts, name = {}, None
-    for line in getattr(body, "body", ()):
+    for line in _classes(cls.__module__)[cls.__name__].body:
         if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name):
             name = line.target.id
         elif name is not None and isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant):
@@ -51,38 +53,47 @@ def field_texts(cls):
     return texts
 
 
-def _object(properties, required=()):
-    return {"type": "object", "properties": properties, "required": list(required), "additionalProperties": False}
+@functools.cache
+def _classes(module):
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
 
 
 def _plate():
-    condition = {"type": "string", "enum": list(CONDITIONS)}
-    edges = {"anyOf": [condition, _object(dict.fromkeys(EDGES, condition))]}
-    rules = PLATE | {"edges": edges}
-    own = _object({key: rule | {"description": field_texts(Plate)[key]} for key, rule in rules.items()}, ("width", "height"))
-    return {"oneOf": [_object({"sample": {"type": "string", "enum": sample_names()}}, ["sample"]), own]}
+    """A sample's name, or a plate of one's own."""
+    name = word(sample_names())
+    own = {key: rule | {"description": field_texts(Plate)[key]} for key, rule in PLATE.items()}
+    own = tabled({"sample": name} | own, ["width", "height"])
+    return {"type": "object", "if": {"required": ["sample"]}, "then": tabled({"sample": name}), "else": own}
 
 
-def _hole(kind):
+def _hole():
+    """The kind decides about the other entries."""
+    kinds = {kind: _parameters(kind) for kind in HOLES} | {"outline": OUTLINE}
+    rules = [{"if": {"properties": {"kind": {"const": kind}}}, "then": rule} for kind, rule in kinds.items()]
+    return {"type": "object", "required": ["kind"], "properties": {"kind": word(kinds)}, "allOf": rules}
+
+
+def _parameters(kind):
     cls = HOLES[kind]
     properties = {
         name: _array(shape, POSITIVE if name in cls.positive else NUMBER) | {"description": field_texts(cls)[name]}
         for name, shape in cls.shapes.items()
     }
     required = [field.name for field in dataclasses.fields(cls) if field.default is dataclasses.MISSING]
-    return _object({"kind": {"const": kind}} | properties, ["kind", *required]) | {"title": kind}
+    return tabled({"kind": {"const": kind}} | properties, ["kind", *required])
 
 
 def _array(shape, item):
     for length in reversed(shape):
-        item = {"type": "array", "items": item} | ({"minItems": length, "maxItems": length} if isinstance(length, int) else {})
+        item = listed(item, length, length) if isinstance(length, int) else listed(item)
     return dict(item)
 
 
 def _gel():
     """Without an energy of one's own only Nv and chi are known."""
-    own = {"type": "object", "properties": GEL | {"energy": ENERGY}, "required": ["energy"], "additionalProperties": NUMBER}
-    return {"oneOf": [_object(GEL), own]}
+    own = {"type": "object", "properties": GEL | {"energy": ENERGY}, "additionalProperties": NUMBER}
+    return {"type": "object", "if": {"required": ["energy"]}, "then": own, "else": tabled(GEL | {"energy": ENERGY})}
 
 
 def _options(cls):
@@ -90,4 +101,4 @@ def _options(cls):
     for field in dataclasses.fields(cls):
         properties[field.name] = field.metadata.get("schema", {}) | {"description": field_texts(cls).get(field.name, "")}
         properties[field.name] |= {} if field.default in (None, dataclasses.MISSING) else {"default": field.default}
-    return _object(properties)
+    return tabled(properties)

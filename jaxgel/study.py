@@ -24,19 +24,36 @@ from .case_file import case_text, explicit
 from .files import write_atomically
 from .inverse import DesignProblem, Outcome, optimise, verify
 from .loads import Loads
-from .messages import did_you_mean
 from .objectives import CURVES, DRY, limit, misfit, reading, weighted_sum
 from .optimisers import METHODS
-from .parameters import all_different, check_keys, entries, gel_of, numbers, parameter, plate_of, study_case, study_table
+from .parameters import OF, PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
+from .rules import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
 from .search import read_log
 
-KEYS = {
-    "parameters": ("of", "name", "holes", "link", "start", "lower", "upper"),
-    "objective": ("of", "goal", "at", "target", "curve", "line", "weight", "from", "to"),
-    "constraints": ("of", "above", "below", "within", "at"),
-    "search": ("method", "evaluations", "step", "tolerance"),
-    "verification": ("spacing", "mu"),
+AIMS, LIMITS = ("goal", "target", "curve", "line"), ("above", "below", "within")
+BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
+AT = NUMBER | {"$comment": "give the mu at which the quantity counts"}
+SHARE = NUMBER | {"exclusiveMinimum": 0.0, "maximum": 1.0}
+OBJECTIVE = {
+    "of": word(CURVES) | OF,
+    "goal": word(("maximise", "minimise")),
+    "target": NUMBER,
+    "curve": listed(NUMBER),
+    "line": tabled({"slope": NUMBER, "mu0": NUMBER}, ["slope", "mu0"]),
+    "at": AT,
+    "weight": POSITIVE,
+    "from": NUMBER,
+    "to": NUMBER,
 }
+CONSTRAINT = {"of": word([*CURVES, *DRY]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": AT}
+NEEDS = {"dependentRequired": {"goal": ["at"], "target": ["at"]}}
+SECTIONS = {
+    "parameters": listed(tabled(PARAMETER | {"start": VALUE, "lower": BOUND, "upper": BOUND}, ["of", "lower", "upper"]), least=1),
+    "objective": listed(tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS) | NEEDS, least=1),
+    "constraints": listed(tabled(CONSTRAINT, ["of"]) | exactly_one(LIMITS)),
+    "search": tabled({"method": word(METHODS), "evaluations": whole(1), "step": SHARE, "tolerance": SHARE}),
+    "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1)}),
+}  # rules of a study's own sections
 VERIFIED = "verified.json"
 
 
@@ -84,15 +101,14 @@ def resumed_study(folder):
 
 def study_from_table(table, name):
     """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
-    check_keys("study", table, ("case", *cases.SECTIONS, *KEYS))
-    case = study_case(table, name)
+    case = study_case(table, name, SECTIONS)
     if case.loads != Loads():
         raise ValueError("loads: a study takes none; leave the section out")
     if case.sweep.steps == "auto" and case.sweep.mu is None:
         raise ValueError("sweep.steps: 'auto' is not accepted in a study; give a number, or mu = [list]")
     mu = list(case.sweep.values)
-    parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(_entries(table, "parameters", least=1))])
-    terms = [_term(i, entry, mu) for i, entry in enumerate(_entries(table, "objective", least=1))]
+    parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(table["parameters"])])
+    terms = [_term(i, entry, mu) for i, entry in enumerate(table["objective"])]
     alone = len(terms) == 1 and terms[0][0] < 0
     problem = DesignProblem(
         start={p["name"]: p["start"] for p in parameters},
@@ -102,12 +118,13 @@ def study_from_table(table, name):
         mu=mu,
         objective=weighted_sum([abs(w) for w, _ in terms] if alone else [w for w, _ in terms], [f for _, f in terms]),
         maximise=alone,
-        constraints=tuple(_constraint(i, entry, mu) for i, entry in enumerate(_entries(table, "constraints"))),
+        constraints=tuple(_constraint(i, entry, mu) for i, entry in enumerate(table.get("constraints", []))),
         options=case.discretisation,
         branch=case.sweep.branch,
     )
-    table = {key: table[key] for key in KEYS if key in table} | case.table()
-    return Study(name, case, problem, _search(table), _verification(table, case), _aim(table["objective"][0], mu), table)
+    search = dict(method="slsqp", evaluations=60, step=0.2, tolerance=1e-5) | table.get("search", {})
+    table = {key: table[key] for key in SECTIONS if key in table} | case.table()
+    return Study(name, case, problem, search, _verification(table, case), _aim(table["objective"][0], mu), table)
 
 
 def run_study(study, folder, *, resume=False, quiet=True):
@@ -152,46 +169,29 @@ def _found(study, plate, gel):
 # --- entries of the table ----------------------------------------------------------------------------------------------------
 
 
-def _entries(table, section, least=0):
-    return entries(table, section, KEYS[section], least)
-
-
 def _parameter(i, entry, case):
     """The entry with every default filled in, its start and bounds as arrays."""
     where = f"parameters[{i}]"
     varied = parameter(where, entry, case)
-    missing = [key for key in ("lower", "upper") if key not in entry]
-    if missing:
-        raise ValueError(f"{where}: {missing[0]} is missing; bounds also set a parameter's scale")
     own = varied.pop("own")
     return varied | {key: numbers(f"{where}.{key}", entry.get(key, own), np.shape(own)) for key in ("start", "lower", "upper")}
 
 
 def _term(i, entry, mu):
     """(weight, function of the path) of an entry of the objective, to be minimised; a negative weight maximises."""
-    where, weight = f"objective[{i}]", float(numbers(f"objective[{i}].weight", entry.get("weight", 1.0)))
-    if entry["of"] not in CURVES:
-        raise ValueError(f"{where}.of: {entry['of']!r} is unknown; {did_you_mean(entry['of'], CURVES)}")
-    kinds = [key for key in ("goal", "target", "curve", "line") if key in entry]
-    if len(kinds) != 1 or weight <= 0:
-        raise ValueError(f"{where}: give one of goal, target, curve and line, and a weight above 0 (found {', '.join(kinds) or 'none'})")
+    where, weight = f"objective[{i}]", float(entry.get("weight", 1.0))
     quantity = CURVES[entry["of"]]
-    if kinds[0] in ("curve", "line"):
+    if "curve" in entry or "line" in entry:
         return weight, misfit(quantity, mu, _aim(entry, mu, where)["values"])
     value = reading(quantity, _at(where, entry, mu))
-    if kinds[0] == "target":
-        target = float(numbers(f"{where}.target", entry["target"]))
-        return weight, lambda path: (value(path) - target) ** 2
-    if entry["goal"] not in ("maximise", "minimise"):
-        raise ValueError(f"{where}.goal: {entry['goal']!r} is unknown; {did_you_mean(entry['goal'], ('maximise', 'minimise'))}")
+    if "target" in entry:
+        return weight, lambda path: (value(path) - entry["target"]) ** 2
     return (-weight if entry["goal"] == "maximise" else weight), value
 
 
 def _at(where, entry, mu):
     """The mu of an entry, which must be one of the sweep's."""
-    if "at" not in entry:
-        raise ValueError(f"{where}: at is missing; give the mu at which the quantity counts")
-    at = float(numbers(f"{where}.at", entry["at"]))
+    at = float(entry["at"])
     if min(abs(at - m) for m in mu) > 1e-9:
         raise ValueError(f"{where}.at: {at:g} is not one of the sweep's mu ({', '.join(f'{m:g}' for m in mu)})")
     return at
@@ -202,17 +202,14 @@ def _aim(entry, mu, where="objective[0]"):
     at = np.array(mu)
     values = np.full(len(mu), np.nan)
     if "line" in entry:
-        if not isinstance(entry["line"], dict) or set(entry["line"]) != {"slope", "mu0"}:
-            raise ValueError(f"{where}.line: {entry['line']!r} is not a table {{ slope = ..., mu0 = ... }}")
-        slope, mu0 = (numbers(f"{where}.line.{key}", entry["line"][key]) for key in ("slope", "mu0"))
-        values = slope * (at - mu0)
+        values = entry["line"]["slope"] * (at - entry["line"]["mu0"])
     elif "curve" in entry:
-        if not isinstance(entry["curve"], list) or len(entry["curve"]) != len(mu):
+        if len(entry["curve"]) != len(mu):
             raise ValueError(f"{where}.curve: it is not a list of {len(mu)} numbers, one for each mu of the sweep")
-        values = numbers(f"{where}.curve", entry["curve"], (len(mu),))
+        values = np.array(entry["curve"], dtype=float)
     elif "target" in entry:
-        values = np.where(np.abs(at - _at(where, entry, mu)) < 1e-9, numbers(f"{where}.target", entry["target"]), np.nan)
-    first, last = (numbers(f"{where}.{key}", entry.get(key, default)) for key, default in (("from", mu[0]), ("to", mu[-1])))
+        values = np.where(np.abs(at - _at(where, entry, mu)) < 1e-9, float(entry["target"]), np.nan)
+    first, last = entry.get("from", mu[0]), entry.get("to", mu[-1])
     values = np.where((at >= first - 1e-9) & (at <= last + 1e-9), values, np.nan)
     if ("line" in entry or "curve" in entry) and not np.any(np.isfinite(values)):
         raise ValueError(f"{where}.from, to: no mu of the sweep lies in {first:g} ... {last:g}")
@@ -220,45 +217,13 @@ def _aim(entry, mu, where="objective[0]"):
 
 
 def _constraint(i, entry, mu):
-    where, known = f"constraints[{i}]", (*CURVES, *DRY)
-    if entry["of"] not in known:
-        raise ValueError(f"{where}.of: {entry['of']!r} is unknown; {did_you_mean(entry['of'], known)}")
-    limits = {key: float(numbers(f"{where}.{key}", entry[key])) for key in ("above", "below", "within") if key in entry}
-    if len(limits) != 1:
-        raise ValueError(f"{where}: give one of above, below and within (found {', '.join(limits) or 'none'})")
-    at = _at(where, entry, mu) if "at" in entry else None
+    limits = {key: float(entry[key]) for key in LIMITS if key in entry}
+    at = _at(f"constraints[{i}]", entry, mu) if "at" in entry else None
     return limit(entry["of"], at=at, **limits)
-
-
-def _search(table):
-    search = dict(method="slsqp", evaluations=60, step=0.2, tolerance=1e-5) | _single(table, "search")
-    if search["method"] not in METHODS:
-        raise ValueError(f"search.method: {search['method']!r} is unknown; {did_you_mean(search['method'], METHODS)}")
-    if type(search["evaluations"]) is not int or search["evaluations"] < 1:
-        raise ValueError(f"search.evaluations: {search['evaluations']!r} is not a whole number of at least 1")
-    for key, meaning in (("step", "a share of the bounds' range"), ("tolerance", "a share of the objective at the start")):
-        if not 0 < numbers(f"search.{key}", search[key]) <= 1:
-            raise ValueError(f"search.{key}: {search[key]!r} is not in (0, 1], {meaning}")
-    return search
 
 
 def _verification(table, case):
     """Options of `inverse.verify`; by default half the search's spacing."""
-    own = _single(table, "verification")
-    plate = case.plate
+    own, plate = table.get("verification", {}), case.plate
     spacing = case.discretisation.spacing or plate.spacing or min(plate.width, plate.height) / 40
-    given = numbers("verification.spacing", own.get("spacing", spacing / 2))
-    if not given > 0:
-        raise ValueError(f"verification.spacing: {own['spacing']!r} is not a length in mm")
-    mu = own.get("mu")
-    if mu is not None:
-        mu = numbers("verification.mu", mu, np.shape(mu)).tolist()
-    return dict(spacing=float(given), mu=mu)
-
-
-def _single(table, name):
-    section = table.get(name, {})
-    if not isinstance(section, dict):
-        raise ValueError(f"{name}: {section!r} is not a section; write [{name}]")
-    check_keys(name, section, KEYS[name])
-    return section
+    return dict(spacing=float(own.get("spacing", spacing / 2)), mu=own.get("mu"))

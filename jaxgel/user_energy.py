@@ -41,9 +41,7 @@ def user_gel(name, numbers, folder):
 
 
 def _function(name, where, folder):
-    module, colon, attribute = name.partition(":") if isinstance(name, str) else ("", "", "")
-    if not (colon and attribute.isidentifier() and all(part.isidentifier() for part in module.split("."))):
-        raise ValueError(f"{where} is not of the form module:function")
+    module, _, attribute = name.partition(":")
     files = [File(place, *module.split(".")).with_suffix(".py").resolve() for place in (folder, ".")]
     try:
         made = next((_from_file(file) for file in files if file.is_file()), None) or importlib.import_module(module)

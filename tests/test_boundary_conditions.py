@@ -185,6 +185,8 @@ def test_a_case_file_keeps_how_its_plate_is_held_and_a_study_refuses_loads():
     again = from_table(tomllib.loads(case_text(explicit(case))), "again").plate
     assert (again.edges, again.deformation, again.displacement) == (plate.edges, plate.deformation, plate.displacement)
     loaded = {"plate": {"width": 2.0, "height": 1.0}, "loads": {"body_force": [0.0, 0.0]}}
+    loaded["parameters"] = [{"of": "chi", "lower": 0.1, "upper": 0.2}]
+    loaded["objective"] = [{"of": "area_reduction", "goal": "maximise", "at": -1.0}]
     with pytest.raises(ValueError, match=r"^loads: a study takes none; leave the section out$"):
         study_from_table(loaded, "loaded")
 

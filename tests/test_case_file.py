@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import re
+import subprocess
+import sys
 import tomllib
 
 import jax
@@ -98,6 +100,11 @@ def test_schema_and_cases_accept_the_same(change, validator):
     validator.validate(table)
 
 
+def test_the_schema_knows_holes_from_drawings(validator):
+    outline = {"kind": "outline", "file": "a.dxf", "number": 1, "fit": "polygon", "tolerance": 0.1, "scale": 2, "centre": [0.0, 1.0]}
+    validator.validate({"plate": PLATE, "holes": [outline, {"kind": "outline", "file": "b.csv"}]})
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -119,6 +126,8 @@ def test_schema_and_cases_accept_the_same(change, validator):
         {"holes": [CIRCLE | {"kind": "cricle"}]},
         {"holes": [{"kind": "circle", "centre": [0.0, 0.0]}]},
         {"holes": [CIRCLE | {"angle": 0.1}]},
+        {"holes": [{"kind": "outline"}]},
+        {"holes": [{"kind": "outline", "file": "a.csv", "fit": "spline"}]},
         {"holes": [CIRCLE | {"centre": [0.0]}]},
         {"gel": {"Nv": 0.0}},
         {"gel": {"chi": 2.0}},
@@ -142,6 +151,12 @@ def test_schema_and_cases_refuse_the_same(change, validator):
     assert not validator.is_valid(table)
     with pytest.raises(ValueError, match=r"^[^\n]*$"):
         cases.from_table(table, "mine")
+
+
+def test_the_checker_is_loaded_with_the_first_file_only():
+    code = "import sys, jaxgel.cli; before = set(sys.modules); jaxgel.cases.load_case('square'); print(*(set(sys.modules) - before))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "jsonschema" in loaded
 
 
 # --- a gel of one's own ------------------------------------------------------------------------------------------------------
@@ -193,9 +208,9 @@ def test_the_functions_of_a_module_stay_the_same_objects(with_energy):
 @pytest.mark.parametrize(
     ("section", "message"),
     [
-        ('energy = "mine"', "is not of the form module:function"),
-        ("energy = 3", "3 is not of the form module:function"),
-        ('energy = "../mine:gent"', "is not of the form module:function"),
+        ('energy = "mine"', "is not a text of the form module:function"),
+        ("energy = 3", "3 is not a text of the form module:function"),
+        ('energy = "../mine:gent"', "is not a text of the form module:function"),
         ('energy = "mine:gint"', "module 'mine' has no function 'gint'"),
         ('energy = "mine:number"', "has no function 'number'"),
         ('energy = "nomodule_of_this_name:f"', "cannot import 'nomodule_of_this_name' from .*ModuleNotFoundError"),
@@ -204,7 +219,8 @@ def test_the_functions_of_a_module_stay_the_same_objects(with_energy):
         ('energy = "mine:empty"', "makes no gel"),
         ('energy = "mine:singular"', "must return a gel"),
         ('energy = "mine:gent"\nJm = "a"', r"gel\.Jm: 'a' is not a finite number"),
-        ('energy = "mine:gent"\nJm = 20.0\nNv = -1.0', "Nv: -1 is not accepted"),
+        ('energy = "mine:gent"\n"J\\nm" = "a"', r"gel\['J\\nm'\]: 'a' is not a finite number"),
+        ('energy = "mine:gent"\nJm = 20.0\nNv = -1.0', r"gel\.Nv: -1\.0 is not a finite number above 0"),
     ],
 )
 def test_an_energy_that_cannot_be_used_is_one_line(section, message, with_energy):

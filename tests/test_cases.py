@@ -69,23 +69,23 @@ def test_the_table_of_a_case_makes_the_same_case_again(load, name):
         ("[plate]\nwidht = 20.0\nheight = 1.0\n", r"plate: unknown entry 'widht'; did you mean 'width'\?"),
         ("[plate]\nwidth = -2.0\nheight = 1.0\n", r"plate\.width: -2\.0 is not a finite number above 0"),
         ("[plate]\nwidth = true\nheight = 1.0\n", r"plate\.width: True is not a finite number"),
-        (PLATE + 'edges = { top = "fre" }\n', r"edges: top = 'fre' is unknown; did you mean 'free'\?"),
+        (PLATE + 'edges = { top = "fre" }\n', r"plate\.edges\.top: 'fre' is unknown; did you mean 'free'\?"),
         (PLATE + "edges = 3\n", r"plate\.edges: 3 is neither"),
-        ('[plate]\nsample = "sample-0"\n', "case: unknown name 'sample-0'"),
-        ("[plate]\nsample = 3\n", "case: unknown name '3'"),
+        ('[plate]\nsample = "sample-0"\n', r"plate\.sample: 'sample-0' is unknown; did you mean 'sample-9'\?"),
+        ("[plate]\nsample = 3\n", r"plate\.sample: 3 is unknown; accepted: sample-1, "),
         ('[plate]\nsample = "sample-1"\n' + HOLE, "holes: .* has its own"),
         (PLATE + '[[holes]]\nkind = "elipse"\n', r"holes\[0\]\.kind: 'elipse' is unknown; did you mean 'ellipse'\?"),
-        (PLATE + '[[holes]]\nkind = "circle"\ncentre = [0, 0]\n', r"holes\[0\], kind 'circle': radius is missing"),
+        (PLATE + '[[holes]]\nkind = "circle"\ncentre = [0, 0]\n', r"holes\[0\]: radius is missing; give a finite number above 0"),
         (PLATE + '[[holes]]\nkind = "circle"\ncentre = [0, 0]\nradios = 1\n', r"unknown entry 'radios'; did you mean 'radius'\?"),
-        (PLATE + '[[holes]]\nkind = "circle"\ncentre = [0, "a"]\nradius = 1\n', r"holes\[0\]: "),
-        ("holes = 3\n" + PLATE, r"holes: not a list of sections"),
+        (PLATE + '[[holes]]\nkind = "circle"\ncentre = [0, "a"]\nradius = 1\n', r"holes\[0\]\.centre\[1\]: 'a' is not a finite number"),
+        ("holes = 3\n" + PLATE, r"holes: 3 is not a list of tables, written \[\[holes\]\]"),
         (PLATE + "[gel]\nNv = 0.0\n", "Nv"),
         (PLATE + "[gel]\nchi = 2.5\n", "chi"),
         (PLATE + "[gel]\nNv = nan\n", r"gel\.Nv: nan is not a finite number"),
         (PLATE + "[sweep]\nmu = [-3.0, -3.0]\n", "must increase"),
-        (PLATE + "[sweep]\nmu = [-3.0, inf]\n", r"sweep\.mu: inf is not a finite number"),
+        (PLATE + "[sweep]\nmu = [-3.0, inf]\n", r"sweep\.mu\[1\]: inf is not a finite number"),
         (PLATE + "[sweep]\nmu = []\n", "mu"),
-        (PLATE + "[sweep]\nmu = -3.0\n", r"sweep\.mu: -3\.0 is not a list of numbers"),
+        (PLATE + "[sweep]\nmu = -3.0\n", r"sweep\.mu: -3\.0 is not a list of 1 or more finite numbers"),
         (PLATE + "[sweep]\nmu_start = -1.0\nmu_end = -2.0\n", "must increase"),
         (PLATE + "[sweep]\nsteps = 1\n", r"sweep\.steps: 1 is neither 'auto' nor"),
         (PLATE + '[sweep]\nbranch = "stabel"\n', r"sweep\.branch: 'stabel' is unknown; did you mean 'stable'\?"),
@@ -93,13 +93,35 @@ def test_the_table_of_a_case_makes_the_same_case_again(load, name):
         (PLATE + "[discretisation]\nspacing = 0\n", r"discretisation\.spacing: 0 is not a finite number above 0"),
         (PLATE + '[discretisation]\nbasis = "cubic"\n', r"discretisation\.basis: 'cubic' is unknown"),
         (PLATE + "[discretisation]\nnodes_per_hole = 2.5\n", r"discretisation\.nodes_per_hole: 2\.5 is not a whole number"),
-        ("plate = 3\n", r"plate: 3 is not a section; write \[plate\]"),
+        ("plate = 3\n", r"plate: 3 is not a table, written \[plate\]"),
+        ("", r"case file: plate is missing; give a table, written \[plate\]"),
+        (PLATE + "[[holes]]\nradius = 1.0\n", r"holes\[0\]: kind is missing; give one of circle, .*, outline"),
+        (PLATE + "edges = { top = 3 }\n", r"plate\.edges\.top: 3 is unknown; accepted: roller"),
+        (PLATE + "core = [1.0]\n", r"plate\.core: \[1\.0\] is not a list of 2 finite numbers"),
+        (PLATE + "deformation = [[1.0], [0.0, 1.0]]\n", r"plate\.deformation\[0\]: \[1\.0\] is not a list of 2 finite numbers"),
+        (PLATE + "cells = 8.0\n", r"plate\.cells: 8\.0 is not a whole number of at least 1"),
+        (PLATE + "[discretisation]\nspacing = 1" + 400 * "0" + "\n", r"spacing: 10+ is not a finite number above 0"),
+        (PLATE + "[gel]\nchi = 2.0\n", r"gel\.chi: 2\.0 is not a finite number above 0 and below 2"),
+        (PLATE + "[output]\nfigures = 1\n", r"output\.figures: 1 is neither true nor false"),
+        (PLATE + "unit = 3\n", r"plate\.unit: 3 is not a text"),
     ],
 )
 def test_a_wrong_entry_is_named_in_one_line(load, text, message):
     with pytest.raises(ValueError, match=message) as problem:
         load(text)
     assert "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize("options", [{}, {"steps": 3}])
+def test_a_section_that_is_none_is_refused_whatever_is_changed_in_it(options, tmp_path):
+    (tmp_path / "mine.toml").write_text("sweep = 3\n" + PLATE)
+    with pytest.raises(ValueError, match=r"sweep: 3 is not a table, written \[sweep\]"):
+        cases.load_case(str(tmp_path / "mine.toml"), {"sweep": options})
+
+
+def test_options_are_checked_where_they_are_made():
+    with pytest.raises(ValueError, match=r"^discretisation\.basis: 'cubic' is unknown; accepted: linear, quadratic$"):
+        cases.DiscretisationOptions(basis="cubic")
 
 
 def test_a_missing_file_is_named(tmp_path):

@@ -208,6 +208,7 @@ def test_the_best_design_is_a_case_that_run_accepts(folder):
         ("evaluations = 4", 'method = "slsq"', "search.method: 'slsq' is unknown; did you mean 'slsqp'?"),
         ("[verification]\nspacing = 1.2", "[verification]\nspacing = -1.0", "verification.spacing: -1.0"),
         ("[search]", "[serch]", "study: unknown entry 'serch'; did you mean 'search'?"),
+        ("[search]", "[search]\nstep = 1.5", "search.step: 1.5 is not a finite number above 0 and of at most 1"),
         ("[plate]", "[plate", "is not TOML"),
         ("above = 10.0", "above = 14.0", None),  # not met by the start, but usable
     ],
@@ -223,6 +224,16 @@ def test_wrong_files_are_one_line_and_exit_code_2(old, new, message, tmp_path, c
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_holes_of_a_study_take_the_place_of_those_of_its_case(tmp_path):
+    plate, holes, rest = SMALL.partition("[[holes]]")[0], *SMALL.partition("[[holes]]")[2].split("[sweep]")
+    (tmp_path / "plate.toml").write_text(plate + "[[holes]]" + holes.replace("2.4", "1.2"))
+    (tmp_path / "study.toml").write_text('case = "plate.toml"\n[[holes]]' + holes + "[sweep]" + rest)
+    np.testing.assert_array_equal(load_study(tmp_path / "study.toml").case.plate.holes[0].semi_axes, [2.4, 1.6])
+    (tmp_path / "study.toml").write_text('case = "plate.toml"\nsweep = 3\n' + rest.partition("[discretisation]")[2].partition("\n\n")[2])
+    with pytest.raises(ValueError, match=r"^sweep: 3 is not a table, written \[sweep\]$"):
+        load_study(tmp_path / "study.toml")
 
 
 def test_missing_files_and_folders_are_one_line(tmp_path, capsys):
