@@ -1,10 +1,11 @@
 """The command line ``jaxgel``: run a case, draw a run's folder, design or map holes, test gradients, list the cases.
 
-Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the sweep stopped early; 130 interrupted. What a run had
-finished by then is in its folder in every case.
+Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the sweep stopped early; 130 interrupted; 141, without a word, where
+nobody reads the output any more, as after ``| head``. What a run had finished by then is in its folder in every case.
 """
 
 import argparse
+import os
 import sys
 from importlib.metadata import version
 
@@ -18,15 +19,30 @@ from .versions import check_jaxlib
 def main(argv=None):
     """Run the command line on ``argv`` (by default the process's own) and return its exit code."""
     try:
-        args = _parse(sys.argv[1:] if argv is None else list(argv))
-        check_jaxlib()
-        return args.command(args)
+        try:
+            args = _parse(sys.argv[1:] if argv is None else list(argv))
+            check_jaxlib()
+            return args.command(args)
+        finally:
+            sys.stdout.flush()
     except ValueError as problem:
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return do.UNUSABLE
-    except (SweepFailed, OSError) as problem:  # no first state; a full disk, a folder that went away
+    except (SweepFailed, OSError) as problem:  # no first state; a full disk, a folder that went away, a reader who did
+        if isinstance(problem, BrokenPipeError) and _unread():
+            return do.UNREAD
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return do.STOPPED
+
+
+def _unread():
+    """Whether the pipe that broke is standard output; what is left for it is dropped then, so that Python's exit finds nothing."""
+    try:
+        print(flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False
 
 
 def _parse(argv):

@@ -18,7 +18,7 @@ from .samples import sample, sample_names
 from .sweep import sweep
 from .terminal import Progress, interruptible
 
-DONE, UNUSABLE, STOPPED, INTERRUPTED = 0, 2, 3, 130
+DONE, UNUSABLE, STOPPED, INTERRUPTED, UNREAD = 0, 2, 3, 130, 141
 OPTIONS = {
     "sweep": ("mu_start", "mu_end", "steps", "branch", "imperfection", "contact"),
     "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature", "solver"),

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import os
 import re
 import signal
 import subprocess
@@ -165,6 +166,26 @@ def test_ctrl_c_keeps_all_finished_steps(tmp_path):
     run = load_run(tmp_path)
     assert run.summary["status"] == "interrupted"
     assert len(run.mu) == len(run.x) == run.summary["states"] >= 3
+
+
+@pytest.mark.parametrize(("argument", "unbuffered"), [("schema", ""), ("schema", "1"), ("samples", ""), ("--help", "")])
+def test_a_reader_who_leaves_ends_a_command_without_a_word(argument, unbuffered):
+    """As ``jaxgel schema | head -1`` does; the code is that of other tools, 128 + SIGPIPE."""
+    read, write = os.pipe()
+    os.close(read)
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+    process = subprocess.run([sys.executable, "-m", "jaxgel", argument], stdout=write, stderr=subprocess.PIPE, env=environment)
+    os.close(write)
+    assert (process.returncode, process.stderr) == (128 + signal.SIGPIPE, b"")
+
+
+def test_another_pipe_that_breaks_is_reported(monkeypatch, capsys):
+    def fail(*_):
+        raise BrokenPipeError("of ffmpeg")
+
+    monkeypatch.setattr(commands, "list_samples", fail)
+    assert cli.main(["samples"]) == 3
+    assert capsys.readouterr().err == "jaxgel: error: of ffmpeg\n"
 
 
 def test_samples_lists_every_case(capsys):
