@@ -3,7 +3,8 @@
 Invariant: the residual r(x; model, gel, mu, loads) vanishes on the free degrees of freedom. Differentiated, K dx = -dr at fixed x, with
 the tangent K of the state itself. Written as a rule for tangents, it gives forward, reverse and second derivatives alike; the linear
 solves run on the host with the factors that the sweep left behind (``linear_solve.solve_near``), and a state that nothing asks about
-costs none.
+costs none. Outside ``jax.jit`` the solves lie between compiled programs, not in one: JAX's compilation cache on disk keeps no program
+that calls the host, and would leave the whole of the rule to be compiled by every process.
 """
 
 import functools
@@ -12,22 +13,39 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import batching, mlir
 
 from . import constraints
 from .constraints import reduced, spread
 from .energy import residual
+from .equilibrium import linearised, tangent_at
 from .linear_solve import solve_near
-from .mixed import constants, linearise, state_pressure, tangent
+from .mixed import constants, state_pressure
 
 TOGETHER_BYTES = 2**28  # positions gathered cell by cell of the states that are differentiated together
 
 
-@functools.partial(jax.jit, static_argnames="pattern")
 def state_tangents(x, inputs, inputs_dot, pattern):
     """Tangents (k, n, 2) of the equilibria ``x`` (k, n, 2) for tangents of their ``inputs`` (model, gel, mu (k,), loads).
 
     Constrained degrees of freedom move with the nodes of the dry plate. nan where a tangent is singular.
     """
+    leaves, structure = jax.tree.flatten(inputs)
+    carried, rhs = _imbalances(x, inputs, inputs_dot, pattern)
+
+    def product(v):  # of the block-diagonal free-free tangents of all states with v (k, f)
+        return _free_products(v, x, inputs, pattern)
+
+    def solve(_, rhs):
+        return _solutions.bind(rhs, x, *leaves, structure=structure, pattern=pattern)
+
+    return _moved(carried, lax.custom_linear_solve(product, rhs, solve, symmetric=True), pattern)
+
+
+@functools.partial(jax.jit, static_argnames="pattern")
+def _imbalances(x, inputs, inputs_dot, pattern):
+    """Motion (n, 2) of the dry nodes that the states are carried with, and -dr (k, f) left by it and the tangents of the inputs."""
     model, gel, mu, loads = inputs
     model_dot, gel_dot, mu_dot, loads_dot = inputs_dot
     moved = jax.jvp(lambda cloud: cloud.nodes, (model.cloud,), (model_dot.cloud,))[1]
@@ -38,15 +56,25 @@ def state_tangents(x, inputs, inputs_dot, pattern):
         change = jax.jvp(residual, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1]
         return reduced(change, pattern.free)
 
-    def product(v):  # of the block-diagonal free-free tangents of all states with v (k, f)
-        return _over_states(lambda s: _free_product(*s, (model, gel, loads), pattern), (v, x, mu), model)
+    return carried, -_over_states(imbalance, (x, mu, mu_dot), model)
 
-    def solve(_, rhs):
-        fixed = constants(model)
-        return lax.map(lambda s: _solve(*s, (model, gel, loads), fixed, pattern), (rhs, x, mu))
 
-    rhs = -_over_states(imbalance, (x, mu, mu_dot), model)
-    correction = lax.custom_linear_solve(product, rhs, solve, symmetric=True)
+@functools.partial(jax.jit, static_argnames="pattern")
+def _free_products(v, x, inputs, pattern):
+    """Products (k, f) of the free-free tangents at ``x`` (k, n, 2) with ``v`` (k, f)."""
+    model, gel, mu, loads = inputs
+
+    def product(state):
+        v, x, mu = state
+        direction = spread(v, x.shape, pattern.free)
+        return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (direction,))[1], pattern.free)
+
+    return _over_states(product, (v, x, mu), model)
+
+
+@functools.partial(jax.jit, static_argnames="pattern")
+def _moved(carried, correction, pattern):
+    """Nodal motions (k, n, 2): the one (n, 2) of the dry nodes and the corrections (k, f) of the free degrees of freedom."""
     return carried + jax.vmap(lambda dx: spread(dx, carried.shape, pattern.free))(correction)
 
 
@@ -73,21 +101,66 @@ def _over_states(function, states, model):
     return lax.map(function, states, batch_size=min(len(states[0]), max(1, TOGETHER_BYTES // one)))
 
 
-def _free_product(v, x, mu, args, pattern):
-    """Product (f,) of the free-free tangent at ``x`` with ``v`` (f,)."""
-    model, gel, loads = args
-    direction = spread(v, x.shape, pattern.free)
-    return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (direction,))[1], pattern.free)
+# --- linear solves: outside jit by one compiled assembly per state, inside by a callback ---------------------------------------
+
+_solutions = Primitive("equilibrium_solutions")
+"""Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states ``x`` (k, n, 2) and the leaves of their inputs."""
 
 
-def _solve(rhs, x, mu, args, fixed, pattern):
-    """Solution (f,) for the tangent at ``x``, on the host; 0 for 0 at no cost."""
-    model, gel, loads = args
+def _pairs(x, mu, model, gel, loads, fixed, pattern):
+    """The tangent (p, 2, 2) at the state ``x`` (n, 2), by the programs of the sweep."""
+    pressure = _pressure(x, model, gel, mu)
+    now = linearised(x, pressure, model, gel, mu, loads, fixed, pattern.free)[0]
+    return tangent_at(x, pressure, now, model, gel, fixed)
 
-    def solution(rhs):
-        pressure = state_pressure(x, model, gel, mu)
-        pairs = tangent(x, pressure, linearise(x, pressure, model, gel, mu, loads, fixed)[0], model, gel, fixed)
+
+_pressure = jax.jit(state_pressure)
+
+
+@_solutions.def_impl
+def _solved(rhs, x, *leaves, structure, pattern):
+    """On the host, with values; 0 for 0 at no cost."""
+    model, gel, mu, loads = jax.tree.unflatten(structure, leaves)
+    rhs, x, mu, fixed = np.asarray(rhs), np.asarray(x), np.asarray(mu), constants(model)
+    solutions = np.zeros(rhs.shape)
+    for k in np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))):
+        solutions[k] = _solve_columns(pattern, _pairs(x[k], mu[k], model, gel, loads, fixed, pattern), rhs[k])
+    return jnp.asarray(solutions)
+
+
+def _solved_traced(rhs, x, *leaves, structure, pattern):
+    """Inside jit and vmap, by one callback for each state."""
+    model, gel, mu, loads = jax.tree.unflatten(structure, leaves)
+    fixed = constants(model)
+
+    def solution(rhs, x, mu):
         shape = jax.ShapeDtypeStruct(rhs.shape, rhs.dtype)
-        return jax.pure_callback(functools.partial(solve_near, pattern), shape, pairs, rhs, vmap_method="sequential")
+        pairs = _pairs(x, mu, model, gel, loads, fixed, pattern)
+        return jax.pure_callback(functools.partial(_solve_columns, pattern), shape, pairs, rhs, vmap_method="sequential")
 
-    return lax.cond(jnp.any(rhs != 0), solution, jnp.zeros_like, rhs)
+    def one(state):
+        return lax.cond(jnp.any(state[0] != 0), solution, lambda rhs, *_: jnp.zeros_like(rhs), *state)
+
+    return lax.map(one, (rhs, x, mu))
+
+
+def _solve_columns(pattern, pairs, rhs):
+    """Solutions as the right-hand sides (f,) or (f, r), each as accurate as if it were alone; 0 for 0."""
+    rhs = np.asarray(rhs)
+    columns = rhs.reshape(len(rhs), -1).T
+    return np.stack([solve_near(pattern, pairs, b) if np.any(b != 0) else b for b in columns], axis=1).reshape(rhs.shape)
+
+
+def _solved_batch(args, axes, *, structure, pattern):
+    """Right-hand sides (b, k, f) for the same states are columns."""
+    (rhs, *states), (axis, *others) = args, axes
+    if any(other is not batching.not_mapped for other in others):
+        return jax.vmap(functools.partial(_solved_traced, structure=structure, pattern=pattern), axes)(*args), 0
+    columns = jnp.moveaxis(rhs, axis, -1)
+    found = _solutions.bind(columns.reshape(*columns.shape[:2], -1), *states, structure=structure, pattern=pattern)
+    return found.reshape(columns.shape), columns.ndim - 1
+
+
+_solutions.def_abstract_eval(lambda rhs, *_, **__: rhs)
+mlir.register_lowering(_solutions, mlir.lower_fun(_solved_traced, multiple_results=False))
+batching.primitive_batchers[_solutions] = _solved_batch

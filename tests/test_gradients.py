@@ -154,6 +154,19 @@ def test_a_batch_of_gels_under_vmap_equals_single_sweeps(cloud):
     np.testing.assert_allclose(batch, single, atol=1e-10 * 22)
 
 
+def test_outside_jit_no_program_of_a_derivative_calls_the_host(tiny_model, monkeypatch):
+    """JAX's cache on disk keeps none that does: every process would compile it anew. Rows and columns of a Jacobian are solved together."""
+
+    def heights(v):
+        return jnp.sum(jaxgel.sweep(tiny_model, jaxgel.Gel(v[0], v[1]), mu=[-2.0, -1.5]).x[..., 1], axis=1)
+
+    monkeypatch.setattr(jax, "pure_callback", None)
+    at = jnp.array([1e-3, 1e-4])
+    rows, columns = jax.jacrev(heights)(at), jax.jacfwd(heights)(at)
+    np.testing.assert_allclose(rows, columns, rtol=1e-10)
+    assert np.all(rows != 0)
+
+
 def test_a_stopped_gradient_is_noticed(cloud, monkeypatch):
     """The check of this file has teeth: a contour that pretends not to move with the nodes gives another shape gradient."""
     from jaxgel import discretisation
