@@ -15,6 +15,7 @@ from jaxgel.eigenvalue import lowest_eigenvalue
 from jaxgel.stability import ACCURACY
 
 MU = [-3.5, -2.2, -1.5]
+CHI = jnp.array([1e-4, 0.05, 0.1])  # of a batch of gels
 STEP = 1e-5  # of the value; central differences of states solved to 1e-13 are then good to about 1e-8 and the kinks of the weights to 1e-6
 
 
@@ -142,16 +143,27 @@ def test_chosen_steps_have_the_derivative_of_given_ones(cloud):
     np.testing.assert_allclose(last_area((MU[0], MU[-1])), last_area(np.linspace(MU[0], MU[-1], states)), rtol=1e-9)
 
 
-def test_a_batch_of_gels_under_vmap_equals_single_sweeps(cloud):
+@pytest.fixture(scope="module")
+def sweep_of(cloud):
+    """Function: chi -> positions and statuses of a sweep."""
     model = jaxgel.discretise(cloud)
 
-    def positions(chi):
-        return jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=MU).x
+    def sweep_of(chi, mu=MU, **options):
+        path = jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=mu, **options)
+        return path.x, path.status
 
-    chi = jnp.array([1e-4, 0.05, 0.1])
-    batch = jax.jit(jax.vmap(positions))(chi)
-    single = np.stack([positions(c) for c in chi])
-    np.testing.assert_allclose(batch, single, atol=1e-10 * 22)
+    return sweep_of
+
+
+@pytest.fixture(scope="module")
+def batch(sweep_of):
+    """The sweeps of a batch of three gels as one program, which takes longer to compile than to run."""
+    return jax.jit(jax.vmap(sweep_of))
+
+
+def test_a_batch_of_gels_under_vmap_equals_single_sweeps(batch, sweep_of):
+    single = np.stack([sweep_of(c)[0] for c in CHI])
+    np.testing.assert_allclose(batch(CHI)[0], single, atol=1e-10 * 22)
 
 
 def test_outside_jit_no_program_of_a_derivative_calls_the_host(tiny_model, monkeypatch):
@@ -256,15 +268,17 @@ def test_inside_jit_every_state_says_how_it_stands(buckling_model, critical):
     assert f"at mu = {mu[2]:.6g}: the state is unstable, and inside jit" in messages[1]
 
 
-@pytest.mark.parametrize(("contact", "status"), [("off", jaxgel.Status.SELF_CONTACT), ("on", jaxgel.Status.CROSSED)])
-def test_inside_jit_overlapping_holes_are_flagged(cloud, monkeypatch, contact, status):
-    model, found = jaxgel.discretise(cloud), itertools.cycle([False, True])
+def test_inside_jit_overlapping_holes_are_flagged(sweep_of, monkeypatch):
+    found = itertools.cycle([False, True])
     monkeypatch.setattr(sys.modules["jaxgel.traced"], "crosses", lambda *_: next(found))
+    x, statuses = jax.jit(lambda chi: sweep_of(chi, MU[:2], contact="off"))(1e-4)
+    assert statuses.tolist() == [jaxgel.Status.CONVERGED, jaxgel.Status.SELF_CONTACT]
+    assert np.isfinite(x).all()
 
-    def sweep(chi):
-        path = jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=MU[:2], contact=contact)
-        return path.x, path.status
 
-    x, statuses = jax.jit(sweep)(1e-4)
-    assert statuses.tolist() == [jaxgel.Status.CONVERGED, status]
-    assert np.isnan(x[1]).any() == (contact == "on")  # a state that contact did not keep apart is none
+def test_inside_jit_holes_that_contact_did_not_keep_apart_leave_no_state(batch, monkeypatch):
+    found = itertools.cycle([*[False] * len(CHI), *[True] * len(CHI), *[False] * len(CHI)])  # all gels of the batch at one mu after another
+    monkeypatch.setattr(sys.modules["jaxgel.traced"], "crosses", lambda *_: next(found))
+    x, statuses = batch(CHI)
+    assert statuses[:, :2].tolist() == [[jaxgel.Status.CONVERGED, jaxgel.Status.CROSSED]] * len(CHI)
+    assert np.isnan(x[:, 1]).all() and np.isfinite(x[:, 0]).all()
