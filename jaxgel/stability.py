@@ -25,6 +25,7 @@ TRACKED = 2  # modes whose eigenvalues are made accurate where all may be unstab
 FOLLOWED = 4  # modes that are carried along a sweep, any of which may become the lowest
 ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 8e-3 is seen next to a crease, where a local mode falls fast
 NEAR = 0.1  # largest relative difference of d . K d for a mode's correction d between a state and the factor that its solution left
+SAME = 1e-8  # part of a vector that is left beside the others where they are next to dependent
 IDLE = 0.1  # part of the accuracy below which a correction is not worth its making
 FIRST_ITERATIONS = 4  # inverse iterations for modes of which nothing is known
 MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
@@ -105,7 +106,11 @@ def _iterated(factor, stiffness, start):
     """Ritz vectors (f, m) of the factorised tangent, ascending, after an inverse iteration from ``start`` (f, m), and N times them."""
     before = _products_with(stiffness, start)
     vectors, r = np.linalg.qr(factor.apply(before))  # next to a singular tangent all vectors turn into one direction
-    weights, images = _products_with(stiffness, vectors), scipy.linalg.solve_triangular(r, before.T, trans="T", check_finite=False).T
+    weights, sizes = _products_with(stiffness, vectors), np.abs(np.diagonal(r))
+    if sizes.min() > SAME * sizes.max():
+        images = scipy.linalg.solve_triangular(r, before.T, trans="T", check_finite=False).T
+    else:
+        images = _products_with(factor.matrix, vectors)
     _, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
     return vectors @ turn, weights @ turn
 

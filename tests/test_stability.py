@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import itertools
 
 import jax
 import numpy as np
@@ -94,6 +95,17 @@ def test_the_lowest_eigenvalue_is_found_where_modes_change_their_order(cloud_of)
     states = [solve(problem, mu, x, p, fresh=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
     exact = [nearest_modes(state.factor, network_stiffness(problem), 1)[0][0] for state in states]
     np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
+
+
+def test_modes_that_were_followed_may_have_become_the_same(unstable_path):
+    problem = prepare(unstable_path.model, unstable_path.gel)
+    stiffness, mu = network_stiffness(problem), unstable_path.mu[0]
+    state = solve(problem, mu, unstable_path.x[0], unstable_path.pressure[0], fresh=True)
+    eigenvalues, modes = nearest_modes(state.factor, stiffness, 4)
+    round_off = 1e-12 * np.random.default_rng(6).normal(size=modes.shape)
+    for followed in (some for some in itertools.product(range(4), repeat=4) if 0 in some):
+        found, _ = lowest_modes(problem, stiffness, state, mu, modes[:, followed] + round_off)
+        np.testing.assert_allclose(found.eigenvalues[0], eigenvalues[0], rtol=1e-8)
 
 
 def test_negative_eigenvalues_are_counted_for_the_state_itself(unstable_path):
