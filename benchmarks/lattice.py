@@ -69,6 +69,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs", help="folder of lattice.csv and lattice.png (docs)")
     out = parser.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
     path = lattice()
     rows = table(path)
     names = "mu,aspect_ratio,core_rotation_deg,area_reduction,min_gap_mm,negative_pivots"
