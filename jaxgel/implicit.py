@@ -51,6 +51,7 @@ def _imbalances(x, inputs, inputs_dot, pattern):
     moved = jax.jvp(lambda cloud: cloud.nodes, (model.cloud,), (model_dot.cloud,))[1]
     carried = constraints.carried(moved, model.lists.topology.plate, pattern.free)
 
+    @jax.checkpoint  # reverse: nothing is computed before the adjoint is known
     def imbalance(state):
         x, mu, mu_dot = state
         change = jax.jvp(residual, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1]
@@ -93,6 +94,18 @@ def only_first(values, what):  # noqa: ARG001
 @only_first.defjvp
 def _refuse(what, *_):
     raise ValueError(f"{what}: has first derivatives only")
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def known(function, values, *inputs):  # noqa: ARG001
+    """The ``values`` of ``function(*inputs)``, found otherwise; what their derivatives need is computed where these are asked for."""
+    return values
+
+
+@known.defjvp
+def _known_jvp(function, primals, tangents):
+    (values, *inputs), (_, *inputs_dot) = primals, tangents
+    return values, jax.checkpoint(lambda: jax.jvp(function, inputs, inputs_dot)[1])()
 
 
 def _over_states(function, states, model):

@@ -101,7 +101,7 @@ class Factor:
 
     def apply(self, rhs):
         """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""
-        with _few_threads(self.pattern):
+        with few_threads(len(self.pattern.free)):
             return self.fronts.solve(rhs)
 
     def inverse(self, rhs):
@@ -210,7 +210,7 @@ def factor(pattern, pairs):
     if not np.all(np.isfinite(matrix.data)):
         raise SingularTangent("the tangent is not finite")
     try:
-        with _few_threads(pattern), np.errstate(over="ignore", invalid="ignore"):
+        with few_threads(len(pattern.free)), np.errstate(over="ignore", invalid="ignore"):
             return Factor(pattern, matrix, factorise(pattern.tree, pattern.entries(pairs), pattern.precision))
     except np.linalg.LinAlgError as error:
         raise SingularTangent(str(error)) from error
@@ -259,9 +259,12 @@ def _nearest(pattern, matrix):
     return known[best] if best >= 0 and distance[best] < NEARNESS * scale else None
 
 
-def _few_threads(pattern):
-    """Context in which BLAS uses one thread where the matrix is small."""
-    return _thread_pools().limit(limits=1, user_api="blas") if len(pattern.free) <= ONE_THREAD else contextlib.nullcontext()
+def few_threads(unknowns):
+    """Context in which BLAS uses one thread where the ``unknowns`` are few.
+
+    A sweep stays within it: threads that are let go after every front or product wait for the next one by turning over a core each.
+    """
+    return _thread_pools().limit(limits=1, user_api="blas") if unknowns <= ONE_THREAD else contextlib.nullcontext()
 
 
 @functools.cache

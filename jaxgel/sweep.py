@@ -15,15 +15,15 @@ from jax.custom_derivatives import SymbolicZero
 from .constraints import check_room, free_dofs
 from .contact import with_contact
 from .equilibrium import Equilibrium, Status, advice, dry_state, overlaps, prepare, solve, touches
-from .implicit import no_tangent, state_tangents
+from .implicit import known, no_tangent, state_tangents
 from .incremental import incremental_step, prepare_incremental
-from .linear_solve import remember
+from .linear_solve import few_threads, remember
 from .material import check_gel
 from .mixed import tangent_pattern
 from .path import Path, Step
 from .relaxation import relax, relax_along
 from .stability import lowest_modes, network_stiffness, stable_state
-from .traced import energies_and_pressures, flagged, is_traced, scan_states, warn
+from .traced import columns, energies_and_pressures, is_traced, scan_states, warn
 from .walls import prepare_walls, wall_step
 
 BRANCHES = ("stable", "symmetric")
@@ -94,7 +94,8 @@ def sweep(
         kind = (prepare_incremental, _incremental_attempt) if formulation == "incremental" else (prepare_walls, _weak_attempt)
         attempt = functools.partial(kind[1], kind[0](model, gel, loads, free_dofs(model.lists.topology)))
     attempt = functools.partial(_until_contact, attempt, model) if contact == "stop" else attempt
-    steps, stop, where = _chosen(attempt, targets, on_step, before, max_steps) if chosen else _given(attempt, targets, on_step, before)
+    with few_threads(2 * model.n_nodes):
+        steps, stop, where = _chosen(attempt, targets, on_step, before, max_steps) if chosen else _given(attempt, targets, on_step, before)
     steps = steps[1:] if isinstance(start, Step) else steps
     if not steps:
         raise SweepFailed(f"sweep: no equilibrium at mu = {targets[0]:.6g}: {stop.text}{advice(model, stop)}")
@@ -340,7 +341,8 @@ def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     values = report["mu"] if chosen else values
-    energy, pressure = energies_and_pressures(x, model, gel, values, loads)
+    found = report.pop("energy"), report.pop("pressure")
+    energy, pressure = known(energies_and_pressures, found, x, model, gel, values, loads)
     report = {name: column for name, column in report.items() if name not in ("apart", "mu")}
     return Path(model=model, gel=gel, mu=values, x=x, pressure=pressure, energy=energy, stop=None, stop_text="", **report)
 
@@ -362,22 +364,7 @@ def _states(static, floats, rest):
 
     options = dict(branch=static.branch, contact=static.contact, loads=loads, max_steps=static.max_steps)
     path = sweep(model, gel, mu=static.chosen or list(np.asarray(mu)), on_step=keep, **options)
-    missing = 0 if static.chosen is not None else len(mu) - len(path)
-
-    def pad(values, fill):  # in NumPy: nothing is compiled
-        return jnp.asarray(np.concatenate([values, np.full((missing, *np.shape(values)[1:]), fill)]))
-
-    report = dict(
-        mu=jnp.asarray(path.mu) if static.chosen is not None else mu,
-        status=pad(flagged(path, static.contact), int(path.stop)),
-        newton_iterations=pad(path.newton_iterations, 0),
-        residual=pad(path.residual, jnp.nan),
-        negative_pivots=pad(path.negative_pivots, -1),
-        lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
-        switched=pad(path.switched, False),
-        apart=pad(apart, True),
-    )
-    return pad(path.x, jnp.nan), report
+    return columns(path, path.mu if static.chosen is not None else mu, apart, static.contact)
 
 
 @functools.partial(_states.defjvp, symbolic_zeros=True)

@@ -33,8 +33,9 @@ def is_traced(tree):
 def scan_states(model, gel, mu, loads, contact):
     """Equilibria (k, n, 2) and their report at the given mu (k,) as one traced loop; linear extrapolation between states.
 
-    The report is a dict (k,) of mu, status, newton_iterations, residual, negative_pivots, lowest_eigenvalue, switched and apart.
-    Statuses are those of `flagged`. The branch that continues the dry state is followed whatever its stability; states that are not
+    The report is a dict (k,) of mu, status, newton_iterations, residual, negative_pivots, lowest_eigenvalue, switched, apart and energy,
+    and of the pressure (k, g).
+    Statuses are those of `columns`. The branch that continues the dry state is followed whatever its stability; states that are not
     reached are nan.
     """
     start, pressure = dry_state(model, gel, mu[0])
@@ -48,10 +49,35 @@ def scan_states(model, gel, mu, loads, contact):
         return ((mu, x, p), (mu_1, x_1, p_1), count + 1), (x, report)
 
     _, (x, report) = jax.lax.scan(step, ((mu[0], start, pressure),) * 2 + (0,), mu)
+    report |= dict(zip(("energy", "pressure"), energies_and_pressures(x, model, gel, mu, loads), strict=True))
     return x, dict(report, mu=mu, **dict.fromkeys(("switched", "apart"), jnp.zeros(mu.shape, dtype=bool)))
 
 
-def flagged(path, contact):
+def columns(path, mu, apart, contact):
+    """States (k, n, 2) and report, those of ``scan_states``, of a path that was asked for the ``mu`` (k,); nan where it did not get.
+
+    The statuses of states that have no good derivative say so.
+    """
+    missing = len(mu) - len(path)
+
+    def pad(values, fill):  # in NumPy: nothing is compiled
+        return jnp.asarray(np.concatenate([values, np.full((missing, *np.shape(values)[1:]), fill)]))
+
+    return pad(path.x, jnp.nan), dict(
+        mu=jnp.asarray(mu),
+        status=pad(_flagged(path, contact), int(path.stop)),
+        newton_iterations=pad(path.newton_iterations, 0),
+        residual=pad(path.residual, jnp.nan),
+        negative_pivots=pad(path.negative_pivots, -1),
+        lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
+        switched=pad(path.switched, False),
+        apart=pad(apart, True),
+        energy=pad(path.energy, jnp.nan),
+        pressure=pad(path.pressure, jnp.nan),
+    )
+
+
+def _flagged(path, contact):
     """Statuses (k,), as integers, of the states of a path that is differentiated: also those that have no good derivative."""
     near = np.abs(path.lowest_eigenvalue) < NEARLY_SINGULAR
     crossed = [contact != "on" and overlaps(path.model, x) for x in path.x]

@@ -12,6 +12,7 @@ from jax.flatten_util import ravel_pytree
 import jaxgel
 from jaxgel import IllPosedDerivative
 from jaxgel.eigenvalue import lowest_eigenvalue
+from jaxgel.energy import all_volumes, volume_ratios
 from jaxgel.stability import ACCURACY
 
 MU = [-3.5, -2.2, -1.5]
@@ -131,6 +132,22 @@ def test_second_derivatives_are_differences_of_gradients(cloud, basis, readings)
 
     difference = (along(step)[0] - along(-step)[0]) / (2 * step)
     np.testing.assert_allclose(along(0.0)[1], difference, rtol=1e-5)
+
+
+def test_energies_and_pressures_have_derivatives(tiny_model):
+    """Of an equilibrium's energy with respect to mu: less the solvent it holds; all else by differences."""
+
+    def last(mu):
+        path = jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=jnp.stack([jnp.asarray(-2.5), mu]))
+        return path.energy[-1], path.pressure[-1], path.x[-1]
+
+    mu, step = jnp.asarray(-2.0), 1e-4
+    slope = jax.grad(lambda mu: last(mu)[0])
+    solvent = jnp.sum(all_volumes(tiny_model) * (volume_ratios(last(mu)[2], tiny_model) - 1))
+    np.testing.assert_allclose(slope(mu), -solvent, rtol=1e-10)
+    np.testing.assert_allclose(jax.grad(slope)(mu), (slope(mu + step) - slope(mu - step)) / (2 * step), rtol=1e-6)
+    forward, difference = jax.jvp(lambda mu: last(mu)[1], (mu,), (1.0,))[1], (last(mu + step)[1] - last(mu - step)[1]) / (2 * step)
+    np.testing.assert_allclose(forward, difference, atol=1e-6 * np.abs(difference).max())
 
 
 def test_chosen_steps_have_the_derivative_of_given_ones(cloud):
