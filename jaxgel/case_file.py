@@ -6,7 +6,9 @@ import json
 import numpy as np
 
 from . import cases
+from .geometry import Plate
 from .schema import GEL, field_texts
+from .sections import HOLES, OPTIONS, PLATE
 
 COLUMN = 43  # where comments start
 EXAMPLE = {
@@ -26,7 +28,7 @@ def example():
 
 def explicit(case):
     """The `cases.Case` with its plate and holes written out in its ``source``, so that its table needs no sample and no moved hole."""
-    own = {key: getattr(case.plate, key) for key in cases.PLATE}
+    own = {key: getattr(case.plate, key) for key in PLATE}
     defaults = {field.name: field.default for field in dataclasses.fields(case.plate)}
     own["core"] = own["core"] if own["core"] == defaults["core"] else list(own["core"])
     own["displacement"] = {edge: value for edge, value in case.plate.displacement.items() if any(value)}
@@ -44,7 +46,7 @@ def case_text(case):
         if section != "holes":
             lines += [f"[{section}]", *_lines(entries, _texts(section)), *_left_out(section, entries), ""]
         for hole in entries if section == "holes" else ():
-            lines += ["[[holes]]", *_lines(hole, field_texts(cases.HOLES[hole["kind"]])), ""]
+            lines += ["[[holes]]", *_lines(hole, field_texts(HOLES[hole["kind"]])), ""]
     return "\n".join(lines)
 
 
@@ -52,8 +54,8 @@ def _texts(section):
     """Entry of a section -> what it means, with the words that it may be."""
     if section == "gel":
         return {key: rule["description"] for key, rule in GEL.items()}
-    texts = field_texts(cases.Plate if section == "plate" else cases.OPTIONS[section])
-    rules = {f.name: f.metadata["schema"] for f in dataclasses.fields(cases.OPTIONS[section])} if section in cases.OPTIONS else {}
+    texts = field_texts(Plate if section == "plate" else OPTIONS[section])
+    rules = {f.name: f.metadata["schema"] for f in dataclasses.fields(OPTIONS[section])} if section in OPTIONS else {}
     return {key: f"{text}: {', '.join(rules[key]['enum'])}" if "enum" in rules.get(key, ()) else text for key, text in texts.items()}
 
 
@@ -62,7 +64,7 @@ def _lines(entries, texts):
 
 
 def _left_out(section, entries):
-    fields = dataclasses.fields(cases.OPTIONS[section]) if section in cases.OPTIONS else ()
+    fields = dataclasses.fields(OPTIONS[section]) if section in OPTIONS else ()
     return [_commented(f"# {f.name} =", _texts(section).get(f.name, "")) for f in fields if f.name not in entries]
 
 

@@ -9,8 +9,8 @@ import os
 import sys
 from importlib.metadata import version
 
-from . import cases
 from . import commands as do
+from . import sections
 from .messages import did_you_mean, is_number
 from .sweep import SweepFailed
 from .versions import check_jaxlib
@@ -97,17 +97,17 @@ def _case_commands(add):
     )
     p.add_argument(
         "--contact",
-        metavar="|".join(cases.CONTACT),
+        metavar="|".join(sections.CONTACT),
         help="where a hole's sides meet: keep them apart, let them overlap, or stop (default: on)",
     )
     p.add_argument("--across", type=_whole, metavar="N", help="at least N nodes across every ligament, by local refinement")
-    p.add_argument("--basis", metavar="|".join(cases.BASES), help="basis of the shape functions (default: quadratic)")
+    p.add_argument("--basis", metavar="|".join(sections.BASES), help="basis of the shape functions (default: quadratic)")
     p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95, paper quadrature 3.5)")
-    p.add_argument("--method", metavar="|".join(cases.METHODS), help="one pressure per cell, or displacement only (default: mixed)")
+    p.add_argument("--method", metavar="|".join(sections.METHODS), help="one pressure per cell, or displacement only (default: mixed)")
     p.add_argument(
-        "--quadrature", metavar="|".join(cases.QUADRATURES), help="cells along the true outline, or the paper's (default: conforming)"
+        "--quadrature", metavar="|".join(sections.QUADRATURES), help="cells along the true outline, or the paper's (default: conforming)"
     )
-    p.add_argument("--solver", metavar="|".join(cases.SOLVERS), help="how linear systems are solved (default: auto, by their size)")
+    p.add_argument("--solver", metavar="|".join(sections.SOLVERS), help="how linear systems are solved (default: auto, by their size)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation")
 
     p = _case_options(add(do.critical, "critical", "find where the symmetric branch becomes unstable or folds back"), "out/CASE-critical")
@@ -186,7 +186,7 @@ def _quiet_option(p):
 
 
 def _branch_option(p):
-    p.add_argument("--branch", metavar="|".join(cases.BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
+    p.add_argument("--branch", metavar="|".join(sections.BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
 
 
 def _joined(argv):

@@ -7,10 +7,11 @@ from pathlib import Path as File
 
 import numpy as np
 
-from . import cases
+from . import cases, sections
 from .branches import imperfect_loads
 from .critical import critical_points
 from .files import open_folder
+from .messages import did_you_mean
 from .path import Path
 from .recorder import Recorder, write_points
 from .results import events, load_path, load_run
@@ -87,7 +88,7 @@ def plot(args):
     folder = File(args.folder)
     table = load_run(folder).history
     path, out = load_path(folder), open_folder(args.out) if args.out else folder
-    _draw(path, out, table, cases.OutputOptions())
+    _draw(path, out, table, sections.OutputOptions())
     if args.mp4:
         from .plotting import animate_pattern
 
@@ -96,10 +97,22 @@ def plot(args):
 
 
 def outline(args):
-    """``jaxgel outline``: write an outline for other programs."""
-    from .outline_files import export
+    """``jaxgel outline``: write the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``."""
+    from .outline_files import FORMATS, dry_gel, swollen_gel, write_outline
 
-    print(export(args))
+    is_run = File(args.source).is_dir()
+    if args.mu is not None and not is_run:
+        raise ValueError(f"--mu: {args.source!r} is a case; the states at some mu are in a run's folder")
+    if args.format not in FORMATS:
+        raise ValueError(f"--format: {args.format!r} is unknown; {did_you_mean(args.format, FORMATS)}")
+    if args.mu is not None:
+        path = load_path(args.source)
+        name, gel = File(args.source).name, swollen_gel(path, int(np.abs(np.asarray(path.mu) - args.mu).argmin()))
+    else:
+        summary = load_run(args.source).summary if is_run else None
+        case = cases.from_table(summary["options"], summary["case"]) if summary else cases.load_case(args.source)
+        name, gel = case.name, dry_gel(case.plate)
+    print(write_outline(gel, args.out or f"{name}.{args.format}", args.height))
     return DONE
 
 
@@ -341,7 +354,7 @@ def list_samples(_):
 
 
 def _draw(path, folder, table, output):
-    """What the `cases.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
+    """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
     import matplotlib as mpl
 
     mpl.use("Agg")  # before pyplot, which would look for a screen

@@ -13,13 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from .cases import DiscretisationOptions
 from .cloud import make_cloud
 from .discretisation import discretise
 from .objectives import CURVES
 from .observables import min_gap, surface_ratio
 from .optimisers import METHODS, Exhausted, Invalid, Stuck, optimiser
 from .search import FEASIBLE, Search, check_path, violation
+from .sections import DiscretisationOptions
 from .sweep import check_mu, sweep
 
 

@@ -15,7 +15,7 @@ import shapely
 from .files import write_atomically
 from .geometry import outline_points
 from .holes import Fourier, Polygon
-from .messages import did_you_mean, is_number
+from .messages import is_number
 from .rules import NUMBER, PAIR, POSITIVE, TEXT, tabled, whole, word
 
 FORMATS = ("dxf", "svg", "stl")
@@ -259,26 +259,3 @@ def _stl(gel, height):
 def _raised(points, z):
     """Points (..., 2) with a third coordinate."""
     return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)
-
-
-# --- the command -------------------------------------------------------------------------------------------------------------
-
-
-def export(args):
-    """``jaxgel outline``: the file with the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``."""
-    from .cases import from_table, load_case
-    from .results import load_path, load_run
-
-    is_run = File(args.source).is_dir()
-    if args.mu is not None and not is_run:
-        raise ValueError(f"--mu: {args.source!r} is a case; the states at some mu are in a run's folder")
-    if args.format not in FORMATS:
-        raise ValueError(f"--format: {args.format!r} is unknown; {did_you_mean(args.format, FORMATS)}")
-    if args.mu is not None:
-        path = load_path(args.source)
-        name, gel = File(args.source).name, swollen_gel(path, int(np.abs(np.asarray(path.mu) - args.mu).argmin()))
-    else:
-        summary = load_run(args.source).summary if is_run else None
-        case = from_table(summary["options"], summary["case"]) if summary else load_case(args.source)
-        name, gel = case.name, dry_gel(case.plate)
-    return write_outline(gel, args.out or f"{name}.{args.format}", args.height)

@@ -10,11 +10,11 @@ import functools
 import inspect
 import sys
 
-from .cases import HOLES, OPTIONS, PLATE
 from .geometry import Plate
 from .outline_files import OUTLINE
 from .rules import NUMBER, POSITIVE, listed, tabled, word
 from .samples import sample_names
+from .sections import HOLES, OPTIONS, PLATE
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 GEL = {

@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 import jaxgel
-from jaxgel import cases
+from jaxgel import cases, sections
 from jaxgel.constraints import free_dofs
 from jaxgel.energy import all_volumes, network_energy, residual, volume_ratios
 from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, touches
@@ -128,7 +128,7 @@ def random_table(rng):
 
 def random_hole(rng, width, height):
     """The table of a random hole, somewhere in the plate or cut by its edge."""
-    kind, size = str(rng.choice(list(cases.HOLES))), min(width, height) * rng.uniform(0.08, 0.3)
+    kind, size = str(rng.choice(list(sections.HOLES))), min(width, height) * rng.uniform(0.08, 0.3)
     centre = (rng.uniform(-0.5, 0.5, 2) * [width, height]).tolist()
     if kind == "polygon":
         angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxgel import cases
+from jaxgel import cases, sections
 from jaxgel.samples import sample
 
 PLATE = "[plate]\nwidth = 20.0\nheight = 10.0\n"
@@ -121,7 +121,7 @@ def test_a_section_that_is_none_is_refused_whatever_is_changed_in_it(options, tm
 
 def test_options_are_checked_where_they_are_made():
     with pytest.raises(ValueError, match=r"^discretisation\.basis: 'cubic' is unknown; accepted: linear, quadratic$"):
-        cases.DiscretisationOptions(basis="cubic")
+        sections.DiscretisationOptions(basis="cubic")
 
 
 def test_a_missing_file_is_named(tmp_path):
