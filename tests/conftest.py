@@ -40,6 +40,13 @@ def pytest_xdist_auto_num_workers(config):
     return max(1, min(os.cpu_count() or 1, memory // (6 * 2**30)))
 
 
+def pytest_collection_finish():
+    """Python's collector leaves alone what was imported, and comes less often: tracing makes many objects, a tenth of all time was its."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
+
+
 @pytest.fixture(scope="session")
 def run_folder(tmp_path_factory):
     """Folder of ``jaxgel run sample-1`` on a coarse cloud at four given mu, with figures; one run serves all test processes."""

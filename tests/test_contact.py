@@ -94,6 +94,7 @@ def test_products_of_the_tangent_include_contact(squeezed):
     np.testing.assert_allclose(found.T, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
 
 
+@pytest.mark.slow
 def test_tangent_of_the_points_that_act_is_that_of_all_points(squeezed, monkeypatch):
     """From no point to most of them acting, which takes every one of the ``SHARES``."""
     model, x = squeezed
@@ -168,6 +169,7 @@ def test_a_sweep_told_to_stop_ends_before_the_overlap(slit):
     assert list(path.mu) == [-3.0, -2.0]
 
 
+@pytest.mark.slow
 def test_squares_close_without_crossing(cloud_of):
     """Sample 7, on the symmetric branch: the sides meet from the corners; without contact they overlap."""
     model, mu = jaxgel.discretise(cloud_of("sample-7")), [-2.0, -1.0, -0.55, -0.4]

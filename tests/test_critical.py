@@ -53,15 +53,14 @@ def critical_mu(buckling_model):
     return critical_mu
 
 
-def test_derivatives_are_differences_of_relocated_points(critical_mu):
+@pytest.mark.parametrize("of", [0, *(pytest.param(of, marks=pytest.mark.slow) for of in (1, 2))], ids=["radius", "Nv", "chi"])
+def test_derivatives_are_differences_of_relocated_points(critical_mu, of):
     """Extrapolated differences, to 1e-5. A critical mu carries 3e-11 of round-off, from bulk stiffnesses 1e5 times the network's, which
     asks for a step of 6 % in Nv, its weakest influence; the kinks of the weight functions ask for a short one in the radius."""
-    at, steps = np.array([np.sqrt(20.0), 1e-3, 0.05]), np.array([4e-4, 6e-5, 1e-2])
-    gradient = np.asarray(jax.grad(critical_mu)(jnp.asarray(at)))
-    for k, step in enumerate(steps):
-        e = np.eye(3)[k] * step
-        near, far = ((critical_mu(at + s * e) - critical_mu(at - s * e)) / (2 * s * step) for s in (0.5, 1.0))
-        assert gradient[k] == pytest.approx((4 * near - far) / 3, rel=1e-5)
+    at, step = np.array([np.sqrt(20.0), 1e-3, 0.05]), (4e-4, 6e-5, 1e-2)[of]
+    gradient, e = np.asarray(jax.grad(critical_mu)(jnp.asarray(at))), np.eye(3)[of] * step
+    near, far = ((critical_mu(at + s * e) - critical_mu(at - s * e)) / (2 * s * step) for s in (0.5, 1.0))
+    assert gradient[of] == pytest.approx((4 * near - far) / 3, rel=1e-5)
 
 
 def test_forward_equals_reverse(critical_mu):
@@ -74,8 +73,9 @@ def test_forward_equals_reverse(critical_mu):
 # --- double eigenvalues ------------------------------------------------------------------------------------------------------
 
 
-def test_derivative_of_a_double_onset_is_that_of_the_mean(cloud_of):
-    """Sample 7, whose second onset is double: all squares grow alike, which keeps the pair, and along x only, which splits it."""
+@pytest.mark.parametrize("direction", [pytest.param((1.0, 1.0), marks=pytest.mark.slow), (1.0, 0.0)], ids=["pair stays", "pair splits"])
+def test_derivative_of_a_double_onset_is_that_of_the_mean(direction, cloud_of):
+    """Sample 7, whose second onset is double: all squares grow alike, which keeps the pair, or along x only, which splits it."""
     cloud = cloud_of("sample-7")
 
     def double(growth):
@@ -85,14 +85,13 @@ def test_derivative_of_a_double_onset_is_that_of_the_mean(cloud_of):
         points.append(point)
         return point.mu
 
-    points = []
-    for direction in (np.array([1.0, 1.0]), np.array([1.0, 0.0])):
-        _, slope = jax.jvp(double, (jnp.zeros(2),), (jnp.asarray(direction),))
-        difference = (double(3e-4 * direction) - double(-3e-4 * direction)) / 6e-4
-        assert float(slope) == pytest.approx(difference, rel=1e-5)  # measured 7e-7 and 5e-7
-    assert (points[0].kind, points[0].multiplicity) == ("bifurcation", 2)
+    points, direction = [], np.array(direction)
+    _, slope = jax.jvp(double, (jnp.zeros(2),), (jnp.asarray(direction),))
+    difference = (double(3e-4 * direction) - double(-3e-4 * direction)) / 6e-4
+    assert float(slope) == pytest.approx(difference, rel=1e-5)  # measured 7e-7 and 5e-7
+    assert [(point.kind, point.multiplicity) for point in points] == [("bifurcation", 2)] * 3
     assert np.abs(points[0].eigenvalues).max() < 1e-8
-    assert points[-1].multiplicity == 2 and np.diff(points[-1].eigenvalues)[0] > 1e-5  # the last design has split the pair
+    assert (np.diff(points[-1].eigenvalues)[0] > 1e-5) == (direction[1] == 0)
 
 
 # --- folds -------------------------------------------------------------------------------------------------------------------
@@ -131,16 +130,22 @@ def test_an_imperfect_subcritical_branch_ends_in_a_fold(fold, subcritical):
     np.testing.assert_array_equal(over.negative_pivots, np.arange(5) > int(np.argmax(over.mu)))
 
 
-def test_derivative_of_a_fold_is_the_difference_of_relocated_ones(fold, subcritical):
+@pytest.fixture(scope="module")
+def end(subcritical):
+    """Function: chi -> mu of the fold."""
     model, gel, _, loads = subcritical
+    return lambda chi: jaxgel.critical_points(model, jaxgel.Gel(gel.Nv, chi), mu=(-1.3, -1.1), loads=loads)[0].mu
 
-    def end(chi):
-        return jaxgel.critical_points(model, jaxgel.Gel(gel.Nv, chi), mu=(-1.3, -1.1), loads=loads)[0].mu
 
+def test_derivative_of_a_fold_leads_to_that_of_another_gel(fold, subcritical, end):
     value, slope = jax.jvp(end, (0.01,), (1.0,))
-    assert float(value) == pytest.approx(fold.mu + float(slope) * (0.01 - gel.chi), abs=1e-4)  # near the sample's chi = 1e-4: linear
+    assert float(value) == pytest.approx(fold.mu + float(slope) * (0.01 - subcritical[1].chi), abs=1e-4)  # near chi = 1e-4: linear
+
+
+@pytest.mark.slow
+def test_derivative_of_a_fold_is_the_difference_of_relocated_ones(end):
     difference = (end(0.011) - end(0.009)) / 2e-3
-    assert float(slope) == pytest.approx(difference, rel=1e-5)
+    assert float(jax.jvp(end, (0.01,), (1.0,))[1]) == pytest.approx(difference, rel=1e-5)
 
 
 def test_a_subcritical_branch_turns_at_a_fold(subcritical):

@@ -88,9 +88,9 @@ TINY = dict(spacing=1.6, nodes_per_hole=18)
         # of the full study's start at this mu by finite elements and fine clouds; the tiny cloud has three nodes across a ligament
         ("rotation", -1.9678, jaxgel.rotation_angle, 6.82, 0.25),
         # closing of a bore: (<J> - 1)(1 - phi) / phi with the free-swelling J, which the confinement hardly changes
-        ("valve", -1.4, jaxgel.area_reduction, None, 0.02),
+        pytest.param("valve", -1.4, jaxgel.area_reduction, None, 0.02, marks=pytest.mark.slow),
         # by symmetry, up to what the tiny cloud lacks of it (measured 0.016)
-        ("closing", -1.5, jaxgel.core_rotation, 0.0, 0.05),
+        pytest.param("closing", -1.5, jaxgel.core_rotation, 0.0, 0.05, marks=pytest.mark.slow),
     ],
 )
 def test_a_tiny_form_of_the_study_gives_its_number(name, mu, quantity, expected, tolerance):

@@ -248,6 +248,7 @@ def test_a_resumed_search_gives_the_numbers_of_an_uninterrupted_one(problem, tmp
     np.testing.assert_allclose(resumed.parameters["semi_axes"], whole.parameters["semi_axes"], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_search_killed_after_any_evaluation_ends_with_the_same_numbers(problem, tmp_path):
     """In short boxes, several of which are repeated: none may be centred on a better design that comes later."""
     whole = optimise(problem, evaluations=7, step=0.04, folder=tmp_path / "whole")
@@ -332,9 +333,28 @@ def test_unusable_options_are_refused(problem, options, message):
         optimise(problem, **options)
 
 
-def test_a_search_goes_on_with_a_new_cloud_where_the_old_one_is_poor(problem):
+@pytest.fixture(scope="module")
+def wide(problem):
+    """The problem with bounds that the start's cloud does not serve."""
+    return dataclasses.replace(problem, bounds={"semi_axes": ([1.8, 1.2], [2.8, 2.0])})
+
+
+def test_a_new_cloud_is_made_where_the_old_one_is_poor(wide, monkeypatch):
+    """Values that need no sweep: what is looked at are the clouds."""
+    judge = search.Search._forward
+    monkeypatch.setattr(search.Search, "_forward", lambda _, vector: jax.vjp(lambda v: 1 + v[:1] ** 2, jnp.asarray(vector)))
+    looked = search.Search(wide, 10)
+    looked.first()
+    assert looked.settle(wide.vector - 0.05).entry["cloud"] == looked.number == 0
+    with pytest.raises(optimisers.Invalid, match="too far from the last design for its cloud"):
+        judge(looked, np.array([1.0, 1.0]))
+    first = looked.cloud
+    assert looked.settle(np.array([0.0, 0.0])).entry["cloud"] == looked.number == 1 and looked.cloud is not first
+
+
+@pytest.mark.slow
+def test_a_search_goes_on_with_a_new_cloud_where_the_old_one_is_poor(wide):
     """The area reduction changes by the discretisation error only: each cloud has it to 6e-4 of that of one twice as fine."""
-    wide = dataclasses.replace(problem, bounds={"semi_axes": ([1.8, 1.2], [2.8, 2.0])})
     looked = search.Search(wide, 10)
     looked.first()
     near, small, large = wide.vector - 0.05, np.array([0.0, 0.0]), np.array([1.0, 1.0])

@@ -254,7 +254,7 @@ FUNCTIONS = {
 }
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "gent")) for name in FUNCTIONS])
 def test_implicit_derivatives_forward_and_reverse_agree_with_finite_differences(name):
     function, x = jax.jit(FUNCTIONS[name]), jnp.array([-0.4, 0.01, 0.2, 1.0])
     g = jax.jit(jax.grad(function))

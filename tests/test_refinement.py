@@ -109,7 +109,11 @@ def test_neighbouring_squares_differ_by_one_halving_at_most():
 
 @pytest.mark.parametrize(
     ("basis", "region"),
-    [("linear", (-0.5, -0.5, 0.02, 0.03)), ("quadratic", (-0.5, -0.5, 0.02, 0.03)), ("quadratic", (0.1, 0.2, 0.5, 0.5))],
+    [
+        pytest.param("linear", (-0.5, -0.5, 0.02, 0.03), marks=pytest.mark.slow),
+        pytest.param("quadratic", (-0.5, -0.5, 0.02, 0.03), marks=pytest.mark.slow),
+        ("quadratic", (0.1, 0.2, 0.5, 0.5)),
+    ],
     ids=["linear, corner of rollers", "quadratic, corner of rollers", "quadratic, corner at the free edge"],
 )
 def test_patch_test_stays_exact_where_a_square_is_refined(basis, region):
@@ -186,6 +190,7 @@ def test_outline_through_grid_points_leaves_no_empty_triangles():
     assert np.abs(moved.nodes - cloud.nodes).max() == pytest.approx(0.1, rel=1e-3)  # at the outline: controls are all distinct
 
 
+@pytest.mark.slow
 def test_refined_sample_1_turns_as_finite_elements_do(refined):
     path = sweep(discretise(refined), refined.plate.gel, mu=[-2.9678, -1.9678, -1.4678, -0.9678, -0.9178])
     exact = [2.009, 7.832, 15.94, 29.06, 30.73]  # degrees, converged finite elements
