@@ -43,6 +43,7 @@ def test_an_exported_sample_is_the_same_case(name, validator):
     assert (again.gel, again.sweep, again.discretisation, again.output) == (case.gel, case.sweep, case.discretisation, case.output)
 
 
+@pytest.mark.slow
 def test_an_exported_sample_runs_to_the_same_numbers(tmp_path):
     assert cli.main(["init", "--from", "square", str(tmp_path / "square")]) == 0
     for case, folder in (("square", "name"), (str(tmp_path / "square.toml"), "file")):

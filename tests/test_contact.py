@@ -183,12 +183,13 @@ def test_squares_close_without_crossing(cloud_of):
     np.testing.assert_allclose(jaxgel.area_reduction(path), (mean - 1) * (1 - phi) / phi, rtol=5e-4)
 
 
-def test_gradient_through_contact_is_that_of_the_resolved_problem(slit, closed):
-    """With respect to a semi-axis, Nv (which sets the stiffness of contact too) and the last mu, along one direction."""
+@pytest.mark.parametrize("moved", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["gel", "gel and hole"])
+def test_gradient_through_contact_is_that_of_the_resolved_problem(moved, slit, closed):
+    """With respect to Nv (which sets the stiffness of contact too), the last mu, and a semi-axis, along one direction."""
     plate, nodes = slit.plate, slit.nodes
 
     def height(v):
-        model = jaxgel.discretise(slit.at(plate.at([dict(semi_axes=jnp.stack([jnp.asarray(1.2), v[0]])), {}, {}])))
+        model = jaxgel.discretise(slit.at(plate.at([dict(semi_axes=jnp.stack([jnp.asarray(1.2), v[0]])), {}, {}])) if moved else slit)
         mu = jnp.stack([jnp.asarray(MU[0]), jnp.asarray(MU[1]), v[2]])
         return jnp.sum((jaxgel.sweep(model, jaxgel.Gel(v[1], 1e-4), mu=mu, contact="on").x[-1] - nodes) ** 2)
 

@@ -178,15 +178,15 @@ def test_ligament_gradients_are_those_of_differences(plate):
     np.testing.assert_allclose(slopes, differences, atol=1e-8)  # round-off over the step
 
 
-@pytest.fixture(scope="module")
-def judged(plate, cloud):
+@pytest.fixture(scope="module", params=[2, pytest.param(4, marks=pytest.mark.slow)])
+def judged(plate, cloud, request):
     """Constraints on a path as a function of the semi-axes."""
     limits = [
         objectives.limit("gap", above=0.1),
         objectives.limit("surface_ratio", below=2.4),
         objectives.limit("core_rotation", within=1.0),
         objectives.limit("area_reduction", below=0.5, at=MU[1]),
-    ]
+    ][: request.param]
 
     def values(axes):
         model = jaxgel.discretise(cloud.at(plate.at([{"semi_axes": axes}])))
@@ -376,6 +376,17 @@ def test_verification_is_on_a_fresh_cloud_and_says_what_is_wrong(problem, plate,
     assert not found["valid"] and found["reason"] == "self-contact at mu = -3.0000"
 
 
+def test_intervals_of_a_known_curve_are_those_of_linear_least_squares(problem, cloud, monkeypatch):
+    """The covariance is noise^2 (J^T J)^-1; here J is given."""
+    J = np.array([[1.0, 2.0], [0.5, -1.0], [3.0, 0.1]])
+    monkeypatch.setattr(DesignProblem, "path", lambda self, parameters, cloud: parameters["semi_axes"])
+    deviations, covariance = intervals(problem, {"semi_axes": [2.4, 1.6]}, lambda axes: jnp.asarray(J) @ axes, 0.1, cloud=cloud)
+    expected = 0.01 * np.linalg.inv(J.T @ J)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-12)
+    np.testing.assert_allclose(deviations["semi_axes"], np.sqrt(np.diag(expected)), rtol=1e-12)
+
+
+@pytest.mark.slow
 def test_intervals_are_those_of_linear_least_squares(problem, cloud):
     """The covariance is noise^2 (J^T J)^-1 with J from differences of the re-solved curve."""
     deviations, covariance = intervals(problem, {"semi_axes": [2.4, 1.6]}, jaxgel.core_rotation, 0.1, cloud=cloud)
