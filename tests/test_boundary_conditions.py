@@ -109,6 +109,7 @@ def test_column_under_its_weight_has_the_closed_form_of_its_height():
     np.testing.assert_allclose(free - top, settlement, rtol=0.006)
 
 
+@pytest.mark.slow
 def test_periodic_cell_with_mirror_symmetry_is_the_cell_between_rollers():
     """One round hole: the periodic state has the mirror symmetry that rollers impose, node by node and to round-off."""
     sizes = dict(spacing=0.2, nodes_per_hole=20)

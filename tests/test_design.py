@@ -118,6 +118,13 @@ def test_identification_knows_its_curve():
     assert float(study.problem.objective(path)) ** 0.5 == pytest.approx(loaded.NOISE, rel=0.5)
 
 
+def test_onset_study_moves_the_circles_alike(cloud_of):
+    holes = module("onset").placed(cloud_of("sample-4"), jnp.array([4.0, 5.0])).cloud.plate.holes
+    assert [float(hole.radius) for hole in holes] == [4.0] * 4
+    assert {tuple(np.asarray(hole.centre).tolist()) for hole in holes} == {(x, y) for x in (-5.0, 5.0) for y in (-5.0, 5.0)}
+
+
+@pytest.mark.slow
 def test_onset_study_places_the_bifurcation(cloud_of):
     """Sample 4 with 313 nodes is to buckle at mu = -1.62 instead of -1.641: stable 1e-5 below, unstable as much above."""
     onset, cloud = module("onset"), cloud_of("sample-4")

@@ -90,8 +90,16 @@ def test_energy_below_the_dry_volume_is_nan_and_says_so(fixture, request):
 # --- the condensed tangent ---------------------------------------------------------------------------------------------------
 
 
-@each_method
-@each_network
+@pytest.mark.parametrize(
+    ("fixture", "gel"),
+    [
+        ("tiny_model", Gel()),
+        ("tiny_displacement_model", Gel(network=Gent(30.0))),
+        pytest.param("tiny_model", Gel(network=Gent(30.0)), marks=pytest.mark.slow),
+        pytest.param("tiny_displacement_model", Gel(), marks=pytest.mark.slow),
+    ],
+    ids=["default-mixed", "gent-displacement", "gent-mixed", "default-displacement"],
+)
 def test_tangent_is_the_hessian_of_the_energy_at_a_converged_state(fixture, gel, request):
     model, mu = request.getfixturevalue(fixture), -1.8
     problem = prepare(model, gel)
