@@ -55,6 +55,20 @@ def round_off(path):
     return 4 * np.finfo(float).eps * factor.norm / abs(softest)
 
 
+def test_slope_by_chi_on_the_buckled_branch_is_the_difference(buckling_model):
+    gel = buckling_model.cloud.plate.gel
+
+    def turned(chi):
+        path = jaxgel.sweep(buckling_model, jaxgel.Gel(gel.Nv, chi), mu=[-1.9, -1.4])
+        return jaxgel.core_rotation(path)[-1] ** 2  # either side will do
+
+    value, slope = jax.jvp(turned, (0.01,), (1.0,))
+    assert value > 1  # it has buckled
+    difference = (turned(0.01 + 1e-5) - turned(0.01 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(slope, difference, rtol=1e-6)
+
+
+@pytest.mark.slow
 def test_slopes_on_the_buckled_branch_are_differences(cloud_of):
     """Along everything that the design and the gel have, at once."""
     objectives = Objectives("sample-4", cloud_of("sample-4"))

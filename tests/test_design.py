@@ -108,6 +108,7 @@ def test_a_tiny_form_of_the_study_gives_its_number(name, mu, quantity, expected,
     assert not np.any(path.negative_pivots)
 
 
+@pytest.mark.slow
 def test_identification_knows_its_curve():
     """The curve of the file is the truth's on a finer cloud: at the truth the study's misfit is near the noise."""
     loaded = module("identification")
