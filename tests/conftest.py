@@ -41,7 +41,7 @@ def pytest_xdist_auto_num_workers(config):
 
 
 def pytest_collection_finish():
-    """Python's collector leaves alone what was imported, and comes less often: tracing makes many objects, a tenth of all time was its."""
+    """Python's collector leaves alone what was imported, and comes less often: tracing makes many objects."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)

@@ -114,7 +114,6 @@ def test_column_under_its_weight_has_the_closed_form_of_its_height():
     np.testing.assert_allclose(free - top, settlement, rtol=0.006)
 
 
-@pytest.mark.slow
 def test_periodic_cell_with_mirror_symmetry_is_the_cell_between_rollers():
     """One round hole: the periodic state has the mirror symmetry that rollers impose, node by node and to round-off."""
     sizes = dict(spacing=0.2, nodes_per_hole=20)
@@ -135,7 +134,6 @@ def test_sheared_cell_keeps_its_period_and_its_mean_deformation():
     assert np.abs(path.x[0] - X @ F.T).max() > 0.01  # the fluctuation that periodicity leaves free
 
 
-@pytest.mark.slow
 def test_two_by_two_cell_buckles_before_the_unit_cell_as_the_infinite_lattice_does():
     """The checkerboard of the lattice, with the core rotation and energy of finite elements at mu = -1.9678."""
     known = FINITE_ELEMENTS["lattice"]["buckled"]

@@ -230,7 +230,6 @@ def test_an_energy_that_cannot_be_used_is_one_line(section, message, with_energy
     assert "\n" not in str(problem.value)
 
 
-@pytest.mark.slow
 def test_a_run_with_an_energy_is_read_back_where_its_module_is(with_energy, tmp_path, monkeypatch, capsys):
     file = with_energy('energy = "mine:gent"\nJm = 20.0')
     assert cli.main(["run", file, "--no-plots", "--quiet", "--out", str(tmp_path / "run")]) == 0

@@ -68,8 +68,7 @@ def test_holes_lose_the_area_that_the_gel_gains(sample_1):
     np.testing.assert_allclose(jaxgel.area_reduction(sample_1), (mean - 1) * (1 - phi) / phi, rtol=5e-4)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["sample-4", "sample-7"])
+@pytest.mark.parametrize("name", ["sample-4", pytest.param("sample-7", marks=pytest.mark.slow)])
 def test_symmetric_branches_lose_the_area_of_finite_elements(name):
     """Sample 4 by finite elements; sample 7 has the same hole area, and the loss is a matter of area alone."""
     plate = jaxgel.sample(name)
@@ -80,7 +79,6 @@ def test_symmetric_branches_lose_the_area_of_finite_elements(name):
     np.testing.assert_allclose(jaxgel.core_rotation(path), 0.0, atol=0.02)
 
 
-@pytest.mark.slow
 def test_the_papers_scheme_locks():
     """J at every Gauss point with the linear basis: 0.3 degrees where the gel turns by 14, with the same loss of area."""
     plate = jaxgel.sample("sample-1")

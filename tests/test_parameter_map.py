@@ -264,7 +264,6 @@ def killed_in_mid_run(folder, pid_of):
     return thread, done
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
 def test_a_killed_worker_loses_no_point(tmp_path, expected):
     thread, killed = killed_in_mid_run(tmp_path / "out", lambda: multiprocessing.active_children()[0].pid)
