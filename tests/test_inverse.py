@@ -178,15 +178,15 @@ def test_ligament_gradients_are_those_of_differences(plate):
     np.testing.assert_allclose(slopes, differences, atol=1e-8)  # round-off over the step
 
 
-@pytest.fixture(scope="module", params=[2, pytest.param(4, marks=pytest.mark.slow)])
-def judged(plate, cloud, request):
+@pytest.fixture(scope="module")
+def judged(plate, cloud):
     """Constraints on a path as a function of the semi-axes."""
     limits = [
         objectives.limit("gap", above=0.1),
         objectives.limit("surface_ratio", below=2.4),
         objectives.limit("core_rotation", within=1.0),
         objectives.limit("area_reduction", below=0.5, at=MU[1]),
-    ][: request.param]
+    ]
 
     def values(axes):
         model = jaxgel.discretise(cloud.at(plate.at([{"semi_axes": axes}])))
