@@ -6,8 +6,9 @@ against locking. Importing it switches JAX to 64-bit numbers, and XLA to what co
 
 import os
 
-from .versions import quick_flags
+from .versions import quick_flags, warn_of_flags
 
+warn_of_flags(os.environ.get("XLA_FLAGS", ""))
 for flag in quick_flags():
     if flag.split("=")[0] not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()

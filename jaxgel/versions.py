@@ -1,5 +1,6 @@
 """The releases of jaxlib: those that jaxgel does not run on, and how programs compile fastest."""
 
+import warnings
 from importlib.metadata import version
 
 REFUSED = {
@@ -15,6 +16,13 @@ def check_jaxlib(found=None):
     if found in REFUSED:
         excluded = ",".join(f"!={bad}" for bad in REFUSED)
         raise ValueError(f"jaxlib: {found} {REFUSED[found]}; pip install 'jax>=0.10.1,{excluded},<0.13' 'jaxlib>=0.10.1,{excluded},<0.13'")
+
+
+def warn_of_flags(flags):
+    """Warn (RuntimeWarning) where XLA's ``flags``, a str, are known to make it compute wrongly."""
+    if "--xla_backend_optimization_level=0" in flags.split():
+        text = "XLA_FLAGS: --xla_backend_optimization_level=0 makes XLA compute wrongly; 1, 2 and 3 do not"
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
 def quick_flags(found=None):

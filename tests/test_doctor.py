@@ -98,3 +98,10 @@ def test_only_known_flags_are_given_to_xla():
     assert fusion not in versions.quick_flags("0.11.2") + versions.quick_flags("0.12.0.1")
     assert versions.few_parts("0.10.1")
     assert not versions.few_parts("0.12.0.1")
+
+
+def test_flags_that_make_xla_compute_wrongly_are_warned_of():
+    """At level 0 the audit finds the paper's stress wrong, and sweeps fail: the flag may come from a user's environment."""
+    with pytest.warns(RuntimeWarning, match="optimization_level=0 makes XLA compute wrongly"):
+        versions.warn_of_flags("--other=1 --xla_backend_optimization_level=0")
+    versions.warn_of_flags("--xla_backend_optimization_level=1")
