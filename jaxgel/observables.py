@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
+from scipy.spatial.distance import cdist
 
 from .cloud import OUTLINE_SEGMENTS
 from .contact import outline_loops
@@ -331,7 +332,7 @@ def _node_mean(model):
 
 
 def _near_pairs(loop, distance):
-    return np.linalg.norm(loop[:, None] - loop[None], axis=2) < distance
+    return cdist(loop, loop) < distance
 
 
 def _gap(loop, near):
@@ -341,8 +342,7 @@ def _gap(loop, near):
     tangent = np.roll(loop, -1, axis=0) - np.roll(loop, 1, axis=0)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    between = loop[None] - loop[:, None]
-    distance = np.linalg.norm(between, axis=2)
-    leaving = np.einsum("ijk,ik->ij", between, normal) > 0.5 * distance
+    distance, height = cdist(loop, loop), normal @ loop.T  # over the tangent at each point, from the origin
+    leaving = height - np.diagonal(height)[:, None] > 0.5 * distance
     facing = leaving & leaving.T & ~near
     return float(distance[facing].min(initial=np.inf))
