@@ -24,6 +24,8 @@ TOLERANCE = 1e-10  # of the residual, relative to the forces of the network
 CONSTRAINT_TOLERANCE = 1e-11  # of J - J*(p), see ``mixed.linearise``
 FINE = 50  # spacings across the plate up to which round-off leaves less than a fifth of that; it grows with their number
 SLOW = 0.1  # a step that leaves more than this of the imbalance makes a new factor worth its cost
+LARGEST_RISE = 3.0  # of the imbalance in an iteration with contact: more is a pair of points thrown deep into each other, again and again
+MAX_HALVINGS = 6  # of such a correction
 
 
 class Status(enum.IntEnum):
@@ -205,7 +207,7 @@ def _newton(problem, mu, x, pressure, *, fresh):
             return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept, linearisation=now)
         if iterations == MAX_ITERATIONS:
             return Equilibrium(x, pressure, Status.NOT_CONVERGED, iterations, size, kept)
-        imbalance = max(size / TOLERANCE, constraint / CONSTRAINT_TOLERANCE)
+        imbalance = _imbalance(measures)
         try:
             if fresh or kept is None or imbalance > SLOW * before:
                 basis, kept = now, None  # the memory of the last factor is wanted
@@ -214,8 +216,24 @@ def _newton(problem, mu, x, pressure, *, fresh):
             correction, _ = kept.solve(np.asarray(rhs), refine=False)
         except SingularTangent:
             return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, kept)
-        x, pressure, now, measures = _advance(x, pressure, correction, now, basis, *args, problem.free)
+        x, pressure, now, measures = _advanced(problem, x, pressure, correction, now, basis, imbalance, args)
         iterations, before = iterations + 1, imbalance
+
+
+def _imbalance(measures):
+    """The measures of `linearised` over their tolerances, the larger one."""
+    return max(float(measures[0]) / TOLERANCE, float(measures[1]) / CONSTRAINT_TOLERANCE)
+
+
+def _advanced(problem, x, pressure, correction, now, basis, imbalance, args):
+    """``_advance`` by the whole correction, or where contact then multiplies the ``imbalance``, by half of it and so on."""
+    whole = x, pressure, correction, now, basis, *args, problem.free
+    found = _advance(*whole, 1.0)
+    for halvings in range(1, MAX_HALVINGS + 1 if problem.apart is not None else 0):
+        if _imbalance(found[3]) < max(LARGEST_RISE * imbalance, 1.0):
+            break
+        found = _advance(*whole, 0.5**halvings)
+    return found
 
 
 def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
@@ -242,7 +260,7 @@ def solve_pinned(problem, mu, x, pressure, mode, origin, amplitude):
         except SingularTangent:
             return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None), force
         more = (miss - mode @ both[:, 0]) / (mode @ both[:, 1])
-        x, pressure, now, measures = _advance(x, pressure, both[:, 0] + more * both[:, 1], now, now, *args, free)
+        x, pressure, now, measures = _advance(x, pressure, both[:, 0] + more * both[:, 1], now, now, *args, free, 1.0)
         force += more
     return Equilibrium(x, pressure, Status.NOT_CONVERGED, MAX_ITERATIONS, size, None), force
 
@@ -272,10 +290,10 @@ tangent_at = jax.jit(tangent)
 
 
 @jax.jit
-def _advance(x, p, correction, now, basis, model, gel, mu, loads, fixed, free):
-    """Positions and pressures after a correction (f,) of the free degrees of freedom, linearised there."""
+def _advance(x, p, correction, now, basis, model, gel, mu, loads, fixed, free, share):
+    """Positions and pressures after a ``share`` of a correction (f,) of the free degrees of freedom, linearised there."""
     dx = spread(correction, x.shape, free)
-    share = step_limit(x, dx, model) if model.contact is not None else 1.0
+    share = share * step_limit(x, dx, model) if model.contact is not None else share
     x, p = x + share * dx, p + share * pressure_step(dx, now, basis, model)
     return x, p, *linearised(x, p, model, gel, mu, loads, fixed, free)
 
@@ -299,7 +317,7 @@ def solve_traced(model, gel, mu, loads, x, pressure):
         shapes = (jax.ShapeDtypeStruct(free.shape[:1], x.dtype), jax.ShapeDtypeStruct((), int))
         system = tangent(x, p, now, model, gel, fixed), free_rhs(now, now, model, free)
         correction, negative = jax.pure_callback(functools.partial(_host_step, pattern), shapes, *system, vmap_method="sequential")
-        return *_advance(x, p, correction, now, now, *args), iterations + 1, negative
+        return *_advance(x, p, correction, now, now, *args, 1.0), iterations + 1, negative
 
     state = (x, pressure, *linearised(x, pressure, *args), jnp.asarray(0), jnp.asarray(0))
     x, p, _, (size, constraint, _), iterations, negative = jax.lax.while_loop(going, step, state)

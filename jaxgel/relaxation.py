@@ -35,7 +35,7 @@ def relax(problem, mu, x, pressure):
             correction, _ = kept.solve(np.asarray(equilibrium.free_rhs(now, now, problem.model, args[-1])), refine=False)
         except SingularTangent:
             return equilibrium.Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None)
-        x, pressure, now, measures = equilibrium._advance(x, pressure, correction, now, now, *args)
+        x, pressure, now, measures = equilibrium._advance(x, pressure, correction, now, now, *args, 1.0)
         iterations, before, size = iterations + 1, size, float(measures[0])
         damping *= np.clip(size / before, 0.2, 0.9)  # switched evolution relaxation, biased to longer steps
     status = Status.NOT_CONVERGED if np.isfinite(size) else Status.NOT_FINITE
