@@ -17,8 +17,8 @@ from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 
 from . import constraints
-from .constraints import reduced, spread
-from .energy import residual
+from .constraints import picked, reduced, spread
+from .energy import deformation_gradients, residual
 from .equilibrium import linearised, tangent_at
 from .linear_solve import solve_near
 from .mixed import constants, state_pressure
@@ -45,19 +45,37 @@ def state_tangents(x, inputs, inputs_dot, pattern):
 
 @functools.partial(jax.jit, static_argnames="pattern")
 def _imbalances(x, inputs, inputs_dot, pattern):
-    """Motion (n, 2) of the dry nodes that the states are carried with, and -dr (k, f) left by it and the tangents of the inputs."""
+    """Motions (k, n, 2) that the states are carried with, and -dr (k, f) left by them and the tangents of the inputs.
+
+    Nodes are carried by F times the motion of the dry ones, which leaves the volume ratios nearly as they are: what these change by is
+    multiplied by the bulk stiffness, and its round-off by that over the stiffness of the softest mode.
+    """
     model, gel, mu, loads = inputs
     model_dot, gel_dot, mu_dot, loads_dot = inputs_dot
     moved = jax.jvp(lambda cloud: cloud.nodes, (model.cloud,), (model_dot.cloud,))[1]
-    carried = constraints.carried(moved, model.lists.topology.plate, pattern.free)
+    prescribed = constraints.carried(moved, model.lists.topology.plate, pattern.free)
+    at_nodes = jax.lax.stop_gradient(_over_states(lambda state: _nodal_gradients(state[0], model), (x,), model))
+    along = jnp.einsum("knij,nj->kni", at_nodes, moved)
+    carried = prescribed + jax.vmap(lambda field: spread(picked(field, pattern.free), field.shape, pattern.free))(along)
 
     @jax.checkpoint  # reverse: nothing is computed before the adjoint is known
     def imbalance(state):
-        x, mu, mu_dot = state
+        x, mu, mu_dot, carried = state
         change = jax.jvp(residual, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1]
         return reduced(change, pattern.free)
 
-    return carried, -_over_states(imbalance, (x, mu, mu_dot), model)
+    return carried, -_over_states(imbalance, (x, mu, mu_dot, carried), model)
+
+
+def _nodal_gradients(x, model):
+    """Deformation gradients (n, 2, 2) at the nodes: means of those of the cells that list them, by volume."""
+    total, share = jnp.zeros((*x.shape, 2)), jnp.zeros(len(x))
+    for block in model.blocks:
+        whole = jnp.einsum("cq,cqij->cij", block.weight, deformation_gradients(x, block))
+        real = jnp.any(block.dphi != 0, axis=(1, 3))
+        total = total.at[block.nodes].add(jnp.where(real[..., None, None], whole[:, None], 0.0))
+        share = share.at[block.nodes].add(jnp.where(real, jnp.sum(block.weight, axis=1)[:, None], 0.0))
+    return total / jnp.where(share > 0, share, 1.0)[:, None, None]
 
 
 @functools.partial(jax.jit, static_argnames="pattern")
@@ -75,8 +93,8 @@ def _free_products(v, x, inputs, pattern):
 
 @functools.partial(jax.jit, static_argnames="pattern")
 def _moved(carried, correction, pattern):
-    """Nodal motions (k, n, 2): the one (n, 2) of the dry nodes and the corrections (k, f) of the free degrees of freedom."""
-    return carried + jax.vmap(lambda dx: spread(dx, carried.shape, pattern.free))(correction)
+    """Nodal motions (k, n, 2): those carried and the corrections (k, f) of the free degrees of freedom."""
+    return carried + jax.vmap(lambda dx: spread(dx, carried.shape[1:], pattern.free))(correction)
 
 
 def no_tangent(values):
