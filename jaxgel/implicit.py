@@ -48,7 +48,8 @@ def _imbalances(x, inputs, inputs_dot, pattern):
     """Motions (k, n, 2) that the states are carried with, and -dr (k, f) left by them and the tangents of the inputs.
 
     Nodes are carried by F times the motion of the dry ones, which leaves the volume ratios nearly as they are: what these change by is
-    multiplied by the bulk stiffness, and its round-off by that over the stiffness of the softest mode.
+    multiplied by the bulk stiffness, and its round-off by that over the stiffness of the softest mode. F itself needs no derivative: the
+    tangents of the states do not depend on what carries them.
     """
     model, gel, mu, loads = inputs
     model_dot, gel_dot, mu_dot, loads_dot = inputs_dot
