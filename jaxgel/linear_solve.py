@@ -14,6 +14,7 @@ import contextlib
 import copy
 import dataclasses
 import functools
+import threading
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,6 +31,7 @@ ONE_THREAD = 20_000  # unknowns up to which BLAS uses one thread: several fight 
 SOLVERS = ("auto", "direct", "iterative")
 LARGE_BYTES = 2**31  # of a factor in double precision, above which "auto" is "iterative": 1.3e5 nodes of sample 1
 COLUMNS = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
+SAMPLED = 4096  # entries, about, by which tangents are compared
 NEARNESS = 1e-2  # largest relative difference of two tangents of which one's factor refines the other's solutions
 
 
@@ -138,6 +140,11 @@ class Factor:
             raise SingularTangent(f"the linear solve left a backward error of {error:.1e}")
         return solution, error
 
+    @functools.cached_property
+    def sample(self):
+        """Some entries of the matrix."""
+        return _sample(self.matrix)
+
     @property
     def size(self):
         """Bytes it fills: the fronts and the matrix."""
@@ -218,11 +225,13 @@ def factor(pattern, pairs):
 
 def remember(made):
     """Keep a ``Factor`` for `solve_near`; the oldest ones are forgotten where they fill too much memory together."""
-    _remembered.append(made)
-    while len(_remembered) > 1 and sum(kept.size for kept in _remembered) > REMEMBERED_BYTES:
-        _remembered.popleft()
+    with _remembering:
+        _remembered.append(made)
+        while len(_remembered) > 1 and sum(kept.size for kept in _remembered) > REMEMBERED_BYTES:
+            _remembered.popleft()
 
 
+_remembering = threading.Lock()
 _remembered = collections.deque()  # the latest factors, newest last; not kept by the patterns, which compiled programs keep alive
 
 
@@ -250,13 +259,14 @@ def solve_near(pattern, pairs, rhs):
 
 def _nearest(pattern, matrix):
     """The remembered factor whose tangent differs least from ``matrix``, or None; judged by a sample of the entries."""
-    sample = slice(None, None, max(1, matrix.nnz // 4096))
-    wanted = matrix.data[sample]
-    scale = np.linalg.norm(wanted)
-    known = [made for made in _remembered if made.pattern is pattern]
-    distance = [np.linalg.norm(made.matrix.data[sample] - wanted) for made in known]
+    wanted, known = _sample(matrix), [made for made in list(_remembered) if made.pattern is pattern]
+    distance = [np.linalg.norm(made.sample - wanted) for made in known]
     best = int(np.argmin(distance)) if distance else -1
-    return known[best] if best >= 0 and distance[best] < NEARNESS * scale else None
+    return known[best] if best >= 0 and distance[best] < NEARNESS * np.linalg.norm(wanted) else None
+
+
+def _sample(matrix):
+    return matrix.data[:: max(1, matrix.nnz // SAMPLED)].copy()
 
 
 def few_threads(unknowns):
