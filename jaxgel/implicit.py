@@ -25,7 +25,8 @@ from .linear_solve import ONE_THREAD, few_threads, solve_near
 from .mixed import constants, state_pressure
 from .workers import usable_cores
 
-TOGETHER_BYTES = 2**28  # positions gathered cell by cell of the states that are differentiated together
+TOGETHER = 8  # states that are differentiated together: per cell that is one product of small matrices, and more leave the cache
+TOGETHER_BYTES = 2**28  # most that their positions gathered cell by cell may fill
 
 
 def state_tangents(x, inputs, inputs_dot, pattern):
@@ -130,9 +131,9 @@ def _known_jvp(function, primals, tangents):
 
 
 def _over_states(function, states, model):
-    """``function`` of each state, for as many of them at once as memory allows: per cell that is one product of small matrices."""
+    """``function`` of each state, for several of them at once."""
     one = 16 * sum(block.nodes.size for block in model.blocks)
-    return lax.map(function, states, batch_size=min(len(states[0]), max(1, TOGETHER_BYTES // one)))
+    return lax.map(function, states, batch_size=min(len(states[0]), TOGETHER, max(1, TOGETHER_BYTES // one)))
 
 
 # --- linear solves: outside jit by one compiled assembly per state, inside by a callback ---------------------------------------
