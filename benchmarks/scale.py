@@ -5,7 +5,8 @@
 Every size runs in a process of its own. Prints and writes scale.json beside this file: seconds of the setup (cloud, discretisation,
 constants and pattern), of the parts of a Newton step (medians of three: linearisation, tangent, factor, solve), of a sweep to two states
 with contact, of compilation, which the others leave out, the GiB of the factor, and the peak memory of the process after the step and
-after the sweep; below each column its exponent among the larger sizes. A process that takes more than ``--limit`` GiB is stopped, and
+after the sweep; below each column its exponent among the larger sizes, and that of the pairs of nodes that share a cell, which
+assembly adds up: a node has the more of them the fewer lie near an edge. A process that takes more than ``--limit`` GiB is stopped, and
 the table says so.
 
 1e5 nodes, one thread of a busy machine: setup 41 s, a Newton step 12 s (assembly 1.5 s, factor 9.5 s) in 4.4 GiB, the sweep in 5.0 GiB.
@@ -60,9 +61,10 @@ def main():
         times = " ".join(f"{row[name]:9.3f}s" for name in COLUMNS)
         memory = f"{row['factor_gib']:7.2f} {row['step_gib']:7.2f} {row['peak_gib']:8.2f}"
         print(f"{row['nodes']:7d} {row['dofs']:7d} {times} {row['newton']:6d} {memory} {row['load']:5.1f}", flush=True)
-    exponents = {name: exponent(rows, name) for name in (*COLUMNS, *MEMORY)}
+    exponents = {name: exponent(rows, name) for name in (*COLUMNS, *MEMORY, "pairs")}
     memory = f"{exponents['factor_gib']:7.2f} {exponents['step_gib']:7.2f} {exponents['peak_gib']:8.2f}"
     print(f"{'exponent':>15}", *(f"{exponents[name]:10.2f}" for name in COLUMNS), f"{'':6} {memory}")
+    print(f"exponent of the pairs of nodes {exponents['pairs']:.2f}")
     machine = {"cores": os.cpu_count(), "processor": platform.machine(), "python": platform.python_version(), "threads": options.threads}
     options.out.write_text(json.dumps({"machine": machine, "rows": rows, "exponents": exponents}, indent=1) + "\n")
 
@@ -146,6 +148,7 @@ def child(wanted, threads, solver):
     row = {name: statistics.median(values[1:] or values) for name, values in seconds.items()}
     unit = 2**30 if sys.platform == "darwin" else 2**20
     factor_gib, step_gib, cells = made.size / 2**30, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, model.n_cells
+    n_pairs = len(pairs)
     made = pairs = now = problem = args = None  # their memory is that of one step, not of the sweep
     begin, before = time.perf_counter(), compiled[0]
     path = jaxgel.sweep(model, plate.gel, mu=list(MU))
@@ -157,6 +160,7 @@ def child(wanted, threads, solver):
         "nodes": model.n_nodes,
         "dofs": len(free),
         "cells": cells,
+        "pairs": n_pairs,
         "compile": compiled[0],
         "factor_gib": factor_gib,
         "step_gib": step_gib,
