@@ -165,7 +165,7 @@ def _draw_modes(model, points, folder):
 
 def check_grad(args):
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
-    from .check_gradient import STATES, check_gradient, failures, write_table
+    from .check_gradient import OBJECTIVES, STATES, check_gradient, failures, write_table
 
     case = cases.load_case(args.case, _changes(args))
     folder = open_folder(args.out or File("out") / case.name)
@@ -180,6 +180,9 @@ def check_grad(args):
     for row in rows:
         remainders = " ".join(f"{r:9.2e}" for r in row.remainders)
         say(f"{row.objective:<15} {row.family:<10} {row.slope:10.3e}  {remainders:<50} {row.rate:6.3f}")
+    left_out = [name for name in OBJECTIVES if name not in {row.objective for row in rows}]
+    if left_out:
+        say(f"left out, without a value or a derivative at the last state: {', '.join(left_out)}")
     failed = failures(rows)
     if failed:
         named = ", ".join(f"{objective} by {family}" for objective, family in failed)

@@ -13,6 +13,7 @@ from .probe import NEIGHBOURS, in_plane
 from .shape_functions import shape_functions
 
 ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
+FLAT = 1e-9  # height over length up to which round-off chooses the extrema
 EXTREMA = 16  # that are found together, or a multiple
 
 
@@ -20,6 +21,17 @@ def angle_of_extrema(x, model):
     """Angle (k,) to the x axis, degrees, of the line through the midline's highest and lowest point in each state of ``x`` (k, n, 2)."""
     kind = "imls" if model.kind == "iicvmls" else model.kind  # its real twin
     return _angle_between(_extrema(*_next_to_extrema(x, model), basis=model.basis, kind=kind), len(x))
+
+
+@jax.jit
+def is_flat(x, model):
+    """Whether (k,) the midline is level, to ``FLAT`` of its length, in each state of ``x`` (k, n, 2)."""
+
+    def one(x):
+        line = model.midline.position(x)
+        return jnp.ptp(line[:, 1]) < FLAT * jnp.ptp(line[:, 0])
+
+    return jax.vmap(one)(x)
 
 
 @jax.jit

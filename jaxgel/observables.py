@@ -27,7 +27,8 @@ def rotation_angle(path):
     """Rotation of the midline (k,), degrees: the angle to the x axis of the line through its highest and its lowest point.
 
     The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the interpolated line, not of
-    samples, so the angle is a smooth function of the state until another extremum takes over.
+    samples, so the angle is a smooth function of the state until another extremum takes over. A level midline, such as that of the
+    symmetric states of samples 4 and 7 and of the lattice, turns by 0 and has no derivative: differentiate ``core_rotation`` there.
     """
     return angle_of_extrema(jnp.asarray(path.x), path.model)
 

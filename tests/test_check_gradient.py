@@ -7,9 +7,10 @@ import jax
 import numpy as np
 import pytest
 
+import jaxgel
 from jaxgel import cli
 from jaxgel.cases import from_table
-from jaxgel.check_gradient import FILE, OBJECTIVES, RATE, check_gradient, failures
+from jaxgel.check_gradient import FILE, OBJECTIVES, RATE, check_gradient, differentiable, failures
 
 HOLE = dict(kind="ellipse", centre=[0.3, -0.2], semi_axes=[2.4, 1.6], angle=0.4)
 TABLE = dict(
@@ -70,6 +71,14 @@ def test_an_objective_without_a_value_is_left_out(rows):
     assert {row.objective for row in rows} == set(OBJECTIVES) - {"core rotation"}
 
 
+def test_the_rotation_of_a_level_midline_is_left_out(square_model, coarse_path):
+    """Round-off chooses the highest point of a level line: its angle is 0 and has no derivative."""
+    level = jaxgel.sweep(square_model, jaxgel.sample("square").gel, mu=[-2.0])
+    assert abs(jaxgel.rotation_angle(level)[0]) < 1e-9
+    assert differentiable(level) == ("core rotation",)  # a plate without holes has no area to lose
+    assert differentiable(coarse_path) == tuple(OBJECTIVES)
+
+
 def test_a_wrong_gradient_is_found(case, monkeypatch):
     """The area reduction with a derivative that is off by 1 %: its remainders fall as h."""
     true = OBJECTIVES["area reduction"]
@@ -104,7 +113,8 @@ def test_the_command_prints_and_writes_the_table(tmp_path, capsys, monkeypatch, 
     assert cli.main(["check-grad", str(tmp_path / "small.toml"), "--states", "2", "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out.splitlines()
     written = list(csv.DictReader((tmp_path / "out" / FILE).read_text().splitlines()))
-    assert len(written) == len(rows) == len(printed) - 1
+    assert len(written) == len(rows) == len(printed) - 2
+    assert printed[-1] == "left out, without a value or a derivative at the last state: core rotation"
     assert float(written[0]["remainder at h = 1"]) == rows[0].remainders[0]
 
     monkeypatch.setattr(module, "failures", lambda _: [("rotation", "centre")])
