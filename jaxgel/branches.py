@@ -15,7 +15,7 @@ from .equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, Equilibrium, Status, f
 from .linear_solve import SingularTangent, factor
 from .mixed import pressure_step, state_pressure
 from .path import Path, Step
-from .stability import lowest_modes, network_stiffness
+from .stability import lowest_modes, nearby_modes, network_stiffness
 
 FIRST_AMPLITUDE = 0.05  # of the spacing: largest displacement along the mode of the first state of a new branch
 MAX_STATES = 200
@@ -129,7 +129,10 @@ def _ended(problem, steps, stop):
 
 def _step(problem, mu, state, steps):
     """``Step`` of a state with a factor of its own tangent."""
-    modes, state = lowest_modes(problem, network_stiffness(problem), state, mu, steps[-1].modes if steps else None)
+    stiffness = network_stiffness(problem)
+    modes, start = nearby_modes(problem, stiffness, state, mu, steps[-1].modes if steps else None)
+    if modes is None:
+        modes, state = lowest_modes(problem, stiffness, state, mu, start)
     return Step.at(problem, mu, state, modes)
 
 

@@ -76,30 +76,45 @@ def lowest_mode(factor, stiffness):
 
 
 def lowest_modes(problem, stiffness, state, mu, start=None, *, accuracy=ACCURACY):
-    """``Modes`` of an ``Equilibrium`` at ``mu``, and that state, with a factor of its own tangent where one had to be made.
+    """``Modes`` of an ``Equilibrium`` at ``mu``, and that state with a factor of its own tangent.
 
-    ``stiffness`` is ``network_stiffness(problem)``; ``start`` (f, m) are modes of a nearby state. On them the factor of a nearby tangent
-    will do as long as they converge and fewer than all are unstable, by its pivots and by their eigenvalues alike, which are Rayleigh
-    quotients of the state's own tangent. Davidson's iteration.
+    ``stiffness`` is ``network_stiffness(problem)``; ``start`` (f, m) are modes of a nearby state. Davidson's iteration.
     """
-    given, pivots = start is not None, getattr(state.factor, "negative_pivots", -1)
-    nearby = given and 0 <= pivots < TRACKED
-    if not nearby:
-        state = with_own_factor(problem, mu, state)
-        pivots = state.factor.negative_pivots
-    followed, weights = _iterated(state.factor, stiffness, start if given else _lowest_of_factor(state.factor, stiffness))
-    if not nearby:  # they are unknown, or changed much
-        followed, weights = _iterated(state.factor, stiffness, followed)
-    m = pivots + 1 if nearby else TRACKED
+    state = with_own_factor(problem, mu, state)
+    if start is not None:
+        modes = _modes_from(start, problem, stiffness, state, mu, accuracy)
+        if int(np.sum(modes.eigenvalues < 0)) == min(modes.negative, TRACKED):
+            return modes, state  # otherwise an unstable mode is none of those that were followed
+    return _modes_from(_lowest_of_factor(state.factor, stiffness), problem, stiffness, state, mu, accuracy), state
+
+
+def _modes_from(start, problem, stiffness, state, mu, accuracy):
+    """``Modes`` of a state by its own factor, from the vectors ``start`` (f, m)."""
+    followed, _ = _iterated(state.factor, stiffness, start)
+    followed, weights = _iterated(state.factor, stiffness, followed)  # they were unknown, or have changed much
+    lowest = followed[:, :TRACKED], weights[:, :TRACKED]
+    eigenvalues, vectors, _ = _davidson(acting(problem, state), stiffness, state, mu, *lowest, accuracy, own=True)
+    return Modes(eigenvalues, np.concatenate([vectors, followed[:, TRACKED:]], axis=1), state.factor.negative_pivots)
+
+
+def nearby_modes(problem, stiffness, state, mu, start, *, accuracy=ACCURACY):
+    """``Modes`` by the factor of a nearby tangent that the solution of a state left, from those ``start`` (f, m) of a nearby state.
+
+    It will do as long as they converge and fewer than all are unstable, by its pivots and by their eigenvalues alike, which are Rayleigh
+    quotients of the state's own tangent. Where it will not, or without ``start``, None; and in either case modes from which
+    `lowest_modes` is to start, or None.
+    """
+    pivots = getattr(state.factor, "negative_pivots", -1)
+    if start is None or not 0 <= pivots < TRACKED:
+        return None, start
+    followed, weights = _iterated(state.factor, stiffness, start)
+    m = pivots + 1
     lowest = followed[:, :m], weights[:, :m]
-    eigenvalues, vectors, converged = _davidson(acting(problem, state), stiffness, state, mu, *lowest, accuracy, own=not nearby)
-    vectors = np.concatenate([vectors, followed[:, m:]], axis=1)
-    known, seen = min(pivots, TRACKED), int(np.sum(eigenvalues < 0))
-    if given and (seen < known or (seen > known and not nearby)):  # an unstable mode is none of those that were followed
-        return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, accuracy=accuracy)
-    if nearby and (seen > known or not converged):
-        return lowest_modes(problem, stiffness, dataclasses.replace(state, factor=None), mu, followed, accuracy=accuracy)
-    return Modes(eigenvalues, vectors, pivots), state
+    eigenvalues, vectors, converged = _davidson(acting(problem, state), stiffness, state, mu, *lowest, accuracy, own=False)
+    vectors, seen = np.concatenate([vectors, followed[:, m:]], axis=1), int(np.sum(eigenvalues < 0))
+    if seen < pivots:
+        return None, None
+    return (Modes(eigenvalues, vectors, pivots), vectors) if converged and seen == pivots else (None, followed)
 
 
 def _iterated(factor, stiffness, start):

@@ -22,7 +22,7 @@ from .material import check_gel
 from .mixed import tangent_pattern
 from .path import Path, Step
 from .relaxation import relax, relax_along
-from .stability import lowest_modes, network_stiffness, stable_state
+from .stability import lowest_modes, nearby_modes, network_stiffness, stable_state
 from .traced import columns, energies_and_pressures, is_traced, scan_states, warn
 from .walls import prepare_walls, wall_step
 
@@ -205,8 +205,10 @@ def _attempt(problem, stiffness, stable, mu, done):
     history = _same_branch(done)
     (found, switched), modes = _reached(problem, stable, mu, history), None
     if found.status.ok:
-        found = found if history else dataclasses.replace(found, factor=None)  # without modes to start from a new one is made
-        modes, found = lowest_modes(problem, stiffness, found, mu, history[-1].modes if history else None)
+        modes, start = nearby_modes(problem, stiffness, found, mu, history[-1].modes if history else None)
+        if modes is None:
+            found = dataclasses.replace(found, factor=None)  # its memory is wanted
+            modes, found = lowest_modes(problem, stiffness, found, mu, start)
         other = _stable(problem, stiffness, mu, found, modes) if stable and modes.negative > 0 else None
         if other is not None:
             found, modes, switched = dataclasses.replace(other[0], iterations=found.iterations + other[0].iterations), other[1], True

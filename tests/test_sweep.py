@@ -1,12 +1,14 @@
 """Facts about sweeps in mu: given and chosen steps, continuation, how they end, and that nothing is compiled twice."""
 
 import contextlib
+import weakref
 
 import jax
 import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel import linear_solve, multifrontal
 from jaxgel.equilibrium import Status, prepare
 from jaxgel.material import Gel, largest_mu
 from jaxgel.path import Step
@@ -187,3 +189,18 @@ def test_prediction_is_exact_on_a_polynomial_and_cautious_after_a_turn(tiny_mode
     np.testing.assert_allclose(pressure, -18.0, rtol=1e-11)
     x, _ = _predict(problem, -2.0, states([1.0, 1.0, 1.0, 1.0, 1.5], at))  # constant, until it turned: so the last state is best
     np.testing.assert_allclose(x, 1.5)
+
+
+def test_one_factor_is_in_memory_at_a_time(coarse_model, monkeypatch):
+    """At 3e5 nodes each fills gigabytes. The modes at the end of so long a step need one of their own."""
+    made, alive = weakref.WeakSet(), []
+
+    def factorise(*args):
+        alive.append(len(made))
+        fronts = multifrontal.factorise(*args)
+        made.add(fronts)
+        return fronts
+
+    monkeypatch.setattr(linear_solve, "factorise", factorise)
+    jaxgel.sweep(coarse_model, coarse_model.cloud.plate.gel, mu=[-4.9678, -4.5])
+    assert len(alive) > 3 and not any(alive)
