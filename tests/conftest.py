@@ -118,6 +118,22 @@ def tiny_displacement_model(tiny_plate):
 
 
 @pytest.fixture(scope="session")
+def tilted_plate():
+    """A plate of 8 x 8 mm with one tilted ellipse: its core turns, and there is no bifurcation in the way.
+
+    Half as large it is the plate of the examples in docs/, which takes the same programs.
+    """
+    hole = jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)
+    return jaxgel.Plate(8, 8, [hole], spacing=1.2, nodes_per_hole=14, core=(3.2, 3.0), gel=jaxgel.Gel(Nv=1e-3, chi=1e-4))
+
+
+@pytest.fixture(scope="session")
+def tilted_cloud(tilted_plate):
+    """The tilted plate with 69 nodes."""
+    return jaxgel.make_cloud(tilted_plate)
+
+
+@pytest.fixture(scope="session")
 def square_model(cloud_of):
     """The paper's unit square with 7 x 7 nodes and the default options."""
     return jaxgel.discretise(cloud_of("square"))

@@ -22,19 +22,19 @@ STEP = 1e-6  # of central differences, mm: below it round-off, above it the kink
 
 
 @pytest.fixture(scope="module")
-def plate():
-    """A plate of 8 x 8 mm with one tilted ellipse: its core turns, and there is no bifurcation in the way."""
-    hole = jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)
-    gel = jaxgel.Gel(Nv=1e-3, chi=1e-4)
-    return jaxgel.Plate(8, 8, [hole], spacing=1.0, nodes_per_hole=16, core=(3.2, 3.0), gel=gel)
+def plate(tilted_plate):
+    return tilted_plate
 
 
 @pytest.fixture(scope="module")
 def cloud(plate, problem):
     """The cloud of the start."""
     start = problem.plate(problem.parameters(problem.vector))
-    key = (None, np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(start)]).tobytes())
-    return MADE.setdefault(key, problem.make_cloud(start))
+    return MADE.setdefault(key_of(start), problem.make_cloud(start))
+
+
+def key_of(plate, spacing=None):
+    return plate.spacing if spacing is None else spacing, np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(plate)]).tobytes()
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def clouds(monkeypatch, plate):
     made, make = MADE, DesignProblem.make_cloud
 
     def remembered(self, plate, spacing=None):
-        key = (spacing, np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(plate)]).tobytes())
+        key = key_of(plate, spacing)
         if key not in made:
             made[key] = make(self, plate, spacing)
         return made[key]
@@ -334,9 +334,10 @@ def test_unusable_options_are_refused(problem, options, message):
 
 
 @pytest.fixture(scope="module")
-def wide(problem):
-    """The problem with bounds that the start's cloud does not serve."""
-    return dataclasses.replace(problem, bounds={"semi_axes": ([1.8, 1.2], [2.8, 2.0])})
+def wide(problem, plate):
+    """The problem on a finer cloud, with bounds that the start's cloud does not serve."""
+    fine = dataclasses.replace(plate, spacing=1.0, nodes_per_hole=16)
+    return dataclasses.replace(problem, plate=lambda p: fine.at([p]), bounds={"semi_axes": ([1.8, 1.2], [2.8, 2.0])})
 
 
 def test_a_new_cloud_is_made_where_the_old_one_is_poor(wide, monkeypatch):
@@ -367,12 +368,14 @@ def test_a_search_goes_on_with_a_new_cloud_where_the_old_one_is_poor(wide):
     np.testing.assert_allclose(after.values[0], before, rtol=1.2e-3)
 
 
-def test_verification_is_on_a_fresh_cloud_and_says_what_is_wrong(problem, plate, monkeypatch):
-    found, path = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=0.9, mu=[-3.0, -2.0])
-    assert found["valid"] and found["nodes"] == path.model.n_nodes and len(path.mu) == 2
+def test_verification_is_on_a_fresh_cloud_and_says_what_is_wrong(problem, plate, cloud, monkeypatch):
+    coarse = dataclasses.replace(plate, spacing=2.4, nodes_per_hole=7)  # of the search; the verification's is that of the other tests
+    problem = dataclasses.replace(problem, plate=lambda p: coarse.at([p]))
+    found, path = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=1.2, mu=[-3.0, -2.0])
+    assert found["valid"] and found["nodes"] == path.model.n_nodes == len(cloud.nodes) and len(path.mu) == 2
     assert set(found["constraints"]) == {"hole_area >= 10", "ligament >= 1"}
     monkeypatch.setattr(search, "min_gap", lambda path: np.zeros(len(path.mu)))
-    found, _ = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=0.9, mu=[-3.0, -2.0])
+    found, _ = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=1.2, mu=[-3.0, -2.0])
     assert not found["valid"] and found["reason"] == "self-contact at mu = -3.0000"
 
 
