@@ -12,8 +12,8 @@ import jaxgel
 from jaxgel import contact
 from jaxgel.constraints import reduced, spread
 from jaxgel.contact import pair_energy, with_contact
-from jaxgel.equilibrium import Equilibrium, Status, overlaps, prepare, touches
-from jaxgel.mixed import constants, contact_pairs, linearise, node_pairs, state_pressure, tangent
+from jaxgel.equilibrium import Equilibrium, Status, linearised, overlaps, prepare, tangent_at, touches
+from jaxgel.mixed import contact_pairs, node_pairs, state_pressure
 from jaxgel.stability import tangent_products
 from jaxgel.sweep import _reached
 
@@ -73,13 +73,11 @@ def test_force_is_the_difference_of_energies(squeezed):
 def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
     """The tangent with contact less that without, over all node pairs, against the derivative of the force along a direction."""
     model, x = squeezed
-    free = jaxgel.discretise(model.cloud)
-    fixed, p = constants(model), state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0)
-    loads = jnp.zeros_like(x)
-    now = jax.jit(linearise)(x, p, model, GEL, -1.0, loads, fixed)[0]
-    blocks = np.array(jax.jit(tangent)(x, p, now, model, GEL, fixed))
+    problem, p = prepare(model, GEL), state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0)
+    now = linearised(x, p, model, problem.gel, -1.0, problem.loads, problem.fixed, problem.free)[0]
+    blocks = np.array(tangent_at(x, p, now, model, problem.gel, problem.fixed))
     base = node_pairs(model.lists)[0]
-    blocks[: len(base)] -= np.asarray(jax.jit(tangent)(x, p, now, free, GEL, fixed))
+    blocks[: len(base)] -= np.asarray(tangent_at(x, p, now, problem.apart.model, problem.gel, problem.fixed))
     i, j = np.concatenate([base, contact_pairs(model.lists)[0]]).T
     direction = np.random.default_rng(1).normal(size=x.shape)
     product, other = np.zeros_like(direction), i != j

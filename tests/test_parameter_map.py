@@ -47,7 +47,6 @@ contact = "off"
 [discretisation]
 spacing = 0.6666666666666666
 nodes_per_hole = 12
-basis = "linear"
 """
 RADII = '[[parameters]]\nof = "radius"\nvalues = [1.1, 1.15, 1.55, 2.5]\n[[parameters]]\nof = "mu_end"\nvalues = [-2.0]\n'
 
