@@ -1,5 +1,6 @@
 """Critical points: where they are, what they are, and how they move with the design."""
 
+import dataclasses
 import json
 
 import jax
@@ -73,25 +74,31 @@ def test_forward_equals_reverse(critical_mu):
 # --- double eigenvalues ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("direction", [pytest.param((1.0, 1.0), marks=pytest.mark.slow), (1.0, 0.0)], ids=["pair stays", "pair splits"])
+@pytest.mark.parametrize(
+    "direction",
+    [pytest.param((1.0, 1.0, 0.0), marks=pytest.mark.slow), pytest.param((1.0, 0.0, 0.0), marks=pytest.mark.slow), (0.0, 0.0, 1.0)],
+    ids=["pair stays", "pair splits", "gel"],
+)
 def test_derivative_of_a_double_onset_is_that_of_the_mean(direction, cloud_of):
-    """Sample 7, whose second onset is double: all squares grow alike, which keeps the pair, or along x only, which splits it."""
+    """Sample 7, whose second onset is double: all squares grow alike, or chi does, which keeps the pair, or along x only: it splits."""
     cloud = cloud_of("sample-7")
 
     def double(growth):
-        holes = [{"sides": hole.sides + growth} for hole in cloud.plate.holes]
-        model = jaxgel.discretise(cloud.at(cloud.plate.at(holes)))
-        (point,) = jaxgel.critical_points(model, cloud.plate.gel, mu=(-1.62, -1.58))
+        holes = [{"sides": hole.sides + growth[:2]} for hole in cloud.plate.holes]
+        model = jaxgel.discretise(cloud.at(cloud.plate.at(holes)) if direction[0] else cloud)
+        gel = dataclasses.replace(cloud.plate.gel, chi=cloud.plate.gel.chi + growth[2]) if direction[2] else cloud.plate.gel
+        (point,) = jaxgel.critical_points(model, gel, mu=(-1.62, -1.58))
         points.append(point)
         return point.mu
 
     points, direction = [], np.array(direction)
-    _, slope = jax.jvp(double, (jnp.zeros(2),), (jnp.asarray(direction),))
-    difference = (double(3e-4 * direction) - double(-3e-4 * direction)) / 6e-4
+    at = np.array([0.0, 0.0, 1e-3])
+    _, slope = jax.jvp(double, (jnp.asarray(at),), (jnp.asarray(direction),))
+    difference = (double(at + 3e-4 * direction) - double(at - 3e-4 * direction)) / 6e-4
     assert float(slope) == pytest.approx(difference, rel=1e-5)  # measured 7e-7 and 5e-7
     assert [(point.kind, point.multiplicity) for point in points] == [("bifurcation", 2)] * 3
     assert np.abs(points[0].eigenvalues).max() < 1e-8
-    assert (np.diff(points[-1].eigenvalues)[0] > 1e-5) == (direction[1] == 0)
+    assert (np.diff(points[-1].eigenvalues)[0] > 1e-5) == (direction[0] != direction[1])
 
 
 # --- folds -------------------------------------------------------------------------------------------------------------------
