@@ -31,7 +31,7 @@ from jaxgel.versions import few_parts
 os.environ["XLA_FLAGS"] = " ".join([os.environ["XLA_FLAGS"], *(f"--{name}={value}" for name, value in few_parts().items())])
 jax.config.update("jax_enable_x64", True)
 
-ROOM = 3.5  # GiB that a test process may fill from one module to the next
+ROOM = 4.5  # GiB that a test process may fill from one module to the next
 
 
 def pytest_xdist_auto_num_workers(config):
