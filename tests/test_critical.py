@@ -64,6 +64,7 @@ def test_derivatives_are_differences_of_relocated_points(critical_mu, of):
     assert gradient[of] == pytest.approx((4 * near - far) / 3, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_forward_equals_reverse(critical_mu):
     at, direction = jnp.array([np.sqrt(20.0), 1e-3, 0.05]), jnp.array([0.3, 2e-4, 0.1])
     _, forward = jax.jvp(critical_mu, (at,), (direction,))

@@ -86,7 +86,7 @@ TINY = dict(spacing=1.6, nodes_per_hole=18)
     ("name", "mu", "quantity", "expected", "tolerance"),
     [
         # of the full study's start at this mu by finite elements and fine clouds; the tiny cloud has three nodes across a ligament
-        ("rotation", -1.9678, jaxgel.rotation_angle, 6.82, 0.25),
+        pytest.param("rotation", -1.9678, jaxgel.rotation_angle, 6.82, 0.25, marks=pytest.mark.slow),
         # closing of a bore: (<J> - 1)(1 - phi) / phi with the free-swelling J, which the confinement hardly changes
         pytest.param("valve", -1.4, jaxgel.area_reduction, None, 0.02, marks=pytest.mark.slow),
         # by symmetry, up to what the tiny cloud lacks of it (measured 0.016)

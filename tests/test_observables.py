@@ -68,7 +68,8 @@ def test_holes_lose_the_area_that_the_gel_gains(sample_1):
     np.testing.assert_allclose(jaxgel.area_reduction(sample_1), (mean - 1) * (1 - phi) / phi, rtol=5e-4)
 
 
-@pytest.mark.parametrize("name", ["sample-4", pytest.param("sample-7", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sample-4", "sample-7"])
 def test_symmetric_branches_lose_the_area_of_finite_elements(name):
     """Sample 4 by finite elements; sample 7 has the same hole area, and the loss is a matter of area alone."""
     plate = jaxgel.sample(name)

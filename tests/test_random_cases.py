@@ -32,7 +32,7 @@ SWEEPS = given(
 )
 
 
-@settings(EASY, max_examples=5)
+@settings(EASY, max_examples=3)
 @SWEEPS
 def test_a_random_sweep_obeys_mechanics_or_says_why_not(tiny_model, gel, ends, chosen, branch, contact):
     obeys(tiny_model, gel, ends, chosen, branch, contact)
