@@ -29,6 +29,13 @@ def test_the_quick_start_runs_and_draws(tmp_path, monkeypatch, capsys):
     assert names["angle"] > names["rotation"](names["jnp"].array([5.0, 4.0]))
 
 
+def test_the_case_file_is_a_case(tmp_path):
+    (text,) = blocks("toml")
+    (tmp_path / "valve.toml").write_text(text)
+    assert cases.load_case(str(tmp_path / "valve.toml")).plate.holes
+
+
+@pytest.mark.slow
 def test_the_case_file_can_be_run(tmp_path):
     (text,) = blocks("toml")
     (tmp_path / "valve.toml").write_text(text)
