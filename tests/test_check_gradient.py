@@ -86,7 +86,7 @@ def test_a_wrong_gradient_is_found(case, monkeypatch):
     def wrong(path):
         return 0.99 * true(path) + 0.01 * jax.lax.stop_gradient(true(path))
 
-    monkeypatch.setitem(OBJECTIVES, "area reduction", wrong)
+    monkeypatch.setattr("jaxgel.check_gradient.OBJECTIVES", {"area reduction": wrong})
     rows = check_gradient(case, directions=1, states=2)
     families = {"centre", "semi_axes", "angle", "Nv", "chi", "mu"}
     assert {family for objective, family in failures(rows) if objective == "area reduction"} == families

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import json
 import os
 import re
 import signal
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import jaxgel
 from jaxgel import cli, commands
 from jaxgel.equilibrium import Status
 from jaxgel.path import Step
@@ -51,13 +53,26 @@ def test_a_run_prints_a_table_its_events_and_where_its_files_are(tmp_path, capsy
     np.testing.assert_allclose(load_run(tmp_path / "run").mu, [-4.9, -4.0])
 
 
-def test_options_reach_the_model(tmp_path, tiny_plate):
+def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
+    models = []
+
+    def fail(model, *_, **__):
+        models.append(model)
+        raise SweepFailed("sweep: not wanted")
+
+    monkeypatch.setattr(commands, "sweep", fail)
     (tmp_path / "tiny.toml").write_text(CASE.replace("22.0", "4.0") + 'edges = { top = "free" }\n' + hole(0.1, -0.2, 1.1))
     options = dict(spacing=tiny_plate.spacing, nodes_per_hole=12, basis="linear", dmax=2.5, method="displacement", quadrature="paper")
     arguments = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
     arguments += ["--solver", "iterative", "--mu-start", "-4.9", "--mu-end", "-4.8", "--steps", "2", "--no-plots", "--quiet"]
-    assert cli.main(["run", str(tmp_path / "tiny.toml"), *arguments, "--out", str(tmp_path / "out")]) == 0
-    assert load_run(tmp_path / "out").summary["options"]["discretisation"] == options | {"solver": "iterative"}
+    assert cli.main(["run", str(tmp_path / "tiny.toml"), *arguments, "--out", str(tmp_path / "out")]) == 3
+    options |= {"solver": "iterative"}
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["options"]["discretisation"] == options
+    (model,) = models
+    assert model.n_nodes == len(jaxgel.make_cloud(tiny_plate).nodes)
+    assert {name: getattr(model, name) for name in ("basis", "dmax", "method", "quadrature", "solver")} == {
+        name: options[name] for name in ("basis", "dmax", "method", "quadrature", "solver")
+    }
 
 
 @pytest.mark.parametrize(
