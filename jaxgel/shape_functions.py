@@ -8,8 +8,11 @@ Sources: Deng et al. (2020), Eqs. (17)-(37), for the interpolating complex form;
 interpolating MLS; Belytschko, Lu & Gu (1994) for the MLS; Bai et al. (2012) for the improved complex variable MLS.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 KINDS = ("iicvmls", "imls", "icvmls", "mls")
@@ -43,13 +46,13 @@ def shape_functions(x, neighbours, support, *, basis="quadratic", kind="iicvmls"
         raise ValueError(f"kind: {kind!r} is not one of {', '.join(KINDS)}")
     support = jnp.broadcast_to(jnp.asarray(support, dtype=neighbours.dtype), neighbours.shape[:1])
     scale = lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
-    offset = neighbours - x
-    real = kind in ("imls", "mls")
-    p = _real_monomials(offset / scale, order) if real else _complex_monomials(offset / scale, order, conjugates=kind == "iicvmls")
-    distance_squared = jnp.sum(offset**2, axis=1)
+    distance_squared = jnp.sum((neighbours - x) ** 2, axis=1)
     if kind in ("iicvmls", "imls"):
-        return _interpolating(p, distance_squared, support)
-    return _least_squares(p, cubic_spline_weight(_safe_sqrt(distance_squared), support))
+        origin = lax.stop_gradient(x)  # nor does it depend on the origin of the basis
+        r, r_x = (neighbours - origin) / scale, (x - origin) / scale
+        return _interpolating(r, r_x, distance_squared, support, order, kind)
+    p = _monomials((neighbours - x) / scale, order, kind)
+    return _least_squares(p.T, cubic_spline_weight(_safe_sqrt(distance_squared), support))
 
 
 def singular_weight(distance, support):
@@ -67,28 +70,44 @@ def cubic_spline_weight(distance, support):
     return jnp.where(inside, jnp.where(s < 0.5, near, 4 / 3 * (1 - s) ** 3), 0.0)
 
 
-def _interpolating(p, distance_squared, support):
-    """Eq. (36) in a form that is regular at the nodes; ``p`` (n, m) are the non-constant monomials about the point.
+def _interpolating(r, r_x, distance_squared, support, order, kind):
+    """Eq. (36) in a form that is regular at the nodes; ``r`` (n, 2) are the neighbours and ``r_x`` (2,) the point, about the point.
 
-    With the origin at the point, p(x) = 0 and b(x) = -v^T p, b(x_a) = p_a + b(x). The nearest node k has w_k -> infinity, so only
-    1/w_k is formed: v_k = 1 / (1 + sum' w_a / w_k), v_a = w_a v_k / w_k, and w_k b(x_k) = sum' v_k w_a (p_k - p_a), where the
-    sums leave k out. The choice of k is free: every choice gives the same phi.
+    The nearest node k has w_k -> infinity, so only 1/w_k is formed: v_k = 1 / (1 + sum w_a / w_k), v_a = w_a v_k / w_k, and
+    w_k b(x_k) = sum v_k w_a (p_k - p_a), where the sums leave k out. The choice of k is free: every choice gives the same phi. The
+    other nodes enter only by the moments of their weights, the sums of w_a times the monomials up to twice the order: of all that is
+    as long as the list of neighbours only the weights change with the point.
     """
-    inside = distance_squared < support**2
-    nearest = jnp.arange(p.shape[0]) == jnp.argmin(jnp.where(inside, distance_squared, jnp.inf))
-    w = singular_weight(_safe_sqrt(jnp.where(nearest, 0.0, distance_squared)), jnp.where(nearest, 0.0, support))
-    d2_k = jnp.sum(jnp.where(nearest, distance_squared, 0.0))
-    inverse_w_k = d2_k / (jnp.sum(jnp.where(nearest, support, 0.0)) - _safe_sqrt(d2_k)) ** 2
+    q, p_x, products = _monomials(r, 2 * order, kind), _monomials(r_x[None], order, kind)[:, 0], _products(order, kind)
+    m = len(p_x)
+    p = q[:m]
+    nearest = jnp.arange(len(r)) == jnp.argmin(jnp.where(distance_squared < support**2, distance_squared, jnp.inf))
 
-    v_k = 1 / (1 + inverse_w_k * jnp.sum(w))
-    v = jnp.where(nearest, v_k, inverse_w_k * v_k * w)  # Eq. (23)
-    b_x = -v @ p
-    b = p + b_x  # Eq. (22) at the nodes: the matrix C of Eq. (33)
-    p_k = jnp.sum(jnp.where(nearest[:, None], p, 0.0), axis=0)
-    w_k_b_k = v_k * (w @ (p_k - p))
-    weighted = jnp.where(nearest[:, None], w_k_b_k, w[:, None] * b).conj()  # B = C^H W, Eq. (32), transposed
-    moment_matrix = weighted.T @ b  # A = C^H W C, Eq. (31)
-    return v + weighted @ _solve(moment_matrix.T, b_x)
+    def at_nearest(values):
+        return jnp.sum(jnp.where(nearest, values, 0.0), axis=-1)
+
+    w = singular_weight(_safe_sqrt(jnp.where(nearest, 0.0, distance_squared)), jnp.where(nearest, 0.0, support))
+    d2_k, p_k = at_nearest(distance_squared), at_nearest(p)
+    inverse_w_k = d2_k / (at_nearest(support) - _safe_sqrt(d2_k)) ** 2
+
+    moment_0, moments = jnp.sum(w), q @ w
+    v_k = 1 / (1 + inverse_w_k * moment_0)
+    shift = -v_k * (p_k + inverse_w_k * moments[:m])  # of Eq. (22): b = p + shift, at the nodes the matrix C of Eq. (33)
+    b_x = p_x + shift
+    w_k_b_k = v_k * (moment_0 * p_k - moments[:m])
+    left, right = jnp.stack([moments[:m], shift, w_k_b_k]), jnp.stack([shift, moments[:m] + moment_0 * shift, p_k + shift])
+    moment_matrix = moments[products] + left.conj().T @ right  # A = C^H W C, Eq. (31)
+    g = _solve(moment_matrix.T, b_x)
+    return jnp.where(nearest, v_k + w_k_b_k.conj() @ g, w * (inverse_w_k * v_k + shift.conj() @ g + g @ p.conj()))
+
+
+@functools.cache
+def _products(order, kind):
+    """Numbers (m, m) of the products of two non-constant monomials of a basis, of the conjugate of the first where they are complex."""
+    exponents = [(degree - j, j) for degree in range(1, 2 * order + 1) for j in range(degree + 1)]
+    basis = [(i, j) for i, j in exponents if i + j <= order]
+    first = basis if kind == "imls" else [(j, i) for i, j in basis]
+    return np.array([[exponents.index((a + c, b + d)) for c, d in basis] for a, b in first])
 
 
 def _least_squares(p, w):
@@ -99,36 +118,28 @@ def _least_squares(p, w):
     return weighted @ _solve((weighted.T @ p).T, at_x)
 
 
-def _real_monomials(r, order):
-    """(x, y) or (x, y, x^2, xy, y^2) for the offsets ``r`` (n, 2)."""
-    x, y = r[:, 0], r[:, 1]
-    return jnp.stack([x, y] if order == 1 else [x, y, x * x, x * y, y * y], axis=1)
-
-
-def _complex_monomials(r, order, *, conjugates):
-    """The non-constant monomials of Eqs. (18)-(19), or those without conjugates."""
-    z = lax.complex(r[:, 0], r[:, 1])
-    if not conjugates:
-        return jnp.stack([z] if order == 1 else [z, z * z], axis=1)
-    c = z.conj()
-    return jnp.stack([z, c] if order == 1 else [z, c, z * z, c * c, z * c], axis=1)
+def _monomials(r, degree, kind):
+    """The non-constant monomials (m, n) of offsets ``r`` (n, 2): x^i y^j, those of z and its conjugate in Eqs. (18)-(19), or of z alone."""
+    u, v = r.T
+    if kind in ("iicvmls", "icvmls"):
+        u, v = lax.complex(u, v), lax.complex(u, -v)
+    if kind == "icvmls":
+        return jnp.stack([u**k for k in range(1, degree + 1)])
+    rows = last = [u, v]
+    for _ in range(degree - 1):
+        last = [*(u * row for row in last), v * last[-1]]
+        rows = rows + last
+    return jnp.stack(rows)
 
 
 @jax.custom_jvp
 def _solve(matrix, rhs):
-    """Solution (m,) of a Hermitian positive definite system with m <= 6, written out so that many systems run side by side."""
-    m = rhs.shape[0]
-    a = [[matrix[i, j] for j in range(m)] + [rhs[i]] for i in range(m)]
-    for k in range(m):
-        for i in range(k + 1, m):
-            factor = a[i][k] / a[k][k]
-            for j in range(k + 1, m + 1):
-                a[i][j] = a[i][j] - factor * a[k][j]
-    solution = []
-    for i in reversed(range(m)):
-        known = sum(a[i][j] * s for j, s in zip(range(m - 1, i, -1), solution, strict=True))
-        solution.append((a[i][m] - known) / a[i][i])
-    return jnp.stack(solution[::-1])
+    """Solution (m,) of a Hermitian positive definite system, by elimination from all other rows: few operations for many systems."""
+    number = np.arange(len(rhs))
+    for k in number:
+        factors = jnp.where(number == k, 0.0, matrix[:, k] / matrix[k, k])
+        matrix, rhs = matrix - factors[:, None] * matrix[k], rhs - factors * rhs[k]
+    return rhs / jnp.diagonal(matrix)
 
 
 @_solve.defjvp
