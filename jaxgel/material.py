@@ -154,7 +154,7 @@ def volume_ratio_at(p, mu, gel):
     >>> volume_ratio_at(-0.1, -0.5, Gel(Nv=1e-3, chi=0.1)).round(6)
     Array(1.32168, dtype=float64)
     """
-    return _elementwise(functools.partial(_volume_ratio, _volume_only), jnp.asarray(p, float) + mu, gel)
+    return _elementwise(functools.partial(_volume_ratio, _volume_only), jnp.asarray(p, float) + mu, gel)[0]
 
 
 @jax.jit
@@ -199,14 +199,15 @@ def largest_pressure(mu, gel):
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 @functools.partial(jax.jit, static_argnums=0)
 def _volume_ratio(energy, target, gel):
-    """The first J () from the dry state on at which d energy(J, gel)/dJ = ``target`` (), by Newton's method in u = ln(J - 1).
+    """The first J () from the dry state on at which d energy(J, gel)/dJ = ``target`` (), by Newton's method in u = ln(J - 1), and if it is.
 
     The search is on the branch of ``_branch_end``, where the slope g(u) = d energy/dJ increases; a ``target`` outside its range
-    gives the nearer end. For the Flory-Rehner gel g starts as u + constant and is concave (0 < chi < 2, Nv < 2), so the iterates
+    gives the nearer end and False. For the Flory-Rehner gel g starts as u + constant and is concave (0 < chi < 2, Nv < 2), so the iterates
     rise to the root from the left. In general ``below`` and ``above`` bracket it, and a Newton step that leaves the bracket or is
     not at most half the last step is replaced by bisection.
     """
-    least, end = math.log(SMALLEST_SWELLING), _branch_end(energy, gel)
+    ends = least, end = jnp.stack([jnp.log(SMALLEST_SWELLING), _branch_end(energy, gel)])
+    lowest, highest = jax.vmap(lambda u: _slopes(energy, u, gel)[0])(ends)
 
     def body(state):
         u, below, above, last, _, steps = state
@@ -225,21 +226,21 @@ def _volume_ratio(energy, target, gel):
         return (error * jnp.exp(u) > 4e-15 * jnp.maximum(jnp.exp(u), 1.0)) & (steps < _MOST_STEPS)  # the resolution of u, or of J
 
     start = jnp.clip(jnp.minimum(target - 3, -2.0), least, end)  # g(u) < u + 1 + chi: left of the root
-    start = jnp.where(target >= _slopes(energy, end, gel)[0], end, start)
+    start = jnp.where(target >= highest, end, start)
     infinity = jnp.full_like(start, jnp.inf)
-    state = (start, jnp.full_like(start, least), jnp.full_like(start, end), infinity, infinity, 0)
-    return 1 + jnp.exp(jax.lax.while_loop(going, body, state)[0])
+    state = (start, least, end, infinity, infinity, 0)
+    return 1 + jnp.exp(jax.lax.while_loop(going, body, state)[0]), (lowest < target) & (target < highest)
 
 
 @_volume_ratio.defjvp
 def _volume_ratio_jvp(energy, primals, tangents):
     """g(J, gel) = target gives g_J dJ + g_gel dgel = dtarget; 0 where J is an end of the branch and solves nothing."""
     target, gel = primals
-    J = _volume_ratio(energy, target, gel)
+    J, solved = _volume_ratio(energy, target, gel)
     stiffness = jax.grad(jax.grad(energy))(J, gel)
     _, from_gel = jax.jvp(lambda gel: jax.grad(energy)(J, gel), (gel,), (tangents[1],))
-    solved = _has_root(energy, target, gel)
-    return J, jnp.where(solved, (tangents[0] - from_gel) / jnp.where(solved, stiffness, 1.0), 0.0)
+    J_dot = jnp.where(solved, (tangents[0] - from_gel) / jnp.where(solved, stiffness, 1.0), 0.0)
+    return (J, solved), (J_dot, np.zeros(solved.shape, jax.dtypes.float0))
 
 
 def _branch_end(energy, gel):
@@ -268,21 +269,14 @@ def _slopes(energy, u, gel):
     return jax.value_and_grad(jax.grad(energy))(1 + jnp.exp(u), gel)
 
 
-def _has_root(energy, target, gel):
-    """Whether d energy/dJ = ``target`` (...) somewhere on the branch of ``_branch_end``."""
-    least, _ = _slopes(energy, math.log(SMALLEST_SWELLING), gel)
-    return (least < target) & (target < _largest_slope(energy, gel))
-
-
 def _largest_slope(energy, gel):
     """Supremum () of d energy/dJ on the branch of ``_branch_end``; its J is held, so first derivatives are right, second ones not."""
     return _slopes(energy, _branch_end(energy, gel), gel)[0]
 
 
 def _volume_ratio_or_nan(energy, target, gel):
-    target = jnp.asarray(target, float)
-    J = _elementwise(functools.partial(_volume_ratio, energy), target, gel)
-    return jnp.where(_has_root(energy, target, gel), J, jnp.nan)
+    J, solved = _elementwise(functools.partial(_volume_ratio, energy), jnp.asarray(target, float), gel)
+    return jnp.where(solved, J, jnp.nan)
 
 
 def paper_free_energy(F_prime, mu, gel):
