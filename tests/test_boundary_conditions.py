@@ -62,9 +62,12 @@ def test_film_on_a_rigid_base_swells_uniaxially(sides):
     ],
 )
 def test_gel_without_holes_follows_the_macroscopic_deformation(edges, F):
-    path, X = swept(jaxgel.Plate(4, 3, edges=edges, deformation=F), [-2.0], spacing=0.5)
+    """At the mu where the pressure is -Nv: many times that makes the discrete gel unstable, see docs/howto/trust.md."""
+    mu = float(jaxgel.material.osmotic(np.linalg.det(F), 0.0, GEL) + GEL.Nv)
+    path, X = swept(jaxgel.Plate(4, 2, edges=edges, deformation=F), [mu], spacing=0.5)
     np.testing.assert_allclose(path.x[0], X @ np.array(F).T, rtol=0, atol=EXACT)
-    assert float(path.energy[0]) == pytest.approx(12 * float(jaxgel.free_energy(jnp.array(F), -2.0, GEL)), rel=1e-12)
+    assert float(path.energy[0]) == pytest.approx(8 * float(jaxgel.free_energy(jnp.array(F), mu, GEL)), rel=1e-12)
+    assert path.negative_pivots[0] == 0
 
 
 def test_bar_that_is_pulled_narrows_as_its_free_sides_say():
