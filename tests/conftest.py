@@ -124,12 +124,12 @@ def tilted_plate():
     Half as large it is the plate of the examples in docs/, which takes the same programs.
     """
     hole = jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)
-    return jaxgel.Plate(8, 8, [hole], spacing=1.2, nodes_per_hole=14, core=(3.2, 3.0), gel=jaxgel.Gel(Nv=1e-3, chi=1e-4))
+    return jaxgel.Plate(8, 8, [hole], spacing=1.2, nodes_per_hole=8, core=(3.2, 3.0), gel=jaxgel.Gel(Nv=1e-3, chi=1e-4))
 
 
 @pytest.fixture(scope="session")
 def tilted_cloud(tilted_plate):
-    """The tilted plate with 69 nodes."""
+    """The tilted plate with 63 nodes."""
     return jaxgel.make_cloud(tilted_plate)
 
 

@@ -35,7 +35,6 @@ mu = [-3.0, -1.8]
 
 [discretisation]
 spacing = 1.2
-nodes_per_hole = 14
 
 [[parameters]]
 of = "semi_axes"

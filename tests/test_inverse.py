@@ -369,7 +369,7 @@ def test_a_search_goes_on_with_a_new_cloud_where_the_old_one_is_poor(wide):
 
 
 def test_verification_is_on_a_fresh_cloud_and_says_what_is_wrong(problem, plate, cloud, monkeypatch):
-    coarse = dataclasses.replace(plate, spacing=2.4, nodes_per_hole=7)  # of the search; the verification's is that of the other tests
+    coarse = dataclasses.replace(plate, spacing=2.4, nodes_per_hole=4)  # of the search; the verification's is that of the other tests
     problem = dataclasses.replace(problem, plate=lambda p: coarse.at([p]))
     found, path = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=1.2, mu=[-3.0, -2.0])
     assert found["valid"] and found["nodes"] == path.model.n_nodes == len(cloud.nodes) and len(path.mu) == 2
