@@ -46,6 +46,7 @@ def squeezed(slit):
     return model, jnp.asarray(wall + (X - wall) * [0.16, 1.0] + 0.01 * np.sin(7 * X[:, ::-1]) * (np.abs(X) < 1.99))
 
 
+@pytest.mark.slow
 def test_corrections_that_throw_points_deep_into_each_other_are_halved(slit):
     """Newton's method else goes round in a circle of six iterations until the step is cut: 64 for the last state, 22 so."""
     path = jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-4.0, -3.0, -2.0, -1.5], contact="on")

@@ -145,6 +145,7 @@ def end(subcritical):
     return lambda chi: jaxgel.critical_points(model, jaxgel.Gel(gel.Nv, chi), mu=(-1.3, -1.1), loads=loads)[0].mu
 
 
+@pytest.mark.slow
 def test_derivative_of_a_fold_leads_to_that_of_another_gel(fold, subcritical, end):
     value, slope = jax.jvp(end, (0.01,), (1.0,))
     assert float(value) == pytest.approx(fold.mu + float(slope) * (0.01 - subcritical[1].chi), abs=1e-4)  # near chi = 1e-4: linear
