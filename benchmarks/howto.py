@@ -1,7 +1,8 @@
-"""The tables of the how-to pages: python benchmarks/howto.py [rotations] [cell]
+"""The tables of the how-to pages: python benchmarks/howto.py [rotations] [cell] [box]
 
 ``rotations`` is sample 1 by spacing, basis and method (docs/howto/discretisation.md); ``cell`` is the onset of buckling of the periodic
-cell of 2 x 2 holes, the lattice without end, by spacing (docs/howto/boundary.md). Without names both.
+cell of 2 x 2 holes, the lattice without end, by spacing (docs/howto/boundary.md); ``box`` is the lowest eigenvalue of a gel without holes
+by its pressure, and the pressures in three samples (docs/howto/trust.md). Without names all.
 """
 
 import sys
@@ -13,6 +14,7 @@ import jaxgel
 MU = [-2.9678, -1.9678, -1.4678, -0.9678]
 ROWS = [dict(spacing=spacing) for spacing in (1.1, 22 / 30, 0.55, 22 / 60)] + [dict(basis="linear"), dict(method="displacement")]
 SPACINGS = (0.2, 0.125, 0.1, 1 / 12, 0.0625)  # mm
+PRESSURES = (60, 45, 40, 20, 0, -200, -400, -600, -800)  # Nv
 
 
 def rotations():
@@ -37,7 +39,22 @@ def cell():
         print(f"{spacing:7.4f}  {len(model.cloud.nodes):5d}  {point.mu:.4f}", flush=True)
 
 
+def box():
+    """Lowest eigenvalue, over the network's stiffness, of a rectangle deformed by its edges, by p / Nv; range of p / Nv in samples."""
+    gel, F = jaxgel.Gel(Nv=1e-3, chi=1e-4), ((1.2, 0.2), (0.1, 0.9))
+    without = float(jaxgel.material.osmotic(np.linalg.det(F), 0.0, gel))  # mu at which there is no pressure
+    print("spacing  " + " ".join(f"{p:6d}" for p in PRESSURES))
+    for spacing in (0.5, 0.25):
+        model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 3, edges="fixed", deformation=F), spacing=spacing))
+        paths = [jaxgel.sweep(model, gel, mu=[without - p * gel.Nv], branch="symmetric", contact="off") for p in PRESSURES]
+        print(f"{spacing:7.2f}  " + " ".join(f"{path.lowest_eigenvalue[0]:6.2f}" for path in paths), flush=True)
+    for name in ("sample-1", "sample-4", "sample-7"):
+        plate = jaxgel.sample(name)
+        path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel, mu=[*MU[:-1], -0.9178])
+        print(f"{name}: p / Nv from {path.pressure.min() / plate.gel.Nv:.2f} to {path.pressure.max() / plate.gel.Nv:.2f}", flush=True)
+
+
 if __name__ == "__main__":
-    tables = {"rotations": rotations, "cell": cell}
+    tables = {"rotations": rotations, "cell": cell, "box": box}
     for name in sys.argv[1:] or tables:
         tables[name]()

@@ -73,10 +73,10 @@ def cubic_spline_weight(distance, support):
 def _interpolating(r, r_x, distance_squared, support, order, kind):
     """Eq. (36) in a form that is regular at the nodes; ``r`` (n, 2) are the neighbours and ``r_x`` (2,) the point, about the point.
 
-    The nearest node k has w_k -> infinity, so only 1/w_k is formed: v_k = 1 / (1 + sum w_a / w_k), v_a = w_a v_k / w_k, and
-    w_k b(x_k) = sum v_k w_a (p_k - p_a), where the sums leave k out. The choice of k is free: every choice gives the same phi. The
-    other nodes enter only by the moments of their weights, the sums of w_a times the monomials up to twice the order: of all that is
-    as long as the list of neighbours only the weights change with the point.
+    So ``r_x`` is 0, but its derivative is not: the origin is held. The nearest node k has w_k -> infinity, so only 1/w_k is formed:
+    v_k = 1 / (1 + sum w_a / w_k), v_a = w_a v_k / w_k, and w_k b(x_k) = sum v_k w_a (p_k - p_a), where the sums leave k out. The choice
+    of k is free: every choice gives the same phi. The other nodes enter only by the moments of their weights, the sums of w_a times the
+    monomials up to twice the order: of all that is as long as the list of neighbours only the weights change with the point.
     """
     q, p_x, products = _monomials(r, 2 * order, kind), _monomials(r_x[None], order, kind)[:, 0], _products(order, kind)
     m = len(p_x)
