@@ -134,20 +134,34 @@ def _monomials(r, degree, kind):
 
 @jax.custom_jvp
 def _solve(matrix, rhs):
-    """Solution (m,) of a Hermitian positive definite system, by elimination from all other rows: few operations for many systems."""
-    number = np.arange(len(rhs))
-    for k in number:
-        factors = jnp.where(number == k, 0.0, matrix[:, k] / matrix[k, k])
-        matrix, rhs = matrix - factors[:, None] * matrix[k], rhs - factors * rhs[k]
-    return rhs / jnp.diagonal(matrix)
+    """Solution (m,) of a Hermitian positive definite system."""
+    return _inverse(matrix) @ rhs
 
 
 @_solve.defjvp
 def _solve_jvp(primals, tangents):
-    """A x = b gives A dx = db - dA x: a second solve instead of the derivative of the elimination."""
+    """A x = b gives A dx = db - dA x, by the same inverse."""
     matrix, rhs = primals
-    solution = _solve(matrix, rhs)
-    return solution, _solve(matrix, tangents[1] - tangents[0] @ solution)
+    inverse = _inverse(matrix)
+    solution = inverse @ rhs
+    return solution, inverse @ (tangents[1] - tangents[0] @ solution)
+
+
+@jax.custom_jvp
+def _inverse(matrix):
+    """Inverse (m, m) of a Hermitian positive definite matrix, by elimination in place: few operations for many matrices."""
+    number = np.arange(len(matrix))
+    for k in number:
+        own = number == k
+        row, column = jnp.where(own, 1.0, matrix[k]) / matrix[k, k], jnp.where(own, 0.0, matrix[:, k])
+        matrix = jnp.where(own[:, None], row, jnp.where(own, 0.0, matrix) - column[:, None] * row)
+    return matrix
+
+
+@_inverse.defjvp
+def _inverse_jvp(primals, tangents):
+    inverse = _inverse(primals[0])
+    return inverse, -inverse @ tangents[0] @ inverse
 
 
 def _safe_sqrt(squared):
