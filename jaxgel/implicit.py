@@ -23,7 +23,7 @@ from .energy import deformation_gradients, residual
 from .equilibrium import linearised, tangent_at
 from .linear_solve import ONE_THREAD, few_threads, solve_near
 from .mixed import constants, state_pressure
-from .workers import usable_cores
+from .workers import usable_threads
 
 TOGETHER = 8  # states that are differentiated together: per cell that is one product of small matrices, and more leave the cache
 TOGETHER_BYTES = 2**28  # most that their positions gathered cell by cell may fill
@@ -162,7 +162,7 @@ def _solved(rhs, x, *leaves, structure, pattern):
     def solve(k):
         solutions[k] = _solve_columns(pattern, _pairs(x[k], mu[k], model, gel, loads, fixed, pattern), rhs[k])
 
-    with few_threads(unknowns), ThreadPoolExecutor(usable_cores() if unknowns <= ONE_THREAD else 1) as pool:
+    with few_threads(unknowns), ThreadPoolExecutor(usable_threads() if unknowns <= ONE_THREAD else 1) as pool:
         list(pool.map(solve, np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim))))))
     return jnp.asarray(solutions)
 

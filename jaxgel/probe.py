@@ -5,6 +5,7 @@ Index letters: ``p`` point, ``a`` node of a list, ``l`` list, ``i j`` space.
 
 import dataclasses
 import functools
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from jax import lax
 from scipy.spatial import cKDTree
 
 from .shape_functions import shape_functions
+from .workers import usable_threads
 
 BATCH = 256  # points whose shape functions are evaluated together
 CHUNK = 1024  # points of one call of the program that evaluates them: no shape in it is a cloud's own, so one program serves them all
@@ -78,8 +80,16 @@ def evaluate_points(nodes, points, lists, supports, owner, *, basis, kind, gradi
     owners = owner.reshape(-1, CHUNK) if concrete else [owner]
     lists, supports = (np.pad(part, ((0, 0), (0, -width % NEIGHBOURS))) for part in (lists, supports))
     parts = zip(_in_parts(points, len(owner), len(owners)), owners, strict=True)
-    how = dict(basis=basis, kind=kind, gradients=gradients)
-    return _together([_evaluate(at, _picked(nodes, lists[own]), supports[own], **how) for at, own in parts], count, width)
+
+    def evaluated(part):
+        at, own = part
+        return _evaluate(at, _picked(nodes, lists[own]), supports[own], basis=basis, kind=kind, gradients=gradients)
+
+    first = evaluated(next(parts))  # alone: it may have to be compiled
+    if isinstance(points, jax.core.Tracer) or isinstance(nodes, jax.core.Tracer):
+        return _together([first, *map(evaluated, parts)], count, width)
+    with ThreadPoolExecutor(usable_threads()) as pool:  # calls from one thread would run one after another
+        return _together([first, *pool.map(evaluated, parts)], count, width)
 
 
 @functools.partial(jax.jit, static_argnames=("rows", "n_parts"))

@@ -64,6 +64,11 @@ def usable_cores():
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def usable_threads():
+    """Number of threads that this process may compute with: XLA's, which the environment variable NPROC limits."""
+    return int(os.environ.get("NPROC") or usable_cores())
+
+
 def _start():
     """What a new process does first: one thread for BLAS and for XLA, deaf to Ctrl-C, not to outlive its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
