@@ -25,7 +25,7 @@ from .discretisation import Block, Lists, Model
 from .energy import total_energy
 from .plain import plain
 from .shape_functions import shape_functions
-from .versions import few_parts
+from .versions import in_one_part
 from .workers import usable_cores
 
 SIZES = (1, 7, 1000, 16_385, 32_769)
@@ -108,7 +108,7 @@ def _at_points(function, arguments):
     """
     one = jax.make_jaxpr(function)(*(values[0] for values in arguments))  # traced, and differentiated, once for all numbers of points
     batched = jax.vmap(jaxpr_as_fun(one))
-    compiled, distinct = jax.jit(batched, compiler_options=few_parts()), functools.cache(lambda: plain(batched)(*arguments))
+    compiled, distinct = jax.jit(batched, compiler_options=in_one_part()), functools.cache(lambda: plain(batched)(*arguments))
     return compiled, functools.partial(_repeated, arguments), lambda n: _repeated(distinct(), n)
 
 
@@ -195,7 +195,7 @@ def model_kernels():
 
 def _on_sheets(function):
     """What `_at_points` gives; the cells repeat themselves, or are there once but weighted."""
-    compiled, once = jax.jit(function, compiler_options=few_parts()), plain(jax.jit(function))  # inlined, but traced once for all numbers
+    compiled, once = jax.jit(function, compiler_options=in_one_part()), plain(jax.jit(function))  # inlined, but traced once for all numbers
     return compiled, functools.partial(_sheet, repeat=True), lambda n: once(*_sheet(n, repeat=False))
 
 

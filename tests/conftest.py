@@ -25,10 +25,10 @@ import jaxgel
 import jaxgel.cli
 from jaxgel.files import write_atomically
 from jaxgel.results import load_path
-from jaxgel.versions import few_parts
+from jaxgel.versions import in_one_part
 
-# read when the first program is compiled: test processes leave LLVM no idle cores, and parts of a program are a tenth more work
-os.environ["XLA_FLAGS"] = " ".join([os.environ["XLA_FLAGS"], *(f"--{name}={value}" for name, value in few_parts().items())])
+# read when the first program is compiled: test processes leave LLVM no idle cores, and parts of a program are a quarter more work
+os.environ["XLA_FLAGS"] = " ".join([os.environ["XLA_FLAGS"], *(f"--{name}={value}" for name, value in in_one_part().items())])
 jax.config.update("jax_enable_x64", True)
 
 ROOM = 4.5  # GiB that a test process may fill from one module to the next

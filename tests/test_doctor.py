@@ -96,8 +96,8 @@ def test_only_known_flags_are_given_to_xla():
     fusion = "--xla_cpu_use_fusion_emitters=false"
     assert fusion in versions.quick_flags("0.10.1")
     assert fusion not in versions.quick_flags("0.11.2") + versions.quick_flags("0.12.0.1")
-    assert versions.few_parts("0.10.1")
-    assert not versions.few_parts("0.12.0.1")
+    assert versions.in_one_part("0.10.1")
+    assert not versions.in_one_part("0.12.0.1")
 
 
 def test_flags_that_make_xla_compute_wrongly_are_warned_of():
