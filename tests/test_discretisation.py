@@ -1,6 +1,7 @@
 """Facts about quadrature points and gradients: the paper's counts, the patch test, consistency, and what is refused."""
 
 import functools
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import pytest
 
 import jaxgel
 from jaxgel import energy
+from jaxgel import probe as probe_module
 from jaxgel.constraints import free_dofs
 from jaxgel.material import bulk_stiffness
 from jaxgel.quadrature import EDGE_POINTS
@@ -150,6 +152,17 @@ def test_linear_fields_have_their_gradient_at_every_point(fixture, request):
         np.testing.assert_allclose(F, np.broadcast_to(A, F.shape), atol=1e-10)
     for probe in (model.midline, model.outline):
         np.testing.assert_allclose(probe.position(x), probe.position(model.cloud.nodes) @ A.T + jnp.array([3.0, -1.0]), atol=1e-11)
+
+
+@pytest.mark.parametrize("threads", ["1", "3"])
+def test_any_number_of_threads_gives_the_same_model(threads, coarse_model, monkeypatch):
+    monkeypatch.setenv("NPROC", threads)
+    begun = []
+    monkeypatch.setattr(probe_module, "ThreadPoolExecutor", lambda number: begun.append(number) or ThreadPoolExecutor(number))
+    again = jaxgel.discretise(coarse_model.cloud)
+    assert set(begun) == {int(threads)}
+    assert coarse_model.n_points > 2 * probe_module.CHUNK  # so there is work for more than one
+    assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(again.blocks), jax.tree.leaves(coarse_model.blocks), strict=True))
 
 
 @pytest.mark.parametrize("fixture", ["coarse_model", "tiny_model", "square_model"])
