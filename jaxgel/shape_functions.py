@@ -140,7 +140,7 @@ def _solve(matrix, rhs):
 
 @_solve.defjvp
 def _solve_jvp(primals, tangents):
-    """A x = b gives A dx = db - dA x, by the same inverse."""
+    """A x = b gives A dx = db - dA x: products of the inverse with vectors, where its own derivative is one of matrices."""
     matrix, rhs = primals
     inverse = _inverse(matrix)
     solution = inverse @ rhs

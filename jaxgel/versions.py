@@ -35,6 +35,6 @@ def quick_flags(found=None):
 
 
 def in_one_part(found=None):
-    """Compiler options, a dict: LLVM compiles a program in one part, not 32, with a fifth less work, but on one core; {} where unknown."""
+    """Compiler options, a dict: LLVM compiles a program in one part, not 32: less work, but on one core; {} where unknown."""
     found = version("jaxlib") if found is None else found
     return {"xla_cpu_parallel_codegen_split_count": 1} if found.startswith("0.10.") else {}

@@ -65,8 +65,9 @@ def usable_cores():
 
 
 def usable_threads():
-    """Number of threads that this process may compute with: XLA's, which the environment variable NPROC limits."""
-    return int(os.environ.get("NPROC") or usable_cores())
+    """Number of threads that this process may compute with: XLA's, which the environment variable NPROC sets if it is a number."""
+    number = os.environ.get("NPROC", "")
+    return max(1, int(number)) if number.isdecimal() else usable_cores()
 
 
 def _start():

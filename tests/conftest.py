@@ -27,7 +27,7 @@ from jaxgel.files import write_atomically
 from jaxgel.results import load_path
 from jaxgel.versions import in_one_part
 
-# read when the first program is compiled: test processes leave LLVM no idle cores, and parts of a program are a quarter more work
+# read when the first program is compiled: test processes leave LLVM no idle cores, and a program in parts is more work
 os.environ["XLA_FLAGS"] = " ".join([os.environ["XLA_FLAGS"], *(f"--{name}={value}" for name, value in in_one_part().items())])
 jax.config.update("jax_enable_x64", True)
 

@@ -15,6 +15,7 @@ from jaxgel.constraints import free_dofs
 from jaxgel.material import bulk_stiffness
 from jaxgel.quadrature import EDGE_POINTS
 from jaxgel.shape_functions import shape_functions
+from jaxgel.workers import usable_cores
 
 deformation_gradients, network_energy, residual = map(jax.jit, (energy.deformation_gradients, energy.network_energy, energy.residual))
 GAUSS_POINTS = {
@@ -154,13 +155,13 @@ def test_linear_fields_have_their_gradient_at_every_point(fixture, request):
         np.testing.assert_allclose(probe.position(x), probe.position(model.cloud.nodes) @ A.T + jnp.array([3.0, -1.0]), atol=1e-11)
 
 
-@pytest.mark.parametrize("threads", ["1", "3"])
-def test_any_number_of_threads_gives_the_same_model(threads, coarse_model, monkeypatch):
-    monkeypatch.setenv("NPROC", threads)
+@pytest.mark.parametrize(("setting", "threads"), [("1", 1), ("3", 3), ("0", 1), ("many", usable_cores())])
+def test_any_number_of_threads_gives_the_same_model(setting, threads, coarse_model, monkeypatch):
+    monkeypatch.setenv("NPROC", setting)
     begun = []
     monkeypatch.setattr(probe_module, "ThreadPoolExecutor", lambda number: begun.append(number) or ThreadPoolExecutor(number))
     again = jaxgel.discretise(coarse_model.cloud)
-    assert set(begun) == {int(threads)}
+    assert set(begun) == {threads}
     assert coarse_model.n_points > 2 * probe_module.CHUNK  # so there is work for more than one
     assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(again.blocks), jax.tree.leaves(coarse_model.blocks), strict=True))
 
