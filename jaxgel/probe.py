@@ -5,7 +5,6 @@ Index letters: ``p`` point, ``a`` node of a list, ``l`` list, ``i j`` space.
 
 import dataclasses
 import functools
-from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -13,11 +12,12 @@ import numpy as np
 from jax import lax
 from scipy.spatial import cKDTree
 
+from .parts import over_parts
 from .shape_functions import shape_functions
-from .workers import usable_threads
 
 BATCH = 256  # points whose shape functions are evaluated together
-CHUNK = 1024  # points of one call of the program that evaluates them: no shape in it is a cloud's own, so one program serves them all
+CHUNK = 512  # points of one call of the program that evaluates them: no shape in it is a cloud's own, so one program serves them all
+TOGETHER = 64  # such calls whose neighbours are in memory together
 NEIGHBOURS = 16  # its neighbours are padded to a multiple of this
 SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of the spacing
 
@@ -75,27 +75,20 @@ def evaluate_points(nodes, points, lists, supports, owner, *, basis, kind, gradi
     Without ``gradients`` only the values; with them the pair of values (p, a) and gradients (p, a, 2).
     """
     count, width = len(points), lists.shape[1]
-    concrete = not isinstance(lax.stop_gradient(points), jax.core.Tracer)  # inside jit one call has all points
-    owner = np.concatenate([owner, np.repeat(owner[:1], -count % (CHUNK if concrete else BATCH))])
-    owners = owner.reshape(-1, CHUNK) if concrete else [owner]
+    owner = np.concatenate([owner, np.repeat(owner[:1], -count % CHUNK)]).reshape(-1, CHUNK)
     lists, supports = (np.pad(part, ((0, 0), (0, -width % NEIGHBOURS))) for part in (lists, supports))
-    parts = zip(_in_parts(points, len(owner), len(owners)), owners, strict=True)
-
-    def evaluated(part):
-        at, own = part
-        return _evaluate(at, _picked(nodes, lists[own]), supports[own], basis=basis, kind=kind, gradients=gradients)
-
-    first = evaluated(next(parts))  # alone: it may have to be compiled
-    if isinstance(points, jax.core.Tracer) or isinstance(nodes, jax.core.Tracer):
-        return _together([first, *map(evaluated, parts)], count, width)
-    with ThreadPoolExecutor(usable_threads()) as pool:  # calls from one thread would run one after another
-        return _together([first, *pool.map(evaluated, parts)], count, width)
+    at, function, values = _in_rows(points, len(owner)), _Evaluation(basis, kind, gradients), []
+    for first in range(0, len(owner), TOGETHER):
+        own = owner[first : first + TOGETHER]
+        values.append(over_parts(function, (at[first : first + TOGETHER], _picked(nodes, lists[own]), supports[own])))
+    values = _together(values, count, width)
+    return values if gradients else values[0]
 
 
-@functools.partial(jax.jit, static_argnames=("rows", "n_parts"))
-def _in_parts(points, rows, n_parts):
-    """The points in ``n_parts`` equal parts, padded to so many ``rows`` with the first one."""
-    return jnp.split(jnp.concatenate([points, jnp.broadcast_to(points[:1], (rows - len(points), 2))]), n_parts)
+@functools.partial(jax.jit, static_argnames="number")
+def _in_rows(points, number):
+    """The points in rows (number, CHUNK, 2), padded with the first one."""
+    return jnp.concatenate([points, jnp.broadcast_to(points[:1], (number * CHUNK - len(points), 2))]).reshape(number, CHUNK, 2)
 
 
 @jax.jit
@@ -105,29 +98,39 @@ def _picked(nodes, lists):
 
 @functools.partial(jax.jit, static_argnames=("count", "width"))
 def _together(parts, count, width):
-    """The first ``count`` rows and ``width`` columns of values that lie in parts."""
-    return jax.tree.map(lambda *values: jnp.concatenate(values)[:count, :width], *parts)
+    """The first ``count`` rows and ``width`` columns of values (k, CHUNK, ...) that lie in parts."""
+
+    def joined(*values):
+        values = jnp.concatenate(values)
+        return values.reshape(-1, *values.shape[2:])[:count, :width]
+
+    return jax.tree.map(joined, *parts)
 
 
-@functools.partial(jax.jit, static_argnames=("basis", "kind", "gradients"))
-def _evaluate(points, neighbours, supports, *, basis, kind, gradients):
+@dataclasses.dataclass(frozen=True)
+class _Evaluation:
     """`evaluate_points` of points (p, 2) with neighbours (p, a, 2) and supports (p, a) of their own."""
 
-    @jax.checkpoint
-    def one(point):
-        x, neighbours, support = point
+    basis: str
+    kind: str
+    gradients: bool
 
-        def phi(x):
-            value = shape_functions(x, neighbours, support, basis=basis, kind=kind)
-            value = value.real if kind == "iicvmls" else value
-            return value, value
+    def __call__(self, points, neighbours, supports):
+        @jax.checkpoint
+        def one(point):
+            x, neighbours, support = point
 
-        if not gradients:
-            return phi(x)[0]
-        gradient, value = jax.jacfwd(phi, has_aux=True)(x)
-        return value, gradient
+            def phi(x):
+                value = shape_functions(x, neighbours, support, basis=self.basis, kind=self.kind)
+                value = value.real if self.kind == "iicvmls" else value
+                return value, value
 
-    return lax.map(one, (points, neighbours, supports), batch_size=BATCH)
+            if not self.gradients:
+                return [phi(x)[0]]
+            gradient, value = jax.jacfwd(phi, has_aux=True)(x)
+            return [value, gradient]
+
+        return lax.map(one, (points, neighbours, supports), batch_size=BATCH)
 
 
 # --- lists of nodes ----------------------------------------------------------------------------------------------------------

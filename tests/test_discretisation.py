@@ -10,6 +10,7 @@ import pytest
 
 import jaxgel
 from jaxgel import energy
+from jaxgel import parts as parts_module
 from jaxgel import probe as probe_module
 from jaxgel.constraints import free_dofs
 from jaxgel.material import bulk_stiffness
@@ -159,7 +160,7 @@ def test_linear_fields_have_their_gradient_at_every_point(fixture, request):
 def test_any_number_of_threads_gives_the_same_model(setting, threads, coarse_model, monkeypatch):
     monkeypatch.setenv("NPROC", setting)
     begun = []
-    monkeypatch.setattr(probe_module, "ThreadPoolExecutor", lambda number: begun.append(number) or ThreadPoolExecutor(number))
+    monkeypatch.setattr(parts_module, "ThreadPoolExecutor", lambda number: begun.append(number) or ThreadPoolExecutor(number))
     again = jaxgel.discretise(coarse_model.cloud)
     assert set(begun) == {threads}
     assert coarse_model.n_points > 2 * probe_module.CHUNK  # so there is work for more than one
