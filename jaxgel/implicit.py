@@ -7,6 +7,7 @@ costs none. Outside ``jax.jit`` the solves lie between compiled programs, not in
 that calls the host, and would leave the whole of the rule to be compiled by every process.
 """
 
+import dataclasses
 import functools
 from concurrent.futures import ThreadPoolExecutor
 
@@ -23,9 +24,11 @@ from .energy import deformation_gradients, residual
 from .equilibrium import linearised, tangent_at
 from .linear_solve import ONE_THREAD, few_threads, solve_near
 from .mixed import constants, state_pressure
+from .parts import over_parts
+from .products import Products, has_products
 from .workers import usable_threads
 
-TOGETHER = 8  # states that are differentiated together: per cell that is one product of small matrices, and more leave the cache
+TOGETHER = 4  # states that are differentiated together: per cell that is one product of small matrices, and more leave the cache
 TOGETHER_BYTES = 2**28  # most that their positions gathered cell by cell may fill
 
 
@@ -46,29 +49,69 @@ def state_tangents(x, inputs, inputs_dot, pattern):
     return _moved(carried, lax.custom_linear_solve(product, rhs, solve, symmetric=True), pattern)
 
 
-@functools.partial(jax.jit, static_argnames="pattern")
 def _imbalances(x, inputs, inputs_dot, pattern):
-    """Motions (k, n, 2) that the states are carried with, and -dr (k, f) left by them and the tangents of the inputs.
+    """Motions (k, n, 2) that the states are carried with, and -dr (k, f) left by them and the tangents of the inputs."""
+    (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot) = inputs, inputs_dot
+    leaves, structure = jax.tree.flatten((model, gel, loads))
+    dots = jax.tree.leaves((model_dot, gel_dot, loads_dot))
+    floating = tuple(jnp.issubdtype(leaf.dtype, jnp.floating) for leaf in leaves)
+    count, size = len(x), _together(len(x), model)
+
+    def grouped(values):
+        return _in_groups(values, -(-count // size), size)
+
+    rows, linear = (grouped(x), grouped(mu)), (grouped(mu_dot),)
+    dots = [dot for dot, f in zip(dots, floating, strict=True) if f]
+    found = over_parts(_Imbalances(structure, floating, pattern), rows, leaves, linear=linear, shared_linear=dots, alone=True)
+    return _ungrouped(found, count)
+
+
+@functools.partial(jax.jit, static_argnames=("number", "size"))
+def _in_groups(values, number, size):
+    """The values (k, ...) in groups (number, size, ...), padded with the last one."""
+    rest = number * size - len(values)
+    return jnp.concatenate([values, jnp.broadcast_to(values[-1:], (rest, *values.shape[1:]))]).reshape(number, size, *values.shape[1:])
+
+
+@functools.partial(jax.jit, static_argnames="count")
+def _ungrouped(values, count):
+    return [value.reshape(-1, *value.shape[2:])[:count] for value in values]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Imbalances:
+    """`_imbalances` of states ``x`` (k, n, 2) at ``mu`` (k,).
 
     Nodes are carried by F times the motion of the dry ones, which leaves the volume ratios nearly as they are: what these change by is
     multiplied by the bulk stiffness, and its round-off by that over the stiffness of the softest mode. F itself needs no derivative: the
     tangents of the states do not depend on what carries them.
     """
-    model, gel, mu, loads = inputs
-    model_dot, gel_dot, mu_dot, loads_dot = inputs_dot
-    moved = jax.jvp(lambda cloud: cloud.nodes, (model.cloud,), (model_dot.cloud,))[1]
-    prescribed = constraints.carried(moved, model.lists.topology.plate, pattern.free)
-    at_nodes = jax.lax.stop_gradient(_over_states(lambda state: _nodal_gradients(state[0], model), (x,), model))
-    along = jnp.einsum("knij,nj->kni", at_nodes, moved)
-    carried = prescribed + jax.vmap(lambda field: spread(picked(field, pattern.free), field.shape, pattern.free))(along)
 
-    @jax.checkpoint  # reverse: nothing is computed before the adjoint is known
-    def imbalance(state):
-        x, mu, mu_dot, carried = state
-        change = jax.jvp(residual, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1]
-        return reduced(change, pattern.free)
+    structure: object
+    """Tree structure of (model, gel, loads), the leaves of which follow x and mu; then tangents of mu and of the leaves."""
+    floating: tuple
+    """Which leaves are of floating type and have a tangent."""
+    pattern: object
+    """``linear_solve.Pattern`` of the tangent."""
 
-    return carried, -_over_states(imbalance, (x, mu, mu_dot, carried), model)
+    def __call__(self, x, mu, *args):
+        leaves, mu_dot, dots = args[: len(self.floating)], args[len(self.floating)], iter(args[len(self.floating) + 1 :])
+        pairs = zip(leaves, self.floating, strict=True)
+        dots = [next(dots) if f else np.zeros(leaf.shape, jax.dtypes.float0) for leaf, f in pairs]
+        model, gel, loads = jax.tree.unflatten(self.structure, leaves)
+        model_dot, gel_dot, loads_dot = jax.tree.unflatten(self.structure, dots)
+        free, plate = self.pattern.free, model.lists.topology.plate
+        moved = jax.jvp(lambda cloud: cloud.nodes, (model.cloud,), (model_dot.cloud,))[1]
+        prescribed = constraints.carried(moved, plate, free)
+
+        def one(state):
+            x, mu, mu_dot = state
+            along = jnp.einsum("nij,nj->ni", lax.stop_gradient(_nodal_gradients(x, model)), moved)
+            carried = prescribed + spread(picked(along, free), along.shape, free)
+            change = jax.jvp(residual, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1]
+            return [carried, -reduced(change, free)]
+
+        return jax.vmap(one)((x, mu, mu_dot))
 
 
 def _nodal_gradients(x, model):
@@ -132,8 +175,12 @@ def _known_jvp(function, primals, tangents):
 
 def _over_states(function, states, model):
     """``function`` of each state, for several of them at once."""
-    one = 16 * sum(block.nodes.size for block in model.blocks)
-    return lax.map(function, states, batch_size=min(len(states[0]), TOGETHER, max(1, TOGETHER_BYTES // one)))
+    return lax.map(function, states, batch_size=_together(len(states[0]), model))
+
+
+def _together(count, model):
+    """Number of states, of ``count``, that are differentiated together."""
+    return min(count, TOGETHER, max(1, TOGETHER_BYTES // (16 * sum(block.nodes.size for block in model.blocks))))
 
 
 # --- linear solves: outside jit by one compiled assembly per state, inside by a callback ---------------------------------------
@@ -154,16 +201,27 @@ _pressure = jax.jit(state_pressure)
 
 @_solutions.def_impl
 def _solved(rhs, x, *leaves, structure, pattern):
-    """On the host, with values, small tangents side by side in threads; 0 for 0 at no cost."""
+    """On the host, with values, small tangents side by side in threads; 0 for 0 at no cost.
+
+    Where small tangents of the default kind are asked for they are not assembled, unless none of the known factors will do.
+    """
     model, gel, mu, loads = jax.tree.unflatten(structure, leaves)
     rhs, x, mu, fixed = np.asarray(rhs), np.asarray(x), np.asarray(mu), constants(model)
-    solutions, unknowns = np.zeros(rhs.shape), len(pattern.free)
+    wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
+    small = len(pattern.free) <= ONE_THREAD
 
-    def solve(k):
-        solutions[k] = _solve_columns(pattern, _pairs(x[k], mu[k], model, gel, loads, fixed, pattern), rhs[k])
+    def solve(k, product=None):
+        pairs = functools.cache(lambda: _pairs(x[k], mu[k], model, gel, loads, fixed, pattern))
+        solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or pattern.matrix(pairs()).__matmul__, pairs)
 
-    with few_threads(unknowns), ThreadPoolExecutor(usable_threads() if unknowns <= ONE_THREAD else 1) as pool:
-        list(pool.map(solve, np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim))))))
+    with few_threads(len(pattern.free)):
+        if small and len(wanted) and has_products(model, gel):
+            products = Products(model, gel, fixed, pattern.free)
+            for k, product in zip(wanted, products.at(x[wanted], mu[wanted]), strict=True):
+                solve(k, product)
+        else:
+            with ThreadPoolExecutor(usable_threads() if small else 1) as pool:
+                list(pool.map(solve, wanted))
     return jnp.asarray(solutions)
 
 
@@ -172,10 +230,12 @@ def _solved_traced(rhs, x, *leaves, structure, pattern):
     model, gel, mu, loads = jax.tree.unflatten(structure, leaves)
     fixed = constants(model)
 
+    def on_host(x, rhs, pairs):
+        return _solve_columns(pattern, np.asarray(x), rhs, pattern.matrix(pairs).__matmul__, lambda: pairs)
+
     def solution(rhs, x, mu):
         shape = jax.ShapeDtypeStruct(rhs.shape, rhs.dtype)
-        pairs = _pairs(x, mu, model, gel, loads, fixed, pattern)
-        return jax.pure_callback(functools.partial(_solve_columns, pattern), shape, pairs, rhs, vmap_method="sequential")
+        return jax.pure_callback(on_host, shape, x, rhs, _pairs(x, mu, model, gel, loads, fixed, pattern), vmap_method="sequential")
 
     def one(state):
         return lax.cond(jnp.any(state[0] != 0), solution, lambda rhs, *_: jnp.zeros_like(rhs), *state)
@@ -183,11 +243,11 @@ def _solved_traced(rhs, x, *leaves, structure, pattern):
     return lax.map(one, (rhs, x, mu))
 
 
-def _solve_columns(pattern, pairs, rhs):
-    """Solutions as the right-hand sides (f,) or (f, r), each as accurate as if it were alone; 0 for 0."""
+def _solve_columns(pattern, x, rhs, product, pairs):
+    """Solutions as the right-hand sides (f,) or (f, r) by `solve_near`, each as accurate as if it were alone; 0 for 0."""
     rhs = np.asarray(rhs)
     columns = rhs.reshape(len(rhs), -1).T
-    return np.stack([solve_near(pattern, pairs, b) if np.any(b != 0) else b for b in columns], axis=1).reshape(rhs.shape)
+    return np.stack([solve_near(pattern, x, b, product, pairs) if np.any(b != 0) else b for b in columns], axis=1).reshape(rhs.shape)
 
 
 def _solved_batch(args, axes, *, structure, pattern):

@@ -24,15 +24,14 @@ from .multifrontal import dissect, factorise
 
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
-FAR = 1e-6  # relative correction left by the factor of another tangent from which on it will not do
+NEGLIGIBLE = 1e-13  # relative error of the solutions of a matrix near a factorised one
+LEFT = 0.3  # largest share of the error that one of their iterations may leave: where they converge more slowly, a new factor costs less
 ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement: that of a factor in double precision
 REMEMBERED_BYTES = 2**29  # most that the factors kept for `solve_near` may fill, those of all patterns together
 ONE_THREAD = 20_000  # unknowns up to which BLAS uses one thread: several fight over fronts as small as theirs
 SOLVERS = ("auto", "direct", "iterative")
 LARGE_BYTES = 2**31  # of a factor in double precision, above which "auto" is "iterative": 1.3e5 nodes of sample 1
 COLUMNS = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
-SAMPLED = 4096  # entries, about, by which tangents are compared
-NEARNESS = 1e-2  # largest relative difference of two tangents of which one's factor refines the other's solutions
 
 
 class SingularTangent(ArithmeticError):
@@ -110,20 +109,18 @@ class Factor:
         """Solution (f,) or (f, r) as accurate as that of a factor in double precision; not checked where the factor is one."""
         return self.apply(rhs) if self.pattern.precision is np.float64 else self.solve(rhs)[0]
 
-    def solve(self, rhs, matrix=None, *, refine=True):
+    def solve(self, rhs, *, refine=True):
         """Solution (f,) or (f, r) for the right-hand side, and its backward error |b - K x| / (|K| |x| + |b|).
 
-        It is refined, against ``matrix`` where that is given in place of the factorised one, until the corrections stop shrinking: in
-        soft modes the residual tells nothing. Without ``refine`` the first solution is taken where it will do for a Newton step. Raises
-        ``SingularTangent`` where refinement does not converge, or to no better backward error than ``BACKWARD_ERROR`` and a residual of
-        1e-4 of the right-hand side, or where the factor is too far from the given ``matrix``.
+        It is refined until the corrections stop shrinking: in soft modes the residual tells nothing. Without ``refine`` the first
+        solution is taken where it will do for a Newton step. Raises ``SingularTangent`` where refinement does not converge, or to no
+        better backward error than ``BACKWARD_ERROR`` and a residual of 1e-4 of the right-hand side.
         """
-        near, matrix = matrix is not None, self.matrix if matrix is None else matrix
         rhs = np.asarray(rhs)
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging Newton iterate ends as a status
-            solution, before, far, scale = self.apply(rhs), np.inf, False, np.linalg.norm(rhs)
+            solution, before, scale = self.apply(rhs), np.inf, np.linalg.norm(rhs)
             for _ in range(MAX_REFINEMENTS):
-                residual, norm = rhs - matrix @ solution, np.linalg.norm(solution)
+                residual, norm = rhs - self.matrix @ solution, np.linalg.norm(solution)
                 size = np.linalg.norm(residual)
                 error = float(size / (self.norm * norm + scale + np.finfo(float).tiny))
                 if not refine and error < ENOUGH:
@@ -131,21 +128,37 @@ class Factor:
                 correction = self.apply(residual)
                 change = np.linalg.norm(correction)
                 if not change < 0.5 * before:
-                    far = near and change > FAR * norm
                     break
                 solution, before = solution + correction, change
             else:
                 error = np.inf
-        if far or not (error < BACKWARD_ERROR and size <= 1e-4 * scale):
+        if not (error < BACKWARD_ERROR and size <= 1e-4 * scale):
             raise SingularTangent(f"the linear solve left a backward error of {error:.1e}")
         return solution, error
 
-    @functools.cached_property
-    def sample(self):
-        """Some entries of the matrix."""
-        return _sample(self.matrix)
+    def solve_other(self, rhs, product):
+        """Solution (f,) for another matrix, by its ``product`` with vectors (f,); None where that is far from the factorised one.
 
-    @property
+        Conjugate gradients with the factor as preconditioner: where the two matrices differ by a share s, an iteration leaves about s / 2
+        of the error. That is measured in the norm of the factorised matrix, in which stiff and soft directions count alike, and at most
+        ``NEGLIGIBLE`` of the solution is left. Nothing here needs the matrices to be definite.
+        """
+        solution, residual, before = np.zeros(len(rhs)), rhs, np.inf
+        with np.errstate(all="ignore"):  # a far matrix ends as None
+            direction = z = self.apply(rhs)
+            size = first = residual @ z
+            while not abs(size) <= NEGLIGIBLE**2 * abs(first):
+                if not abs(size) < LEFT**2 * before:
+                    return None
+                image = product(direction)
+                step, before = size / (direction @ image), abs(size)
+                solution, residual = solution + step * direction, residual - step * image
+                z = self.apply(residual)
+                size, last = residual @ z, size
+                direction = z + size / last * direction
+        return solution
+
+    @functools.cached_property
     def size(self):
         """Bytes it fills: the fronts and the matrix."""
         return self.fronts.size + 8 * self.matrix.nnz
@@ -179,13 +192,18 @@ def analyse(pair_nodes, points, free, solver="auto"):
 
 def _sources(pairs, n):
     """Transpose (2 n, 2 n) of the matrix that has, where node pairs (p, 2) put an entry, its number in their blocks (p, 2, 2)."""
-    i, j = pairs.T
-    apart, number = i != j, np.arange(1, len(pairs) + 1, dtype=np.int32)
-    ends = np.concatenate([i, j[apart]]), np.concatenate([j, i[apart]])
-    graph = sp.csr_matrix((np.concatenate([np.where(apart, number, -number), -number[apart]]), ends), shape=(n, n))  # < 0: transposed
+    graph = pair_graph(pairs, n)
     order = np.array([[[0, 1], [2, 3]], [[0, 2], [1, 3]]], dtype=np.int32)[(graph.data < 0).astype(np.int8)]
     blocks = 4 * (np.abs(graph.data) - 1)[:, None, None] + order
     return sp.bsr_matrix((blocks, graph.indices, graph.indptr), shape=(2 * n, 2 * n)).tocsr()
+
+
+def pair_graph(pairs, n):
+    """Sparse matrix (n, n) with the number of each node pair (p, 2), i <= j, counted from 1: negative at (j, i), and where i = j."""
+    i, j = pairs.T
+    apart, number = i != j, np.arange(1, len(pairs) + 1, dtype=np.int32)
+    ends = np.concatenate([i, j[apart]]), np.concatenate([j, i[apart]])
+    return sp.csr_matrix((np.concatenate([np.where(apart, number, -number), -number[apart]]), ends), shape=(n, n))
 
 
 def _join(pair_nodes, n, free):
@@ -223,50 +241,51 @@ def factor(pattern, pairs):
         raise SingularTangent(str(error)) from error
 
 
-def remember(made):
-    """Keep a ``Factor`` for `solve_near`; the oldest ones are forgotten where they fill too much memory together."""
+def remember(made, x):
+    """Keep the ``Factor`` of a tangent at the nodal positions ``x`` (n, 2), or next to them, for `solve_near`.
+
+    The oldest ones are forgotten where they fill too much memory together.
+    """
     with _remembering:
-        _remembered.append(made)
-        while len(_remembered) > 1 and sum(kept.size for kept in _remembered) > REMEMBERED_BYTES:
+        _remembered.append((made, np.asarray(x)))
+        sizes = [kept.size for kept, _ in _remembered]
+        excess = sum(sizes) - REMEMBERED_BYTES
+        for size in sizes[:-1]:
+            if excess <= 0:
+                break
             _remembered.popleft()
+            excess -= size
 
 
 _remembering = threading.Lock()
 _remembered = collections.deque()  # the latest factors, newest last; not kept by the patterns, which compiled programs keep alive
 
 
-def solve_near(pattern, pairs, rhs):
-    """Solution (f,) or (f, r) for the tangent given by pair blocks (n_pairs, 2, 2), with a remembered factor where one is near.
+def solve_near(pattern, x, rhs, product, pairs):
+    """Solution (f,) for a tangent at the nodal positions ``x`` (n, 2), with the remembered factor that is nearest if that will do.
 
-    The factors of a differentiated sweep so serve its derivatives: the solution is refined against the given tangent, so it does not
-    depend on which factor was used. NaN where the tangent is singular: for use inside compiled programs, which cannot raise.
+    The factors of a differentiated sweep so serve its derivatives; the solution does not depend on which one was used. The tangent is
+    given by its ``product`` with vectors (f,) and, where it must be factorised, by the pair blocks (n_pairs, 2, 2) that ``pairs()`` makes.
+    NaN where it is singular: for use inside compiled programs, which cannot raise.
     """
-    pattern = pattern.fitting(pairs)
-    matrix = pattern.matrix(pairs)
-    try:
-        nearest = _nearest(pattern, matrix)
-        if nearest is not None:
-            try:
-                return nearest.solve(rhs, matrix)[0]
-            except SingularTangent:
-                pass
-        made = factor(pattern, pairs)
-        remember(made)
-        return made.solve(rhs)[0]
-    except SingularTangent:
-        return np.full(np.shape(rhs), np.nan)
+    nearest = _nearest(pattern, x)
+    solution = None if nearest is None else nearest.solve_other(rhs, product)
+    if solution is None:
+        try:
+            made = factor(pattern, pairs())
+        except SingularTangent:
+            return np.full(np.shape(rhs), np.nan)
+        remember(made, x)
+        solution = made.solve_other(rhs, product)
+    return np.full(np.shape(rhs), np.nan) if solution is None else solution
 
 
-def _nearest(pattern, matrix):
-    """The remembered factor whose tangent differs least from ``matrix``, or None; judged by a sample of the entries."""
-    wanted, known = _sample(matrix), [made for made in list(_remembered) if made.pattern is pattern]
-    distance = [np.linalg.norm(made.sample - wanted) for made in known]
-    best = int(np.argmin(distance)) if distance else -1
-    return known[best] if best >= 0 and distance[best] < NEARNESS * np.linalg.norm(wanted) else None
-
-
-def _sample(matrix):
-    return matrix.data[:: max(1, matrix.nnz // SAMPLED)].copy()
+def _nearest(pattern, x):
+    """The remembered factor, the latest one, of the positions nearest ``x``; None without."""
+    with _remembering:
+        known = [(made, at) for made, at in reversed(_remembered) if made.pattern in (pattern, pattern.narrower)]
+    distance = [np.linalg.norm(at - x) for _, at in known]
+    return known[int(np.argmin(distance))][0] if known else None
 
 
 def few_threads(unknowns):

@@ -150,6 +150,17 @@ def state_pressure(x, model, gel, mu):
     return osmotic(volume_ratios(x, model), mu, gel)
 
 
+def volume_terms(x, mu, model, gel, fixed):
+    """What the volumes give the tangent at an equilibrium ``x`` (n, 2): pressures (g,), gradients as in `Linearisation`, and k / V (g,).
+
+    k / V is 0 for padding.
+    """
+    gradients, J = _volume_gradients(x, model, fixed)
+    volumes = all_volumes(model)
+    stiffness = jnp.where(volumes > 0, bulk_stiffness(J, gel) / jnp.where(volumes > 0, volumes, 1.0), 0.0)
+    return osmotic(J, mu, gel), gradients, stiffness
+
+
 def linearise(x, p, model, gel, mu, loads, fixed):
     """``Linearisation`` at positions ``x`` (n, 2) and pressures ``p`` (g,), and two measures of the distance from equilibrium.
 
@@ -283,6 +294,14 @@ def _crossed_matrix(S):
         return S
     first, second = jnp.split(S, 2)
     return first.T @ second - second.T @ first
+
+
+def crossed_entries(S, a, b):
+    """Entries (c, t) of the cells' matrices at rows and columns ``a`` and ``b`` (t,), from either form of ``Constants.crossed``; NumPy."""
+    c, rows, n = S.shape
+    both = S if rows == n else S[:, : rows // 2].swapaxes(1, 2) @ S[:, rows // 2 :]
+    entries = np.take(both.reshape(c, -1), n * a + b, axis=1)
+    return entries if rows == n else entries - np.take(both.reshape(c, -1), n * b + a, axis=1)
 
 
 def _nodal_sum(gradients, p, model):

@@ -361,7 +361,7 @@ def _states(static, floats, rest):
     apart = []
 
     def keep(step):
-        remember(step.factor)
+        remember(step.factor, step.x)
         apart.append(bool(step.apart))
 
     options = dict(branch=static.branch, contact=static.contact, loads=loads, max_steps=static.max_steps)

@@ -118,18 +118,18 @@ def _judged(model, gel, mu, loads, x, p, status, contact):
     pairs = tangent(x, p, linearise(x, p, model, gel, mu, loads, fixed)[0], model, gel, fixed)
     judge = functools.partial(_judge, pattern, apart, topology.plate, contact)
     shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))
-    arrays = status, pairs, gel.Nv * fixed.laplacian, outline_loops(x, model)
+    arrays = status, x, pairs, gel.Nv * fixed.laplacian, outline_loops(x, model)
     found = jax.pure_callback(judge, shapes, *arrays, vmap_method="sequential")
     return dict(zip(("status", "negative_pivots", "lowest_eigenvalue"), found, strict=True))
 
 
-def _judge(pattern, apart, plate, contact, status, pairs, network, loops):
+def _judge(pattern, apart, plate, contact, status, x, pairs, network, loops):
     """``_judged`` on the host; the factor serves the derivatives of the state, see ``linear_solve.solve_near``."""
     if status != Status.CONVERGED:
         return status, np.asarray(-1), np.asarray(np.nan)
     try:
         made = factor(pattern, pairs)
-        remember(made)
+        remember(made, x)
         lowest, nearest = extreme_eigenvalues(made, network_matrix(apart, network))
         negative = made.negative_pivots
     except SingularTangent:

@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+import scipy.linalg
 from threadpoolctl import threadpool_info
 
 from jaxgel import Gel, linear_solve, sweep
@@ -122,7 +123,7 @@ def test_states_and_gradients_are_those_of_the_direct_solver(tiny_model):
     np.testing.assert_allclose(size(halved, 1e-3), size(tiny_model, 1e-3), rtol=1e-13)  # round-off of a sum of squares
     short, long = ((size(tiny_model, 1e-3 + h) - size(tiny_model, 1e-3 - h)) / (2 * h) for h in (1e-5, 2e-5))
     np.testing.assert_allclose(jax.grad(lambda Nv: size(halved, Nv))(1e-3), (4 * short - long) / 3, rtol=1e-6)
-    assert linear_solve._remembered[-1].fronts.numbers.dtype == np.float32
+    assert linear_solve._remembered[-1][0].fronts.numbers.dtype == np.float32
 
 
 def test_several_right_hand_sides_at_once(pattern):
@@ -138,30 +139,62 @@ def test_zero_right_hand_side_has_the_zero_solution(pattern):
     assert np.all(solution == 0)
 
 
-def test_factor_refines_solutions_of_a_nearby_matrix(pattern):
-    blocks = random_pairs(pattern, 4, shift=30.0)
-    near = blocks + 1e-2 * random_pairs(pattern, 5)
+@pytest.mark.parametrize("shift", [0.0, 30.0])
+@pytest.mark.parametrize("solver", ["direct", "iterative"])
+def test_factor_solves_for_a_nearby_matrix(solver, shift, pattern):
+    """Definite and indefinite, with the factor kept in either precision."""
+    pattern, blocks = dataclasses.replace(pattern, solver=solver), random_pairs(pattern, 4, shift)
+    near = blocks + 1e-3 * random_pairs(pattern, 5)
     rhs = np.random.default_rng(6).normal(size=len(pattern.free))
-    solution, error = factor(pattern, blocks).solve(rhs, pattern.matrix(near))
-    assert error < 1e-10
-    np.testing.assert_allclose(solution, np.linalg.solve(dense(pattern, near), rhs), rtol=0, atol=1e-9 * np.abs(solution).max())
+    solution, exact = factor(pattern, blocks).solve_other(rhs, pattern.matrix(near).__matmul__), np.linalg.solve(dense(pattern, near), rhs)
+    assert np.linalg.norm(solution - exact) < 1e-10 * np.linalg.norm(exact)
+
+
+def test_iterations_converge_as_those_of_conjugate_gradients(pattern):
+    """After m of them 2 (s / 2)^m of the error is left where the other matrix differs by s, here less than 2e-2."""
+    blocks, calls = random_pairs(pattern, 4, shift=30.0), []
+    near = pattern.matrix(blocks + 1e-2 * random_pairs(pattern, 5))
+    lowest, highest = scipy.linalg.eigh(near.toarray(), dense(pattern, blocks), eigvals_only=True)[[0, -1]]
+    assert max(1 - lowest, highest - 1) < 2e-2
+
+    def product(v):
+        calls.append(v)
+        return near @ v
+
+    factor(pattern, blocks).solve_other(np.ones(len(pattern.free)), product)
+    assert len(calls) <= np.ceil(np.log(linear_solve.NEGLIGIBLE / 2) / np.log(1e-2))
 
 
 def test_factor_refuses_a_matrix_that_is_not_near(pattern):
     made = factor(pattern, random_pairs(pattern, 7, shift=30.0))
-    with pytest.raises(SingularTangent, match=r"^the linear solve left a backward error of \d"):
-        made.solve(np.ones(len(pattern.free)), pattern.matrix(random_pairs(pattern, 8)))
+    assert made.solve_other(np.ones(len(pattern.free)), pattern.matrix(random_pairs(pattern, 8)).__matmul__) is None
 
 
-def test_solve_near_does_not_depend_on_what_is_remembered(lists, monkeypatch):
+def at(number):
+    """Positions by which a factor is remembered."""
+    return np.full((2, 2), float(number))
+
+
+def test_solve_near_does_not_depend_on_what_is_remembered(lists):
     fresh, experienced = analyse(*arguments(lists)), analyse(*arguments(lists))
     blocks = random_pairs(fresh, 9, shift=30.0)
-    rhs = np.random.default_rng(10).normal(size=len(fresh.free))
-    direct = solve_near(fresh, blocks, rhs)
+    rhs, product = np.random.default_rng(10).normal(size=len(fresh.free)), fresh.matrix(blocks).__matmul__
+    direct = solve_near(fresh, at(0), rhs, product, lambda: blocks)
     for seed in range(3):
-        remember(factor(experienced, blocks + 1e-4 * random_pairs(fresh, 20 + seed)))
-    monkeypatch.setattr(linear_solve, "factor", None)  # no new factor is needed
-    np.testing.assert_allclose(solve_near(experienced, blocks, rhs), direct, atol=1e-11 * np.abs(direct).max())
+        remember(factor(experienced, blocks + 1e-4 * random_pairs(fresh, 20 + seed)), at(seed))
+    np.testing.assert_allclose(solve_near(experienced, at(0), rhs, product, None), direct, atol=1e-11 * np.abs(direct).max())
+    remember(factor(experienced, random_pairs(fresh, 23)), at(0))  # as near, and later, but it will not do
+    again = solve_near(experienced, at(0), rhs, product, lambda: blocks)
+    np.testing.assert_allclose(again, direct, atol=1e-11 * np.abs(direct).max())
+
+
+def test_nearest_positions_choose_the_factor(lists):
+    pattern = analyse(*arguments(lists))
+    made = [factor(pattern, random_pairs(pattern, 30 + k, shift=30.0)) for k in range(3)]
+    for k, one in enumerate(made):
+        remember(one, at(k))
+    assert [linear_solve._nearest(pattern, at(x)) for x in (0.4, 0.6, 9)] == made
+    assert linear_solve._nearest(analyse(*arguments(lists)), at(0)) is None  # of another pattern
 
 
 def test_remembered_factors_fill_bounded_memory(pattern, monkeypatch):
@@ -169,11 +202,11 @@ def test_remembered_factors_fill_bounded_memory(pattern, monkeypatch):
     size = factor(pattern, blocks).size
     monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 3.5 * size)
     for seed in range(6):
-        remember(factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed)))
-    assert len(linear_solve._remembered) == 3
+        remember(factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed)), at(seed))
+    assert [x[0, 0] for _, x in linear_solve._remembered] == [3, 4, 5]
     monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 0)
-    remember(factor(pattern, blocks))
-    assert len(linear_solve._remembered) == 1  # the latest stays, however large
+    remember(factor(pattern, blocks), at(6))
+    assert [x[0, 0] for _, x in linear_solve._remembered] == [6]  # the latest stays, however large
 
 
 def no_stiffness_along_one_component(pattern):
@@ -193,7 +226,8 @@ def test_singular_matrices_are_detected(make, pattern):
     rhs = np.random.default_rng(12).normal(size=len(pattern.free))
     with pytest.raises(SingularTangent):
         factor(pattern, make(pattern)).solve(rhs)
-    assert np.all(np.isnan(solve_near(pattern, make(pattern), rhs)))
+    product = pattern.matrix(make(pattern)).__matmul__
+    assert np.all(np.isnan(solve_near(pattern, at(0), rhs, product, lambda: make(pattern))))
 
 
 def test_floating_plate_is_singular_or_answers_with_a_huge_translation(tiny_model):

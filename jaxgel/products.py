@@ -1,0 +1,109 @@
+"""Tangents of many states of one model, multiplied with vectors without being assembled.
+
+With nodal fields as complex numbers z = v_1 + i v_2 the condensed tangent of ``mixed`` is, for a neo-Hookean network and one pressure
+per cell,
+
+    K z = (N - i P) z + sum_g (k_g / V_g) G_g Re(conj(G_g) . z),    P = sum_g p_g S_g
+
+with the Laplacian N of the network, the matrices S_g of the cells' volumes and the gradients G_g of these. Of a state there are only P, a
+sum of matrices that the model has once, and G. The terms of the bulk stiffness stay factors: their sum, rounded, would limit how exactly
+a system can be solved to 1e-9 or so.
+"""
+
+import copy
+
+import jax
+import numpy as np
+import scipy.sparse as sp
+from jax import lax
+
+from .linear_solve import pair_graph
+from .material import neo_hookean
+from .mixed import crossed_entries, volume_terms
+
+TOGETHER = 4  # states whose tangents are made together
+
+
+def has_products(model, gel):
+    """Whether `Products` knows the tangents of the model with this gel."""
+    return model.method == "mixed" and gel.network is neo_hookean and model.contact is None
+
+
+class Products:
+    """The tangents of a ``model`` and ``gel``, see `has_products`, with ``fixed``, the ``mixed.Constants`` of the model.
+
+    Vectors have the ``free`` degrees of freedom, see ``constraints``.
+    """
+
+    def __init__(self, model, gel, fixed, free):
+        self._inputs, self._free, self._n_nodes = (model, gel, fixed), free, model.n_nodes
+        graph, n = pair_graph(np.asarray(fixed.pairs), model.n_nodes), model.n_nodes
+        number = np.abs(graph.data) - 1
+        network = float(gel.Nv) * np.asarray(fixed.laplacian)[number]
+        self._plane = sp.csr_matrix((network.astype(complex), graph.indices, graph.indptr), (n, n))
+        self._source = np.where(graph.data > 0, number + len(fixed.pairs), number)  # of the entries of -P, in those of P and -P in a row
+        self._by_pairs = _by_pairs(model, fixed)
+        nodes = [np.asarray(block.nodes) for block in model.blocks]
+        ends = np.append(0, np.cumsum(np.concatenate([np.full(*some.shape) for some in nodes])))
+        lists = np.concatenate([some.ravel() for some in nodes])
+        self._volumes = sp.csr_matrix((np.zeros(len(lists), complex), lists, ends), (len(ends) - 1, n))
+
+    def at(self, x, mu):
+        """Yield for each state, at ``x`` (k, n, 2) and ``mu`` (k,), the function that multiplies a vector (f,) with its tangent."""
+        groups = [np.arange(first, min(first + TOGETHER, len(x))) for first in range(0, len(x), TOGETHER)]
+        coming = self._started(x, mu, groups[0])
+        for number, group in enumerate(groups):
+            made = coming
+            if number + 1 < len(groups):
+                coming = self._started(x, mu, groups[number + 1])  # runs while the caller is at the states of this group
+            pressures, gradients, stiffness = jax.tree.map(np.asarray, made)
+            coupling = (self._by_pairs @ pressures.T)[:-1]  # the last row is that of padding
+            for k in range(len(group)):
+                yield self._product(coupling[:, k], stiffness[k], *(part[k] for part in gradients))
+
+    def _started(self, x, mu, group):
+        some = np.resize(group, TOGETHER)  # one number of states, one program
+        return _terms(x[some], mu[some], *self._inputs)
+
+    def _product(self, coupling, stiffness, *gradients):
+        """Product of one state with its entries (p,) of P, k / V (g,) and gradients per block (c, 1, a, 2)."""
+        plane, volumes = copy.copy(self._plane), copy.copy(self._volumes)  # the constructor would check the indices once more
+        plane.data = plane.data.copy()
+        plane.data.imag = np.concatenate([coupling, -coupling])[self._source]
+        volumes.data = np.concatenate([part.ravel() for part in gradients]).view(complex)
+        back = volumes.T
+
+        def product(v):
+            z = self._spread(v)
+            return self._reduced(plane @ z + back @ (stiffness * (volumes @ z.conj()).real))
+
+        return product
+
+    def _spread(self, v):
+        """Complex nodal field (n,) of a vector (f,)."""
+        full = np.zeros(2 * self._n_nodes + 2)  # the last ones are the padding of degrees of freedom that move together
+        full[self._free.T] = v
+        return full[:-2].view(complex)
+
+    def _reduced(self, z):
+        """Vector (f,) of a complex nodal field (n,) of forces."""
+        forces = np.append(z.view(float), 0.0)[self._free]
+        return forces if forces.ndim == 1 else forces.sum(axis=1)
+
+
+@jax.jit
+def _terms(x, mu, model, gel, fixed):
+    """``mixed.volume_terms`` of several states."""
+    return lax.map(lambda state: volume_terms(*state, model, gel, fixed), (x, mu))
+
+
+def _by_pairs(model, fixed):
+    """Sparse matrix (p, g) that takes the pressures of the cells to the entries of P at the node pairs."""
+    entries, slots = [], []
+    for block, crossed, slot in zip(model.blocks, fixed.crossed, fixed.slots, strict=True):
+        a, b = np.triu_indices(block.nodes.shape[1])
+        entries.append(crossed_entries(np.asarray(crossed), a, b))
+        slots.append(np.asarray(slot))
+    starts = np.append(0, np.cumsum(np.concatenate([np.full(*slot.shape) for slot in slots])))
+    both = np.concatenate([part.ravel() for part in entries]), np.concatenate([part.ravel() for part in slots])
+    return sp.csc_matrix((*both, starts), (len(fixed.pairs) + 1, len(starts) - 1))
