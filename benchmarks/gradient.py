@@ -4,8 +4,8 @@
 
 Two objectives, the rotation at the last mu and the sum of squares of the core rotation over the whole curve; 4 and 60 design
 parameters (semi-axes, or Fourier modes of the outlines). Prints medians after compilation and the cost of a gradient over the cost of
-the sweep, (value and gradient - value) / value, and writes gradient.json into DIR. Both times include the discretisation of the
-moved cloud. One thread for the factorisations; XLA uses what the machine has.
+the sweep, (value and gradient - value) / value, and writes gradient.json into DIR. The two are timed in turn, and the median is that of
+pairs: a machine is not equally fast all the time. Both times include the discretisation of the moved cloud.
 """  # fmt: skip
 
 import argparse
@@ -29,16 +29,17 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/gradient"), help="folder for gradient.json (out/gradient)")
     parser.add_argument("--spacing", type=float, default=None, help="node spacing in mm (the paper's 0.55)")
-    parser.add_argument("--repeats", type=int, default=5, help="runs of which the median is taken (5)")
+    parser.add_argument("--repeats", type=int, default=9, help="pairs of runs of which the median is taken (9)")
     options = parser.parse_args()
     rows = []
     print(f"{'parameters':>10} {'objective':>12} {'sweep':>8} {'+ gradient':>10} {'cost':>6} {'target':>7} {'compile':>8}")
     for name, (objectives, start) in problems(options.spacing).items():
         for label, objective in objectives.items():
-            compile_value, value = median_time(objective, start, options.repeats)
-            compile_both, both = median_time(jax.value_and_grad(objective), start, options.repeats)
-            row = dict(parameters=name, objective=label, sweep_s=value, both_s=both, cost=(both - value) / value)
-            row |= dict(target=TARGETS[label], first_call_s=compile_value + compile_both)
+            first, *times = times_in_turn([objective, jax.value_and_grad(objective)], start, options.repeats)
+            value, both = np.median(times, axis=0)
+            cost = float(np.median([(b - a) / a for a, b in times]))
+            row = dict(parameters=name, objective=label, sweep_s=value, both_s=both, cost=cost)
+            row |= dict(target=TARGETS[label], first_call_s=sum(first))
             rows.append(row)
             print(
                 f"{name:>10} {label:>12} {value:7.3f}s {both:9.3f}s {row['cost']:6.2f} {row['target']:7.2f} {row['first_call_s']:7.1f}s",
@@ -87,14 +88,16 @@ def objectives(plate, theta, spacing):
     }
 
 
-def median_time(function, start, repeats):
-    """Seconds of the first call, and the median of ``repeats`` more, each at slightly other parameters."""
+def times_in_turn(functions, start, repeats):
+    """Seconds of each function's first call, and of ``repeats`` more, each time at slightly other parameters: a list of lists."""
     seconds = []
     for k in range(repeats + 1):
-        begin = time.perf_counter()
-        jax.block_until_ready(function(start * (1 + 1e-6 * k)))
-        seconds.append(time.perf_counter() - begin)
-    return seconds[0], float(np.median(seconds[1:]))
+        seconds.append([])
+        for function in functions:
+            begin = time.perf_counter()
+            jax.block_until_ready(function(start * (1 + 1e-6 * k)))
+            seconds[-1].append(time.perf_counter() - begin)
+    return seconds
 
 
 if __name__ == "__main__":
