@@ -183,7 +183,7 @@ def _together(count, model):
     return min(count, TOGETHER, max(1, TOGETHER_BYTES // (16 * sum(block.nodes.size for block in model.blocks))))
 
 
-# --- linear solves: outside jit by one compiled assembly per state, inside by a callback ---------------------------------------
+# --- linear solves: outside jit by products, or one compiled assembly per state, inside by a callback --------------------------
 
 _solutions = Primitive("equilibrium_solutions")
 """Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states ``x`` (k, n, 2) and the leaves of their inputs."""
@@ -201,9 +201,9 @@ _pressure = jax.jit(state_pressure)
 
 @_solutions.def_impl
 def _solved(rhs, x, *leaves, structure, pattern):
-    """On the host, with values, small tangents side by side in threads; 0 for 0 at no cost.
+    """On the host, with values; 0 for 0 at no cost.
 
-    Where small tangents of the default kind are asked for they are not assembled, unless none of the known factors will do.
+    Small tangents of the default kind are not assembled, unless no known factor will do; other small ones side by side in threads.
     """
     model, gel, mu, loads = jax.tree.unflatten(structure, leaves)
     rhs, x, mu, fixed = np.asarray(rhs), np.asarray(x), np.asarray(mu), constants(model)

@@ -141,13 +141,13 @@ class Factor:
 
         Conjugate gradients with the factor as preconditioner: where the two matrices differ by a share s, an iteration leaves about s / 2
         of the error. That is measured in the norm of the factorised matrix, in which stiff and soft directions count alike, and at most
-        ``NEGLIGIBLE`` of the solution is left. Nothing here needs the matrices to be definite.
+        ``NEGLIGIBLE`` of the solution is left. Of an indefinite matrix the norm may happen to vanish: then None as well.
         """
         solution, residual, before = np.zeros(len(rhs)), rhs, np.inf
         with np.errstate(all="ignore"):  # a far matrix ends as None
             direction = z = self.apply(rhs)
             size = first = residual @ z
-            while not abs(size) <= NEGLIGIBLE**2 * abs(first):
+            while not abs(size) <= NEGLIGIBLE**2 * abs(first) or not first:
                 if not abs(size) < LEFT**2 * before:
                     return None
                 image = product(direction)
@@ -248,13 +248,8 @@ def remember(made, x):
     """
     with _remembering:
         _remembered.append((made, np.asarray(x)))
-        sizes = [kept.size for kept, _ in _remembered]
-        excess = sum(sizes) - REMEMBERED_BYTES
-        for size in sizes[:-1]:
-            if excess <= 0:
-                break
+        while len(_remembered) > 1 and sum(kept.size for kept, _ in _remembered) > REMEMBERED_BYTES:
             _remembered.popleft()
-            excess -= size
 
 
 _remembering = threading.Lock()
@@ -273,11 +268,12 @@ def solve_near(pattern, x, rhs, product, pairs):
     if solution is None:
         try:
             made = factor(pattern, pairs())
+            remember(made, x)
+            solution = made.solve_other(rhs, product)
+            solution = made.solve(rhs)[0] if solution is None else solution
         except SingularTangent:
             return np.full(np.shape(rhs), np.nan)
-        remember(made, x)
-        solution = made.solve_other(rhs, product)
-    return np.full(np.shape(rhs), np.nan) if solution is None else solution
+    return solution
 
 
 def _nearest(pattern, x):

@@ -7,7 +7,7 @@ per cell,
 
 with the Laplacian N of the network, the matrices S_g of the cells' volumes and the gradients G_g of these. Of a state there are only P, a
 sum of matrices that the model has once, and G. The terms of the bulk stiffness stay factors: their sum, rounded, would limit how exactly
-a system can be solved to 1e-9 or so.
+a system can be solved.
 """
 
 import copy
@@ -37,7 +37,7 @@ class Products:
 
     def __init__(self, model, gel, fixed, free):
         self._inputs, self._free, self._n_nodes = (model, gel, fixed), free, model.n_nodes
-        graph, n = pair_graph(np.asarray(fixed.pairs), model.n_nodes), model.n_nodes
+        n, graph = model.n_nodes, pair_graph(np.asarray(fixed.pairs), model.n_nodes)
         number = np.abs(graph.data) - 1
         network = float(gel.Nv) * np.asarray(fixed.laplacian)[number]
         self._plane = sp.csr_matrix((network.astype(complex), graph.indices, graph.indptr), (n, n))

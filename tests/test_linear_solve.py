@@ -188,6 +188,18 @@ def test_solve_near_does_not_depend_on_what_is_remembered(lists):
     np.testing.assert_allclose(again, direct, atol=1e-11 * np.abs(direct).max())
 
 
+def test_solve_near_does_not_need_the_norm_of_an_indefinite_matrix(lists):
+    """A right-hand side b with b . K^-1 b = 0, of two eigenvectors: what ``solve_other`` measures errors by vanishes."""
+    pattern = analyse(*arguments(lists))
+    blocks = random_pairs(pattern, 40)
+    values, modes = np.linalg.eigh(dense(pattern, blocks))
+    rhs = modes[:, [0, -1]] @ np.sqrt(np.abs(values[[0, -1]]))
+    made, product = factor(pattern, blocks), pattern.matrix(blocks).__matmul__
+    assert abs(rhs @ made.apply(rhs)) < 1e-12 * np.linalg.norm(rhs) * np.linalg.norm(made.apply(rhs))
+    exact = modes[:, [0, -1]] @ (np.sqrt(np.abs(values[[0, -1]])) / values[[0, -1]])
+    np.testing.assert_allclose(solve_near(pattern, at(0), rhs, product, lambda: blocks), exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+
+
 def test_nearest_positions_choose_the_factor(lists):
     pattern = analyse(*arguments(lists))
     made = [factor(pattern, random_pairs(pattern, 30 + k, shift=30.0)) for k in range(3)]
