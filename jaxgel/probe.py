@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from .parts import over_parts
 from .shape_functions import shape_functions
 
-BATCH = 256  # points whose shape functions are evaluated together
+BATCH = 64  # points whose shape functions are evaluated together
 CHUNK = 512  # points of one call of the program that evaluates them: no shape in it is a cloud's own, so one program serves them all
 TOGETHER = 64  # such calls whose neighbours are in memory together
 NEIGHBOURS = 16  # its neighbours are padded to a multiple of this
@@ -51,14 +51,14 @@ def make_probe(model, points, reference_points=None):
     """``Probe`` at material points (p, 2) of the dry plate, mm; ``points`` may be traced if their values on the reference are given."""
     reference_points = np.asarray(points if reference_points is None else reference_points)
     neighbours = probe_lists(model.cloud, model.dmax, reference_points)
-    return probe_at(model.cloud, points, neighbours, model.basis, model.kind)
+    return probe_at(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
 
 
 def probe_at(cloud, points, neighbours, basis, kind):
     """``Probe`` at points (p, 2) with their lists of ``neighbours``, see ``probe_lists``."""
     lists, supports = neighbours
-    phi, dphi = evaluate_points(cloud.nodes, jnp.asarray(points), lists, supports, np.arange(len(lists)), basis=basis, kind=kind)
-    return Probe(jnp.asarray(points), lists, supports, phi, dphi)
+    phi, dphi = evaluate_points(cloud.nodes, points, lists, supports, np.arange(len(lists)), basis=basis, kind=kind)
+    return Probe(points, lists, supports, phi, dphi)
 
 
 def probe_lists(cloud, dmax, reference_points, room=0.0):
