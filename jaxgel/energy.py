@@ -24,9 +24,18 @@ def group_volumes(block, method):
 
 def volume_ratios(x, model):
     """Mean volume ratios (g,) of all volume groups; 2 for padding."""
+    return _volume_ratios(_gradients(x, model), model)
+
+
+def _gradients(x, model):
+    """Per block the ``deformation_gradients``."""
+    return [deformation_gradients(x, block) for block in model.blocks]
+
+
+def _volume_ratios(gradients, model):
     ratios = []
-    for block in model.blocks:
-        volume, J = group_volumes(block, model.method), jnp.linalg.det(deformation_gradients(x, block))
+    for F, block in zip(gradients, model.blocks, strict=True):
+        volume, J = group_volumes(block, model.method), jnp.linalg.det(F)
         if model.method == "mixed":
             J = jnp.sum(block.weight * J, axis=1, keepdims=True) / volume
         ratios.append(jnp.where(volume > 0, J, 2.0).ravel())
@@ -51,9 +60,10 @@ def total_energy(x, model, gel, mu, loads):
     It includes the self-contact of a model that has it.
     The weak form of Deng et al. (2020), Eqs. (3) and (10), is its first variation. NaN where a volume ratio is not above 1.
     """
-    swelling = jax.vmap(lambda J: gel.volumetric(J, gel) - mu * (J - 1))(volume_ratios(x, model))
+    gradients = _gradients(x, model)
+    swelling = jax.vmap(lambda J: gel.volumetric(J, gel) - mu * (J - 1))(_volume_ratios(gradients, model))
     touch = contact_energy(x, model) if model.contact is not None else 0.0
-    return network_energy(x, model, gel) + jnp.sum(all_volumes(model) * swelling) - jnp.sum(loads * x) + touch
+    return _network_energy(gradients, model, gel) + jnp.sum(all_volumes(model) * swelling) - jnp.sum(loads * x) + touch
 
 
 def curvature(x, v, model, gel, mu, loads):
@@ -67,8 +77,12 @@ def curvature(x, v, model, gel, mu, loads):
 
 def network_energy(x, model, gel):
     """Energy () of the network alone, kT/v mm^2."""
+    return _network_energy(_gradients(x, model), model, gel)
+
+
+def _network_energy(gradients, model, gel):
     density = jax.vmap(jax.vmap(lambda F: gel.network(F, gel)))
-    return sum(jnp.sum(block.weight * density(deformation_gradients(x, block))) for block in model.blocks)
+    return sum(jnp.sum(block.weight * density(F)) for F, block in zip(gradients, model.blocks, strict=True))
 
 
 residual = jax.grad(total_energy)

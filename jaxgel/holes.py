@@ -325,12 +325,16 @@ def _parameter(value, shape, name):
         with contextlib.suppress(TypeError, ValueError, OverflowError):  # a list that holds traced numbers, or no numbers at all
             value = np.asarray(value, dtype=float)
     try:
-        array = jnp.asarray(value, dtype=float)
+        array = value if _is_float(value) else jnp.asarray(value, dtype=float)  # converting a traced one takes time and does nothing
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: {value!r} is not {_shape_in_words(shape)}") from None
     if array.ndim != len(shape) or any(isinstance(n, int) and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise ValueError(f"{name}: an array of shape {array.shape} is not {_shape_in_words(shape)}")
     return array
+
+
+def _is_float(value):
+    return isinstance(value, jax.Array) and value.dtype == jnp.float64
 
 
 def _shape_in_words(shape):

@@ -15,16 +15,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Primitive
-from jax.interpreters import batching, mlir
+from jax.interpreters import ad, batching, mlir
 
 from . import constraints
 from .constraints import picked, reduced, spread
 from .energy import deformation_gradients, residual
 from .equilibrium import linearised, tangent_at
 from .linear_solve import ONE_THREAD, few_threads, solve_near
-from .mixed import constants, state_pressure
-from .parts import over_parts
+from .mixed import constants, crossed_entries, state_pressure
+from .parts import Tangent, over_parts
 from .products import Products, has_products
 from .workers import usable_threads
 
@@ -37,16 +38,11 @@ def state_tangents(x, inputs, inputs_dot, pattern):
 
     Constrained degrees of freedom move with the nodes of the dry plate. nan where a tangent is singular.
     """
-    leaves, structure = jax.tree.flatten(inputs)
+    fixed = constants(lax.stop_gradient(inputs[0]))  # this and what is crossed run while the rest is traced
+    crossed = crossed_entries(fixed) if _is_small(pattern) and has_products(*inputs[:2]) else None
     carried, rhs = _imbalances(x, inputs, inputs_dot, pattern)
-
-    def product(v):  # of the block-diagonal free-free tangents of all states with v (k, f)
-        return _free_products(v, x, inputs, pattern)
-
-    def solve(_, rhs):
-        return _solutions.bind(rhs, x, *leaves, structure=structure, pattern=pattern)
-
-    return _moved(carried, lax.custom_linear_solve(product, rhs, solve, symmetric=True), pattern)
+    leaves, structure = jax.tree.flatten((x, inputs, fixed, crossed))
+    return _moved(carried, _solutions.bind(rhs, *leaves, structure=structure, pattern=pattern), pattern)
 
 
 def _imbalances(x, inputs, inputs_dot, pattern):
@@ -62,7 +58,7 @@ def _imbalances(x, inputs, inputs_dot, pattern):
 
     rows, linear = (grouped(x), grouped(mu)), (grouped(mu_dot),)
     dots = [dot for dot, f in zip(dots, floating, strict=True) if f]
-    found = over_parts(_Imbalances(structure, floating, pattern), rows, leaves, linear=linear, shared_linear=dots, alone=True)
+    found = over_parts(_Imbalances(structure, floating, pattern), rows, leaves, linear=linear, shared_linear=dots)
     return _ungrouped(found, count)
 
 
@@ -126,19 +122,6 @@ def _nodal_gradients(x, model):
 
 
 @functools.partial(jax.jit, static_argnames="pattern")
-def _free_products(v, x, inputs, pattern):
-    """Products (k, f) of the free-free tangents at ``x`` (k, n, 2) with ``v`` (k, f)."""
-    model, gel, mu, loads = inputs
-
-    def product(state):
-        v, x, mu = state
-        direction = spread(v, x.shape, pattern.free)
-        return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (direction,))[1], pattern.free)
-
-    return _over_states(product, (v, x, mu), model)
-
-
-@functools.partial(jax.jit, static_argnames="pattern")
 def _moved(carried, correction, pattern):
     """Nodal motions (k, n, 2): those carried and the corrections (k, f) of the free degrees of freedom."""
     return carried + jax.vmap(lambda dx: spread(dx, carried.shape[1:], pattern.free))(correction)
@@ -167,15 +150,33 @@ def known(function, values, *inputs):  # noqa: ARG001
     return values
 
 
-@known.defjvp
+@functools.partial(known.defjvp, symbolic_zeros=True)
 def _known_jvp(function, primals, tangents):
     (values, *inputs), (_, *inputs_dot) = primals, tangents
-    return values, jax.checkpoint(lambda: jax.jvp(function, inputs, inputs_dot)[1])()
+    leaves, structure = jax.tree.flatten(inputs)
+    dots = jax.tree.leaves(inputs_dot)
+    which = tuple(i for i, dot in enumerate(dots) if not isinstance(dot, SymbolicZero) and dot.dtype != jax.dtypes.float0)
+    if not which:
+        return values, jax.tree.map(SymbolicZero.from_primal_value, values)
+    return values, _remade(Tangent(_OfLeaves(function, structure), which), *leaves, *(dots[i] for i in which))
 
 
-def _over_states(function, states, model):
-    """``function`` of each state, for several of them at once."""
-    return lax.map(function, states, batch_size=_together(len(states[0]), model))
+@dataclasses.dataclass(frozen=True)
+class _OfLeaves:
+    """``function`` of the leaves of its arguments."""
+
+    function: object
+    structure: object
+    """Tree structure of the arguments."""
+
+    def __call__(self, *leaves):
+        return self.function(*jax.tree.unflatten(self.structure, leaves))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _remade(function, *args):
+    """Values of ``function`` by one program; only the arguments are kept for the reverse."""
+    return jax.checkpoint(lambda *args: function(*args))(*args)
 
 
 def _together(count, model):
@@ -186,7 +187,31 @@ def _together(count, model):
 # --- linear solves: outside jit by products, or one compiled assembly per state, inside by a callback --------------------------
 
 _solutions = Primitive("equilibrium_solutions")
-"""Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states ``x`` (k, n, 2) and the leaves of their inputs."""
+"""Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
+(x (k, n, 2), inputs, ``mixed.Constants``, entries for ``Products`` or None) with the tree ``structure``."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Products:
+    """Products like ``v`` (k, f) or (k, f, r) of the free-free tangents with ``v``, of the leaves that `_solutions` has."""
+
+    structure: object
+    """Tree structure of the leaves."""
+    pattern: object
+    """``linear_solve.Pattern`` of the tangents."""
+
+    def __call__(self, v, *leaves):
+        x, (model, gel, mu, loads), *_ = jax.tree.unflatten(self.structure, leaves)
+
+        def product(state):
+            v, x, mu = state
+            direction = spread(v, x.shape, self.pattern.free)
+            return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (direction,))[1], self.pattern.free)
+
+        def of_all(v):
+            return lax.map(product, (v, x, mu), batch_size=_together(len(x), model))
+
+        return of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)
 
 
 def _pairs(x, mu, model, gel, loads, fixed, pattern):
@@ -199,36 +224,55 @@ def _pairs(x, mu, model, gel, loads, fixed, pattern):
 _pressure = jax.jit(state_pressure)
 
 
+def _solutions_jvp(primals, tangents, *, structure, pattern):
+    """K x = b gives K dx = db - dK x, the latter by the energy: the leaves know more of it than the constants."""
+    (rhs, *leaves), (change, *dots) = primals, tangents
+    solution = _solutions.bind(rhs, *leaves, structure=structure, pattern=pattern)
+    moving = tuple(i + 1 for i, dot in enumerate(dots) if type(dot) is not ad.Zero)
+    if moving:
+        moved = _remade(Tangent(_Products(structure, pattern), moving), solution, *leaves, *(dots[i - 1] for i in moving))
+        change = -moved if type(change) is ad.Zero else change - moved
+    return solution, change if type(change) is ad.Zero else _solutions.bind(change, *leaves, structure=structure, pattern=pattern)
+
+
+def _solutions_transpose(cotangent, rhs, *leaves, **static):  # noqa: ARG001
+    """Tangents are symmetric."""
+    found = cotangent if type(cotangent) is ad.Zero else _solutions.bind(cotangent, *leaves, **static)
+    return [found, *(None for _ in leaves)]
+
+
 @_solutions.def_impl
-def _solved(rhs, x, *leaves, structure, pattern):
+def _solved(rhs, *leaves, structure, pattern):
     """On the host, with values; 0 for 0 at no cost.
 
     Small tangents of the default kind are not assembled, unless no known factor will do; other small ones side by side in threads.
     """
-    model, gel, mu, loads = jax.tree.unflatten(structure, leaves)
-    rhs, x, mu, fixed = np.asarray(rhs), np.asarray(x), np.asarray(mu), constants(model)
+    x, (model, gel, mu, loads), fixed, crossed = jax.tree.unflatten(structure, leaves)
+    rhs, x, mu = map(np.asarray, (rhs, x, mu))
     wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
-    small = len(pattern.free) <= ONE_THREAD
 
     def solve(k, product=None):
         pairs = functools.cache(lambda: _pairs(x[k], mu[k], model, gel, loads, fixed, pattern))
         solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or pattern.matrix(pairs()).__matmul__, pairs)
 
     with few_threads(len(pattern.free)):
-        if small and len(wanted) and has_products(model, gel):
-            products = Products(model, gel, fixed, pattern.free)
+        if crossed is not None and len(wanted):
+            products = Products(model, gel, fixed, crossed, pattern.free)
             for k, product in zip(wanted, products.at(x[wanted], mu[wanted]), strict=True):
                 solve(k, product)
         else:
-            with ThreadPoolExecutor(usable_threads() if small else 1) as pool:
+            with ThreadPoolExecutor(usable_threads() if _is_small(pattern) else 1) as pool:
                 list(pool.map(solve, wanted))
     return jnp.asarray(solutions)
 
 
-def _solved_traced(rhs, x, *leaves, structure, pattern):
+def _is_small(pattern):
+    return len(pattern.free) <= ONE_THREAD
+
+
+def _solved_traced(rhs, *leaves, structure, pattern):
     """Inside jit and vmap, by one callback for each state."""
-    model, gel, mu, loads = jax.tree.unflatten(structure, leaves)
-    fixed = constants(model)
+    x, (model, gel, mu, loads), fixed, _ = jax.tree.unflatten(structure, leaves)
 
     def on_host(x, rhs, pairs):
         return _solve_columns(pattern, np.asarray(x), rhs, pattern.matrix(pairs).__matmul__, lambda: pairs)
@@ -261,5 +305,7 @@ def _solved_batch(args, axes, *, structure, pattern):
 
 
 _solutions.def_abstract_eval(lambda rhs, *_, **__: rhs)
+ad.primitive_jvps[_solutions] = _solutions_jvp
+ad.primitive_transposes[_solutions] = _solutions_transpose
 mlir.register_lowering(_solutions, mlir.lower_fun(_solved_traced, multiple_results=False))
 batching.primitive_batchers[_solutions] = _solved_batch

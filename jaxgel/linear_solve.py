@@ -140,23 +140,26 @@ class Factor:
         """Solution (f,) for another matrix, by its ``product`` with vectors (f,); None where that is far from the factorised one.
 
         Conjugate gradients with the factor as preconditioner: where the two matrices differ by a share s, an iteration leaves about s / 2
-        of the error. That is measured in the norm of the factorised matrix, in which stiff and soft directions count alike, and at most
-        ``NEGLIGIBLE`` of the solution is left. Of an indefinite matrix the norm may happen to vanish: then None as well.
+        of the error. That is measured in the norm of the factorised matrix, in which stiff and soft directions count alike. The last
+        step is a plain correction, which needs no product and leaves the share s, at most twice what the slowest iteration left: at most
+        ``NEGLIGIBLE`` of the solution remains. Of an indefinite matrix the norm may happen to vanish: then None as well.
         """
-        solution, residual, before = np.zeros(len(rhs)), rhs, np.inf
-        with np.errstate(all="ignore"):  # a far matrix ends as None
-            direction = z = self.apply(rhs)
-            size = first = residual @ z
-            while not abs(size) <= NEGLIGIBLE**2 * abs(first) or not first:
-                if not abs(size) < LEFT**2 * before:
-                    return None
+        solution, residual, slowest, apply = np.zeros(len(rhs)), rhs, 0.0, self.fronts.solve
+        with few_threads(len(rhs)), np.errstate(all="ignore"):  # a far matrix ends as None
+            direction = z = apply(rhs)
+            size = residual @ z
+            left, enough = np.inf, NEGLIGIBLE**2 * abs(size)
+            while not left <= enough or not enough:
                 image = product(direction)
-                step, before = size / (direction @ image), abs(size)
+                step = size / (direction @ image)
                 solution, residual = solution + step * direction, residual - step * image
-                z = self.apply(residual)
+                z = apply(residual)
                 size, last = residual @ z, size
-                direction = z + size / last * direction
-        return solution
+                slowest = max(abs(size / last), slowest)  # nan if that is
+                if not slowest < LEFT**2:
+                    return None
+                direction, left = z + size / last * direction, 4 * slowest * abs(size)
+        return solution + z
 
     @functools.cached_property
     def size(self):
@@ -280,8 +283,14 @@ def _nearest(pattern, x):
     """The remembered factor, the latest one, of the positions nearest ``x``; None without."""
     with _remembering:
         known = [(made, at) for made, at in reversed(_remembered) if made.pattern in (pattern, pattern.narrower)]
-    distance = [np.linalg.norm(at - x) for _, at in known]
-    return known[int(np.argmin(distance))][0] if known else None
+    nearest, least = None, np.inf
+    for made, at in known:
+        away = (at - x).ravel()
+        if (distance := away @ away) < least:
+            nearest, least = made, distance
+        if not distance:
+            break
+    return nearest
 
 
 def few_threads(unknowns):

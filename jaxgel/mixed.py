@@ -37,7 +37,7 @@ class Constants:
     """What all tangents of a model have in common."""
 
     pairs: jax.Array
-    """(p, 2) node pairs i <= j that share a cell."""
+    """(p, 2) node pairs i <= j that share a cell, in ascending order."""
     slots: tuple
     """Per block (c, t) the pair of each entry a <= b of a cell's node list; one past the end for padding."""
     laplacian: jax.Array
@@ -296,12 +296,10 @@ def _crossed_matrix(S):
     return first.T @ second - second.T @ first
 
 
-def crossed_entries(S, a, b):
-    """Entries (c, t) of the cells' matrices at rows and columns ``a`` and ``b`` (t,), from either form of ``Constants.crossed``; NumPy."""
-    c, rows, n = S.shape
-    both = S if rows == n else S[:, : rows // 2].swapaxes(1, 2) @ S[:, rows // 2 :]
-    entries = np.take(both.reshape(c, -1), n * a + b, axis=1)
-    return entries if rows == n else entries - np.take(both.reshape(c, -1), n * b + a, axis=1)
+@jax.jit
+def crossed_entries(fixed):
+    """Per block the entries (c, t) of the cells' matrices S in the order of ``Constants.slots``."""
+    return [jax.vmap(_crossed_matrix)(S)[:, *np.triu_indices(S.shape[2])] for S in fixed.crossed]
 
 
 def _nodal_sum(gradients, p, model):

@@ -80,6 +80,12 @@ class Fronts:
         """Bytes it fills."""
         return self.numbers.nbytes
 
+    @functools.cached_property
+    def _steps(self):
+        """Per front its pivots, the unknowns below, L, B and S: what `solve` needs, which is called many times and takes little time."""
+        numbers = zip(self.tree.fronts, self.corners, self.sides, self.signs, strict=True)
+        return [(slice(front.first, front.end), front.below, *own) for front, *own in numbers]
+
     def solve(self, rhs):
         """Solution (f,) or (f, r), without refinement: as accurate as the precision in which the factor is kept."""
         y = np.asarray(rhs, dtype=float)[self.tree.order]
@@ -88,27 +94,29 @@ class Fronts:
         if self.numbers.dtype != y.dtype:  # single precision has a small range
             scale = np.abs(y).max(axis=0) + np.finfo(float).tiny
             y = (y / scale).astype(self.numbers.dtype)
-        trsv, trsm = get_blas_funcs(("trsv", "trsm"), dtype=y.dtype)
+        trsv, trsm = _triangular(y.dtype)
 
         def triangular(L, z, transposed=0):
             if not len(z):  # a front whose nodes are all held
                 return z
-            return trsv(L, z, lower=1, trans=transposed) if z.ndim == 1 else trsm(1.0, L, z, lower=1, trans_a=transposed)
+            return trsv(L, z, lower=1, trans=transposed, overwrite_x=1) if z.ndim == 1 else trsm(1.0, L, z, lower=1, trans_a=transposed)
 
-        fronts = list(zip(self.tree.fronts, self.corners, self.sides, self.signs, strict=True))
-        for front, L, B, signs in fronts:
-            pivots = slice(front.first, front.end)
-            z = triangular(L, y[pivots]) if signs is None else (signs * (L.T @ y[pivots]).T).T
-            y[pivots] = z
-            y[front.below] -= B @ z
-        for front, L, B, signs in reversed(fronts):
-            pivots = slice(front.first, front.end)
-            z = B.T @ y[front.below]
+        for pivots, below, L, B, signs in self._steps:
+            z = y[pivots] = triangular(L, y[pivots]) if signs is None else (signs * (L.T @ y[pivots]).T).T
+            y[below] -= B.dot(z)
+        for pivots, below, L, B, signs in reversed(self._steps):
+            z = B.T.dot(y.take(below, axis=0))
             z = y[pivots] - (z if signs is None else (signs * z.T).T)
             y[pivots] = triangular(L, z, transposed=1) if signs is None else L @ z
         solution = np.empty(y.shape)
         solution[self.tree.order] = scale * y
         return solution.reshape(np.shape(rhs))
+
+
+@functools.cache
+def _triangular(dtype):
+    """BLAS's solvers of triangular systems with one right-hand side and with many; asking for them takes as long as solving some."""
+    return get_blas_funcs(("trsv", "trsm"), dtype=dtype)
 
 
 def factorise(tree, values, dtype=float):
@@ -179,7 +187,7 @@ def dissect(pairs, unknowns, points):
     rank = np.append(np.argsort(order), -1).astype(np.int32)[unknowns]  # (n, 2), -1 where there is no unknown
     sizes = [int(np.sum(unknowns[nodes] >= 0)) for nodes, _ in parts]
     ends = np.cumsum(sizes)
-    ranks = [np.sort(rank[nodes][rank[nodes] >= 0]) for nodes in below]
+    ranks = [np.sort(rank[nodes][rank[nodes] >= 0]).astype(np.intp) for nodes in below]
     entries = _entries(pairs, rank, ends, ranks)
     fronts = []
     for number, (_, children) in enumerate(parts):

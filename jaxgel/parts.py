@@ -19,19 +19,19 @@ from jax.interpreters import ad, batching, mlir
 from .workers import usable_threads
 
 
-def over_parts(function, args, shared=(), *, linear=(), shared_linear=(), alone=False):
+def over_parts(function, args, shared=(), *, linear=(), shared_linear=()):
     """Values (k, ...), a list, of ``function(*part, *shared)`` for the ``k`` parts that the arrays ``args`` (k, ...) have as rows.
 
     The function takes arrays and gives a list of arrays; it is compiled once for all parts, and for all functions that equal it, so it must
     be hashable: one of a module, or a frozen dataclass that can be called. Differentiable by all arguments of floating type. More
     arguments in which it is linear may follow: first ``linear`` (k, ...), then ``shared_linear``. A part with zeros for all of them has
-    zeros as its values, at no cost. With ``alone`` the parts are called one by one, as is best where a program uses all cores by itself.
+    zeros as its values, at no cost. Parts that share arguments are called one by one: what such a derivative sums is added up in place.
     """
     groups = args, shared, linear, shared_linear
     whole = [w for group, w in zip(groups, (False, True, False, True), strict=True) for _ in group]
-    args = [jnp.asarray(arg) for group in groups for arg in group]
+    args = [arg if isinstance(arg, jax.Array) else jnp.asarray(arg) for group in groups for arg in group]
     summed = (False,) * len(_values(function, _of_part(args, whole)))
-    return _parts.bind(*args, function=function, whole=tuple(whole), summed=summed, linear=len(linear) + len(shared_linear), alone=alone)
+    return _parts.bind(*args, function=function, whole=tuple(whole), summed=summed, linear=len(linear) + len(shared_linear))
 
 
 _parts = Primitive("over_parts")
@@ -41,7 +41,7 @@ _parts.multiple_results = True
 
 
 @dataclasses.dataclass(frozen=True)
-class _Tangent:
+class Tangent:
     """Tangents of the values of ``function`` for its arguments and the tangents of those numbered ``which``."""
 
     function: object
@@ -97,50 +97,73 @@ class _Batched:
 
 
 @_parts.def_impl
-def _evaluated(*args, function, whole, summed, linear, alone):
-    """With values: in threads on the CPU, where parts with zeros for what the function is linear in cost nothing."""
+def _evaluated(*args, function, whole, summed, linear):
+    """With values, on the CPU: in threads, or one by one. Parts with zeros for what the function is linear in cost nothing."""
     if jax.default_backend() != "cpu":
         return _one_program(*args, function=function, whole=whole, summed=summed)
     shapes = _of_part(args, whole)
-    program, number = _program(function, shapes), len(next(arg for arg, w in zip(args, whole, strict=True) if not w))
-    values = [np.zeros(v.shape if s else (number, *v.shape), v.dtype) for v, s in zip(_values(function, shapes), summed, strict=True)]
+    program, number = _program(function, summed, shapes), len(next(arg for arg, w in zip(args, whole, strict=True) if not w))
+    totals, values = _zeros(function, shapes, summed)
+    stacked = [np.zeros((number, *v.shape), v.dtype) for v in values]
     args = [arg if w else np.asarray(arg) for arg, w in zip(args, whole, strict=True)]
 
-    def call(k):
+    def call(k, totals=()):
         part = [arg if w else arg[k] for arg, w in zip(args, whole, strict=True)]
         if linear and not any(np.any(arg) for arg in part[-linear:]):
-            return []
-        found = program(*part)
-        for value, own, s in zip(values, found, summed, strict=True):
-            if not s:
-                value[k] = own
-        return [np.asarray(own) for own, s in zip(found, summed, strict=True) if s]
+            return totals
+        totals, found = program(list(totals), *part)
+        for value, own in zip(stacked, found, strict=True):
+            value[k] = own
+        return totals
 
-    totals = [value for value, s in zip(values, summed, strict=True) if s]
-    with ThreadPoolExecutor(1 if alone else usable_threads()) as pool:
-        for found in pool.map(call, range(number)):
-            for total, own in zip(totals, found, strict=bool(found)):
-                total += own
-    return [jnp.asarray(value) for value in values]
+    if any(whole):
+        for k in range(number):
+            totals = call(k, totals)
+    else:
+        with ThreadPoolExecutor(usable_threads()) as pool:
+            list(pool.map(call, range(number)))
+    return _merged(totals, map(jnp.asarray, stacked), summed)
 
 
-def _in_one_program(*args, function, whole, summed, linear=0, alone=False):  # noqa: ARG001
+def _in_one_program(*args, function, whole, summed, linear=0):  # noqa: ARG001
     """Inside jit, and on devices that are no CPU: one part after the other."""
     rows = [arg for arg, w in zip(args, whole, strict=True) if not w]
 
     def add(totals, rows):
         rows = iter(rows)
-        found = function(*(arg if w else next(rows) for arg, w in zip(args, whole, strict=True)))
-        added = [own for own, s in zip(found, summed, strict=True) if s]
-        return list(map(jnp.add, totals, added)), [own for own, s in zip(found, summed, strict=True) if not s]
+        return _added(function, summed, totals, *(arg if w else next(rows) for arg, w in zip(args, whole, strict=True)))
 
-    shapes = _values(function, _of_part(args, whole))
-    zeros = [jnp.zeros(v.shape, v.dtype) for v, s in zip(shapes, summed, strict=True) if s]
-    totals, stacked = map(iter, lax.scan(add, zeros, rows))
-    return [next(totals) if s else next(stacked) for s in summed]
+    return _merged(*lax.scan(add, _zeros(function, _of_part(args, whole), summed)[0], rows), summed)
 
 
 _one_program = jax.jit(_in_one_program, static_argnames=("function", "whole", "summed"))
+
+
+def _added(function, summed, totals, *part):
+    """The ``totals`` with those values of ``function`` of a part added that are ``summed``, and the other values."""
+    found = function(*part)
+    added = map(jnp.add, totals, (own for own, s in zip(found, summed, strict=True) if s))
+    return list(added), [own for own, s in zip(found, summed, strict=True) if not s]
+
+
+def _zeros(function, shapes, summed):
+    """Zeros for the values of ``function`` that are ``summed``, and shapes of the others."""
+    values = list(zip(_values(function, shapes), summed, strict=True))
+    return [jnp.zeros(v.shape, v.dtype) for v, s in values if s], [v for v, s in values if not s]
+
+
+def _merged(totals, stacked, summed):
+    totals, stacked = iter(totals), iter(stacked)
+    return [next(totals) if s else next(stacked) for s in summed]
+
+
+_added_in_place = jax.jit(_added, static_argnums=(0, 1), donate_argnums=2)
+
+
+def _program(function, summed, shapes):
+    """Compiled `_added` for parts of these ``shapes``; from JAX's caches where it was asked for before."""
+    totals = [v for v, s in zip(_values(function, shapes), summed, strict=True) if s]
+    return _added_in_place.lower(function, summed, totals, *shapes).compile()
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -148,13 +171,8 @@ def _called(function, *args):
     return function(*args)
 
 
-def _program(function, shapes):
-    """Compiled ``function`` for arguments of these ``shapes``; from JAX's caches where it was asked for before."""
-    return _called.lower(function, *shapes).compile()
-
-
 def _values(function, shapes):
-    """Shapes of its values."""
+    """Shapes of the values of ``function``."""
     return _called.eval_shape(function, *shapes)
 
 
@@ -171,7 +189,7 @@ def _of_part(args, whole):
 
 
 @_parts.def_abstract_eval
-def _abstract(*args, function, whole, summed, linear, alone):  # noqa: ARG001
+def _abstract(*args, function, whole, summed, linear):  # noqa: ARG001
     number = next(arg.shape[0] for arg, w in zip(args, whole, strict=True) if not w)
     shapes = _values(function, _of_part(args, whole))
     return [jax.core.ShapedArray(v.shape if s else (number, *v.shape), v.dtype) for v, s in zip(shapes, summed, strict=True)]
@@ -179,12 +197,12 @@ def _abstract(*args, function, whole, summed, linear, alone):  # noqa: ARG001
 
 def _jvp(primals, tangents, *, function, whole, summed, **others):
     which = tuple(i for i, tangent in enumerate(tangents) if type(tangent) is not ad.Zero)
-    own = dict(whole=whole + tuple(whole[i] for i in which), summed=summed, alone=others["alone"], linear=len(which))
+    own = dict(whole=whole + tuple(whole[i] for i in which), summed=summed, linear=len(which))
     values = _parts.bind(*primals, function=function, whole=whole, summed=summed, **others)
-    return values, _parts.bind(*primals, *(tangents[i] for i in which), function=_Tangent(function, which), **own)
+    return values, _parts.bind(*primals, *(tangents[i] for i in which), function=Tangent(function, which), **own)
 
 
-def _transpose(cotangents, *args, function, whole, summed, linear, alone):
+def _transpose(cotangents, *args, function, whole, summed, linear):
     others, last = args[: len(args) - linear], args[len(args) - linear :]
     which = tuple(i for i, arg in enumerate(last) if ad.is_undefined_primal(arg))
     values = tuple(i for i, cotangent in enumerate(cotangents) if type(cotangent) is not ad.Zero)
@@ -193,7 +211,7 @@ def _transpose(cotangents, *args, function, whole, summed, linear, alone):
     shapes = _of_part([arg.aval if ad.is_undefined_primal(arg) else arg for arg in last], whole[len(others) :])
     own = dict(whole=whole[: len(others)] + tuple(summed[i] for i in values), summed=tuple(whole[len(others) + i] for i in which))
     made = _Transposed(function, shapes, which, values)
-    found = iter(_parts.bind(*others, *(cotangents[i] for i in values), function=made, linear=len(values), alone=alone, **own))
+    found = iter(_parts.bind(*others, *(cotangents[i] for i in values), function=made, linear=len(values), **own))
     return [None] * len(others) + [next(found) if i in which else None for i in range(linear)]
 
 

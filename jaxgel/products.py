@@ -17,9 +17,8 @@ import numpy as np
 import scipy.sparse as sp
 from jax import lax
 
-from .linear_solve import pair_graph
 from .material import neo_hookean
-from .mixed import crossed_entries, volume_terms
+from .mixed import volume_terms
 
 TOGETHER = 4  # states whose tangents are made together
 
@@ -32,21 +31,19 @@ def has_products(model, gel):
 class Products:
     """The tangents of a ``model`` and ``gel``, see `has_products`, with ``fixed``, the ``mixed.Constants`` of the model.
 
-    Vectors have the ``free`` degrees of freedom, see ``constraints``.
+    ``crossed`` are ``mixed.crossed_entries`` of these. Vectors have the ``free`` degrees of freedom, see ``constraints``.
     """
 
-    def __init__(self, model, gel, fixed, free):
+    def __init__(self, model, gel, fixed, crossed, free):
         self._inputs, self._free, self._n_nodes = (model, gel, fixed), free, model.n_nodes
-        n, graph = model.n_nodes, pair_graph(np.asarray(fixed.pairs), model.n_nodes)
-        number = np.abs(graph.data) - 1
-        network = float(gel.Nv) * np.asarray(fixed.laplacian)[number]
-        self._plane = sp.csr_matrix((network.astype(complex), graph.indices, graph.indptr), (n, n))
-        self._source = np.where(graph.data > 0, number + len(fixed.pairs), number)  # of the entries of -P, in those of P and -P in a row
-        self._by_pairs = _by_pairs(model, fixed)
+        n, (i, j) = model.n_nodes, np.asarray(fixed.pairs).T
+        self._upper = sp.csr_matrix((np.zeros(len(i), complex), j, np.searchsorted(i, np.arange(n + 1))), (n, n))
         nodes = [np.asarray(block.nodes) for block in model.blocks]
         ends = np.append(0, np.cumsum(np.concatenate([np.full(*some.shape) for some in nodes])))
         lists = np.concatenate([some.ravel() for some in nodes])
         self._volumes = sp.csr_matrix((np.zeros(len(lists), complex), lists, ends), (len(ends) - 1, n))
+        self._by_pairs = _by_pairs(fixed, crossed)
+        self._network = float(gel.Nv) * np.where(i == j, 0.5, 1.0) * np.asarray(fixed.laplacian)
 
     def at(self, x, mu):
         """Yield for each state, at ``x`` (k, n, 2) and ``mu`` (k,), the function that multiplies a vector (f,) with its tangent."""
@@ -57,7 +54,8 @@ class Products:
             if number + 1 < len(groups):
                 coming = self._started(x, mu, groups[number + 1])  # runs while the caller is at the states of this group
             pressures, gradients, stiffness = jax.tree.map(np.asarray, made)
-            coupling = (self._by_pairs @ pressures.T)[:-1]  # the last row is that of padding
+            parts = np.split(pressures[: len(group)], np.cumsum([matrix.shape[1] for matrix in self._by_pairs])[:-1], axis=1)
+            coupling = sum(matrix @ part.T for matrix, part in zip(self._by_pairs, parts, strict=True))[:-1]  # the last row is padding's
             for k in range(len(group)):
                 yield self._product(coupling[:, k], stiffness[k], *(part[k] for part in gradients))
 
@@ -67,15 +65,16 @@ class Products:
 
     def _product(self, coupling, stiffness, *gradients):
         """Product of one state with its entries (p,) of P, k / V (g,) and gradients per block (c, 1, a, 2)."""
-        plane, volumes = copy.copy(self._plane), copy.copy(self._volumes)  # the constructor would check the indices once more
-        plane.data = plane.data.copy()
-        plane.data.imag = np.concatenate([coupling, -coupling])[self._source]
+        upper, volumes = copy.copy(self._upper), copy.copy(self._volumes)  # the constructor would check the indices once more
+        upper.data = self._network.astype(complex)
+        upper.data.imag = -coupling  # N - i P is this and its adjoint
         volumes.data = np.concatenate([part.ravel() for part in gradients]).view(complex)
-        back = volumes.T
+        below, back = upper.T, volumes.T
 
         def product(v):
             z = self._spread(v)
-            return self._reduced(plane @ z + back @ (stiffness * (volumes @ z.conj()).real))
+            mirrored = z.conj()
+            return self._reduced(upper @ z + (below @ mirrored).conj() + back @ (stiffness * (volumes @ mirrored).real))
 
         return product
 
@@ -97,13 +96,10 @@ def _terms(x, mu, model, gel, fixed):
     return lax.map(lambda state: volume_terms(*state, model, gel, fixed), (x, mu))
 
 
-def _by_pairs(model, fixed):
-    """Sparse matrix (p, g) that takes the pressures of the cells to the entries of P at the node pairs."""
-    entries, slots = [], []
-    for block, crossed, slot in zip(model.blocks, fixed.crossed, fixed.slots, strict=True):
-        a, b = np.triu_indices(block.nodes.shape[1])
-        entries.append(crossed_entries(np.asarray(crossed), a, b))
-        slots.append(np.asarray(slot))
-    starts = np.append(0, np.cumsum(np.concatenate([np.full(*slot.shape) for slot in slots])))
-    both = np.concatenate([part.ravel() for part in entries]), np.concatenate([part.ravel() for part in slots])
-    return sp.csc_matrix((*both, starts), (len(fixed.pairs) + 1, len(starts) - 1))
+def _by_pairs(fixed, crossed):
+    """Per block the sparse matrix (p + 1, c) that takes the pressures of the cells to the entries of P at the node pairs and at padding."""
+    matrices = []
+    for entries, slots in zip(*jax.tree.map(np.asarray, (crossed, list(fixed.slots))), strict=True):
+        ends = np.arange(len(slots) + 1, dtype=np.int32) * slots.shape[1]
+        matrices.append(sp.csc_matrix((entries.ravel(), slots.ravel(), ends), (len(fixed.pairs) + 1, len(slots))))
+    return matrices

@@ -15,7 +15,7 @@ from jax.custom_derivatives import SymbolicZero
 from .constraints import check_room, free_dofs
 from .contact import with_contact
 from .equilibrium import Equilibrium, Status, advice, dry_state, overlaps, prepare, solve, touches
-from .implicit import known, no_tangent, state_tangents
+from .implicit import known, state_tangents
 from .incremental import incremental_step, prepare_incremental
 from .linear_solve import few_threads, remember
 from .material import check_gel
@@ -386,4 +386,4 @@ def _states_jvp(static, primals, tangents):
         model, model_dot = (dataclasses.replace(m, contact=None) for m in (model, model_dot))  # no energy and no derivative, but a cost
     pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact, model.solver)
     x_dot = state_tangents(x, (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot), pattern)
-    return (x, report), (x_dot, jax.tree.map(no_tangent, report))
+    return (x, report), (x_dot, jax.tree.map(SymbolicZero.from_primal_value, report))

@@ -151,7 +151,7 @@ def test_factor_solves_for_a_nearby_matrix(solver, shift, pattern):
 
 
 def test_iterations_converge_as_those_of_conjugate_gradients(pattern):
-    """After m of them 2 (s / 2)^m of the error is left where the other matrix differs by s, here less than 2e-2."""
+    """After m of them 2 (s / 2)^m of the error is left where the other matrix differs by s, here less than 2e-2; then a correction."""
     blocks, calls = random_pairs(pattern, 4, shift=30.0), []
     near = pattern.matrix(blocks + 1e-2 * random_pairs(pattern, 5))
     lowest, highest = scipy.linalg.eigh(near.toarray(), dense(pattern, blocks), eigvals_only=True)[[0, -1]]
@@ -162,7 +162,7 @@ def test_iterations_converge_as_those_of_conjugate_gradients(pattern):
         return near @ v
 
     factor(pattern, blocks).solve_other(np.ones(len(pattern.free)), product)
-    assert len(calls) <= np.ceil(np.log(linear_solve.NEGLIGIBLE / 2) / np.log(1e-2))
+    assert len(calls) <= np.ceil(np.log(linear_solve.NEGLIGIBLE / 2 / 2e-2) / np.log(1e-2))
 
 
 def test_factor_refuses_a_matrix_that_is_not_near(pattern):
