@@ -141,7 +141,7 @@ _one_program = jax.jit(_in_one_program, static_argnames=("function", "whole", "s
 
 def _added(function, summed, totals, *part):
     """The ``totals`` with those values of ``function`` of a part added that are ``summed``, and the other values."""
-    found = function(*part)
+    found = _called(function, *part)  # traced once, for its shapes too
     added = map(jnp.add, totals, (own for own, s in zip(found, summed, strict=True) if s))
     return list(added), [own for own, s in zip(found, summed, strict=True) if not s]
 
