@@ -94,7 +94,7 @@ class Fronts:
         if self.numbers.dtype != y.dtype:  # single precision has a small range
             scale = np.abs(y).max(axis=0) + np.finfo(float).tiny
             y = (y / scale).astype(self.numbers.dtype)
-        trsv, trsm = _triangular(y.dtype)
+        trsv, trsm = get_blas_funcs(("trsv", "trsm"), dtype=y.dtype)
 
         def triangular(L, z, transposed=0):
             if not len(z):  # a front whose nodes are all held
@@ -111,12 +111,6 @@ class Fronts:
         solution = np.empty(y.shape)
         solution[self.tree.order] = scale * y
         return solution.reshape(np.shape(rhs))
-
-
-@functools.cache
-def _triangular(dtype):
-    """BLAS's solvers of triangular systems with one right-hand side and with many; asking for them takes as long as solving some."""
-    return get_blas_funcs(("trsv", "trsm"), dtype=dtype)
 
 
 def factorise(tree, values, dtype=float):
