@@ -127,12 +127,6 @@ def _moved(carried, correction, pattern):
     return carried + jax.vmap(lambda dx: spread(dx, carried.shape[1:], pattern.free))(correction)
 
 
-def no_tangent(values):
-    """The tangent of ``values`` that have no derivative: zeros, of JAX's type for it."""
-    floating = jnp.issubdtype(values.dtype, jnp.floating)
-    return jnp.zeros_like(values) if floating else np.zeros(values.shape, dtype=jax.dtypes.float0)
-
-
 @functools.partial(jax.custom_jvp, nondiff_argnums=(1,))
 def only_first(values, what):  # noqa: ARG001
     """The ``values`` of ``what``; used in a rule for tangents, ValueError where that is differentiated once more."""

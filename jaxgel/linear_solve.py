@@ -195,13 +195,13 @@ def analyse(pair_nodes, points, free, solver="auto"):
 
 def _sources(pairs, n):
     """Transpose (2 n, 2 n) of the matrix that has, where node pairs (p, 2) put an entry, its number in their blocks (p, 2, 2)."""
-    graph = pair_graph(pairs, n)
+    graph = _pair_graph(pairs, n)
     order = np.array([[[0, 1], [2, 3]], [[0, 2], [1, 3]]], dtype=np.int32)[(graph.data < 0).astype(np.int8)]
     blocks = 4 * (np.abs(graph.data) - 1)[:, None, None] + order
     return sp.bsr_matrix((blocks, graph.indices, graph.indptr), shape=(2 * n, 2 * n)).tocsr()
 
 
-def pair_graph(pairs, n):
+def _pair_graph(pairs, n):
     """Sparse matrix (n, n) with the number of each node pair (p, 2), i <= j, counted from 1: negative at (j, i), and where i = j."""
     i, j = pairs.T
     apart, number = i != j, np.arange(1, len(pairs) + 1, dtype=np.int32)

@@ -1,6 +1,7 @@
 """Facts about the shape functions at single points of random clouds: 7 x 7 jittered grid points of spacing 1, support 3.5."""
 
 import functools
+import importlib
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import pytest
 
 from jaxgel.shape_functions import KINDS, cubic_spline_weight, n_monomials, shape_functions, singular_weight
 
+module = importlib.import_module("jaxgel.shape_functions")  # the package's name for it is the function
 SUPPORT = 3.5
 each_basis = pytest.mark.parametrize("basis", ["linear", "quadratic"])
 each_kind = pytest.mark.parametrize("kind", KINDS)
@@ -239,6 +241,35 @@ def test_values_are_local_and_independent_of_unit_place_and_direction(basis, kin
     # the shift by 10 costs a digit of the distances
     np.testing.assert_allclose(moved[0], phi, atol=1e-12)
     np.testing.assert_allclose(scale * moved[1], gradient @ turn.T, atol=1e-10)
+
+
+@pytest.mark.parametrize("kind", ["iicvmls", "imls"])
+def test_rules_for_sums_of_monomials_are_those_of_automatic_differentiation(kind):
+    """Tangents and the reverse of tangents, of second and third order too, without the rules and with them."""
+    random = np.random.default_rng(18)
+    r, weights, coefficients = (jnp.asarray(random.normal(size=shape)) for shape in ((9, 2), 9, 15))
+
+    def total(product, r, weights, coefficients):
+        u, v = module._coordinates(r, kind)
+        moments, values = product(weights, coefficients, u, v, module._monomials(u, v, 4))
+        return jnp.sum(jnp.abs(moments) ** 2) + jnp.sum(jnp.abs(values) ** 4)
+
+    def plain(weights, coefficients, u, v, q):
+        return q @ weights, coefficients @ q
+
+    def ruled(weights, coefficients, u, v, q):
+        return module._moments(weights, u, v, q), module._polynomial(coefficients, u, v, q)
+
+    def third(product):
+        def along(function):
+            return lambda *inputs: jax.jvp(function, inputs, (jnp.sin(r), jnp.cos(weights), coefficients**2))[1]
+
+        energy = functools.partial(total, product)
+        slopes = [jax.grad(f, (0, 1, 2))(r, weights, coefficients) for f in (energy, along(energy), along(along(energy)))]
+        return [*slopes, along(jax.grad(energy))(r, weights, coefficients)]
+
+    for found, wanted in zip(jax.tree.leaves(third(ruled)), jax.tree.leaves(third(plain)), strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())  # sums in another order
 
 
 def test_values_are_continuous_where_the_nearest_node_changes():
