@@ -21,9 +21,7 @@ LEARNING_RATE = 0.02  # of adam, in scaled parameters
 MULTIPLIER_STEPS = 10  # first-order steps between two updates of the multipliers
 PENALTY = 10.0  # first rho; constraints and objective are scaled to 1
 PENALTY_GROWTH = 3.0  # of rho where the violation has not fallen to a quarter
-MARGIN = (
-    1e-3  # by which the augmented Lagrangian wants its constraints met, since it comes from outside, and optima of boxes may violate them
-)
+MARGIN = 1e-3  # by which the augmented Lagrangian wants its constraints met, since it comes from outside
 SHORTEST = 2.0**-8  # of a step that is halved, and of a box
 INNER = 50  # iterations of a quasi-Newton method in one box
 STALLED = 1e-6  # step of a quasi-Newton method, in scaled parameters, that leaves the design as it was
@@ -150,7 +148,7 @@ def in_boxes(search, *, solve, step, tolerance):
     """Run ``solve(search, centre, low, high, tolerance)`` in boxes of half-width ``step`` around the best design until none is better.
 
     Designs compare by objective + PENALTY * violation, so that a box may end next to a constraint and the following one meet it.
-    A design that violates one by more than MARGIN is no optimum: `Stuck`.
+    A design that violates one by more than the ``tolerance``, as SLSQP itself has it, is no optimum: `Stuck`.
     """
     centre, reach = search.start, step
     while reach >= SHORTEST * step:
@@ -166,7 +164,7 @@ def in_boxes(search, *, solve, step, tolerance):
         best = search.best(_merit)
         centre, better = np.array(best["vector"]), _merit(here.entry) - _merit(best) > tolerance
         inside = np.all((centre > low) | (low == 0)) and np.all((centre < high) | (high == 1))
-        if inside and not better and not failed and not stalled and _violation(best) <= MARGIN:
+        if inside and not better and not failed and not stalled and _violation(best) <= tolerance:
             return
         if failed or not better:
             reach *= 0.5
