@@ -18,6 +18,8 @@ from jax.interpreters import ad, batching, mlir
 
 from .workers import usable_threads
 
+PROGRAMS = 256  # functions of parts, of some shapes, whose programs are kept
+
 
 def over_parts(function, args, shared=(), *, linear=(), shared_linear=()):
     """Values (k, ...), a list, of ``function(*part, *shared)`` for the ``k`` parts that the arrays ``args`` (k, ...) have as rows.
@@ -102,8 +104,8 @@ def _evaluated(*args, function, whole, summed, linear):
     if jax.default_backend() != "cpu":
         return _one_program(*args, function=function, whole=whole, summed=summed)
     shapes = _of_part(args, whole)
-    program, number = _program(function, summed, shapes), len(next(arg for arg, w in zip(args, whole, strict=True) if not w))
-    totals, values = _zeros(function, shapes, summed)
+    program, (sums, values) = _program(function, summed, shapes), _split(_values(function, shapes), summed)
+    totals, number = _zeros(tuple(sums)), len(next(arg for arg, w in zip(args, whole, strict=True) if not w))
     stacked = [np.zeros((number, *v.shape), v.dtype) for v in values]
     args = [arg if w else np.asarray(arg) for arg, w in zip(args, whole, strict=True)]
 
@@ -133,7 +135,8 @@ def _in_one_program(*args, function, whole, summed, linear=0):  # noqa: ARG001
         rows = iter(rows)
         return _added(function, summed, totals, *(arg if w else next(rows) for arg, w in zip(args, whole, strict=True)))
 
-    return _merged(*lax.scan(add, _zeros(function, _of_part(args, whole), summed)[0], rows), summed)
+    sums, _ = _split(_values(function, _of_part(args, whole)), summed)
+    return _merged(*lax.scan(add, _zeros(tuple(sums)), rows), summed)
 
 
 _one_program = jax.jit(_in_one_program, static_argnames=("function", "whole", "summed"))
@@ -141,15 +144,19 @@ _one_program = jax.jit(_in_one_program, static_argnames=("function", "whole", "s
 
 def _added(function, summed, totals, *part):
     """The ``totals`` with those values of ``function`` of a part added that are ``summed``, and the other values."""
-    found = _called(function, *part)  # traced once, for its shapes too
-    added = map(jnp.add, totals, (own for own, s in zip(found, summed, strict=True) if s))
-    return list(added), [own for own, s in zip(found, summed, strict=True) if not s]
+    own, others = _split(_called(function, *part), summed)  # traced once, for its shapes too
+    return list(map(jnp.add, totals, own)), others
 
 
-def _zeros(function, shapes, summed):
-    """Zeros for the values of ``function`` that are ``summed``, and shapes of the others."""
-    values = list(zip(_values(function, shapes), summed, strict=True))
-    return [jnp.zeros(v.shape, v.dtype) for v, s in values if s], [v for v, s in values if not s]
+def _split(values, summed):
+    """Those of the values that are ``summed``, and the others."""
+    pairs = list(zip(values, summed, strict=True))
+    return [v for v, s in pairs if s], [v for v, s in pairs if not s]
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _zeros(shapes):
+    return [jnp.zeros(s.shape, s.dtype) for s in shapes]
 
 
 def _merged(totals, stacked, summed):
@@ -160,10 +167,10 @@ def _merged(totals, stacked, summed):
 _added_in_place = jax.jit(_added, static_argnums=(0, 1), donate_argnums=2)
 
 
+@functools.lru_cache(PROGRAMS)
 def _program(function, summed, shapes):
-    """Compiled `_added` for parts of these ``shapes``; from JAX's caches where it was asked for before."""
-    totals = [v for v, s in zip(_values(function, shapes), summed, strict=True) if s]
-    return _added_in_place.lower(function, summed, totals, *shapes).compile()
+    """Compiled `_added` for parts of these ``shapes``."""
+    return _added_in_place.lower(function, summed, _split(_values(function, shapes), summed)[0], *shapes).compile()
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -171,6 +178,7 @@ def _called(function, *args):
     return function(*args)
 
 
+@functools.lru_cache(PROGRAMS)
 def _values(function, shapes):
     """Shapes of the values of ``function``."""
     return _called.eval_shape(function, *shapes)
