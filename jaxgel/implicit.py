@@ -48,6 +48,7 @@ def state_tangents(x, inputs, inputs_dot, pattern):
 def _imbalances(x, inputs, inputs_dot, pattern):
     """Motions (k, n, 2) that the states are carried with, and -dr (k, f) left by them and the tangents of the inputs."""
     (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot) = inputs, inputs_dot
+    model, model_dot = map(_without_probes, (model, model_dot))
     leaves, structure = jax.tree.flatten((model, gel, loads))
     dots = jax.tree.leaves((model_dot, gel_dot, loads_dot))
     floating = tuple(jnp.issubdtype(leaf.dtype, jnp.floating) for leaf in leaves)
@@ -60,6 +61,11 @@ def _imbalances(x, inputs, inputs_dot, pattern):
     dots = [dot for dot, f in zip(dots, floating, strict=True) if f]
     found = over_parts(_Imbalances(structure, floating, pattern), rows, leaves, linear=linear, shared_linear=dots)
     return _ungrouped(found, count)
+
+
+def _without_probes(model):
+    """The model without the points at which states are only looked at: no residual depends on them."""
+    return dataclasses.replace(model, midline=None, core=None, outline=model.outline if model.contact is not None else None)
 
 
 @functools.partial(jax.jit, static_argnames=("number", "size"))
