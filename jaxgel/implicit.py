@@ -18,6 +18,7 @@ from jax import lax
 from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+from scipy.spatial import cKDTree
 
 from . import constraints
 from .constraints import picked, reduced, spread
@@ -117,14 +118,23 @@ class _Imbalances:
 
 
 def _nodal_gradients(x, model):
-    """Deformation gradients (n, 2, 2) at the nodes: means of those of the cells that list them, by volume."""
-    total, share = jnp.zeros((*x.shape, 2)), jnp.zeros(len(x))
+    """Deformation gradients (n, 2, 2) at the nodes: of each the mean in the cell nearest it."""
+    means = []
     for block in model.blocks:
-        whole = jnp.einsum("cq,cqij->cij", block.weight, deformation_gradients(x, block))
-        real = jnp.any(block.dphi != 0, axis=(1, 3))
-        total = total.at[block.nodes].add(jnp.where(real[..., None, None], whole[:, None], 0.0))
-        share = share.at[block.nodes].add(jnp.where(real, jnp.sum(block.weight, axis=1)[:, None], 0.0))
-    return total / jnp.where(share > 0, share, 1.0)[:, None, None]
+        share = block.weight / jnp.sum(block.weight, axis=1, keepdims=True)
+        means.append(deformation_gradients(x, dataclasses.replace(block, dphi=jnp.einsum("cq,cqai->cai", share, block.dphi)[:, None])))
+    return jnp.concatenate(means)[_nearest_cells(model.lists), 0]
+
+
+def _nearest_cells(lists):
+    """The cell (n,), counted block after block, nearest each node of the reference cloud; host, kept with the lists."""
+    if "nearest cells" not in lists.cache:
+        points = lists.topology.partition.vertices[lists.topology.node_vertices]
+        cells = np.concatenate(lists.cells)
+        real = lists.support[cells, :, None] > 0
+        centres = np.sum(np.where(real, points[lists.nodes[cells]], 0.0), axis=1) / real.sum(axis=1)
+        lists.cache["nearest cells"] = cKDTree(centres).query(points)[1]
+    return lists.cache["nearest cells"]
 
 
 @functools.partial(jax.jit, static_argnames="pattern")
