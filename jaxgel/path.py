@@ -32,6 +32,8 @@ class Step:
     """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where it was not computed."""
     modes: object = None
     """(f, m) lowest modes, where the next state's are looked for; None for all but the last state read from a file."""
+    rate: object = None
+    """(n, 2) dx/dmu, mm/kT, from which a sweep's second state is predicted; of its first state only."""
     factor: object = None
     """Factor of the tangent next to the state, for ``on_step`` only; None once the sweep goes on, and for a state read from a file."""
     switched: bool = False

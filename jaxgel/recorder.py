@@ -20,7 +20,7 @@ from .equilibrium import Status
 from .files import open_folder, write_atomically
 from .observables import outlines
 from .path import Path
-from .results import COLUMNS, FORMAT, INTEGER_COLUMNS, SELF_CONTACT, STEP_ARRAYS, events, history, of_case
+from .results import COLUMNS, FORMAT, INTEGER_COLUMNS, OF_LAST, SELF_CONTACT, STEP_ARRAYS, events, history, of_case
 
 NUMERICAL = ("jaxgel", "jax", "jaxlib", "numpy", "scipy")  # packages on which the last digits depend
 FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "pattern.mp4", "series.pvd", "run.nc")
@@ -92,8 +92,7 @@ class Recorder:
         arrays = {name: np.array([getattr(step, name) for step in steps]) for name in STEP_ARRAYS}
         arrays["status"] = np.array([step.status.name for step in steps])
         arrays["apart"] = np.array([-1 if step.apart is None else step.apart for step in steps], dtype=np.int8)
-        if steps[-1].modes is not None:
-            arrays["modes"] = np.asarray(steps[-1].modes)
+        arrays |= {name: np.asarray(own) for name in OF_LAST if (own := getattr(steps[-1], name)) is not None}
         arrays["nodes"] = np.asarray(self.model.cloud.nodes)
         for i, loops in enumerate(zip(*(loops for _, _, loops in self.records), strict=True)):
             arrays[f"outline_{i}"] = np.array(loops)

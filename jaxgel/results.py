@@ -125,6 +125,7 @@ STEP_ARRAYS = (
     "switched",
     "stride",
 )
+OF_LAST = ("modes", "rate")  # kept of the last step only
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -139,7 +140,7 @@ class Run:
     """Columns of ``history.csv``: name -> (k,) array, status a list of texts."""
     states: dict
     """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm, and the rest
-    of each `path.Step`; modes (f, m) those of the last."""
+    of each `path.Step`; modes (f, m) and rate (n, 2) those of the last, where it has them."""
 
     @property
     def mu(self):
@@ -171,10 +172,10 @@ def load_run(folder, *, max_bytes=MAX_BYTES):
         raise ValueError(f"folder: {str(folder)!r} holds no accepted state; its run ended as {summary['status']!r}: {summary['reason']}")
     k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in history.csv
     if k < len(states["mu"]):
-        states.pop("modes", None)  # of a state whose row was cut off with the machine
+        states = {name: a for name, a in states.items() if name not in OF_LAST}  # of a state whose row was cut off with the machine
     if not np.array_equal(states["mu"][:k], table["mu"][:k]):
         raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their mu differ")
-    states = {name: a if name in ("nodes", "modes") else a[:k] for name, a in states.items()}
+    states = {name: a if name in ("nodes", *OF_LAST) else a[:k] for name, a in states.items()}
     return Run(folder, summary, {name: column[:k] for name, column in table.items()}, states)
 
 
@@ -205,7 +206,7 @@ def rebuilt(run):
     if not (fits and (modes is None or len(modes) == len(free_dofs(model.lists.topology)))):
         raise ValueError(f"folder: the nodes in {str(run.folder)!r} are not those of this version of jaxgel; run the case again")
     steps = [_step(states, i) for i in range(len(run.mu))]
-    return case, model, [*steps[:-1], dataclasses.replace(steps[-1], modes=modes)]
+    return case, model, [*steps[:-1], dataclasses.replace(steps[-1], modes=modes, rate=states.get("rate"))]
 
 
 def of_case(model, case):
@@ -272,10 +273,12 @@ def _read_states(content, max_bytes):
     shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
     if "modes" in arrays:
         shapes["modes"] = (len(arrays["modes"]), arrays["modes"].shape[1])
+    if "rate" in arrays:
+        shapes["rate"] = (n, 2)
     for name, shape in shapes.items():
         if arrays[name].shape != shape or arrays[name].dtype.kind not in "bfiU":
             raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
-    for name in {"mu", "x", "pressure", "modes"} & arrays.keys():
+    for name in {"mu", "x", "pressure", *OF_LAST} & arrays.keys():
         if not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} is not finite")
     if not np.all(np.diff(arrays["mu"]) > 0) or not set(arrays["status"]) <= Status.__members__.keys():

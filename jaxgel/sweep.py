@@ -12,14 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
-from .constraints import check_room, free_dofs
+from .constraints import check_room, free_dofs, reduced, spread
 from .contact import with_contact
-from .equilibrium import Equilibrium, Status, advice, dry_state, overlaps, prepare, solve, touches
+from .energy import residual
+from .equilibrium import Equilibrium, Status, acting, advice, dry_state, overlaps, prepare, solve, touches
 from .implicit import known, state_tangents
 from .incremental import incremental_step, prepare_incremental
 from .linear_solve import few_threads, remember
 from .material import check_gel
-from .mixed import tangent_pattern
+from .mixed import state_pressure, tangent_pattern
 from .path import Path, Step
 from .relaxation import relax, relax_along
 from .stability import lowest_modes, nearby_modes, network_stiffness, stable_state
@@ -212,7 +213,26 @@ def _attempt(problem, stiffness, stable, mu, done):
         other = _stable(problem, stiffness, mu, found, modes) if stable and modes.negative > 0 else None
         if other is not None:
             found, modes, switched = dataclasses.replace(other[0], iterations=found.iterations + other[0].iterations), other[1], True
-    return Step.at(problem, mu, found, modes, switched=switched)
+    step = Step.at(problem, mu, found, modes, switched=switched)
+    return step if done or not found.status.ok else dataclasses.replace(step, rate=_rate(problem, mu, found))
+
+
+def _rate(problem, mu, state):
+    """dx/dmu (n, 2), mm/kT, of the branch on which the ``Equilibrium`` at ``mu`` lies."""
+    pull = _pull_of_mu(state.x, acting(problem, state).model, problem.gel, mu, problem.loads, problem.free)
+    return np.asarray(spread(state.factor.apply(np.asarray(pull)), state.x.shape, problem.free))
+
+
+@jax.jit
+def _pull_of_mu(x, model, gel, mu, loads, free):
+    """Forces (f,) on the free degrees of freedom that an increase of mu brings, mm/v."""
+    return -reduced(jax.jvp(lambda mu: residual(x, model, gel, mu, loads), (mu,), (1.0,))[1], free)
+
+
+@jax.jit
+def _pressure_rate(x, rate, model, gel, mu):
+    """dp/dmu (g,), 1/v, at positions ``x`` (n, 2) that change at the ``rate`` (n, 2)."""
+    return jax.jvp(lambda x, mu: state_pressure(x, model, gel, mu), (x, mu), (rate, 1.0))[1]
 
 
 def _reached(problem, stable, mu, history):
@@ -280,11 +300,16 @@ def _same_branch(done):
 def _predict(problem, mu, history):
     """Positions and pressures at ``mu`` by extrapolation through states of ``history``; the dry state without any.
 
+    The first state of a sweep has its rate of change, which serves where it is alone.
     It goes through as many of the last states as would have predicted the last one best, and through one more where that is all of them:
     a polynomial of high degree is good on a smooth path and leaves the branch where that has turned.
     """
     if not history:
         return dry_state(problem.model, problem.gel, mu)
+    if len(history) == 1 and history[0].rate is not None:
+        last, share = history[0], mu - history[0].mu
+        rate = _pressure_rate(last.x, last.rate, problem.model, problem.gel, last.mu)
+        return np.asarray(last.x) + share * last.rate, np.asarray(last.pressure) + share * np.asarray(rate)
     at = np.array([step.mu for step in history])
     x = np.stack([np.asarray(step.x) for step in history])
     misses = [np.linalg.norm(np.tensordot(_weights(at[-k - 1 : -1], at[-1]), x[-k - 1 : -1], 1) - x[-1]) for k in range(1, len(at))]

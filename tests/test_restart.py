@@ -65,11 +65,12 @@ def run_of(mu, parent):
 @pytest.mark.parametrize("mu", [GIVEN, CHOSEN], ids=["given", "chosen"])
 def test_a_run_killed_after_a_state_ends_with_the_same_bits(mu, tmp_path):
     folder, path = run_of(mu, tmp_path)
-    killed = folder.with_name(f"after-{len(path) // 2}")
-    assert load_run(killed).summary["status"] == "running"
-    assert cli.main(["resume", str(killed), "--quiet", "--no-plots"]) == 0
-    assert_same(killed, folder)
-    assert (killed / "series.pvd").is_file()
+    for k in (1, len(path) // 2):
+        killed = folder.with_name(f"after-{k}")
+        assert load_run(killed).summary["status"] == "running"
+        assert cli.main(["resume", str(killed), "--quiet", "--no-plots"]) == 0
+        assert_same(killed, folder)
+        assert (killed / "series.pvd").is_file()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
@@ -148,6 +149,11 @@ def other_modes(folder):
     np.savez(folder / "states.npz", **(arrays | {"modes": arrays["modes"][1:]}))
 
 
+def other_rate(folder):
+    arrays = dict(np.load(folder / "states.npz"))
+    np.savez(folder / "states.npz", **(arrays | {"rate": arrays["nodes"][1:]}))
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -161,6 +167,7 @@ def other_modes(folder):
         (other_nodes, "run the case again"),
         (other_mu, r"are not those of the case in its summary\.json"),
         (other_modes, "run the case again"),
+        (other_rate, "is damaged"),
     ],
 )
 def test_what_cannot_be_continued_is_one_line(swept, tmp_path, capsys, damage, message):

@@ -191,6 +191,18 @@ def test_prediction_is_exact_on_a_polynomial_and_cautious_after_a_turn(tiny_mode
     np.testing.assert_allclose(x, 1.5)
 
 
+@pytest.mark.parametrize("method", ["mixed", "displacement"])
+def test_a_first_state_predicts_the_second_to_second_order(tiny_model, method):
+    model = tiny_model if method == "mixed" else jaxgel.discretise(tiny_model.cloud, method=method)
+    problem, steps, misses = prepare(model, model.cloud.plate.gel), 0.2 * 0.5 ** np.arange(3), []
+    for step in steps:
+        seen = []
+        jaxgel.sweep(model, model.cloud.plate.gel, mu=[-3.0, -3.0 + step], on_step=seen.append)
+        x, pressure = _predict(problem, seen[1].mu, seen[:1])
+        misses.append([np.abs(x - seen[1].x).max(), np.abs(pressure - seen[1].pressure).max()])
+    np.testing.assert_allclose(np.log2(np.divide(misses[:-1], misses[1:])), 2, atol=0.15)
+
+
 def test_one_factor_is_in_memory_at_a_time(coarse_model, monkeypatch):
     """At 3e5 nodes each fills gigabytes. The modes at the end of so long a step need one of their own."""
     made, alive = weakref.WeakSet(), []
@@ -202,5 +214,5 @@ def test_one_factor_is_in_memory_at_a_time(coarse_model, monkeypatch):
         return fronts
 
     monkeypatch.setattr(linear_solve, "factorise", factorise)
-    jaxgel.sweep(coarse_model, coarse_model.cloud.plate.gel, mu=[-4.9678, -4.5])
+    jaxgel.sweep(coarse_model, coarse_model.cloud.plate.gel, mu=[-4.9678, -3.5])
     assert len(alive) > 3 and not any(alive)
