@@ -13,7 +13,7 @@ from jax import lax
 from scipy.spatial import cKDTree
 
 from .parts import over_parts
-from .shape_functions import shape_functions
+from .shape_functions import shape_functions, shape_functions_and_gradients
 
 BATCH = 64  # points whose shape functions are evaluated together
 CHUNK = 512  # points of one call of the program that evaluates them: no shape in it is a cloud's own, so one program serves them all
@@ -118,17 +118,9 @@ class _Evaluation:
     def __call__(self, points, neighbours, supports):
         @jax.checkpoint
         def one(point):
-            x, neighbours, support = point
-
-            def phi(x):
-                value = shape_functions(x, neighbours, support, basis=self.basis, kind=self.kind)
-                value = value.real if self.kind == "iicvmls" else value
-                return value, value
-
-            if not self.gradients:
-                return [phi(x)[0]]
-            gradient, value = jax.jacfwd(phi, has_aux=True)(x)
-            return [value, gradient]
+            options = dict(basis=self.basis, kind=self.kind)
+            found = shape_functions_and_gradients(*point, **options) if self.gradients else (shape_functions(*point, **options),)
+            return [value.real if self.kind == "iicvmls" else value for value in found]
 
         return lax.map(one, (points, neighbours, supports), batch_size=BATCH)
 

@@ -1,16 +1,21 @@
 """Facts about the shape functions at single points of random clouds: 7 x 7 jittered grid points of spacing 1, support 3.5."""
 
 import functools
-import importlib
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgel.shape_functions import KINDS, cubic_spline_weight, n_monomials, shape_functions, singular_weight
+from jaxgel.shape_functions import (
+    KINDS,
+    cubic_spline_weight,
+    n_monomials,
+    shape_functions,
+    shape_functions_and_gradients,
+    singular_weight,
+)
 
-module = importlib.import_module("jaxgel.shape_functions")  # the package's name for it is the function
 SUPPORT = 3.5
 each_basis = pytest.mark.parametrize("basis", ["linear", "quadratic"])
 each_kind = pytest.mark.parametrize("kind", KINDS)
@@ -243,33 +248,59 @@ def test_values_are_local_and_independent_of_unit_place_and_direction(basis, kin
     np.testing.assert_allclose(scale * moved[1], gradient @ turn.T, atol=1e-10)
 
 
-@pytest.mark.parametrize("kind", ["iicvmls", "imls"])
-def test_rules_for_sums_of_monomials_are_those_of_automatic_differentiation(kind):
-    """Tangents and the reverse of tangents, of second and third order too, without the rules and with them."""
+@pytest.mark.parametrize(("basis", "kind"), [("linear", "iicvmls"), ("quadratic", "imls"), ("linear", "icvmls"), ("quadratic", "mls")])
+def test_values_and_gradients_are_those_of_automatic_differentiation(basis, kind):
+    """And so are their own derivatives by the point and the neighbours, in the nodes too, forwards and backwards."""
+    nodes, x = clouds(6, 18)
+    x[:2] = nodes[:2, 24]
     random = np.random.default_rng(18)
-    r, weights, coefficients = (jnp.asarray(random.normal(size=shape)) for shape in ((9, 2), 9, 15))
+    x_dot, nodes_dot = random.normal(size=x.shape), random.normal(size=nodes.shape)
+    written_out = functools.partial(shape_functions_and_gradients, support=SUPPORT, basis=basis, kind=kind)
 
-    def total(product, r, weights, coefficients):
-        u, v = module._coordinates(r, kind)
-        moments, values = product(weights, coefficients, u, v, module._monomials(u, v, 4))
-        return jnp.sum(jnp.abs(moments) ** 2) + jnp.sum(jnp.abs(values) ** 4)
+    def differentiated(x, nodes):
+        return jax.jvp(lambda x: shape_functions(x, nodes, SUPPORT, basis=basis, kind=kind), (x,), (jnp.ones(2),))
 
-    def plain(weights, coefficients, u, v, q):
-        return q @ weights, coefficients @ q
+    def along(x, nodes):
+        phi, gradient = written_out(x, nodes)
+        return phi, gradient @ jnp.ones(2)
 
-    def ruled(weights, coefficients, u, v, q):
-        return module._moments(weights, u, v, q), module._polynomial(coefficients, u, v, q)
+    @jax.jit
+    @jax.vmap
+    def both(x, nodes, x_dot, nodes_dot):
+        found, wanted = (jax.jvp(function, (x, nodes), (x_dot, nodes_dot)) for function in (along, differentiated))
+        slopes = [jax.grad(lambda *at, f=f: jnp.sum(jnp.abs(f(*at)[1]) ** 2), (0, 1))(x, nodes) for f in (along, differentiated)]
+        return (found, slopes[0]), (wanted, slopes[1])
 
-    def third(product):
-        def along(function):
-            return lambda *inputs: jax.jvp(function, inputs, (jnp.sin(r), jnp.cos(weights), coefficients**2))[1]
+    for found, wanted in zip(*map(jax.tree.leaves, both(x, nodes, x_dot, nodes_dot)), strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())  # round-off of the moment matrix
 
-        energy = functools.partial(total, product)
-        slopes = [jax.grad(f, (0, 1, 2))(r, weights, coefficients) for f in (energy, along(energy), along(along(energy)))]
-        return [*slopes, along(jax.grad(energy))(r, weights, coefficients)]
 
-    for found, wanted in zip(jax.tree.leaves(third(ruled)), jax.tree.leaves(third(plain)), strict=True):
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())  # sums in another order
+def test_second_derivatives_are_differences_of_first_ones_by_every_route():
+    """By the neighbours: no route may hold what the others differentiate."""
+    nodes, x = clouds(1, 19)
+    nodes, x, step = jnp.asarray(nodes[0]), jnp.asarray(x[0]), 1e-5
+    direction, weights = (jnp.asarray(np.random.default_rng(19).normal(size=shape)) for shape in ((49, 2), 49))
+
+    def reading(nodes):
+        return weights @ shape_functions(x, nodes, SUPPORT, kind="imls")
+
+    def linearised(nodes):
+        return jax.vmap(jax.linearize(reading, nodes)[1])(jnp.eye(98).reshape(98, 49, 2)).reshape(49, 2)
+
+    @jax.jit
+    def slopes(nodes):
+        return jax.grad(reading)(nodes)
+
+    difference = (slopes(nodes + step * direction) - slopes(nodes - step * direction)) / (2 * step)
+    routes = {
+        "forwards over backwards": lambda: jax.jvp(jax.grad(reading), (nodes,), (direction,))[1],
+        "backwards over backwards": lambda: jax.grad(lambda nodes: jnp.sum(jax.grad(reading)(nodes) * direction))(nodes),
+        "backwards over forwards": lambda: jax.grad(lambda nodes: jax.jvp(reading, (nodes,), (direction,))[1])(nodes),
+        "forwards over linearised": lambda: jax.jvp(linearised, (nodes,), (direction,))[1],
+    }
+    for name, route in routes.items():
+        # truncation of the differences, step^2
+        np.testing.assert_allclose(jax.jit(route)(), difference, rtol=0, atol=1e-8 * np.abs(difference).max(), err_msg=name)
 
 
 def test_values_are_continuous_where_the_nearest_node_changes():
