@@ -7,8 +7,10 @@ Energies are in kT/v times mm^2, forces in kT/v times mm. Index letters as in ``
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from .contact import contact_energy
+from .material import bulk_stiffness, osmotic
 from .probe import in_plane
 
 
@@ -54,16 +56,30 @@ def by_block(values, model):
     return [part.reshape(shape) for part, shape in zip(jnp.split(values, cuts), shapes, strict=True)]
 
 
-def total_energy(x, model, gel, mu, loads):
+def total_energy(x, model, gel, mu, loads, pressure=None):
     """Total energy (), kT/v mm^2, at nodal positions ``x`` (n, 2): free energy of the gel less the work of dead ``loads`` (n, 2).
 
     It includes the self-contact of a model that has it.
     The weak form of Deng et al. (2020), Eqs. (3) and (10), is its first variation. NaN where a volume ratio is not above 1.
+    For derivatives at an equilibrium, its ``pressure`` (g,) says more of the volume ratios than ``x``: see `_carrying`.
     """
     gradients = _gradients(x, model)
-    swelling = jax.vmap(lambda J: gel.volumetric(J, gel) - mu * (J - 1))(_volume_ratios(gradients, model))
+    J = _volume_ratios(gradients, model)
+    J = J if pressure is None else _carrying(J, pressure, model, gel, mu)
+    swelling = jax.vmap(lambda J: gel.volumetric(J, gel) - mu * (J - 1))(J)
     touch = contact_energy(x, model) if model.contact is not None else 0.0
     return _network_energy(gradients, model, gel) + jnp.sum(all_volumes(model) * swelling) - jnp.sum(loads * x) + touch
+
+
+def _carrying(J, pressure, model, gel, mu):
+    """The volume ratios (g,) that carry the ``pressure`` (g,), with the derivatives of those near them, ``J`` (g,).
+
+    Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,
+    which mixed second derivatives would show.
+    """
+    stiffness = bulk_stiffness(J, gel)
+    real = (all_volumes(model) > 0) & (stiffness > 0)
+    return J + lax.stop_gradient(jnp.where(real, (pressure - osmotic(J, mu, gel)) / jnp.where(real, stiffness, 1.0), 0.0))
 
 
 def curvature(x, v, model, gel, mu, loads):

@@ -25,7 +25,7 @@ from .constraints import picked, reduced, spread
 from .energy import deformation_gradients, residual
 from .equilibrium import linearised, tangent_at
 from .linear_solve import ONE_THREAD, few_threads, solve_near
-from .mixed import constants, crossed_entries, state_pressure
+from .mixed import crossed_entries
 from .parts import Tangent, over_parts
 from .products import Products, has_products
 from .workers import usable_threads
@@ -34,19 +34,19 @@ TOGETHER = 4  # states that are differentiated together: per cell that is one pr
 TOGETHER_BYTES = 2**28  # most that their positions gathered cell by cell may fill
 
 
-def state_tangents(x, inputs, inputs_dot, pattern):
-    """Tangents (k, n, 2) of the equilibria ``x`` (k, n, 2) for tangents of their ``inputs`` (model, gel, mu (k,), loads).
+def state_tangents(x, pressure, inputs, inputs_dot, pattern, fixed):
+    """Tangents (k, n, 2) of the equilibria ``x`` (k, n, 2) with ``pressure`` (k, g) for tangents of their ``inputs``.
 
-    Constrained degrees of freedom move with the nodes of the dry plate. nan where a tangent is singular.
+    These are (model, gel, mu (k,), loads). Constrained degrees of freedom move with the nodes of the dry plate. ``fixed`` are the
+    ``mixed.Constants`` of the model, whose own derivatives are not needed. nan where a tangent is singular.
     """
-    fixed = constants(lax.stop_gradient(inputs[0]))  # this and what is crossed run while the rest is traced
-    crossed = crossed_entries(fixed) if _is_small(pattern) and has_products(*inputs[:2]) else None
-    carried, rhs = _imbalances(x, inputs, inputs_dot, pattern)
-    leaves, structure = jax.tree.flatten((x, inputs, fixed, crossed))
+    crossed = crossed_entries(fixed) if _is_small(pattern) and has_products(*inputs[:2]) else None  # runs while the rest is traced
+    carried, rhs = _imbalances(x, pressure, inputs, inputs_dot, pattern)
+    leaves, structure = jax.tree.flatten((x, pressure, inputs, fixed, crossed))
     return _moved(carried, _solutions.bind(rhs, *leaves, structure=structure, pattern=pattern), pattern)
 
 
-def _imbalances(x, inputs, inputs_dot, pattern):
+def _imbalances(x, pressure, inputs, inputs_dot, pattern):
     """Motions (k, n, 2) that the states are carried with, and -dr (k, f) left by them and the tangents of the inputs."""
     (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot) = inputs, inputs_dot
     model, model_dot = map(_without_probes, (model, model_dot))
@@ -58,7 +58,7 @@ def _imbalances(x, inputs, inputs_dot, pattern):
     def grouped(values):
         return _in_groups(values, -(-count // size), size)
 
-    rows, linear = (grouped(x), grouped(mu)), (grouped(mu_dot),)
+    rows, linear = (grouped(x), grouped(pressure), grouped(mu)), (grouped(mu_dot),)
     dots = [dot for dot, f in zip(dots, floating, strict=True) if f]
     found = over_parts(_Imbalances(structure, floating, pattern), rows, leaves, linear=linear, shared_linear=dots)
     return _ungrouped(found, count)
@@ -83,7 +83,7 @@ def _ungrouped(values, count):
 
 @dataclasses.dataclass(frozen=True)
 class _Imbalances:
-    """`_imbalances` of states ``x`` (k, n, 2) at ``mu`` (k,).
+    """`_imbalances` of states ``x`` (k, n, 2) with ``pressure`` (k, g) at ``mu`` (k,).
 
     Nodes are carried by F times the motion of the dry ones, which leaves the volume ratios nearly as they are: what these change by is
     multiplied by the bulk stiffness, and its round-off by that over the stiffness of the softest mode. F itself needs no derivative: the
@@ -91,13 +91,13 @@ class _Imbalances:
     """
 
     structure: object
-    """Tree structure of (model, gel, loads), the leaves of which follow x and mu; then tangents of mu and of the leaves."""
+    """Tree structure of (model, gel, loads), the leaves of which follow the states; then tangents of mu and of the leaves."""
     floating: tuple
     """Which leaves are of floating type and have a tangent."""
     pattern: object
     """``linear_solve.Pattern`` of the tangent."""
 
-    def __call__(self, x, mu, *args):
+    def __call__(self, x, pressure, mu, *args):
         leaves, mu_dot, dots = args[: len(self.floating)], args[len(self.floating)], iter(args[len(self.floating) + 1 :])
         pairs = zip(leaves, self.floating, strict=True)
         dots = [next(dots) if f else np.zeros(leaf.shape, jax.dtypes.float0) for leaf, f in pairs]
@@ -108,13 +108,14 @@ class _Imbalances:
         prescribed = constraints.carried(moved, plate, free)
 
         def one(state):
-            x, mu, mu_dot = state
+            x, pressure, mu, mu_dot = state
             along = jnp.einsum("nij,nj->ni", lax.stop_gradient(_nodal_gradients(x, model)), moved)
             carried = prescribed + spread(picked(along, free), along.shape, free)
-            change = jax.jvp(residual, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1]
+            forces = functools.partial(residual, pressure=pressure)
+            change = jax.jvp(forces, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1]
             return [carried, -reduced(change, free)]
 
-        return jax.vmap(one)((x, mu, mu_dot))
+        return jax.vmap(one)((x, pressure, mu, mu_dot))
 
 
 def _nodal_gradients(x, model):
@@ -198,7 +199,7 @@ def _together(count, model):
 
 _solutions = Primitive("equilibrium_solutions")
 """Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
-(x (k, n, 2), inputs, ``mixed.Constants``, entries for ``Products`` or None) with the tree ``structure``."""
+(x (k, n, 2), pressure (k, g), inputs, ``mixed.Constants``, entries for ``Products`` or None) with the tree ``structure``."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,27 +212,23 @@ class _Products:
     """``linear_solve.Pattern`` of the tangents."""
 
     def __call__(self, v, *leaves):
-        x, (model, gel, mu, loads), *_ = jax.tree.unflatten(self.structure, leaves)
+        x, pressure, (model, gel, mu, loads), *_ = jax.tree.unflatten(self.structure, leaves)
 
         def product(state):
-            v, x, mu = state
+            v, x, pressure, mu = state
             direction = spread(v, x.shape, self.pattern.free)
-            return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads), (x,), (direction,))[1], self.pattern.free)
+            return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads, pressure), (x,), (direction,))[1], self.pattern.free)
 
         def of_all(v):
-            return lax.map(product, (v, x, mu), batch_size=_together(len(x), model))
+            return lax.map(product, (v, x, pressure, mu), batch_size=_together(len(x), model))
 
         return of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)
 
 
-def _pairs(x, mu, model, gel, loads, fixed, pattern):
-    """The tangent (p, 2, 2) at the state ``x`` (n, 2), by the programs of the sweep."""
-    pressure = _pressure(x, model, gel, mu)
+def _pairs(x, pressure, mu, model, gel, loads, fixed, pattern):
+    """The tangent (p, 2, 2) at the state ``x`` (n, 2) with ``pressure`` (g,), by the programs of the sweep."""
     now = linearised(x, pressure, model, gel, mu, loads, fixed, pattern.free)[0]
     return tangent_at(x, pressure, now, model, gel, fixed)
-
-
-_pressure = jax.jit(state_pressure)
 
 
 def _solutions_jvp(primals, tangents, *, structure, pattern):
@@ -257,18 +254,18 @@ def _solved(rhs, *leaves, structure, pattern):
 
     Small tangents of the default kind are not assembled, unless no known factor will do; other small ones side by side in threads.
     """
-    x, (model, gel, mu, loads), fixed, crossed = jax.tree.unflatten(structure, leaves)
-    rhs, x, mu = map(np.asarray, (rhs, x, mu))
+    x, pressure, (model, gel, mu, loads), fixed, crossed = jax.tree.unflatten(structure, leaves)
+    rhs, x, pressure, mu = map(np.asarray, (rhs, x, pressure, mu))
     wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
 
     def solve(k, product=None):
-        pairs = functools.cache(lambda: _pairs(x[k], mu[k], model, gel, loads, fixed, pattern))
+        pairs = functools.cache(lambda: _pairs(x[k], pressure[k], mu[k], model, gel, loads, fixed, pattern))
         solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or pattern.matrix(pairs()).__matmul__, pairs)
 
     with few_threads(len(pattern.free)):
         if crossed is not None and len(wanted):
             products = Products(model, gel, fixed, crossed, pattern.free)
-            for k, product in zip(wanted, products.at(x[wanted], mu[wanted]), strict=True):
+            for k, product in zip(wanted, products.at(x[wanted], pressure[wanted]), strict=True):
                 solve(k, product)
         else:
             with ThreadPoolExecutor(usable_threads() if _is_small(pattern) else 1) as pool:
@@ -282,19 +279,19 @@ def _is_small(pattern):
 
 def _solved_traced(rhs, *leaves, structure, pattern):
     """Inside jit and vmap, by one callback for each state."""
-    x, (model, gel, mu, loads), fixed, _ = jax.tree.unflatten(structure, leaves)
+    x, pressure, (model, gel, mu, loads), fixed, _ = jax.tree.unflatten(structure, leaves)
 
     def on_host(x, rhs, pairs):
         return _solve_columns(pattern, np.asarray(x), rhs, pattern.matrix(pairs).__matmul__, lambda: pairs)
 
-    def solution(rhs, x, mu):
-        shape = jax.ShapeDtypeStruct(rhs.shape, rhs.dtype)
-        return jax.pure_callback(on_host, shape, x, rhs, _pairs(x, mu, model, gel, loads, fixed, pattern), vmap_method="sequential")
+    def solution(rhs, x, pressure, mu):
+        pairs = _pairs(x, pressure, mu, model, gel, loads, fixed, pattern)
+        return jax.pure_callback(on_host, jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), x, rhs, pairs, vmap_method="sequential")
 
     def one(state):
         return lax.cond(jnp.any(state[0] != 0), solution, lambda rhs, *_: jnp.zeros_like(rhs), *state)
 
-    return lax.map(one, (rhs, x, mu))
+    return lax.map(one, (rhs, x, pressure, mu))
 
 
 def _solve_columns(pattern, x, rhs, product, pairs):

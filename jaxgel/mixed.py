@@ -150,15 +150,11 @@ def state_pressure(x, model, gel, mu):
     return osmotic(volume_ratios(x, model), mu, gel)
 
 
-def volume_terms(x, mu, model, gel, fixed):
-    """What the volumes give the tangent at an equilibrium ``x`` (n, 2): pressures (g,), gradients as in `Linearisation`, and k / V (g,).
-
-    k / V is 0 for padding.
-    """
+def volume_terms(x, model, gel, fixed):
+    """What the volumes give the tangent at an equilibrium ``x`` (n, 2): gradients as in `Linearisation`, and k / V (g,), 0 for padding."""
     gradients, J = _volume_gradients(x, model, fixed)
     volumes = all_volumes(model)
-    stiffness = jnp.where(volumes > 0, bulk_stiffness(J, gel) / jnp.where(volumes > 0, volumes, 1.0), 0.0)
-    return osmotic(J, mu, gel), gradients, stiffness
+    return gradients, jnp.where(volumes > 0, bulk_stiffness(J, gel) / jnp.where(volumes > 0, volumes, 1.0), 0.0)
 
 
 def linearise(x, p, model, gel, mu, loads, fixed):

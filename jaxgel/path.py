@@ -36,6 +36,8 @@ class Step:
     """(n, 2) dx/dmu, mm/kT, from which a sweep's second state is predicted; of its first state only."""
     factor: object = None
     """Factor of the tangent next to the state, for ``on_step`` only; None once the sweep goes on, and for a state read from a file."""
+    fixed: object = None
+    """``mixed.Constants`` of the model, for ``on_step`` only, likewise."""
     switched: bool = False
     """Whether the state left an unstable branch: it does not continue the states before it."""
     apart: bool | None = None
@@ -59,15 +61,16 @@ class Step:
             lowest_eigenvalue=float(modes.eigenvalues[0]) if modes else float("nan"),
             modes=modes.vectors if modes else None,
             factor=state.factor,
+            fixed=problem.fixed,
             switched=switched,
             apart=state.apart if problem.apart is not None else None,
         )
 
     def told(self, on_step):
-        """The step without its factor, which is large, once ``on_step`` (or None) was told of it."""
+        """The step without its factor and constants, which are large, once ``on_step`` (or None) was told of it."""
         if on_step is not None:
             on_step(self)
-        return dataclasses.replace(self, factor=None)
+        return dataclasses.replace(self, factor=None, fixed=None)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -45,23 +45,20 @@ class Products:
         self._by_pairs = _by_pairs(fixed, crossed)
         self._network = float(gel.Nv) * np.where(i == j, 0.5, 1.0) * np.asarray(fixed.laplacian)
 
-    def at(self, x, mu):
-        """Yield for each state, at ``x`` (k, n, 2) and ``mu`` (k,), the function that multiplies a vector (f,) with its tangent."""
-        groups = [np.arange(first, min(first + TOGETHER, len(x))) for first in range(0, len(x), TOGETHER)]
-        coming = self._started(x, mu, groups[0])
+    def at(self, x, pressure):
+        """Yield the functions that multiply a vector (f,) with the tangents of the states ``x`` (k, n, 2) with ``pressure`` (k, g)."""
+        together = min(TOGETHER, len(x))
+        groups = [np.arange(first, min(first + together, len(x))) for first in range(0, len(x), together)]
+        coming = _terms(x[np.resize(groups[0], together)], *self._inputs)  # one number of states, one program
         for number, group in enumerate(groups):
             made = coming
             if number + 1 < len(groups):
-                coming = self._started(x, mu, groups[number + 1])  # runs while the caller is at the states of this group
-            pressures, gradients, stiffness = jax.tree.map(np.asarray, made)
-            parts = np.split(pressures[: len(group)], np.cumsum([matrix.shape[1] for matrix in self._by_pairs])[:-1], axis=1)
+                coming = _terms(x[np.resize(groups[number + 1], together)], *self._inputs)  # while the caller is at those of this group
+            gradients, stiffness = jax.tree.map(np.asarray, made)
+            parts = np.split(pressure[group], np.cumsum([matrix.shape[1] for matrix in self._by_pairs])[:-1], axis=1)
             coupling = sum(matrix @ part.T for matrix, part in zip(self._by_pairs, parts, strict=True))[:-1]  # the last row is padding's
             for k in range(len(group)):
                 yield self._product(coupling[:, k], stiffness[k], *(part[k] for part in gradients))
-
-    def _started(self, x, mu, group):
-        some = np.resize(group, TOGETHER)  # one number of states, one program
-        return _terms(x[some], mu[some], *self._inputs)
 
     def _product(self, coupling, stiffness, *gradients):
         """Product of one state with its entries (p,) of P, k / V (g,) and gradients per block (c, 1, a, 2)."""
@@ -91,9 +88,9 @@ class Products:
 
 
 @jax.jit
-def _terms(x, mu, model, gel, fixed):
+def _terms(x, model, gel, fixed):
     """``mixed.volume_terms`` of several states."""
-    return lax.map(lambda state: volume_terms(*state, model, gel, fixed), (x, mu))
+    return lax.map(lambda x: volume_terms(x, model, gel, fixed), x)
 
 
 def _by_pairs(fixed, crossed):

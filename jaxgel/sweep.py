@@ -370,28 +370,29 @@ def _traced_sweep(model, gel, mu, branch, contact, loads, max_steps):
     values = report["mu"] if chosen else values
     found = report.pop("energy"), report.pop("pressure")
     energy, pressure = known(energies_and_pressures, found, x, model, gel, values, loads)
-    report = {name: column for name, column in report.items() if name not in ("apart", "mu")}
+    report = {name: column for name, column in report.items() if name not in ("apart", "fixed", "mu")}
     return Path(model=model, gel=gel, mu=values, x=x, pressure=pressure, energy=energy, stop=None, stop_text="", **report)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _states(static, floats, rest):
-    """Equilibria (k, n, 2) and what is known of them (k,): mu, the columns of a path, and whether contact is out of reach (apart)."""
+    """Equilibria (k, n, 2) and what is known of them, see ``scan_states``."""
     inputs = static.join(floats, rest)
     if is_traced(inputs):
         if static.chosen is not None:
             raise ValueError("mu: chosen steps cannot be found inside jit or vmap; give a list of values")
         return scan_states(*inputs, static.contact)
     model, gel, mu, loads = inputs
-    apart = []
+    apart, fixed = [], []
 
     def keep(step):
         remember(step.factor, step.x)
         apart.append(bool(step.apart))
+        fixed[:] = [step.fixed]
 
     options = dict(branch=static.branch, contact=static.contact, loads=loads, max_steps=static.max_steps)
     path = sweep(model, gel, mu=static.chosen or list(np.asarray(mu)), on_step=keep, **options)
-    return columns(path, path.mu if static.chosen is not None else mu, apart, static.contact)
+    return columns(path, path.mu if static.chosen is not None else mu, apart, fixed[0], static.contact)
 
 
 @functools.partial(_states.defjvp, symbolic_zeros=True)
@@ -410,5 +411,6 @@ def _states_jvp(static, primals, tangents):
     if model.contact is not None and not is_traced(report) and np.all(report["apart"]):
         model, model_dot = (dataclasses.replace(m, contact=None) for m in (model, model_dot))  # no energy and no derivative, but a cost
     pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact, model.solver)
-    x_dot = state_tangents(x, (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot), pattern)
+    inputs, inputs_dot = (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot)
+    x_dot = state_tangents(x, report["pressure"], inputs, inputs_dot, pattern, report["fixed"])
     return (x, report), (x_dot, jax.tree.map(SymbolicZero.from_primal_value, report))

@@ -33,8 +33,8 @@ def is_traced(tree):
 def scan_states(model, gel, mu, loads, contact):
     """Equilibria (k, n, 2) and their report at the given mu (k,) as one traced loop; linear extrapolation between states.
 
-    The report is a dict (k,) of mu, status, newton_iterations, residual, negative_pivots, lowest_eigenvalue, switched, apart and energy,
-    and of the pressure (k, g).
+    The report is a dict (k,) of mu, status, newton_iterations, residual, negative_pivots, lowest_eigenvalue, switched, apart (whether
+    contact is out of reach) and energy, of the pressure (k, g), and of the model's ``mixed.Constants``, fixed.
     Statuses are those of `columns`. The branch that continues the dry state is followed whatever its stability; states that are not
     reached are nan.
     """
@@ -50,10 +50,10 @@ def scan_states(model, gel, mu, loads, contact):
 
     _, (x, report) = jax.lax.scan(step, ((mu[0], start, pressure),) * 2 + (0,), mu)
     report |= dict(zip(("energy", "pressure"), energies_and_pressures(x, model, gel, mu, loads), strict=True))
-    return x, dict(report, mu=mu, **dict.fromkeys(("switched", "apart"), jnp.zeros(mu.shape, dtype=bool)))
+    return x, dict(report, mu=mu, fixed=constants(model), **dict.fromkeys(("switched", "apart"), jnp.zeros(mu.shape, dtype=bool)))
 
 
-def columns(path, mu, apart, contact):
+def columns(path, mu, apart, fixed, contact):
     """States (k, n, 2) and report, those of ``scan_states``, of a path that was asked for the ``mu`` (k,); nan where it did not get.
 
     The statuses of states that have no good derivative say so.
@@ -72,6 +72,7 @@ def columns(path, mu, apart, contact):
         lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
         switched=pad(path.switched, False),
         apart=pad(apart, True),
+        fixed=fixed,
         energy=pad(path.energy, jnp.nan),
         pressure=pad(path.pressure, jnp.nan),
     )

@@ -245,3 +245,13 @@ def test_column_under_its_weight_follows_the_one_dimensional_equation(square_mod
 def test_unusable_loads_are_refused(load, message, tiny_model):
     with pytest.raises(ValueError, match=f"^{message}"):
         jaxgel.load_vector(tiny_model, **load)
+
+
+def test_forces_at_a_given_pressure_are_those_of_the_mixed_form(tiny_model):
+    """Pressures near those of the volume ratios, which Newton's method ends with, enter as they are: to the second order of the gap."""
+    gel, mu, x, loads = Gel(), -1.5, swollen(tiny_model), no_loads(tiny_model)
+    gap = 1e-7 * np.random.default_rng(5).normal(size=len(all_volumes(tiny_model)))
+    pressure = state_pressure(x, tiny_model, gel, mu) + gap
+    mixed = linearise(x, pressure, tiny_model, gel, mu, loads, constants(tiny_model))[0]
+    given, own = (residual_at(x, tiny_model, gel, mu, loads, p) for p in (pressure, None))
+    np.testing.assert_allclose(given, -mixed.rhs, rtol=0, atol=1e-5 * np.abs(own - given).max())

@@ -11,7 +11,7 @@ import jaxgel
 from jaxgel.constraints import free_dofs, reduced, spread
 from jaxgel.energy import residual
 from jaxgel.material import Gent
-from jaxgel.mixed import constants, crossed_entries
+from jaxgel.mixed import constants, crossed_entries, state_pressure
 from jaxgel.products import TOGETHER, Products, has_products
 
 MU = np.array([-2.0, -1.5, -1.2, -1.0, -0.95])  # more than are made together
@@ -49,7 +49,8 @@ def test_products_are_those_of_the_hessian_of_the_energy(edges, tiny_plate):
         return reduced(jax.jvp(forces, (x,), (spread(jnp.asarray(v), x.shape, free),))[1], free)
 
     fixed = constants(model)
-    products = Products(model, plate.gel, fixed, crossed_entries(fixed), free).at(x, MU)
+    pressure = np.stack([state_pressure(jnp.asarray(x), model, plate.gel, mu) for x, mu in zip(x, MU, strict=True)])
+    products = Products(model, plate.gel, fixed, crossed_entries(fixed), free).at(x, pressure)
     for of_state, product in zip(zip(x, MU, strict=True), products, strict=True):
         wanted = exact(*of_state)
         assert np.linalg.norm(product(v) - wanted) < 1e-12 * np.linalg.norm(wanted)
