@@ -42,7 +42,7 @@ class Products:
         ends = np.append(0, np.cumsum(np.concatenate([np.full(*some.shape) for some in nodes])))
         lists = np.concatenate([some.ravel() for some in nodes])
         self._volumes = sp.csr_matrix((np.zeros(len(lists), complex), lists, ends), (len(ends) - 1, n))
-        self._by_pairs = _by_pairs(fixed, crossed)
+        self._by_pairs = _by_pairs(model.lists, fixed, crossed)
         self._network = float(gel.Nv) * np.where(i == j, 0.5, 1.0) * np.asarray(fixed.laplacian)
 
     def at(self, x, pressure):
@@ -55,8 +55,7 @@ class Products:
             if number + 1 < len(groups):
                 coming = _terms(x[np.resize(groups[number + 1], together)], *self._inputs)  # while the caller is at those of this group
             gradients, stiffness = jax.tree.map(np.asarray, made)
-            parts = np.split(pressure[group], np.cumsum([matrix.shape[1] for matrix in self._by_pairs])[:-1], axis=1)
-            coupling = sum(matrix @ part.T for matrix, part in zip(self._by_pairs, parts, strict=True))[:-1]  # the last row is padding's
+            coupling = self._by_pairs @ pressure[group].T
             for k in range(len(group)):
                 yield self._product(coupling[:, k], stiffness[k], *(part[k] for part in gradients))
 
@@ -93,10 +92,14 @@ def _terms(x, model, gel, fixed):
     return lax.map(lambda x: volume_terms(x, model, gel, fixed), x)
 
 
-def _by_pairs(fixed, crossed):
-    """Per block the sparse matrix (p + 1, c) that takes the pressures of the cells to the entries of P at the node pairs and at padding."""
-    matrices = []
-    for entries, slots in zip(*jax.tree.map(np.asarray, (crossed, list(fixed.slots))), strict=True):
-        ends = np.arange(len(slots) + 1, dtype=np.int32) * slots.shape[1]
-        matrices.append(sp.csc_matrix((entries.ravel(), slots.ravel(), ends), (len(fixed.pairs) + 1, len(slots))))
-    return matrices
+def _by_pairs(lists, fixed, crossed):
+    """The sparse matrix (p, c) that takes the pressures of the cells, block after block, to the entries of P at the node pairs."""
+    if "places by pairs" not in lists.cache:
+        slots = np.concatenate([slot.ravel() for slot in fixed.slots])
+        cell = np.repeat(np.arange(sum(map(len, fixed.slots))), np.repeat([s.shape[1] for s in fixed.slots], list(map(len, fixed.slots))))
+        real = np.flatnonzero(slots < len(fixed.pairs))  # half of the entries are padding
+        ends = np.searchsorted(cell[real], np.arange(cell[-1] + 2)).astype(np.int32)
+        lists.cache["places by pairs"] = real, slots[real], ends
+    real, rows, ends = lists.cache["places by pairs"]
+    entries = np.concatenate([np.asarray(part).ravel() for part in crossed])
+    return sp.csc_matrix((entries[real], rows, ends), (len(fixed.pairs), len(ends) - 1))
