@@ -37,11 +37,16 @@ def _gradients(x, model):
 def _volume_ratios(gradients, model):
     ratios = []
     for F, block in zip(gradients, model.blocks, strict=True):
-        volume, J = group_volumes(block, model.method), jnp.linalg.det(F)
+        volume, J = group_volumes(block, model.method), 0.5 * jnp.sum(F * _cofactors(F), axis=(2, 3))
         if model.method == "mixed":
             J = jnp.sum(block.weight * J, axis=1, keepdims=True) / volume
         ratios.append(jnp.where(volume > 0, J, 2.0).ravel())
     return jnp.concatenate(ratios)
+
+
+def _cofactors(F):
+    """Cofactors (..., 2, 2) of matrices; unlike those of the determinant's entries one by one, derivatives are products and no padding."""
+    return jnp.array([[1.0, -1.0], [-1.0, 1.0]]) * F[..., ::-1, ::-1]
 
 
 def all_volumes(model):
