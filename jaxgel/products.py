@@ -95,11 +95,10 @@ def _terms(x, model, gel, fixed):
 def _by_pairs(lists, fixed, crossed):
     """The sparse matrix (p, c) that takes the pressures of the cells, block after block, to the entries of P at the node pairs."""
     if "places by pairs" not in lists.cache:
-        slots = np.concatenate([slot.ravel() for slot in fixed.slots])
-        cell = np.repeat(np.arange(sum(map(len, fixed.slots))), np.repeat([s.shape[1] for s in fixed.slots], list(map(len, fixed.slots))))
-        real = np.flatnonzero(slots < len(fixed.pairs))  # half of the entries are padding
-        ends = np.searchsorted(cell[real], np.arange(cell[-1] + 2)).astype(np.int32)
-        lists.cache["places by pairs"] = real, slots[real], ends
+        slots, n = [np.asarray(slot) for slot in fixed.slots], len(fixed.pairs)
+        flat, counts = np.concatenate([slot.ravel() for slot in slots]), np.concatenate([np.sum(slot < n, axis=1) for slot in slots])
+        real = np.flatnonzero(flat < n)  # half of the entries are padding
+        lists.cache["places by pairs"] = real, flat[real], np.append(0, np.cumsum(counts)).astype(np.int32)
     real, rows, ends = lists.cache["places by pairs"]
     entries = np.concatenate([np.asarray(part).ravel() for part in crossed])
     return sp.csc_matrix((entries[real], rows, ends), (len(fixed.pairs), len(ends) - 1))
