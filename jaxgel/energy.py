@@ -45,7 +45,7 @@ def _volume_ratios(gradients, model):
 
 
 def _cofactors(F):
-    """Cofactors (..., 2, 2) of matrices; unlike those of the determinant's entries one by one, derivatives are products and no padding."""
+    """Cofactors (..., 2, 2) of matrices (..., 2, 2), without taking these apart: derivatives of single entries would be padded."""
     return jnp.array([[1.0, -1.0], [-1.0, 1.0]]) * F[..., ::-1, ::-1]
 
 

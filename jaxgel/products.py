@@ -97,7 +97,7 @@ def _by_pairs(lists, fixed, crossed):
     if "places by pairs" not in lists.cache:
         slots, n = [np.asarray(slot) for slot in fixed.slots], len(fixed.pairs)
         flat, counts = np.concatenate([slot.ravel() for slot in slots]), np.concatenate([np.sum(slot < n, axis=1) for slot in slots])
-        real = np.flatnonzero(flat < n)  # half of the entries are padding
+        real = np.flatnonzero(flat < n)  # the others are padding
         lists.cache["places by pairs"] = real, flat[real], np.append(0, np.cumsum(counts)).astype(np.int32)
     real, rows, ends = lists.cache["places by pairs"]
     entries = np.concatenate([np.asarray(part).ravel() for part in crossed])
