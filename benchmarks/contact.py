@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 import jaxgel
-from jaxgel.contact import RANGE, STIFFNESS, contact_energy, with_contact
+from jaxgel.mechanics import RANGE, STIFFNESS, contact_energy, with_contact
 
 MU = (-4.9678, -3.5, -2.5, -1.6, -1.1, -0.8, -0.65, -0.55, -0.5, -0.45, -0.42, -0.4)  # kT; the sides meet at -0.53
 CASES = ((1.0, 1.0), (1.0, 3.0), (1.0, 1 / 3), (0.5, 1.0), (0.25, 1.0))  # shares of the default range and stiffness

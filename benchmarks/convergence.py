@@ -19,7 +19,7 @@ import matplotlib as mpl
 import numpy as np
 
 import jaxgel
-from jaxgel.paper_items import FINITE_ELEMENTS
+from jaxgel.paper import FINITE_ELEMENTS
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

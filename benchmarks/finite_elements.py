@@ -27,7 +27,7 @@ from ngsolve_gel import MixedGel, plate_mesh
 from scipy.interpolate import BarycentricInterpolator
 
 from jaxgel import sample
-from jaxgel.results import CREASE_RATIO
+from jaxgel.observables import CREASE_RATIO
 
 FILE = Path(__file__).parents[1] / "jaxgel" / "finite_elements.json"
 START, STEP = -4.9678, 0.125  # mu of the first state, reached from the dry plate at once, and the largest step, kT

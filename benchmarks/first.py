@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 
-from jaxgel.versions import quick_flags
+from jaxgel.cli.versions import quick_flags
 
 RESULTS = """
 import time

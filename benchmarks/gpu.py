@@ -22,7 +22,7 @@ import numpy as np
 
 import jaxgel
 from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, dry_state, free_rhs, linearised, prepare, tangent_at
-from jaxgel.mixed import pressure_step
+from jaxgel.mechanics import pressure_step
 
 AGREEMENT = 1e-9  # mm
 

@@ -42,7 +42,7 @@ def cell():
 def box():
     """Lowest eigenvalue, over the network's stiffness, of a rectangle deformed by its edges, by p / Nv; range of p / Nv in samples."""
     gel, F = jaxgel.Gel(Nv=1e-3, chi=1e-4), ((1.2, 0.2), (0.1, 0.9))
-    without = float(jaxgel.material.osmotic(np.linalg.det(F), 0.0, gel))  # mu at which there is no pressure
+    without = float(jaxgel.materials.osmotic(np.linalg.det(F), 0.0, gel))  # mu at which there is no pressure
     print("spacing  " + " ".join(f"{p:6d}" for p in PRESSURES))
     for spacing in (0.5, 0.25):
         model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 3, edges="fixed", deformation=F), spacing=spacing))

@@ -19,7 +19,7 @@ from scipy.sparse.linalg import splu
 
 import jaxgel
 from jaxgel.equilibrium import linearised, prepare, tangent_at
-from jaxgel.linear_solve import factor
+from jaxgel.linalg import factor
 
 MU = np.linspace(-4.9678, -0.9178, 30)  # kT
 SUPERLU = dict(permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 import jaxgel
 from jaxgel.observables import aspect_ratio
-from jaxgel.paper_items import FINITE_ELEMENTS
+from jaxgel.paper import FINITE_ELEMENTS
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

@@ -62,8 +62,7 @@ def main():
 
 def measure(options, scratch):
     """One dict for each number of workers, printed as they come."""
-    from jaxgel.parameter_map import load_map, run_map
-    from jaxgel.workers import Workers
+    from jaxgel.cases import Workers, load_map, run_map
 
     file = scratch / "study.toml"
     file.write_text(STUDY.format(points=1, spacing=options.spacing))

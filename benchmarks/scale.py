@@ -113,7 +113,7 @@ def child(wanted, threads, solver):
 
     import jaxgel
     from jaxgel.equilibrium import dry_state, linearised, prepare, tangent_at
-    from jaxgel.linear_solve import factor
+    from jaxgel.linalg import factor
 
     plate = jaxgel.sample("sample-1")
     spacing = plate.width * 0.961 / (math.sqrt(36 + 1.922 * wanted) - 6)  # 0.48 n^2 + 6 n nodes for n intervals a side

@@ -23,8 +23,7 @@ import scipy.sparse.linalg as sla
 
 import jaxgel
 from jaxgel.equilibrium import linearised, prepare, tangent_at
-from jaxgel.linear_solve import factor
-from jaxgel.multifrontal import factorise
+from jaxgel.linalg import factor, factorise
 
 SOFT = 10  # Nv: bulk stiffness at which the network's shear decides, and multigrid works
 

@@ -7,7 +7,7 @@ https://doi.org/10.1016/j.enganabound.2019.12.004
 
 from pathlib import Path
 
-from jaxgel.study import load_study, run_study
+from jaxgel.cases import load_study, run_study
 
 study = load_study(Path(__file__).with_suffix(".toml"))
 

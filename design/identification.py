@@ -15,8 +15,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 import jaxgel
-from jaxgel.inverse import intervals
-from jaxgel.study import load_study, run_study
+from jaxgel.cases import load_study, run_study
+from jaxgel.design import intervals
 
 TRUTH = {"Nv": 0.05, "chi": 0.3, "radius": 2.8}
 NOISE = 1e-4

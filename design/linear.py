@@ -6,7 +6,7 @@ Start: sample 1 of Deng et al. (2020), https://doi.org/10.1016/j.enganabound.201
 
 from pathlib import Path
 
-from jaxgel.study import load_study, run_study
+from jaxgel.cases import load_study, run_study
 
 study = load_study(Path(__file__).with_suffix(".toml"))
 

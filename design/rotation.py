@@ -6,7 +6,7 @@ no deeper creases than the start has. Start: sample 1 of Deng, He, Sun, Yi & Dai
 
 from pathlib import Path
 
-from jaxgel.study import load_study, run_study
+from jaxgel.cases import load_study, run_study
 
 study = load_study(Path(__file__).with_suffix(".toml"))
 

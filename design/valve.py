@@ -6,7 +6,7 @@ stays below 2.4, where the surface of a gel creases: Hong, Zhao & Suo (2009), ht
 
 from pathlib import Path
 
-from jaxgel.study import load_study, run_study
+from jaxgel.cases import load_study, run_study
 
 study = load_study(Path(__file__).with_suffix(".toml"))
 

@@ -11,7 +11,7 @@ from latex2mathml.converter import convert
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from jaxgel import cli
+from jaxgel.cli import command_line as cli
 
 project, author, copyright = "jaxgel", "the jaxgel authors", "the jaxgel authors"  # noqa: A001
 release = version = version_of("jaxgel")

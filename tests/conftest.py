@@ -17,19 +17,19 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA mistakes its own tuning flags for missing processor features in that cache
 os.environ["MPLBACKEND"] = "Agg"
 
+from jaxgel.cli.versions import in_one_part, quick_flags  # noqa: E402
+
+# read when the first program is compiled: test processes leave LLVM no idle cores, and a program in parts is more work
+os.environ["XLA_FLAGS"] = " ".join([*quick_flags(), *(f"--{name}={value}" for name, value in in_one_part().items())])
+
 import jax
 import numpy as np
 import pytest
 
 import jaxgel
-import jaxgel.cli
-from jaxgel.files import write_atomically
-from jaxgel.results import load_path
-from jaxgel.versions import in_one_part
-
-# read when the first program is compiled: test processes leave LLVM no idle cores, and a program in parts is more work
-os.environ["XLA_FLAGS"] = " ".join([os.environ["XLA_FLAGS"], *(f"--{name}={value}" for name, value in in_one_part().items())])
-jax.config.update("jax_enable_x64", True)
+import jaxgel.cli.command_line
+from jaxgel.cases import load_path
+from jaxgel.io import write_atomically
 
 ROOM = 4.5  # GiB that a test process may fill from one module to the next
 

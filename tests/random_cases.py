@@ -18,13 +18,12 @@ import jax
 import numpy as np
 
 import jaxgel
-from jaxgel import cases, sections
-from jaxgel.constraints import free_dofs
-from jaxgel.energy import all_volumes, network_energy, residual, volume_ratios
+from jaxgel.cases import case as cases
+from jaxgel.cases import schema as sections
+from jaxgel.continuation import SweepFailed
 from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, touches
-from jaxgel.material import bulk_stiffness
-from jaxgel.mixed import ROUND_OFF
-from jaxgel.sweep import SweepFailed
+from jaxgel.materials import bulk_stiffness
+from jaxgel.mechanics import ROUND_OFF, all_volumes, free_dofs, network_energy, residual, volume_ratios
 
 QUADRATURE = 0.2  # error of the area over area x reduction^2 of the pores x (spacing / size)^3 of them: 0.14 is seen, an eighth at half h
 OUTLINE = 2e-3  # error of the area over spacing and length of outlines: chords of spacing / 8 at curvatures of 1 / spacing miss 1.3e-3

@@ -1,0 +1,22 @@
+"""Values that are computed once per object and freed with it."""
+
+import functools
+from collections.abc import Callable
+
+
+def once_per_owner(function: Callable) -> Callable:
+    """``function(owner, *args)``, evaluated once for each owner and arguments (hashable).
+
+    The owner, an object that does not change and is compared by identity, carries the values: they live as long as it does, and no
+    module keeps a container of its own. For host data only, such as sparsity patterns: values must not be traced.
+    """
+
+    @functools.wraps(function)
+    def kept(owner, *args):
+        values = owner.__dict__.setdefault("_once", {})
+        key = (function, *args)
+        if key not in values:
+            values[key] = function(owner, *args)
+        return values[key]
+
+    return kept

@@ -1,0 +1,16 @@
+"""Types of arguments and fields: arrays with their shapes, as in ``Float[Array, "n 2"]``.
+
+Letters of shapes: ``n`` nodes, ``k`` states, ``f`` free degrees of freedom, ``c`` cells, ``q`` quadrature points of a cell, ``p`` points,
+``a`` nodes of a cell, ``g`` volume groups, ``m`` modes, ``v`` vertices, ``t`` triangles.
+"""
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Inexact, Int, Shaped
+
+Array = jax.Array | np.ndarray
+"""An array of JAX (traced or not) or of NumPy."""
+Scalar = float | int | np.number | Float[Array, ""] | Int[Array, ""]
+"""A real number: of Python, NumPy or JAX."""
+
+__all__ = ["Array", "Bool", "Complex", "Float", "Inexact", "Int", "Scalar", "Shaped"]

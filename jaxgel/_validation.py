@@ -1,0 +1,158 @@
+"""Checks of what users write, and the messages that say what is accepted."""
+
+import dataclasses
+import difflib
+import functools
+import sys
+
+import numpy as np
+
+
+def did_you_mean(name, known):
+    """The end of an error message for an unknown ``name``: the nearest of the ``known`` names, and all of them."""
+    known = list(known)
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
+    return (f"did you mean {near[0]!r}? " if near else "") + "accepted: " + ", ".join(known)
+
+
+def finite_numbers(value, shape, field):
+    """``value`` as nested tuples of floats of ``shape``; ValueError that starts with ``field`` for what is not finite numbers."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"{field}: {value!r} is not {' x '.join(map(str, shape))} finite numbers")
+    return tuple(map(tuple, array.tolist())) if len(shape) == 2 else tuple(array.tolist())
+
+
+def is_number(word):
+    """Whether a word can be read as a number."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+NUMBER, POSITIVE = {"type": "number"}, {"type": "number", "exclusiveMinimum": 0.0}
+FLAG, TEXT = {"type": "boolean"}, {"type": "string"}
+NAMES = {"number": "finite number", "integer": "whole number", "string": "text", "object": "table", "array": "list"}
+BOUNDS = {"exclusiveMinimum": "above", "minimum": "of at least", "exclusiveMaximum": "below", "maximum": "of at most"}
+
+
+def word(choices):
+    """One of some names."""
+    return {"type": "string", "enum": list(choices)}
+
+
+def whole(least):
+    """A whole number."""
+    return {"type": "integer", "minimum": least}
+
+
+def listed(item, least=0, most=None):
+    """A list of ``item``; ``most`` None is any number of them."""
+    return {"type": "array", "items": item} | ({"minItems": least} if least else {}) | ({} if most is None else {"maxItems": most})
+
+
+def tabled(properties, required=()):
+    """A table with these entries and no others; unknown ones are found first, then missing ones, then wrong values."""
+    return {"type": "object", "additionalProperties": False, "required": list(required), "properties": properties}
+
+
+def exactly_one(names):
+    """Rule, to be joined to that of a table, that one of some entries is given."""
+    return {"oneOf": [{"required": [name]} for name in names]}
+
+
+PAIR = listed(NUMBER, 2, 2)
+
+
+def check(value, rule, where):
+    """Raise ValueError unless ``value`` is as the rule says: one line with the entry, its value and what is accepted.
+
+    ``where`` is what the line calls the whole of ``value``.
+    """
+    error = next(_validator()(rule).iter_errors(value), None)
+    if error is not None:
+        raise ValueError(_message(error, where))
+
+
+@functools.cache
+def _validator():
+    from jsonschema import Draft202012Validator
+    from jsonschema.validators import extend
+
+    kinds = {
+        "number": lambda _, v: isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= sys.float_info.max,
+        "integer": lambda _, v: type(v) is int,
+        "array": lambda _, v: isinstance(v, list | tuple),
+    }
+    return extend(Draft202012Validator, type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(kinds))
+
+
+def _message(error, where):
+    rule, value, path = error.schema, error.instance, list(error.absolute_path)
+    if path:
+        where = "".join(f".{part}" if str(part).isidentifier() else f"[{part!r}]" for part in path).removeprefix(".")
+    if error.validator == "additionalProperties":
+        unknown = next(key for key in value if key not in rule["properties"])
+        return f"{where}: unknown entry {unknown!r}; {did_you_mean(unknown, rule['properties'])}"
+    if error.validator in ("required", "dependentRequired"):
+        needed = error.validator_value
+        needed = needed if isinstance(needed, list) else [name for key, names in needed.items() if key in value for name in names]
+        missing = next(name for name in needed if name not in value)
+        own = rule["properties"][missing]
+        wanted = f"give {' or '.join(accepted(own))}{_brackets([*path, missing], own)}"
+        return f"{where}: {missing} is missing; {own.get('$comment', wanted)}"
+    if error.validator == "oneOf":
+        names = [name for choice in rule["oneOf"] for name in choice["required"]]
+        found = ", ".join(name for name in names if name in value) or "none"
+        return f"{where}: give one of {', '.join(names[:-1])} and {names[-1]} (found {found})"
+    if "enum" in rule:
+        return f"{where}: {value!r} is unknown; {did_you_mean(value, rule['enum'])}"
+    words = accepted(rule)
+    refused = f"neither {' nor '.join(words)}" if len(words) > 1 else f"not {words[0]}"
+    return f"{where}: {value!r} is {refused}{_brackets(path, rule)}"
+
+
+def _brackets(path, rule):
+    """How a section is begun in TOML, where it is one."""
+    if len(path) != 1 or rule.get("items", rule).get("type") != "object":
+        return ""
+    return f", written [[{path[0]}]]" if "items" in rule else f", written [{path[0]}]"
+
+
+def accepted(rule, number="a"):
+    """What a piece of schema accepts in words, a list with one text for each alternative; ``number`` of it, "a", "2" or "1 or more"."""
+    kind = rule.get("type")
+    if "anyOf" in rule or isinstance(kind, list):
+        return [words for choice in rule.get("anyOf") or [{"type": name} for name in kind] for words in accepted(choice)]
+    if "const" in rule or kind == "boolean":
+        return [repr(rule["const"])] if "const" in rule else ["true", "false"]
+    if "enum" in rule:
+        return [f"one of {', '.join(rule['enum'])}"]
+    text = f"{number} {rule['title'] if 'pattern' in rule else NAMES.get(kind, 'value')}{'' if number == 'a' else 's'}".lstrip()
+    text += " and".join(f" {name} {rule[key]:g}" for key, name in BOUNDS.items() if key in rule)
+    if "items" in rule:
+        least, most = rule.get("minItems", 0), rule.get("maxItems")
+        text += f" of {accepted(rule['items'], str(least) if least == most else f'{least} or more' if least else '')[0]}"
+    return [text]
+
+
+def one_of(name, value, known):
+    if value not in known:
+        raise ValueError(f"{name}: {value!r} is not one of {', '.join(known)}")
+
+
+def option(default, rule):
+    """Field of a section with what it accepts, a piece of JSON schema; None, where that is the default, stands for not given."""
+    return dataclasses.field(default=default, metadata={"schema": rule})
+
+
+def check_options(section, options):
+    """Raise ValueError, naming section and key, for a value that its field does not accept."""
+    fields = dataclasses.fields(options)
+    given = {f.name: value for f in fields if (value := getattr(options, f.name)) is not None or f.default is not None}
+    check({section: given}, tabled({section: tabled({f.name: f.metadata["schema"] for f in fields})}), section)

@@ -1,0 +1,44 @@
+"""cases."""
+
+from .case import from_table, imperfect_loads, load_case
+from .page import notebook_html, write_page
+from .parameter_map import POINT, TABLE, TRIES, load_map, resumed_map, run_map
+from .resume import load_path, other_versions, resumed
+from .samples import GRID, SIDE, sample, sample_names
+from .schema import OutputOptions, case_schema
+from .study import VERIFIED, load_study, resumed_study, run_study, study_from_table
+from .toml import case_text, example, explicit
+from .workers import Workers, dask_executor
+
+__all__ = [
+    "GRID",
+    "POINT",
+    "SIDE",
+    "TABLE",
+    "TRIES",
+    "VERIFIED",
+    "OutputOptions",
+    "Workers",
+    "case_schema",
+    "case_text",
+    "dask_executor",
+    "example",
+    "explicit",
+    "from_table",
+    "imperfect_loads",
+    "load_case",
+    "load_map",
+    "load_path",
+    "load_study",
+    "notebook_html",
+    "other_versions",
+    "resumed",
+    "resumed_map",
+    "resumed_study",
+    "run_map",
+    "run_study",
+    "sample",
+    "sample_names",
+    "study_from_table",
+    "write_page",
+]

@@ -1,0 +1,186 @@
+"""A case: what one run needs to know, from a built-in name, a TOML file, or the table stored with a run.
+
+A table has the sections of a case file, all but ``plate`` optional:
+
+    [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1, 0.0], [0.0, 1.0]]
+                       (of held and periodic edges), displacement = {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of
+                       `geometry.Plate`
+    [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample; or
+                       kind = "outline", file = "hole.dxf" (.csv, .svg), see `outline_files.hole_table`
+    [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
+    [gel]              Nv, chi; energy = "module:function" and numbers that the function takes, see `user_energy`
+    [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
+    [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
+    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature, solver
+    [output]           figures, animation, paraview (true or false)
+
+Every table is checked against `schema.case_schema` first.
+"""
+
+import dataclasses
+from pathlib import Path as File
+
+import numpy as np
+
+from .._validation import check
+from ..cloud import make_cloud
+from ..continuation import SweepOptions, critical_points, imperfection
+from ..discretisation import DiscretisationOptions, discretise, refreshed
+from ..geometry import Plate, check_plate
+from ..io import read_toml
+from ..materials import Gel, check_gel
+from ..mechanics import Loads, check_edges, check_room
+from .samples import sample
+from .schema import HOLES, OPTIONS, OutputOptions, case_schema
+from .user_energy import user_gel
+
+SECTIONS = ("plate", "holes", "moved", "gel", "loads", "sweep", "discretisation", "output")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Case:
+    """A plate, its gel and the options of a run."""
+
+    name: str
+    """Built-in name, or the case file's name without its ending."""
+    plate: Plate
+    """Plate with its holes."""
+    gel: Gel
+    """Material."""
+    loads: Loads
+    """Body force and tractions."""
+    sweep: SweepOptions
+    """Values of mu and branch."""
+    discretisation: DiscretisationOptions
+    """Cloud and method."""
+    output: OutputOptions
+    """Files to write."""
+    source: dict
+    """The ``plate``, ``holes`` and ``moved`` sections that it was made from, and ``gel`` where that names an energy."""
+
+    def model(self, cloud=None):
+        """The discretised plate; ValueError for edges, a cloud or a support that the case does not allow.
+
+        A plate whose holes have moved gets the cloud that it had before, placed, where that is good enough (see `placement.refreshed`)
+        and a new one where it is not; ``cloud`` is that former one where it was made already.
+        """
+        check_edges(self.plate)
+        check_room(self.plate)
+        d = self.discretisation
+        own = dict(spacing=d.spacing, nodes_per_hole=d.nodes_per_hole, across=d.across)
+        cloud = make_cloud(self.plate.reference or self.plate, **own) if cloud is None else cloud
+        if self.plate.reference is not None and d.quadrature == "paper":  # which cannot follow
+            cloud = make_cloud(dataclasses.replace(self.plate, reference=None), **own)
+        elif self.plate.reference is not None:
+            check_plate(self.plate)
+            cloud, _ = refreshed(cloud, self.plate, basis=d.basis, dmax=d.dmax)
+        return discretise(cloud, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature, solver=d.solver)
+
+    def table(self):
+        """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
+        gel = self.source.get("gel", {}) | {"Nv": float(self.gel.Nv), "chi": float(self.gel.chi)}
+        options = {section: _given(getattr(self, section)) for section in OPTIONS}
+        return self.source | {"gel": gel} | {section: given for section, given in options.items() if given}
+
+
+def load_case(case, changes=None):
+    """The `Case` of a built-in name or of a TOML file; ``changes`` maps sections to entries that replace its own.
+
+    Raises ValueError for an unknown name, a file that cannot be read or is not TOML, and every wrong entry.
+
+    >>> load_case("sample-1", {"sweep": {"steps": 3}}).sweep.values
+    [-4.9678, -2.9428, -0.9178]
+    """
+    found, name, folder = _read(case)
+    for section, entries in (changes or {}).items():
+        old = found.get(section, {})
+        if not isinstance(entries, dict):  # a list of holes takes the place of the case's own
+            found[section] = entries
+        elif isinstance(old, dict):
+            found[section] = old | entries
+    return from_table(found, name, folder)
+
+
+def from_table(table, name, folder=None):
+    """The `Case` of a table as described at the top of this module; ValueError names the section and key of a wrong entry.
+
+    Drawings and a module that the table names are looked for in ``folder``, the module also in the working folder and where Python looks
+    for modules. Without ``folder`` a table cannot name drawings.
+    """
+    check(table, case_schema(), "case file")
+    holes = [_numbers_of(hole, folder, f"holes[{i}]") for i, hole in enumerate(table.get("holes", []))]
+    plate, moved, gel = table["plate"], table.get("moved", []), table.get("gel", {})
+    found = _moved(_plate(plate, holes, name), moved)
+    source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("moved", moved)) if value}
+    source |= {"gel": gel} if "energy" in gel else {}
+    options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
+    return Case(name, found, _gel(gel, found.gel or Gel(), folder or "."), source=source, **options)
+
+
+def _read(case):
+    """The table of a case, its name and its folder."""
+    file = File(case)
+    if file.suffix != ".toml" and not file.is_file():
+        sample(case)  # raises for an unknown name
+        return {"plate": {"sample": case}}, case, "."
+    return read_toml(file, "case"), file.stem, file.parent
+
+
+def _numbers_of(hole, folder, where):
+    """The table of a hole, with the numbers of a drawing in place of its file, so that a run's folder needs no other file."""
+    if hole["kind"] != "outline":
+        return hole
+    if folder is None:
+        raise ValueError(f"{where}.kind: 'outline' belongs in a case file; name that file by case = instead of repeating its holes")
+    from ..io import hole_table
+
+    return hole_table(hole, folder, where)
+
+
+def _plate(table, holes, name):
+    if "sample" not in table:
+        return Plate(**table, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name)
+    if holes:
+        raise ValueError(f"holes: plate.sample = {table['sample']!r} has its own; drop one of the two")
+    return sample(table["sample"])
+
+
+def _hole(i, table):
+    try:
+        return HOLES[table["kind"]](**{key: value for key, value in table.items() if key != "kind"})
+    except ValueError as problem:
+        raise ValueError(f"holes[{i}]: {problem}") from None
+
+
+def _moved(plate, moved):
+    try:
+        return plate.at([{name: np.asarray(value, dtype=float) for name, value in theta.items()} for theta in moved]) if moved else plate
+    except (ValueError, TypeError) as problem:
+        raise ValueError(f"moved: {problem}") from None
+
+
+def _gel(table, default, folder):
+    numbers = {"Nv": default.Nv, "chi": default.chi} | {key: float(value) for key, value in table.items() if key != "energy"}
+    gel = user_gel(table["energy"], numbers, folder) if "energy" in table else Gel(**numbers)
+    check_gel(gel)
+    return gel
+
+
+def _options(kind, table):
+    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in table.items()})
+
+
+def _given(options):
+    return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(options).items() if v not in (None, {})}
+
+
+def imperfect_loads(case, model):
+    """Loads of a ``cases.Case``: its own and those of its imperfection along the first bifurcation, or None; ValueError without one."""
+    loads = case.loads.of(model)
+    if not case.sweep.imperfection:
+        return loads
+    points = [p for p in critical_points(model, case.gel, mu=tuple(case.sweep.ends), most=1, loads=loads) if p.kind == "bifurcation"]
+    if not points:
+        raise ValueError(f"sweep.imperfection: {case.sweep.imperfection:g} has no mode to push along, the branch does not bifurcate")
+    push = imperfection(model, case.gel, points[0], case.sweep.imperfection)
+    return push if loads is None else loads + push

@@ -1,0 +1,323 @@
+"""A parameter map: one sweep at each of many points in the space of a case's parameters, on any ``concurrent.futures.Executor``.
+
+Besides the sections of a case (see `cases`), or ``case`` = a built-in name or the path of a case file, a map's TOML file has
+
+    [[parameters]]   of (a parameter of the holes, Nv, chi or mu_end); optional: name, holes, link, see `parameters`; and its values:
+                     lower and upper, with number for a grid, or values = [list] for a grid
+    [map]            samples = "grid" (every combination, the last parameter varies first) or "sobol"; points, a number, and seed (0)
+                     for "sobol"
+
+Its folder holds map.json (the study and its points), points.csv (one row for each point that has ended) and a folder for each point
+in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended. All points share the cloud of the study's own
+plate, placed on their holes, and with it all compiled programs: put the case in the middle of its parameters' range. A point too far
+away for that, where outlines move by more than about a third of the spacing, gets a cloud of its own, and costs its compilation.
+
+A cluster under MPI (mpi4py) runs a map by ``mpiexec -n 65 python -m mpi4py.futures script.py`` with the script
+
+    from mpi4py.futures import MPIPoolExecutor
+    from jaxgel.parameter_map import load_map, run_map
+
+    if __name__ == "__main__":
+        with MPIPoolExecutor() as executor:
+            run_map(load_map("study.toml"), "out/study", executor)
+
+Its processes, and those of Dask, must see the folder; let each use one thread (OMP_NUM_THREADS=1, NPROC=1; a
+gradient would need two).
+"""
+
+import collections
+import concurrent.futures
+import csv
+import dataclasses
+import functools
+import io
+import itertools
+import json
+import math
+import time
+from pathlib import Path as File
+
+import jax
+import numpy as np
+from scipy.stats import qmc
+from tqdm import tqdm
+
+from .._validation import listed, tabled, whole, word
+from ..cloud import make_cloud
+from ..continuation import sweep
+from ..io import Recorder, interruptible, open_folder, write_atomically
+from ..materials import check_gel
+from ..observables import COLUMNS
+from .case import Case, imperfect_loads
+from .parameters import PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
+
+SAMPLES = ("grid", "sobol")
+BOUNDS, VALUES = PARAMETER | {"lower": VALUE, "upper": VALUE}, {"values": listed({}, least=1)}
+NUMBER = {"number": whole(2) | {"$comment": "a grid takes it with lower and upper, or values = [list] instead"}}
+GRID = {
+    "type": "object",
+    "if": {"required": ["values"]},
+    "then": tabled(PARAMETER | VALUES, ["of"]),
+    "else": tabled(BOUNDS | NUMBER | VALUES, ["of", "number", "lower", "upper"]),
+}
+SOBOL = tabled({"samples": word(SAMPLES), "points": whole(1), "seed": whole(0)}, ["points"])
+MAP, POINT, TABLE = "map.json", "point.json", "points.csv"
+FORMAT = 1  # of map.json and point.json
+TRIES = 3  # times that a point is begun, as its process may be killed
+LAST = COLUMNS[COLUMNS.index("energy") :]  # columns of history.csv of which points.csv has the last state's
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MapStudy:
+    """The points of a parameter map."""
+
+    name: str
+    """The file's name without its ending."""
+    case: Case
+    """The case whose parameters are varied."""
+    parameters: list
+    """Dicts of `parameters.parameter`, what is varied."""
+    points: list
+    """Dicts, name of a parameter -> its value, a number or a list of them."""
+    table: dict
+    """The study as a table that `map_from_table` reads; JSON can hold it."""
+
+    def at(self, values):
+        """The `Case` of a point; ValueError for a gel or mu that cannot be used."""
+        values = {name: np.asarray(value, dtype=float) for name, value in values.items()}
+        case, source = self.case, self.case.source
+        plate = case.plate
+        if any(p["holes"] for p in self.parameters):
+            plate = plate_of(plate, self.parameters)(values)
+            source = source | {"moved": [{key: np.asarray(v).tolist() for key, v in hole.theta.items()} for hole in plate.holes]}
+        gel = gel_of(case.gel, self.parameters)
+        gel = gel({name: float(value) for name, value in values.items() if value.ndim == 0}) if callable(gel) else gel
+        check_gel(gel)
+        ends = [float(values[p["name"]]) for p in self.parameters if p["of"] == "mu_end"]
+        options = dataclasses.replace(case.sweep, mu_end=ends[0]) if ends else case.sweep
+        return dataclasses.replace(case, plate=plate, source=source, gel=gel, sweep=options)
+
+    def cloud(self):
+        """The cloud of the case's own plate, which serves all points; ValueError where it cannot be made."""
+        d, plate = self.case.discretisation, self.case.plate
+        return make_cloud(plate.reference or plate, spacing=d.spacing, nodes_per_hole=d.nodes_per_hole, across=d.across)
+
+
+def load_map(file):
+    """The `MapStudy` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
+    return map_from_table(*study_table(file))
+
+
+def resumed_map(folder):
+    """The `MapStudy` whose map.json lies in a folder; ValueError where there is none or it is damaged."""
+    file = File(folder) / MAP
+    try:
+        record = json.loads(file.read_bytes())
+        if record["format"] != FORMAT:
+            raise ValueError(f"format {record['format']}, this version reads {FORMAT}")
+        study = map_from_table(record["study"], str(record["name"]))
+        return dataclasses.replace(study, points=list(record["points"]))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
+        raise ValueError(f"folder: {str(file)!r} is missing, damaged or not written by jaxgel: {' '.join(str(problem).split())}") from None
+
+
+def map_from_table(table, name):
+    """The `MapStudy` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
+    sobol = isinstance(table.get("map"), dict) and table["map"].get("samples") == "sobol"
+    parameter_rule = tabled(BOUNDS | NUMBER | VALUES, ["of"]) if sobol else GRID
+    sections = {"map": SOBOL if sobol else tabled({"samples": word(SAMPLES)}), "parameters": listed(parameter_rule, least=1)}
+    case = study_case(table, name, sections)
+    own = {"mu_end": case.sweep.mu_end} if case.sweep.mu is None else {}
+    varied = table["parameters"]
+    parameters = all_different([parameter(f"parameters[{i}]", entry, case, own) for i, entry in enumerate(varied)])
+    single = [p["of"] for p in parameters if not p["holes"]]
+    if len(set(single)) < len(single):
+        raise ValueError(f"parameters: each of {', '.join(sorted(set(single)))} can be varied once only")
+    options = {"samples": "grid"} | ({"seed": 0} if sobol else {}) | table.get("map", {})
+    if not sobol:
+        axes = [_axis(f"parameters[{i}]", entry, p) for i, (entry, p) in enumerate(zip(varied, parameters, strict=True))]
+        points = [{p["name"]: value for p, value in zip(parameters, point, strict=True)} for point in itertools.product(*axes)]
+    else:
+        points = _sobol(varied, parameters, options)
+    table = {"map": options, "parameters": varied} | case.table()
+    return MapStudy(name, case, parameters, points, table)
+
+
+def run_map(study, folder, executor, *, resume=False, quiet=True):
+    """Run the points of a `MapStudy` on an executor and write its folder; the list of rows of points.csv, dicts, by point.
+
+    Points that have ended, complete, stopped early or failed, are not run again; ``resume`` says that there may be such. A call that
+    ends with an exception was lost by the executor, as a point's own are in its row: it is submitted again, and after ``TRIES`` times
+    the point's row says "lost". Ctrl-C (KeyboardInterrupt) ends the calls under way and leaves what has ended. ValueError for
+    a study whose plate cannot be discretised, and for a folder with another map, or with this one if not resumed.
+    """
+    study.cloud()
+    folder = open_folder(folder)
+    _begin(study, folder, resume)
+    rows = {k: row for k in range(len(study.points)) if (row := _ended(folder / _name(k))) is not None}
+    text, tries, under_way = json.dumps({"name": study.name, "study": study.table}), collections.Counter(), {}
+
+    def submit(k):
+        tries[k] += 1
+        under_way[executor.submit(run_point, text, study.points[k], str(folder / _name(k)))] = k
+
+    def show():
+        _write_table(study, rows, folder)
+        bar.n = len(rows)
+        bar.refresh()
+
+    with tqdm(total=len(study.points), unit="point", disable=True if quiet else None, leave=False) as bar, interruptible() as stop_if_asked:
+        show()
+        try:
+            for k in range(len(study.points)):
+                if k not in rows:
+                    submit(k)
+            while under_way:
+                for future in concurrent.futures.wait(under_way, return_when=concurrent.futures.FIRST_COMPLETED)[0]:
+                    k = under_way.pop(future)
+                    row = _outcome(future, tries[k])
+                    if row is None:
+                        submit(k)
+                    else:
+                        rows[k] = row
+                stop_if_asked()
+                show()
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [rows[k] for k in sorted(rows)]
+
+
+def run_point(text, values, folder):
+    """Sweep one point, write its folder and return its row, a dict; what goes wrong in the point itself is part of the row.
+
+    ``text`` is JSON with the study's name and table, ``values`` a point. For an executor's processes.
+    """
+    study, cloud = _prepared(text)
+    began, recorder, folder = time.perf_counter(), None, open_folder(folder)
+    (folder / POINT).unlink(missing_ok=True)
+    try:
+        case = study.at(values)
+        model = case.model(cloud)
+        recorder = Recorder(folder, case, model, case.gel, durable=False)
+        options = dict(branch=case.sweep.branch, contact=case.sweep.contact, loads=imperfect_loads(case, model))
+        path = sweep(model, case.gel, mu=case.sweep.values, on_step=recorder, **options)
+        status, reason = "complete" if path.stop.ok else "stopped", path.stop_text
+        if model.cloud.topology is not cloud.topology:
+            jax.clear_caches()  # programs belong to a topology; those of many would fill gigabytes
+    except (OSError, MemoryError):
+        raise  # not the point's fault
+    except Exception as problem:
+        status, reason = "failed", " ".join(str(problem).split()) or type(problem).__name__
+    if recorder is not None:
+        recorder.finish(status, reason)
+    row = dict(status=status, **_last_state(recorder), seconds=round(time.perf_counter() - began, 3), reason=reason)
+    _write_json(folder / POINT, {"format": FORMAT, "values": values, "row": row})
+    return row
+
+
+@functools.lru_cache(maxsize=1)
+def _prepared(text):
+    """Study and cloud, made once in a process, so that its compiled programs serve all points."""
+    record = json.loads(text)
+    study = map_from_table(record["study"], record["name"])
+    return study, study.cloud()
+
+
+def _last_state(recorder):
+    """Part of a row: how far the sweep came and what its last state is."""
+    records = recorder.records if recorder is not None else []
+    last = {name: float(records[-1][1][name]) if records else None for name in ("mu", *LAST)}
+    iterations = sum(int(step.newton_iterations) for step, _, _ in records)
+    last = {name: value if value is not None and math.isfinite(value) else None for name, value in last.items()}
+    return dict(mu_reached=last.pop("mu"), states=len(records), newton_iterations=iterations, **last)
+
+
+def _name(k):
+    return f"{k:04d}"
+
+
+def _begin(study, folder, resume):
+    """Write map.json, or see that it is this study's."""
+    record = {"format": FORMAT, "name": study.name, "study": study.table, "points": study.points}
+    file = folder / MAP
+    if file.exists():
+        if not resume:
+            raise ValueError(f"out: {str(folder)!r} holds a map already; resume it (--resume), or give another folder")
+        known = resumed_map(folder)
+        if (known.table, known.points) != (study.table, study.points):
+            raise ValueError(f"out: {MAP} in {str(folder)!r} is of another study; give another folder")
+    else:
+        _write_json(file, record)
+
+
+def _ended(folder):
+    """Row of a point that has ended, or None."""
+    try:
+        record = json.loads((folder / POINT).read_bytes())
+        return record["row"] if record["format"] == FORMAT else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _outcome(future, tries):
+    """Row of a call that has ended; None where the executor lost it and it is to be tried again."""
+    try:
+        return future.result()
+    except Exception as problem:
+        reason = f"its process was lost {tries} times: {' '.join(str(problem).split()) or type(problem).__name__}"
+        return None if tries < TRIES else dict(status="lost", **_last_state(None), seconds=None, reason=reason)
+
+
+def _write_table(study, rows, folder):
+    """points.csv, whole or not at all."""
+    table = io.StringIO(newline="")
+    writer = csv.writer(table, lineterminator="\n")
+    parameters = [(p["name"], component) for p in study.parameters for component in _components(p)]
+    columns = ("mu_reached", "states", "newton_iterations", *LAST, "seconds", "reason")
+    writer.writerow(["point", "status", *(name + "".join(f"_{i}" for i in component) for name, component in parameters), *columns])
+    for k, row in sorted(rows.items()):
+        point = {name: np.asarray(value) for name, value in study.points[k].items()}
+        varied = [float(point[name][component]) for name, component in parameters]
+        writer.writerow([k, row["status"], *varied, *("" if row[name] is None else row[name] for name in columns)])
+    write_atomically(folder / TABLE, lambda stream: stream.write(table.getvalue().encode()))
+
+
+def _write_json(file, record):
+    encoded = json.dumps(record, indent=1, allow_nan=False).encode()
+    write_atomically(file, lambda stream: stream.write(encoded))
+
+
+def _components(p):
+    return list(np.ndindex(np.shape(p["own"])))
+
+
+def _axis(where, entry, p):
+    """Values of a parameter on a grid, as lists or numbers."""
+    shape = np.shape(p["own"])
+    if "values" in entry:
+        return [numbers(f"{where}.values", value, shape).tolist() for value in entry["values"]]
+    return np.linspace(*_bounds(where, entry, shape), entry["number"]).tolist()
+
+
+def _sobol(varied, parameters, options):
+    """Points of a scrambled Sobol sequence between the bounds, one dimension for each component of a parameter."""
+    for i, entry in enumerate(varied):
+        if "number" in entry or "values" in entry or not entry.keys() >= {"lower", "upper"}:
+            raise ValueError(f"parameters[{i}]: number and values belong to a grid; Sobol samples take lower and upper")
+    bounds = [_bounds(f"parameters[{i}]", e, np.shape(p["own"])) for i, (e, p) in enumerate(zip(varied, parameters, strict=True))]
+    lower, upper = (np.concatenate([np.ravel(side) for side in sides]) for sides in zip(*bounds, strict=True))
+    more = math.ceil(math.log2(options["points"]))  # the sequence is balanced at powers of 2
+    samples = lower + (upper - lower) * qmc.Sobol(len(lower), rng=options["seed"]).random_base2(more)[: options["points"]]
+    cuts = np.cumsum([np.size(p["own"]) for p in parameters])[:-1]
+    return [
+        {p["name"]: part.reshape(np.shape(p["own"])).tolist() for p, part in zip(parameters, np.split(sample, cuts), strict=True)}
+        for sample in samples
+    ]
+
+
+def _bounds(where, entry, shape):
+    lower, upper = (numbers(f"{where}.{key}", entry[key], shape) for key in ("lower", "upper"))
+    if not np.all(lower <= upper):
+        raise ValueError(f"{where}.upper: {entry['upper']!r} is not above lower = {entry['lower']!r}")
+    return lower, upper

@@ -1,0 +1,67 @@
+"""An interrupted run, continued."""
+
+import dataclasses
+from importlib.metadata import version
+from pathlib import Path as File
+
+import numpy as np
+
+from ..continuation import Path
+from ..equilibrium import Status, Step
+from ..io import NUMERICAL, STEP_ARRAYS, Recorder, load_run, of_case, read_summary
+from ..mechanics import all_volumes, free_dofs
+from .case import from_table
+
+
+def resumed(folder):
+    """The `Recorder` of an interrupted run, its case in ``case`` and the accepted steps in ``steps``; none where it had just begun.
+
+    Raises ValueError for a folder that was not written by ``jaxgel run``, or not by this version, and for files that do not fit together.
+    """
+    summary = read_summary(folder)
+    if not (File(folder) / "states.npz").is_file():
+        case = from_table(summary["options"], summary["case"])
+        return Recorder(folder, case, case.model(), case.gel, seconds=summary["wall_seconds"])
+    case, model, steps = rebuilt(load_run(folder))
+    mu, (first, last), given = [step.mu for step in steps], case.sweep.ends, case.sweep.given
+    if mu != case.sweep.values[: len(mu)] if given else not (mu[0] == first and mu[-1] <= last):
+        raise ValueError(f"folder: the mu in {str(folder)!r} are not those of the case in its summary.json; run the case again")
+    return Recorder(folder, case, model, case.gel, steps=steps, seconds=summary["wall_seconds"])
+
+
+def other_versions(folder):
+    """One line that names the packages whose versions differ from those that wrote the folder, empty where none do."""
+    before = read_summary(folder)["versions"]
+    differing = [name for name in NUMERICAL if before.get(name) != version(name)]
+    now = ", ".join(f"{name} {before.get(name)} -> {version(name)}" for name in differing)
+    return f"written with other versions, so the numbers agree to round-off only: {now}" if differing else ""
+
+
+def load_path(folder):
+    """The `path.Path` of a run's folder, to the bit, on the model built again from the options in its ``summary.json``.
+
+    Raises ValueError as `load_run`, and when the model differs from the stored one (written by another version).
+    """
+    run = load_run(folder)
+    case, model, steps = rebuilt(run)
+    return Path.from_steps(model, case.gel, steps, stop=Status[run.summary["stop"]], stop_text=run.summary["reason"])
+
+
+def rebuilt(run):
+    """The `cases.Case` of a `Run`, its model with contact, and the accepted `Step`s; ValueError where they do not fit together."""
+    case = from_table(run.summary["options"], run.summary["case"])
+    model, states = of_case(case.model(), case), run.states
+    nodes, modes = np.asarray(model.cloud.nodes), states.get("modes")
+    fits = nodes.shape == states["nodes"].shape and np.abs(nodes - states["nodes"]).max() <= 1e-9
+    fits = fits and states["pressure"].shape[1] == len(all_volumes(model)) and len(states["x"][0]) == len(nodes)
+    if not (fits and (modes is None or len(modes) == len(free_dofs(model.lists.topology)))):
+        raise ValueError(f"folder: the nodes in {str(run.folder)!r} are not those of this version of jaxgel; run the case again")
+    steps = [_step(states, i) for i in range(len(run.mu))]
+    return case, model, [*steps[:-1], dataclasses.replace(steps[-1], modes=modes, rate=states.get("rate"))]
+
+
+def _step(states, i):
+    """The accepted step ``i`` of the arrays of ``states.npz``."""
+    values = {name: states[name][i] if states[name].ndim > 1 else states[name][i].item() for name in STEP_ARRAYS}
+    apart = int(states["apart"][i])
+    return Step(**values, status=Status[str(states["status"][i])], apart=None if apart < 0 else bool(apart))

@@ -1,0 +1,136 @@
+"""The JSON schema of a case file and the options of a run."""
+
+import ast
+import dataclasses
+import functools
+import inspect
+import sys
+
+from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, listed, option, tabled, whole, word
+from ..continuation import SweepOptions
+from ..discretisation import DiscretisationOptions
+from ..geometry import CONDITIONS, EDGES, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
+from ..io import OUTLINE
+from ..mechanics import Loads
+from .samples import sample_names
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+GEL = {
+    "Nv": POSITIVE | {"description": "Chains per dry volume times the volume of a solvent molecule."},
+    "chi": NUMBER | {"exclusiveMinimum": 0.0, "exclusiveMaximum": 2.0, "description": "Flory's parameter of mixing."},
+}
+ENERGY = {
+    "type": "string",
+    "pattern": r"^[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*$",
+    "title": "text of the form module:function",
+    "description": "Own energy: module:function, called with all numbers of this section; returns the gel.",
+}
+
+
+@functools.cache
+def case_schema():
+    """The JSON schema (draft 2020-12) of a case file, a dict."""
+    sections = {"plate": _plate(), "holes": listed(_hole()), "gel": _gel()}
+    sections["moved"] = listed({"type": "object"}) | {"description": "Parameters that replace those of each hole."}
+    sections |= {section: _options(kind) for section, kind in OPTIONS.items()}
+    title = "A jaxgel case: lengths in mm, angles in radians, mu in kT"
+    return {"$schema": DIALECT, "title": title} | tabled(sections, ["plate"])
+
+
+@functools.cache
+def field_texts(cls):
+    """Field -> what is written under it in the source of a dataclass, in one line."""
+    texts, name = {}, None
+    for line in _classes(cls.__module__)[cls.__name__].body:
+        if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name):
+            name = line.target.id
+        elif name is not None and isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant):
+            texts[name], name = " ".join(str(line.value.value).split()), None
+        else:
+            name = None
+    return texts
+
+
+@functools.cache
+def _classes(module):
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+
+
+def _plate():
+    """A sample's name, or a plate of one's own."""
+    name = word(sample_names())
+    own = {key: rule | {"description": field_texts(Plate)[key]} for key, rule in PLATE.items()}
+    own = tabled({"sample": name} | own, ["width", "height"])
+    return {"type": "object", "if": {"required": ["sample"]}, "then": tabled({"sample": name}), "else": own}
+
+
+def _hole():
+    """The kind decides about the other entries."""
+    kinds = {kind: _parameters(kind) for kind in HOLES} | {"outline": OUTLINE}
+    rules = [{"if": {"properties": {"kind": {"const": kind}}}, "then": rule} for kind, rule in kinds.items()]
+    return {"type": "object", "required": ["kind"], "properties": {"kind": word(kinds)}, "allOf": rules}
+
+
+def _parameters(kind):
+    cls = HOLES[kind]
+    properties = {
+        name: _array(shape, POSITIVE if name in cls.positive else NUMBER) | {"description": field_texts(cls)[name]}
+        for name, shape in cls.shapes.items()
+    }
+    required = [field.name for field in dataclasses.fields(cls) if field.default is dataclasses.MISSING]
+    return tabled({"kind": {"const": kind}} | properties, ["kind", *required])
+
+
+def _array(shape, item):
+    for length in reversed(shape):
+        item = listed(item, length, length) if isinstance(length, int) else listed(item)
+    return dict(item)
+
+
+def _gel():
+    """Without an energy of one's own only Nv and chi are known."""
+    own = {"type": "object", "properties": GEL | {"energy": ENERGY}, "additionalProperties": NUMBER}
+    return {"type": "object", "if": {"required": ["energy"]}, "then": own, "else": tabled(GEL | {"energy": ENERGY})}
+
+
+def _options(cls):
+    properties = {}
+    for field in dataclasses.fields(cls):
+        properties[field.name] = field.metadata.get("schema", {}) | {"description": field_texts(cls).get(field.name, "")}
+        properties[field.name] |= {} if field.default in (None, dataclasses.MISSING) else {"default": field.default}
+    return tabled(properties)
+
+
+HOLES = {kind.__name__.lower(): kind for kind in (Circle, Ellipse, Rectangle, Superellipse, Fourier, Polygon)}
+_CONDITION = word(CONDITIONS)
+PLATE = {
+    "width": POSITIVE,
+    "height": POSITIVE,
+    "edges": {"type": ["string", "object"], "if": {"type": "object"}, "then": tabled(dict.fromkeys(EDGES, _CONDITION)), "else": _CONDITION},
+    "deformation": listed(PAIR, 2, 2),
+    "displacement": tabled(dict.fromkeys(EDGES, PAIR)),
+    "spacing": POSITIVE,
+    "nodes_per_hole": whole(3),
+    "cells": whole(1),
+    "core": PAIR,
+    "unit": TEXT,
+}  # fields of `geometry.Plate`; the first two are required
+
+
+@dataclasses.dataclass(frozen=True)
+class OutputOptions:
+    """What a run leaves besides its table, states and summary."""
+
+    figures: bool = option(True, FLAG)
+    """pattern.png and curves.png."""
+    animation: bool = option(True, FLAG)
+    """pattern.gif."""
+    paraview: bool = option(True, FLAG)
+    """series.pvd with a vtu file per state."""
+
+    def __post_init__(self):
+        check_options("output", self)
+
+
+OPTIONS = {"loads": Loads, "sweep": SweepOptions, "discretisation": DiscretisationOptions, "output": OutputOptions}

@@ -1,0 +1,224 @@
+"""A design study: a case file with the sections that say what is varied, what it is judged by, how it is searched and how verified.
+
+Besides the sections of a case (see `cases`), or ``case`` = a built-in name or the path of a case file, a study has
+
+    [[parameters]]   of (a parameter of the holes, Nv or chi), lower, upper; optional: name, holes (list of numbers), link, start
+    [[objective]]    of (a quantity, see `objectives.CURVES`) and one of goal = "maximise" or "minimise" with at = mu, target with at,
+                     curve = [one value per mu], line = {slope, mu0}; optional: weight; from, to, the window of mu of curve or line
+    [[constraints]]  of (a quantity, see `objectives.CURVES` and `objectives.DRY`) and one of above, below, within (magnitude); optional: at
+    [search]         method, evaluations, step, tolerance; see `inverse.optimise`
+    [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
+
+``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
+"""
+
+import dataclasses
+import json
+from pathlib import Path as File
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._validation import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
+from ..design import DRY, METHODS, DesignProblem, Outcome, limit, misfit, optimise, read_log, reading, verify, weighted_sum
+from ..io import write_atomically
+from ..mechanics import Loads
+from ..observables import CURVES
+from .case import Case
+from .parameters import OF, PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
+from .toml import case_text, explicit
+
+AIMS, LIMITS = ("goal", "target", "curve", "line"), ("above", "below", "within")
+BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
+AT = NUMBER | {"$comment": "give the mu at which the quantity counts"}
+SHARE = NUMBER | {"exclusiveMinimum": 0.0, "maximum": 1.0}
+OBJECTIVE = {
+    "of": word(CURVES) | OF,
+    "goal": word(("maximise", "minimise")),
+    "target": NUMBER,
+    "curve": listed(NUMBER),
+    "line": tabled({"slope": NUMBER, "mu0": NUMBER}, ["slope", "mu0"]),
+    "at": AT,
+    "weight": POSITIVE,
+    "from": NUMBER,
+    "to": NUMBER,
+}
+CONSTRAINT = {"of": word([*CURVES, *DRY]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": AT}
+NEEDS = {"dependentRequired": {"goal": ["at"], "target": ["at"]}}
+SECTIONS = {
+    "parameters": listed(tabled(PARAMETER | {"start": VALUE, "lower": BOUND, "upper": BOUND}, ["of", "lower", "upper"]), least=1),
+    "objective": listed(tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS) | NEEDS, least=1),
+    "constraints": listed(tabled(CONSTRAINT, ["of"]) | exactly_one(LIMITS)),
+    "search": tabled({"method": word(METHODS), "evaluations": whole(1), "step": SHARE, "tolerance": SHARE}),
+    "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1)}),
+}  # rules of a study's own sections
+VERIFIED = "verified.json"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Study:
+    """A design problem with its search and verification."""
+
+    name: str
+    """The file's name without its ending."""
+    case: Case
+    """The case that the design starts from."""
+    problem: DesignProblem
+    """What is varied and judged."""
+    search: dict
+    """Options of `inverse.optimise`: method, evaluations, step, tolerance."""
+    verification: dict
+    """Options of `inverse.verify`: spacing, mu."""
+    aim: dict
+    """First entry of the objective, with ``values`` (k,), its target at every mu (nan where there is none), for the figure."""
+    table: dict
+    """The study as a table that `study_from_table` reads; JSON can hold it."""
+
+    def run(self, folder=None, *, resume=False, quiet=True):
+        """`inverse.Design` of the search, logged in ``folder`` if given; see `inverse.optimise`."""
+        record = {"study": self.table, "name": self.name}
+        return optimise(self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search)
+
+    def verify(self, parameters):
+        """`inverse.verify` of a dict of parameters with the study's spacing: its dict, and the path."""
+        return verify(self.problem, parameters, **self.verification)
+
+
+def load_study(file):
+    """The `Study` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
+    return study_from_table(*study_table(file))
+
+
+def resumed_study(folder):
+    """The `Study` whose log lies in a folder; ValueError where there is none."""
+    record = read_log(folder)["record"]
+    if "study" not in record:
+        raise ValueError(f"folder: {str(folder)!r} was not written by jaxgel design; resume it where its problem was made")
+    return study_from_table(record["study"], str(record.get("name", "design")))
+
+
+def study_from_table(table, name):
+    """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
+    case = study_case(table, name, SECTIONS)
+    if case.loads != Loads():
+        raise ValueError("loads: a study takes none; leave the section out")
+    if case.sweep.steps == "auto" and case.sweep.mu is None:
+        raise ValueError("sweep.steps: 'auto' is not accepted in a study; give a number, or mu = [list]")
+    mu = list(case.sweep.values)
+    parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(table["parameters"])])
+    terms = [_term(i, entry, mu) for i, entry in enumerate(table["objective"])]
+    alone = len(terms) == 1 and terms[0][0] < 0
+    problem = DesignProblem(
+        start={p["name"]: p["start"] for p in parameters},
+        bounds={p["name"]: (p["lower"], p["upper"]) for p in parameters},
+        plate=plate_of(case.plate, parameters),
+        gel=gel_of(case.gel, parameters),
+        mu=mu,
+        objective=weighted_sum([abs(w) for w, _ in terms] if alone else [w for w, _ in terms], [f for _, f in terms]),
+        maximise=alone,
+        constraints=tuple(_constraint(i, entry, mu) for i, entry in enumerate(table.get("constraints", []))),
+        options=case.discretisation,
+        branch=case.sweep.branch,
+    )
+    search = dict(method="slsqp", evaluations=60, step=0.2, tolerance=1e-5) | table.get("search", {})
+    table = {key: table[key] for key in SECTIONS if key in table} | case.table()
+    return Study(name, case, problem, search, _verification(table, case), _aim(table["objective"][0], mu), table)
+
+
+def run_study(study, folder, *, resume=False, quiet=True):
+    """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png.
+
+    Returns the `inverse.Design` and the content of verified.json: ``start`` and ``best``, each as `inverse.verify` gives it. An
+    interrupted search leaves its log alone: None in place of the content.
+    """
+    from ..plotting import draw_study
+
+    folder = File(folder)
+    design = study.run(folder, resume=resume, quiet=quiet)
+    if design.outcome is Outcome.INTERRUPTED:
+        return design, None
+    plate = study.problem.plate({name: jnp.asarray(v) for name, v in design.parameters.items()})
+    text = case_text(explicit(_found(study, plate, study.problem.gel_at(design.parameters))))
+    write_atomically(folder / "best.toml", lambda stream: stream.write(text.encode()))
+    start, start_path = study.verify(study.problem.start)
+    best, best_path = study.verify(design.parameters)
+    verified = dict(
+        study=study.name,
+        parameters={name: np.asarray(v).tolist() for name, v in design.parameters.items()},
+        search=dict(value=design.value, feasible=design.feasible, outcome=str(design.outcome), evaluations=len(design.history)),
+        start=start,
+        best=best,
+    )
+    encoded = json.dumps(verified, indent=1).encode()
+    write_atomically(folder / VERIFIED, lambda stream: stream.write(encoded))
+    figure = draw_study(study, design, start_path, best_path)
+    write_atomically(folder / "design.png", lambda stream: figure.savefig(stream, format="png"))
+    return design, verified
+
+
+def _found(study, plate, gel):
+    """The `cases.Case` of a concrete plate and gel, on the cloud of the verification."""
+    sweep = dataclasses.replace(study.case.sweep, mu=tuple(study.problem.mu))
+    spacing = float(study.verification["spacing"])
+    cloud = dataclasses.replace(study.case.discretisation, spacing=spacing, nodes_per_hole=None, across=None)
+    return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud)
+
+
+def _parameter(i, entry, case):
+    """The entry with every default filled in, its start and bounds as arrays."""
+    where = f"parameters[{i}]"
+    varied = parameter(where, entry, case)
+    own = varied.pop("own")
+    return varied | {key: numbers(f"{where}.{key}", entry.get(key, own), np.shape(own)) for key in ("start", "lower", "upper")}
+
+
+def _term(i, entry, mu):
+    """(weight, function of the path) of an entry of the objective, to be minimised; a negative weight maximises."""
+    where, weight = f"objective[{i}]", float(entry.get("weight", 1.0))
+    quantity = CURVES[entry["of"]]
+    if "curve" in entry or "line" in entry:
+        return weight, misfit(quantity, mu, _aim(entry, mu, where)["values"])
+    value = reading(quantity, _at(where, entry, mu))
+    if "target" in entry:
+        return weight, lambda path: (value(path) - entry["target"]) ** 2
+    return (-weight if entry["goal"] == "maximise" else weight), value
+
+
+def _at(where, entry, mu):
+    """The mu of an entry, which must be one of the sweep's."""
+    at = float(entry["at"])
+    if min(abs(at - m) for m in mu) > 1e-9:
+        raise ValueError(f"{where}.at: {at:g} is not one of the sweep's mu ({', '.join(f'{m:g}' for m in mu)})")
+    return at
+
+
+def _aim(entry, mu, where="objective[0]"):
+    """The entry with its target at every mu, nan where there is none."""
+    at = np.array(mu)
+    values = np.full(len(mu), np.nan)
+    if "line" in entry:
+        values = entry["line"]["slope"] * (at - entry["line"]["mu0"])
+    elif "curve" in entry:
+        if len(entry["curve"]) != len(mu):
+            raise ValueError(f"{where}.curve: it is not a list of {len(mu)} numbers, one for each mu of the sweep")
+        values = np.array(entry["curve"], dtype=float)
+    elif "target" in entry:
+        values = np.where(np.abs(at - _at(where, entry, mu)) < 1e-9, float(entry["target"]), np.nan)
+    first, last = entry.get("from", mu[0]), entry.get("to", mu[-1])
+    values = np.where((at >= first - 1e-9) & (at <= last + 1e-9), values, np.nan)
+    if ("line" in entry or "curve" in entry) and not np.any(np.isfinite(values)):
+        raise ValueError(f"{where}.from, to: no mu of the sweep lies in {first:g} ... {last:g}")
+    return dict(entry, values=values)
+
+
+def _constraint(i, entry, mu):
+    limits = {key: float(entry[key]) for key in LIMITS if key in entry}
+    at = _at(f"constraints[{i}]", entry, mu) if "at" in entry else None
+    return limit(entry["of"], at=at, **limits)
+
+
+def _verification(table, case):
+    """Options of `inverse.verify`; by default half the search's spacing."""
+    own, plate = table.get("verification", {}), case.plate
+    spacing = case.discretisation.spacing or plate.spacing or min(plate.width, plate.height) / 40
+    return dict(spacing=float(own.get("spacing", spacing / 2)), mu=own.get("mu"))

@@ -1,0 +1,78 @@
+"""Case files as text: any case with every number in it, and a comment for each that says what it is."""
+
+import dataclasses
+import json
+
+import numpy as np
+
+from ..geometry import Plate
+from .case import from_table
+from .schema import GEL, HOLES, OPTIONS, PLATE, field_texts
+
+COLUMN = 43  # where comments start
+EXAMPLE = {
+    "plate": {"width": 22.0, "height": 22.0, "edges": "roller"},
+    "holes": [
+        {"kind": "ellipse", "centre": [5.0 * x, 5.0 * y], "semi_axes": [5.0, 4.0], "angle": 0.0 if x * y > 0 else np.pi / 2}
+        for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ],
+    "gel": {"Nv": 1e-3, "chi": 1e-4},
+}
+
+
+def example():
+    """The `cases.Case` that ``jaxgel init`` writes: four ellipses that turn the plate, as in the paper's sample 1."""
+    return from_table(EXAMPLE, "example")
+
+
+def explicit(case):
+    """The `cases.Case` with its plate and holes written out in its ``source``, so that its table needs no sample and no moved hole."""
+    own = {key: getattr(case.plate, key) for key in PLATE}
+    defaults = {field.name: field.default for field in dataclasses.fields(case.plate)}
+    own["core"] = own["core"] if own["core"] == defaults["core"] else list(own["core"])
+    own["displacement"] = {edge: value for edge, value in case.plate.displacement.items() if any(value)}
+    plate = {key: value for key, value in own.items() if value not in ({}, defaults[key])} | {"edges": dict(case.plate.edges)}
+    holes = [{"kind": type(h).__name__.lower()} | {key: np.asarray(v).tolist() for key, v in h.theta.items()} for h in case.plate.holes]
+    source = {"plate": plate} | ({"holes": holes} if holes else {}) | {key: case.source[key] for key in ("gel",) if key in case.source}
+    return dataclasses.replace(case, source=source)
+
+
+def case_text(case):
+    """The TOML text of a `cases.Case`, with what each entry means and, as a comment, the options that it leaves to their defaults."""
+    table = case.table()
+    lines = [f"# {case.name}: lengths in mm, angles in radians, mu in kT. jaxgel schema lists all that is accepted.", ""]
+    for section, entries in table.items():
+        if section != "holes":
+            lines += [f"[{section}]", *_lines(entries, _texts(section)), *_left_out(section, entries), ""]
+        for hole in entries if section == "holes" else ():
+            lines += ["[[holes]]", *_lines(hole, field_texts(HOLES[hole["kind"]])), ""]
+    return "\n".join(lines)
+
+
+def _texts(section):
+    """Entry of a section -> what it means, with the words that it may be."""
+    if section == "gel":
+        return {key: rule["description"] for key, rule in GEL.items()}
+    texts = field_texts(Plate if section == "plate" else OPTIONS[section])
+    rules = {f.name: f.metadata["schema"] for f in dataclasses.fields(OPTIONS[section])} if section in OPTIONS else {}
+    return {key: f"{text}: {', '.join(rules[key]['enum'])}" if "enum" in rules.get(key, ()) else text for key, text in texts.items()}
+
+
+def _lines(entries, texts):
+    return [_commented(f"{key} = {_value(value)}", texts.get(key, "")) for key, value in entries.items()]
+
+
+def _left_out(section, entries):
+    fields = dataclasses.fields(OPTIONS[section]) if section in OPTIONS else ()
+    return [_commented(f"# {f.name} =", _texts(section).get(f.name, "")) for f in fields if f.name not in entries]
+
+
+def _commented(line, text):
+    return f"{line:<{COLUMN}} # {text}" if text else line
+
+
+def _value(value):
+    """A TOML value; its strings, numbers and lists are those of JSON."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(item)}' for key, item in value.items())} }}"
+    return json.dumps(list(value) if isinstance(value, tuple) else value)

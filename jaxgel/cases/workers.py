@@ -1,0 +1,90 @@
+"""Where calls run: processes of this machine, or a Dask cluster, behind one interface, that of ``concurrent.futures.Executor``."""
+
+import concurrent.futures
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+
+import jax
+from threadpoolctl import threadpool_limits
+
+
+class Workers(concurrent.futures.Executor):
+    """So many processes of this machine, one thread each; one that is killed loses the call it was at, and no other.
+
+    That call ends with ``BrokenExecutor``; the next one finds a new process. Processes are started anew, not forked, which JAX does not
+    survive. They do not hear Ctrl-C and end with this process, whatever ends it.
+    """
+
+    def __init__(self, number):
+        self._threads = concurrent.futures.ThreadPoolExecutor(number)
+        self._own = threading.local()  # the pool of one process that a thread stands before
+        self._pids, self._ended = {}, False
+
+    def submit(self, function, /, *args):
+        """Future of ``function(*args)``, a function that a new process can import."""
+        return self._threads.submit(self._call, function, args)
+
+    def _call(self, function, args):
+        try:
+            pool = getattr(self._own, "pool", None) or self._new_pool()
+            return pool.submit(function, *args).result()
+        except concurrent.futures.BrokenExecutor:
+            self._pids.pop(self._own.pool, None)
+            self._own.pool = None
+            raise
+
+    def _new_pool(self):
+        pool = concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start)
+        self._own.pool = pool
+        self._pids[pool] = pool.submit(os.getpid).result()
+        if self._ended:  # while it started
+            self._kill(self._pids[pool])
+        return pool
+
+    @staticmethod
+    def _kill(pid):
+        with contextlib.suppress(ProcessLookupError):  # it ended by itself
+            os.kill(pid, signal.SIGTERM)
+
+    def shutdown(self, wait=True, *, cancel_futures=False):
+        """End the processes: after the calls under way with ``wait``, otherwise at once."""
+        self._ended = not wait
+        for pid in [] if wait else list(self._pids.values()):
+            self._kill(pid)
+        self._threads.shutdown(cancel_futures=cancel_futures)
+        for pool in list(self._pids):
+            pool.shutdown()
+
+
+def _start():
+    """What a new process does first: one thread for BLAS and for XLA, deaf to Ctrl-C, not to outlive its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    os.environ["NPROC"] = "1"  # read when XLA starts, which importing it does not
+    threadpool_limits(1)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # if there is a cache, everything: other processes start sooner
+
+
+def _end_with_parent():
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextlib.contextmanager
+def dask_executor(address):
+    """Executor of the Dask cluster whose scheduler has that address, extra ``[distributed]``; ValueError where none answers."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ValueError('scheduler: Dask is not installed; pip install "jaxgel[distributed]"') from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as problem:
+        raise ValueError(f"scheduler: no Dask scheduler answers at {address!r}: {' '.join(str(problem).split())}") from None
+    with client:
+        yield client.get_executor(pure=False)

@@ -1,0 +1,5 @@
+"""cli."""
+
+from .command_line import main
+
+__all__ = ["main"]

@@ -1,0 +1,222 @@
+"""Taylor test of a case's gradients: what is left of f(x + h d) - f(x) - h f'(x) d must fall as h^2.
+
+A wrong derivative leaves a remainder that falls as h, down to the smallest h. The states are solved anew for every h, so nothing of the
+derivative is taken for granted; the gradient is the one that reverse mode gives to every optimiser.
+
+The moved states are those of the start's branch, found by Newton's method from there: a sweep of a symmetric plate may end on either
+mirror image. Under a moving hole the slope of an objective has small jumps, where a node enters or leaves a support: the paper's weight
+function has a continuous slope there, so its gradients have kinks. A direction that crosses one falls irregularly, but a wrong
+derivative shows in every random direction: steps are short, and a family is judged by the median of its directions.
+"""
+
+import csv
+import dataclasses
+import io
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from tqdm import tqdm
+
+from ..cloud import make_cloud
+from ..continuation import sweep
+from ..discretisation import discretise
+from ..equilibrium import acting, free_rhs, linearised, prepare, solve, tangent_at
+from ..io import write_atomically
+from ..linalg import factor
+from ..mechanics import spread, with_contact
+from ..observables import area_reduction, core_rotation, is_flat, rotation_angle
+
+DIRECTIONS, HALVINGS, STATES = 5, 4, 4
+RATE = 1.95  # least rate; theory: 2
+RATE_ERROR = 0.05  # of a rate that is judged: below 2 - 0.05 = RATE it is not noise
+NOISE_VALUES = 9  # values, the last step apart, from which the noise is estimated
+STEPS = {"angle": 2e-5, "cos": 2e-5, "sin": 2e-5, "exponent": 1e-4, "mu": 0.01, "chi": 0.005}
+LENGTH = 1e-4  # first step of lengths over the node spacing
+SHARE = 0.1  # first step of Nv over its value: its effect is nearly linear
+FILE = "check-grad.csv"
+OBJECTIVES = {
+    "rotation": lambda path: rotation_angle(path)[-1],
+    "core rotation": lambda path: core_rotation(path)[-1],
+    "area reduction": lambda path: area_reduction(path)[-1],
+    "whole curve": lambda path: jnp.mean(rotation_angle(path) ** 2) / 100 + jnp.mean(area_reduction(path)),
+}
+"""What is differentiated: three quantities at the last mu, degrees or 1, and a mean over all states of the path."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """The Taylor test of one objective along one direction of one family of parameters."""
+
+    objective: str
+    """A name of ``OBJECTIVES``."""
+    family: str
+    """Name of the parameters that vary together, of all holes."""
+    direction: int
+    """Number of the random direction."""
+    slope: float
+    """Derivative along the direction, over its first step."""
+    steps: tuple
+    """h, each half the one before; in units of the first step."""
+    remainders: tuple
+    """|f(x + h d) - f(x) - h f'(x) d| at each h."""
+    rate: float
+    """Least order with which it falls from one step to the next above round-off; inf where none is above, nan for a nan."""
+
+
+def check_gradient(case, *, directions=DIRECTIONS, halvings=HALVINGS, states=STATES, seed=0, quiet=True):
+    """List of `Row`: every objective that has a value, every family of parameters, every direction, for a `cases.Case`.
+
+    The sweep has ``states`` equally spaced mu between the case's ends; directions are normally distributed with the given ``seed``.
+    Raises ValueError for a case that cannot be used and ``ArithmeticError`` where its states are not found.
+    """
+    plate, d = case.plate, case.discretisation
+    cloud = make_cloud(plate, spacing=d.spacing, nodes_per_hole=d.nodes_per_hole)
+    mu = np.linspace(*case.sweep.ends, states)
+    point = _point(plate, case.gel, mu)
+
+    def made(tree):
+        placed = cloud.at(plate.at([{name: tree[name][k] for name in hole.theta} for k, hole in enumerate(plate.holes)]))
+        model = discretise(placed, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature, solver=d.solver)
+        return model, dataclasses.replace(case.gel, Nv=tree["Nv"], chi=tree["chi"])
+
+    def path(tree):
+        model, gel = made(tree)
+        return sweep(model, gel, mu=tree["mu"], branch=case.sweep.branch, loads=case.loads.of(model))
+
+    def read(path, names):
+        return jnp.stack([OBJECTIVES[name](path) for name in names])
+
+    start = path(point)
+    if len(start) < states:
+        raise ArithmeticError(f"check-grad: {start.stop_text}; choose another --mu-end")
+    names = differentiable(start)
+    _, pullback = jax.vjp(lambda tree: read(path(tree), names), point)
+    gradients = [pullback(row)[0] for row in jnp.eye(len(names))]
+
+    def judge(tree):
+        model, gel = made(tree)
+        return read(_beside(start, model, gel, tree["mu"], case.loads.of(model)), names)
+
+    values = judge(point)
+    random, rows = np.random.default_rng(seed), []
+    with tqdm(total=len(point) * directions, unit="direction", disable=True if quiet else None, leave=False) as bar:
+        for family in point:
+            floors = _round_off(judge, point, family, _direction(random, family, point, cloud.spacing), _steps(halvings)[-1])
+            for number in range(directions):
+                towards = _direction(random, family, point, cloud.spacing)
+                remainders = _remainders(judge, point, family, towards, values, gradients, halvings)
+                found = zip(names, remainders, floors, strict=True)
+                rows += [_row(name, family, number, one, floor, halvings) for name, one, floor in found]
+                bar.update()
+    return sorted(rows, key=lambda row: (list(OBJECTIVES).index(row.objective), list(point).index(row.family), row.direction))
+
+
+def differentiable(path):
+    """Names of the objectives that have a value and a derivative at the path's last state; nan would spread to the others'."""
+    level = {"rotation"} if is_flat(path.x[-1:], path.model)[0] else set()
+    return tuple(name for name, objective in OBJECTIVES.items() if name not in level and np.isfinite(objective(path)))
+
+
+def failures(rows):
+    """(objective, family) of all whose median rate is below ``RATE``, of those directions that leave a remainder above round-off."""
+    rates = {}
+    for row in rows:
+        rates.setdefault((row.objective, row.family), []).extend([] if row.rate == np.inf else [row.rate])
+    return [pair for pair, found in rates.items() if found and not np.median(found) >= RATE]  # nan is none
+
+
+def write_table(rows, folder):
+    """The rows as ``check-grad.csv`` in a folder: one line per row, the remainders in the order of their steps."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    steps = rows[0].steps
+    writer.writerow(["objective", "family", "direction", "slope", *(f"remainder at h = {h:g}" for h in steps), "rate"])
+    for row in rows:
+        remainders = [repr(r) for r in row.remainders]
+        writer.writerow([row.objective, row.family, row.direction, repr(row.slope), *remainders, f"{row.rate:.4f}"])
+    write_atomically(folder / FILE, lambda stream: stream.write(text.getvalue().encode()))
+
+
+def _point(plate, gel, mu):
+    """Family -> its values: hole parameters {hole: value} by name, then Nv, chi and mu."""
+    families = {}
+    for k, hole in enumerate(plate.holes):
+        for name, value in hole.theta.items():
+            families.setdefault(name, {})[k] = jnp.asarray(value, dtype=float)
+    return families | {"Nv": jnp.asarray(gel.Nv, dtype=float), "chi": jnp.asarray(gel.chi, dtype=float), "mu": jnp.asarray(mu)}
+
+
+def _direction(random, family, point, spacing):
+    """A random direction, a tree as the family's values, whose length is the first step."""
+    flat, unravel = ravel_pytree(point[family])
+    normal = random.normal(size=flat.shape)
+    normal /= np.linalg.norm(normal)
+    if family == "chi":
+        normal = np.abs(normal)  # chi is above 0 and may be near it
+    size = np.abs(np.asarray(flat)) * SHARE if family == "Nv" else STEPS.get(family, LENGTH * spacing)
+    return unravel(jnp.asarray(normal * size * np.sqrt(len(flat)) * random.uniform(0.5, 1.0)))
+
+
+def _remainders(judge, point, family, towards, values, gradients, halvings):
+    """(slope, remainders) of each objective along one direction of a family."""
+    slopes = [float(np.vdot(ravel_pytree(g[family])[0], ravel_pytree(towards)[0])) for g in gradients]
+    found = [[] for _ in slopes]
+    for h in _steps(halvings):
+        for remainders, slope, change in zip(found, slopes, _moved(judge, point, family, towards, h) - values, strict=True):
+            remainders.append(abs(float(change) - h * slope))
+    return list(zip(slopes, found, strict=True))
+
+
+def _steps(halvings):
+    return tuple(0.5**k for k in range(halvings + 1))
+
+
+def _beside(start, model, gel, mu, loads):
+    """The path at ``mu`` (k,) of a moved model and gel on the branch of the path ``start``; nan where Newton's method does not find it."""
+    problem = prepare(with_contact(model, gel), gel, loads)
+    moved = model.cloud.nodes - start.model.cloud.nodes
+    carried = moved @ np.array(model.cloud.plate.deformation).T  # where the constrained ones have to be
+    found = [solve(problem, *state) for state in zip(mu, start.x + carried, jnp.asarray(start.pressure), strict=True)]
+    x = jnp.stack([_to_round_off(problem, at, state) for at, state in zip(mu, found, strict=True)])
+    return dataclasses.replace(start, model=problem.model, gel=gel, mu=mu, x=x, pressure=jnp.stack([state.pressure for state in found]))
+
+
+def _to_round_off(problem, mu, state):
+    """Positions (n, 2) of an ``Equilibrium`` after one more correction: what the solver's tolerance left is gone; nan for a failed one."""
+    if not state.status.ok:
+        return jnp.full_like(state.x, jnp.nan)
+    problem = acting(problem, state)
+    args, free = (problem.model, problem.gel), problem.free
+    now, _ = linearised(state.x, state.pressure, *args, mu, problem.loads, problem.fixed, free)
+    made = factor(problem.pattern, tangent_at(state.x, state.pressure, now, *args, problem.fixed))
+    return state.x + spread(made.solve(np.asarray(free_rhs(now, now, problem.model, free)))[0], state.x.shape, free)
+
+
+def _round_off(judge, point, family, towards, step):
+    """Remainders (o,) below which a rate is in doubt by more than ``RATE_ERROR``, from the noise of the objectives along a direction.
+
+    The noise is that of More & Wild (2011), ECNoise: differences of order k of values at equal distances have sqrt((2k)!) / k! times
+    their standard deviation, once k is so large that the function itself drops out. A remainder is made of two values and known to
+    3 sqrt(2) standard deviations; its rate with one four times as large then to 5/4 of its relative error over ln 2.
+    """
+    values = np.array([_moved(judge, point, family, towards, k * step) for k in range(NOISE_VALUES)])
+    orders = [(np.diff(values, k, axis=0), math.factorial(k) ** 2 / math.factorial(2 * k)) for k in (4, 5, 6)]
+    noise = np.max([np.sqrt(share * np.mean(differences**2, axis=0)) for differences, share in orders], axis=0)
+    return 3 * np.sqrt(2) * noise * 1.25 / (RATE_ERROR * np.log(2))
+
+
+def _moved(judge, point, family, towards, h):
+    """Values (o,) of the objectives at the start plus ``h`` times a direction of a family."""
+    return judge(point | {family: jax.tree.map(lambda x, d: x + h * d, point[family], towards)})
+
+
+def _row(name, family, number, found, floor, halvings):
+    slope, remainders = found
+    above = np.array(remainders) > floor
+    judged = above[1:] & above[:-1]
+    rates = np.log2(np.divide(remainders[:-1], remainders[1:], out=np.ones(halvings), where=judged))
+    rate = float(np.min(rates[judged], initial=np.inf)) if np.all(np.isfinite(remainders)) else np.nan
+    return Row(name, family, number, slope, _steps(halvings), tuple(remainders), rate)

@@ -1,0 +1,25 @@
+"""cloud."""
+
+from .cells import SLIVER, boundary_edges, partition
+from .cloud import GRADING, OUTLINE_SEGMENTS, Cloud, assemble, make_cloud, place
+from .morph import thin_plate_matrix
+from .quadrature import EDGE_POINTS, edge_points, square_cells
+from .quadtree import find_ligaments, make_background
+
+__all__ = [
+    "EDGE_POINTS",
+    "GRADING",
+    "OUTLINE_SEGMENTS",
+    "SLIVER",
+    "Cloud",
+    "assemble",
+    "boundary_edges",
+    "edge_points",
+    "find_ligaments",
+    "make_background",
+    "make_cloud",
+    "partition",
+    "place",
+    "square_cells",
+    "thin_plate_matrix",
+]

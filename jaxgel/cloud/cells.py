@@ -1,0 +1,216 @@
+"""Partition of the dry gel into integration cells: background squares clipped by a fine polygon along the true hole outlines.
+
+Everything here is host NumPy on the reference plate and is run once per cloud. Vertices carry how they move with the holes:
+they lie on an outline, on a chord between two outline vertices (where a grid line cuts it), or follow the morph. A cell is a set
+of triangles; its contour is what is left of their directed edges after opposite pairs cancel.
+"""
+
+import dataclasses
+import functools
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+SLIVER = 0.3  # pieces below this fraction of their background square join the neighbour with the longest common edge
+SNAP = 1e-7  # points closer than this times the spacing are one vertex
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Partition:
+    """Triangulated cells of the reference plate; all arrays NumPy."""
+
+    vertices: np.ndarray
+    """(v, 2) all vertices, background and outline vertices first, then cut points; mm."""
+    cut_ends: np.ndarray
+    """(n_cut, 2) vertex numbers of the two ends of the outline segment on which the last n_cut vertices lie."""
+    cut_fractions: np.ndarray
+    """(n_cut,) position of each cut point on its segment, 0 at the first end."""
+    triangles: np.ndarray
+    """(t, 3) vertex numbers, anticlockwise."""
+    cell_of_triangle: np.ndarray
+    """(t,) cell number of each triangle, 0 ... n_cells - 1."""
+
+    @property
+    def n_cells(self):
+        """Number of cells (int)."""
+        return int(self.cell_of_triangle.max()) + 1
+
+    @functools.cached_property
+    def contour_edges(self):
+        """Directed edges of all cell contours, (e, 2) vertex numbers, with the gel on the left, and their cells (e,)."""
+        return _contour_edges(self.triangles, self.cell_of_triangle)
+
+
+def partition(background, squares, outline_loops, outline_vertices, gel):
+    """Partition of the polygon ``gel`` (shapely) by the background squares.
+
+    ``background`` (b, 2) are grid vertices, ``squares`` a list of vertex loops into it (anticlockwise, hanging vertices included),
+    ``outline_vertices`` (o, 2) the fine outline vertices, ``outline_loops`` their segments (s, 2) as numbers into it.
+    """
+    known = np.concatenate([background, outline_vertices])
+    segments = np.asarray(outline_loops, dtype=int).reshape(-1, 2) + len(background)
+    lines = shapely.STRtree(shapely.linestrings(known[segments]))
+    squares = np.array([*squares, None], dtype=object)[:-1]  # an array of arrays, also if all loops are equally long
+    boxes = _polygons(background, squares)
+    tolerance = SNAP * np.sqrt(np.median(shapely.area(boxes)))
+    shapely.prepare(gel)
+    whole = shapely.covers(gel, boxes)
+    whole[lines.query(boxes, predicate="dwithin", distance=tolerance)[0]] = False  # a side may lie along an outline
+    pieces, square = _clip(boxes, np.flatnonzero(~whole), gel)
+    vertices, loops, cut_ends, cut_fractions = _number_vertices(pieces, known, segments, lines, tolerance)
+    triangles, piece_of_triangle = _triangulate(vertices, [[loop] for loop in squares[whole]] + loops)
+    squares_area = shapely.area(np.concatenate([boxes[whole], boxes[square]]))
+    cell_of_triangle = _merge_slivers(vertices, triangles, piece_of_triangle, squares_area)
+    return Partition(vertices, cut_ends, cut_fractions, triangles, cell_of_triangle)
+
+
+def _polygons(vertices, loops):
+    """Shapely polygons around the loops of vertex numbers."""
+    owner = np.repeat(np.arange(len(loops)), [len(loop) for loop in loops])
+    return shapely.polygons(shapely.linearrings(vertices[np.concatenate(loops)], indices=owner))
+
+
+def _clip(boxes, numbers, gel):
+    """Pieces of gel in the boxes with these ``numbers``, as shapely polygons, and the box (k,) of each."""
+    numbers = numbers[shapely.intersects(gel, boxes[numbers])]
+    parts, owner = shapely.get_parts(shapely.intersection(boxes[numbers], gel), return_index=True)
+    square = numbers[owner]
+    solid = (shapely.get_type_id(parts) == shapely.GeometryType.POLYGON) & (shapely.area(parts) > 1e-12 * shapely.area(boxes[square]))
+    return parts[solid], square[solid]
+
+
+def _number_vertices(pieces, known, segments, lines, tolerance):
+    """Give every piece's vertices global numbers: known vertices first, the rest are cuts of outline segments by grid lines.
+
+    Background vertices on an outline have no say: they would not follow it.
+    """
+    rings = [[np.asarray(ring.coords)[:-1] for ring in (p.exterior, *p.interiors)] for p in pieces]
+    coordinates = np.concatenate([ring for piece in rings for ring in piece] + [np.zeros((0, 2))])
+    on_outline = lines.query(shapely.points(known), predicate="dwithin", distance=tolerance)[0]
+    usable = np.union1d(np.setdiff1d(np.arange(len(known)), on_outline), segments)
+    distance, nearest = cKDTree(known[usable]).query(coordinates)
+    number, fresh = usable[nearest], distance > tolerance
+    cuts, inverse = _unique_points(coordinates[fresh], tolerance)
+    number[fresh] = len(known) + inverse
+    cut_ends, cut_fractions = _locate_on_segments(cuts, known, segments, lines, tolerance)
+
+    loops, start = [], 0
+    for piece in rings:
+        numbered = []
+        for ring in piece:
+            loop = number[start : start + len(ring)]
+            start += len(ring)
+            numbered.append(loop[loop != np.roll(loop, 1)])
+        loops.append(numbered)
+    return np.concatenate([known, cuts]), loops, cut_ends, cut_fractions
+
+
+def _unique_points(points, tolerance):
+    """Representatives (u, 2) of clusters of coinciding points and the cluster (n,) of each point."""
+    if len(points) == 0:
+        return np.zeros((0, 2)), np.zeros(0, dtype=int)
+    first = np.arange(len(points))
+    for i, j in cKDTree(points).query_pairs(10 * tolerance):
+        first[max(i, j)] = min(first[max(i, j)], first[min(i, j)])
+    representatives, inverse = np.unique(first, return_inverse=True)
+    return points[representatives], inverse
+
+
+def _locate_on_segments(cuts, known, segments, lines, tolerance):
+    """Outline segment (n, 2) and fraction (n,) of each cut point."""
+    if len(cuts) == 0:
+        return np.zeros((0, 2), dtype=int), np.zeros(0)
+    _, nearest = lines.query_nearest(shapely.points(cuts), all_matches=False)
+    ends = segments[nearest]
+    along = known[ends[:, 1]] - known[ends[:, 0]]
+    fraction = np.einsum("ni,ni->n", cuts - known[ends[:, 0]], along) / np.einsum("ni,ni->n", along, along)
+    off = np.abs(known[ends[:, 0]] + fraction[:, None] * along - cuts).max()
+    if off > 100 * tolerance:
+        raise RuntimeError(f"partition: a clipped vertex lies {off:.1e} off every hole outline; please report this plate")
+    return ends, fraction
+
+
+def _triangulate(vertices, loops):
+    """Triangles (t, 3) of every piece, anticlockwise, and their pieces (t,) in order: halves of rectangles, constrained Delaunay else."""
+    plain = np.array([len(loop) == 1 and len(loop[0]) == 4 for loop in loops])
+    corners = np.array([loop[0] for loop, four in zip(loops, plain, strict=True) if four]).reshape(-1, 4)
+    a, b, c, d = (vertices[corners[:, i]] for i in range(4))
+    parallelogram = np.abs(a + c - b - d).sum(axis=1) < 1e-9 * np.abs(c - a).sum(axis=1)
+    plain[plain] = parallelogram
+    halves, piece = corners[parallelogram][:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(np.flatnonzero(plain), 2)
+    if not plain.all():
+        others = np.flatnonzero(~plain)
+        found, owner = _constrained_delaunay(vertices, [loops[i] for i in others])
+        halves, piece = np.concatenate([halves, found]), np.concatenate([piece, others[owner]])
+    order = np.argsort(piece, kind="stable")
+    triangles = halves[order]
+    negative = _signed_areas(vertices, triangles) < 0
+    triangles[negative] = triangles[negative][:, ::-1]
+    return triangles, piece[order]
+
+
+def _constrained_delaunay(vertices, loops):
+    """Triangles (t, 3) of the pieces and their pieces (t,)."""
+    polygons = [shapely.Polygon(vertices[loop[0]], [vertices[hole] for hole in loop[1:]]) for loop in loops]
+    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(polygons)), return_index=True)
+    used = np.unique(np.concatenate([ring for loop in loops for ring in loop]))
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    return used[cKDTree(vertices[used]).query(corners)[1]], owner
+
+
+def _merge_slivers(vertices, triangles, piece_of_triangle, square_area):
+    """Cell numbers (t,) after small pieces joined the neighbour with the longest common edge, smallest piece first."""
+    area = np.bincount(piece_of_triangle, _signed_areas(vertices, triangles))
+    small = area < SLIVER * square_area
+    root = np.arange(len(area))
+    common = _common_edges(vertices, *_contour_edges(triangles, piece_of_triangle), small)
+    for piece in np.flatnonzero(small)[np.argsort(area[small])]:
+        if area[piece] >= SLIVER * square_area[piece]:
+            continue  # others joined it
+        neighbours = {}
+        for other, length in common.get(piece, ()):
+            if root[other] != root[piece]:
+                neighbours[root[other]] = neighbours.get(root[other], 0.0) + length
+        if neighbours:
+            host = max(neighbours, key=neighbours.get)
+            area[host] += area[root[piece]]
+            root[root == root[piece]] = host
+    return np.unique(root[piece_of_triangle], return_inverse=True)[1]
+
+
+def _common_edges(vertices, edges, owner, small):
+    """Small piece -> [(neighbour, length of a common edge)]."""
+    n = len(vertices)
+    key, reverse = edges @ [n, 1], edges @ [1, n]
+    order = np.argsort(key)
+    at = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
+    chosen = np.flatnonzero((key[at] == reverse) & small[owner])
+    length = np.linalg.norm(vertices[edges[chosen, 1]] - vertices[edges[chosen, 0]], axis=1)
+    common = {}
+    for piece, other, size in zip(owner[chosen], owner[at[chosen]], length, strict=True):
+        common.setdefault(piece, []).append((other, size))
+    return common
+
+
+def _contour_edges(triangles, owner):
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    owners = np.tile(owner, 3)
+    n = triangles.max() + 1
+    key = (owners * n + edges[:, 0]) * n + edges[:, 1]
+    reverse = (owners * n + edges[:, 1]) * n + edges[:, 0]
+    outer = ~np.isin(reverse, key)
+    order = np.argsort(owners[outer], kind="stable")
+    return edges[outer][order], owners[outer][order]
+
+
+def _signed_areas(vertices, triangles):
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
+
+
+def boundary_edges(triangles):
+    """Edges (e, 2) that belong to one triangle only."""
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    return unique[count == 1]

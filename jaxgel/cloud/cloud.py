@@ -1,0 +1,320 @@
+"""The node cloud: a topology built once for a reference plate, and its smooth placement on a plate whose holes have moved.
+
+Nodes are the background grid points strictly outside the holes and points on the hole outlines. Every vertex of the integration
+cells is placed by the plate: outline vertices by the hole's parametrisation, vertices cut by a grid line stay on their outline
+segment, all others follow a thin-plate morph of the boundary's displacement. So positions are a pure function of the hole
+parameters while all lists (neighbours, cells, edges) stay as they are.
+"""
+
+import dataclasses
+import functools
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from ..geometry import arc_points, arcs, check_plate, edge_lines, equal_arc_length, inside_holes, outline_points, reference_plate
+from .cells import partition
+from .morph import make_morph
+from .quadrature import cell_quadrature
+from .quadtree import find_ligaments, make_background
+
+OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
+GRADING = 0.75  # slope of the node spacing between large squares and small ones
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Outline:
+    """One arc of a hole's boundary in the cloud; hashed by identity."""
+
+    arc: object
+    """The ``geometry.Arc``."""
+    s: np.ndarray
+    """(m,) position of the fine outline vertices along the arc, 0 ... 1."""
+    vertices: np.ndarray
+    """(m,) their vertex numbers; every ``OUTLINE_SEGMENTS``-th one is a node."""
+
+    @property
+    def closed(self):
+        """Whether the arc is a whole hole."""
+        return self.arc.closed
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Topology:
+    """What does not move with the holes; NumPy arrays, hashed by identity."""
+
+    plate: object
+    """The reference plate."""
+    spacing: float
+    """Distance of the background nodes, mm."""
+    nodes_per_hole: int
+    """Nodes on the outline of each whole hole."""
+    across: int | None
+    """Nodes asked for across every ligament; None for no refinement."""
+    n_background: int
+    """Number of background vertices; outline vertices follow them, cut points come last."""
+    partition: object
+    """Cells of the reference plate, ``partition.Partition``."""
+    outlines: tuple
+    """The ``Outline`` of every arc."""
+    node_vertices: np.ndarray
+    """(n,) vertex number of each node."""
+    node_spacing: np.ndarray
+    """(n,) local distance of the nodes, mm; a node's support is dmax times this."""
+    wall_nodes: dict
+    """Edge name -> (k,) node numbers on that edge of the plate, in order along it."""
+    cache: dict = dataclasses.field(default_factory=dict)
+    """Neighbour lists and the like, filled by later stages."""
+
+    @functools.cached_property
+    def quadrature(self):
+        """Quadrature points of the cells, ``quadrature.Quadrature``."""
+        return cell_quadrature(self.partition, self.n_background)
+
+    @functools.cached_property
+    def morph(self):
+        """How the background follows the outlines, ``morph.Morph``."""
+        n, ends = self.n_background, []
+        for o in self.outlines:
+            ends += [(o.arc.start_edge, o.vertices[0] - n), (o.arc.end_edge, o.vertices[-1] - n)]
+        nodes = np.concatenate([o.vertices[::OUTLINE_SEGMENTS] for o in self.outlines]) - n
+        n_outline = sum(len(o.vertices) for o in self.outlines)
+        return make_morph(self.plate, *np.split(self.partition.vertices, [n, n + n_outline])[:2], nodes, ends)
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["plate", "vertices"], meta_fields=["topology"])
+@dataclasses.dataclass(frozen=True)
+class Cloud:
+    """Nodes and cell vertices of one plate."""
+
+    plate: object
+    """The plate on which the cloud is placed."""
+    vertices: jax.Array
+    """(v, 2) positions of all cell vertices, mm."""
+    topology: Topology
+    """Lists and the reference, static."""
+
+    @property
+    def nodes(self):
+        """(n, 2) node positions, mm."""
+        return _nodes(self.vertices, self.topology.node_vertices)
+
+    @property
+    def spacing(self):
+        """Distance of the background nodes (float), mm."""
+        return self.topology.spacing
+
+    @property
+    def triangles(self):
+        """(t, 3) vertex numbers of triangles that partition the dry gel."""
+        return self.topology.partition.triangles
+
+    @property
+    def cell_of_triangle(self):
+        """(t,) cell number of each triangle."""
+        return self.topology.partition.cell_of_triangle
+
+    def at(self, plate):
+        """The same cloud placed on ``plate``, whose hole parameters may be traced; its holes correspond one to one."""
+        return Cloud(plate, place(self.topology, plate), self.topology)
+
+
+def make_cloud(plate, *, spacing=None, nodes_per_hole=None, across=None):
+    """Node cloud of a plate: grid points ``spacing`` apart (mm) outside the holes, and ``nodes_per_hole`` on each whole hole.
+
+    Both default to the plate's own; a new spacing scales the number of nodes on the holes with it. ``across`` refines ligaments,
+    between holes and between a hole and a wall, until at least that many nodes lie across, those on the two outlines (or on the
+    wall) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate made by
+    ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Raises ValueError for an
+    unusable plate, a spacing that is not positive or leaves a ligament without a node, and an ``across`` that is not at least 2 or
+    takes more than ``background.MAX_HALVINGS`` halvings.
+    """
+    reference = reference_plate(plate)
+    with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
+        topology = _make_topology(reference, spacing, nodes_per_hole, across)
+    cloud = Cloud(reference, jnp.asarray(topology.partition.vertices), topology)
+    return cloud if reference is plate else cloud.at(plate)
+
+
+def place(topology, plate):
+    """Positions (v, 2) of all vertices for the holes of ``plate``; a pure function, smooth in every hole parameter."""
+    part, n = topology.partition, topology.n_background
+    on_outlines = [arc_points(plate, o.arc, o.s) for o in topology.outlines]
+    return _carried(on_outlines, part.vertices, topology.morph if on_outlines else None, part.cut_ends, part.cut_fractions, n)
+
+
+@functools.partial(jax.jit, static_argnames="n")
+def _carried(outlines, vertices, morph, cut_ends, cut_fractions, n):
+    """Positions (v, 2) of all vertices for those of the ``outlines``; ``vertices`` (v, 2) on the reference, ``n`` of the background."""
+    placed = jnp.asarray(vertices[:n])
+    if outlines:
+        outline = jnp.concatenate(outlines)
+        placed = jnp.concatenate([placed + morph.displacement(outline - vertices[n : n + len(outline)]), outline])
+    ends, f = placed[cut_ends], cut_fractions[:, None]
+    return jnp.concatenate([placed, (1 - f) * ends[:, 0] + f * ends[:, 1]])
+
+
+@jax.jit
+def _nodes(vertices, numbers):
+    return vertices[numbers]
+
+
+def _make_topology(plate, spacing, nodes_per_hole, across):
+    check_plate(plate)
+    spacing, nodes_per_hole = _check_sizes(plate, spacing, nodes_per_hole, across)
+    background = make_background(plate, spacing)
+    outlines, points = _outlines(plate, nodes_per_hole, background)
+    if across is not None and outlines:
+        curves = [points[_loop(o) - len(background.vertices)] for o in outlines]
+        gel = _gel_polygon(plate, outlines, points, len(background.vertices))
+        ligaments = find_ligaments(_walls(plate), curves, [o.arc for o in outlines], gel)
+        background = make_background(plate, spacing, ligaments, across - 2)
+        outlines, points = _outlines(plate, nodes_per_hole, background)
+    topology = assemble(plate, spacing, background, outlines, points, nodes_per_hole, across)
+    _check_ligaments(topology)
+    return topology
+
+
+def assemble(plate, spacing, background, outlines, points, nodes_per_hole=0, across=None):
+    """``Topology`` of a background and the fine outlines numbered after it, with their points (o, 2)."""
+    n = len(background.vertices)
+    segments = [np.stack([_loop(o)[:-1], _loop(o)[1:]], axis=1) - n for o in outlines]
+    gel = _gel_polygon(plate, outlines, points, n)
+    part = partition(background.vertices, background.loops, _joined(segments, int), points, gel)
+    free = np.flatnonzero(~inside_holes(plate, background.vertices, 1e-9 * spacing))
+    node_vertices = np.concatenate([free, *(o.vertices[::OUTLINE_SEGMENTS] for o in outlines)])
+    nodes = part.vertices[node_vertices]
+    return Topology(
+        plate=plate,
+        spacing=spacing,
+        nodes_per_hole=nodes_per_hole,
+        across=across,
+        n_background=n,
+        partition=part,
+        outlines=outlines,
+        node_vertices=node_vertices,
+        node_spacing=_graded(nodes, spacing / 2.0 ** background.fewest_halvings(nodes)),
+        wall_nodes=_wall_nodes(plate, nodes, 1e-9 * spacing),
+    )
+
+
+def _graded(nodes, spacing):
+    """Spacings (n,) of the nodes (n, 2), raised near larger ones so that none falls by more than ``GRADING`` times the distance."""
+    graded = spacing.copy()
+    for size in np.unique(spacing)[1:]:
+        distance = cKDTree(nodes[spacing == size]).query(nodes)[0]
+        graded = np.maximum(graded, size - GRADING * distance)
+    return graded
+
+
+def _check_sizes(plate, spacing, nodes_per_hole, across):
+    """Spacing in mm and nodes per hole, the plate's own where they are None; ValueError for unusable ones."""
+    own, shorter = plate.spacing or min(plate.width, plate.height) / 40, min(plate.width, plate.height)
+    spacing = own if spacing is None else float(spacing)
+    if not (np.isfinite(spacing) and 0 < spacing <= shorter / 2):
+        raise ValueError(f"spacing: {spacing} is not in (0, {shorter / 2:g}], half the plate's shorter side")
+    if across is not None and not (isinstance(across, int | np.integer) and not isinstance(across, bool) and across >= 2):
+        raise ValueError(f"across: {across!r} is not a whole number of at least 2, the two nodes on the outlines included")
+    return spacing, max(8, round(plate.nodes_per_hole * own / spacing)) if nodes_per_hole is None else nodes_per_hole
+
+
+def _outlines(plate, nodes_per_hole, background):
+    """The fine outline of every arc, numbered after the background, and its points (o, 2); its intervals are halved as the squares are."""
+    found, lines, offset = [], [], len(background.vertices)
+    for arc in arcs(plate):
+        points = functools.partial(arc_points, plate, arc)
+        intervals = max(2, round(nodes_per_hole * _fraction_of_hole(plate, arc)))
+        ends = equal_arc_length(plate, arc, intervals)
+        ends = np.append(ends, ends[0] + 1.0) if arc.closed else ends
+        for halvings in range(len(background.halved)):
+            at = np.linspace(ends[:-1], ends[1:], OUTLINE_SEGMENTS + 1)
+            depth = background.halvings(np.asarray(points(at.ravel()))).reshape(at.shape).max(axis=0)
+            ends = np.sort(np.append(ends, at[OUTLINE_SEGMENTS // 2, depth > halvings]))
+        steps = np.arange(OUTLINE_SEGMENTS) / OUTLINE_SEGMENTS
+        fine = (ends[:-1, None] + steps * np.diff(ends)[:, None]).ravel()
+        fine = fine if arc.closed else np.append(fine, ends[-1])
+        found.append(Outline(arc, fine, offset + np.arange(len(fine))))
+        lines.append(np.asarray(points(fine)))
+        offset += len(fine)
+    return tuple(found), _joined(lines, float)
+
+
+def _joined(parts, dtype):
+    """Arrays (k, 2) one after the other; (0, 2) for none."""
+    return np.concatenate([np.zeros((0, 2), dtype), *parts])
+
+
+def _loop(outline):
+    """Vertex numbers along the outline; the first one again at the end of a closed one."""
+    return np.append(outline.vertices, outline.vertices[0]) if outline.closed else outline.vertices
+
+
+def _fraction_of_hole(plate, arc):
+    """Length of the arc over the length of its whole hole's outline."""
+    hole = plate.holes[arc.hole]
+    whole = np.asarray(outline_points(hole, np.linspace(0.0, 1.0, 4001)))
+    part = np.asarray(outline_points(hole, np.linspace(arc.start, arc.end, 4001)))
+    return _length(part) / _length(whole)
+
+
+def _length(line):
+    return np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+
+
+def _gel_polygon(plate, outlines, outline_vertices, offset):
+    """The dry gel as a shapely polygon: the plate less each hole's fine polygon, continued outside the plate for cut holes."""
+    box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
+    rings = []
+    for k, hole in enumerate(plate.holes):
+        own = [o for o in outlines if o.arc.hole == k]
+        if own and own[0].closed:
+            rings.append(shapely.Polygon(outline_vertices[own[0].vertices - offset]))
+            continue
+        ring = []
+        for this, following in zip(own, own[1:] + own[:1], strict=True):
+            ring.append(outline_vertices[this.vertices - offset])
+            stop = following.arc.start + (following.arc.start <= this.arc.end - 1e-12 or len(own) == 1)
+            outside = np.linspace(this.arc.end, stop, 66)[1:-1]
+            ring.append(np.asarray(outline_points(hole, outside % 1.0)))
+        rings.append(shapely.Polygon(np.concatenate(ring)))
+    return shapely.difference(box, shapely.union_all(rings))
+
+
+def _wall_nodes(plate, nodes, tolerance):
+    """Node numbers on each edge of the plate, ordered along the edge."""
+    found = {}
+    for edge, (axis, coordinate) in edge_lines(plate).items():
+        on = np.flatnonzero(np.abs(nodes[:, axis] - coordinate) < tolerance)
+        found[edge] = on[np.argsort(nodes[on, 1 - axis])]
+    return found
+
+
+def _check_ligaments(topology):
+    """Refuse a cloud with a ligament narrower than the spacing and no node in it."""
+    part, n = topology.partition, topology.n_background
+    free = topology.node_vertices[topology.node_vertices < n]
+    tree = cKDTree(part.vertices[free]) if len(free) else None
+    boundaries = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(part.vertices[_loop(o)])) for o in topology.outlines]
+    boundaries += [("the plate's edge", False, wall) for wall in _walls(topology.plate)]
+    for (name, closed, curve), (other_name, _, other) in itertools.combinations(boundaries, 2):
+        cut = not closed and other_name == "the plate's edge"
+        line = shapely.shortest_line(curve, other)
+        if name == other_name or cut or line.length >= topology.spacing:
+            continue  # arcs of one hole, a hole that the edge cuts, a wide ligament
+        middle = np.asarray(line.centroid.coords)[0]
+        if tree is None or tree.query(middle)[0] > topology.spacing:
+            raise ValueError(
+                f"spacing: {topology.spacing:g} mm leaves no node in the {line.length:.3g} mm ligament between {name} and {other_name}; "
+                f"use a spacing below {line.length:.3g}"
+            )
+
+
+def _walls(plate):
+    """The sides of the plate, shapely LineStrings in the order of ``geometry.EDGES``."""
+    w, h = plate.width / 2, plate.height / 2
+    left, right, bottom, top = [(-w, -h), (-w, h)], [(w, -h), (w, h)], [(-w, -h), (w, -h)], [(-w, h), (w, h)]
+    return [shapely.LineString(side) for side in (left, right, bottom, top)]

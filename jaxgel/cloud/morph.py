@@ -1,0 +1,91 @@
+"""How the background follows the holes: a thin-plate spline through the outline nodes and the walls.
+
+Outline nodes move with their hole, wall vertices slide along their wall in proportion to the nearest arc ends on it, and the spline
+carries both displacements inwards. It is linear in the displacements and exact for affine ones.
+"""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from ..geometry import edge_lines
+
+REST = -1  # source of a displacement of zero: a corner of the plate
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["matrix", "nodes", "sources", "fraction", "axis"], meta_fields=[])
+@dataclasses.dataclass(frozen=True, eq=False)
+class Morph:
+    """The linear map from the displacement of the outline vertices to that of the background vertices; NumPy arrays."""
+
+    matrix: np.ndarray
+    """(b, c) from the displacement of the controls, outline nodes and then wall vertices, to that of the background vertices."""
+    nodes: np.ndarray
+    """Outline vertices that are controls."""
+    sources: np.ndarray
+    """(w, 2) outline vertices between which each wall vertex slides, or ``REST``."""
+    fraction: np.ndarray
+    """(w,) its place between them, 0 at the first."""
+    axis: np.ndarray
+    """(w,) axis along which it slides."""
+
+    def displacement(self, outline):
+        """Displacement (b, 2) of the background vertices for that of the outline vertices, (o, 2)."""
+        ends = jnp.concatenate([outline, jnp.zeros((1, 2))])[self.sources]  # REST is the last row
+        f = self.fraction[:, None]
+        slide = ((1 - f) * ends[:, 0] + f * ends[:, 1]) * jax.nn.one_hot(self.axis, 2)
+        return self.matrix @ jnp.concatenate([outline[self.nodes], slide])
+
+
+def make_morph(plate, background, outline, nodes, arc_ends):
+    """``Morph`` of the vertices ``background`` (b, 2) with the ``outline`` vertices (o, 2), of which the numbers ``nodes`` are nodes.
+
+    ``arc_ends`` lists the outline vertices that lie on a wall with their edge, as (edge, number).
+    """
+    length, (walls, *slides) = max(plate.width, plate.height), _wall_slides(plate, background, outline, arc_ends)
+    apart = cKDTree(outline[nodes]).query(background[walls])[0] > 1e-9 * length  # an outline may end on a wall vertex
+    walls, sources, fraction, axis = (column[apart] for column in (walls, *slides))
+    controls = np.concatenate([outline[nodes], background[walls]])
+    matrix = thin_plate_matrix(controls, background, length)
+    matrix[walls] = np.eye(len(controls))[len(nodes) :]
+    return Morph(matrix, nodes, sources, fraction, axis)
+
+
+def _wall_slides(plate, background, outline, arc_ends):
+    """Wall vertices (w,) among the background, their sources (w, 2), fractions (w,) and axes (w,)."""
+    size = np.array([plate.width, plate.height])
+    corners = np.flatnonzero((np.abs(background) == size / 2).all(axis=1))
+    found = [(corners, np.full((len(corners), 2), REST), np.zeros(len(corners)), np.zeros(len(corners), dtype=int))]
+    for edge, (axis, coordinate) in edge_lines(plate).items():
+        along, half = 1 - axis, size[1 - axis] / 2
+        ends = np.array([number for where, number in arc_ends if where == edge], dtype=int)
+        ends = ends[np.argsort(outline[ends, along])]
+        stops = np.concatenate([[-half], outline[ends, along], [half]])
+        source = np.concatenate([[REST], ends, [REST]])
+        on = np.flatnonzero((background[:, axis] == coordinate) & (np.abs(background[:, along]) < half))
+        t = background[on, along]
+        k = np.searchsorted(stops, t) - 1
+        between = np.stack([source[k], source[k + 1]], axis=1)
+        found.append((on, between, (t - stops[k]) / (stops[k + 1] - stops[k]), np.full(len(on), along)))
+    return tuple(np.concatenate(column) for column in zip(*found, strict=True))
+
+
+def thin_plate_matrix(controls, points, length):
+    """Matrix (p, c) of the thin-plate spline that takes values at ``controls`` (c, 2) to ``points`` (p, 2), exact for linear fields."""
+
+    def kernel(a, b):
+        r2 = cdist(a / length, b / length, "sqeuclidean")
+        return 0.5 * r2 * np.log(np.where(r2 > 0, r2, 1.0))
+
+    def linear(a):
+        return np.concatenate([np.ones((len(a), 1)), a / length], axis=1)
+
+    tail = linear(controls)
+    system = np.block([[kernel(controls, controls), tail], [tail.T, np.zeros((3, 3))]])
+    evaluate = np.concatenate([kernel(points, controls), linear(points)], axis=1)
+    return np.linalg.solve(system, evaluate.T)[: len(controls)].T

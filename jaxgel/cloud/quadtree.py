@@ -1,0 +1,125 @@
+"""The background grid of a cloud, halved where ligaments are narrow: a quadtree whose neighbouring squares differ by at most one halving.
+
+Squares are the integration cells before they are clipped, their corners the background vertices. Host NumPy on the reference plate.
+"""
+
+import dataclasses
+
+import numpy as np
+import shapely
+
+from ..geometry import EDGES
+
+MAX_HALVINGS = 8  # of a background square
+REACH = range(-2, 3)  # squares of each size are at least two abreast, so that a support spans few sizes
+_CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Background:
+    """Squares that cover the plate; those of the ``k``-th halving are numbered row by row, 2^k times as many per side."""
+
+    low: np.ndarray
+    """(2,) lower left corner of the plate, mm."""
+    side: np.ndarray
+    """(2,) sides of a square that was not halved, mm."""
+    counts: np.ndarray
+    """(2,) numbers of such squares along x and y."""
+    halved: tuple
+    """Per k the numbers, ascending, of the squares of the k-th halving that are halved again."""
+    vertices: np.ndarray
+    """(b, 2) corners of all squares, mm."""
+    loops: list
+    """Vertex numbers around each square, anticlockwise, with the corners of smaller neighbours that lie on its sides."""
+
+    def halvings(self, points):
+        """How many times the square around each of ``points`` (p, 2) was halved, (p,)."""
+        depth = np.zeros(len(points), dtype=int)
+        for k, halved in enumerate(self.halved):
+            counts = self.counts * 2**k
+            square = np.clip((points - self.low) // (self.side / 2**k), 0, counts - 1).astype(int)
+            depth += np.isin(square @ [counts[1], 1], halved)  # a square that does not exist is never halved
+        return depth
+
+    def fewest_halvings(self, points):
+        """The same for the largest square that touches each of ``points`` (p, 2)."""
+        return np.min([self.halvings(points + 1e-6 * self.side * (2 * corner - 1)) for corner in _CORNERS], axis=0)
+
+
+def make_background(plate, spacing, ligaments=None, intervals=0):
+    """``Background`` of squares nearly ``spacing`` wide (mm), each halved until it is narrower than its ligament over ``intervals``.
+
+    ``ligaments`` are strips and widths as found by ``find_ligaments``. Raises ValueError where that takes too many halvings.
+    """
+    size = np.array([plate.width, plate.height])
+    counts = np.maximum(1, np.round(size / spacing).astype(int))
+    halved = [] if ligaments is None else _narrow_squares(*ligaments, -size / 2, size / counts, counts, intervals)
+    for k in range(len(halved) - 1, 0, -1):  # a square may only be halved if all squares of its size around it exist
+        square = np.stack(np.divmod(halved[k], counts[1] * 2**k), axis=1)
+        near = np.concatenate([square + [i, j] for i in REACH for j in REACH])
+        parents = near[((near >= 0) & (near < counts * 2**k)).all(axis=1)] // 2
+        halved[k - 1] = np.union1d(halved[k - 1], parents @ [counts[1] * 2 ** (k - 1), 1])
+    vertices, loops = _corners(counts, halved)
+    finest = counts * 2 ** len(halved)
+    ticks = [np.linspace(-length / 2, length / 2, n + 1) for length, n in zip(size, finest, strict=True)]
+    vertices = np.stack([ticks[i][vertices[:, i]] for i in range(2)], axis=1)
+    return Background(-size / 2, size / counts, counts, tuple(halved), vertices, loops)
+
+
+def find_ligaments(walls, curves, arcs, gel):
+    """Strips of gel between an outline and the nearest other outline or wall: polygons (m,) and widths (m,), mm.
+
+    ``curves`` are the fine outlines (k, 2) of the ``arcs``, closed ones with the first point repeated, ``walls`` the LineStrings of
+    ``EDGES``. A wall on which an arc ends is none of its neighbours: the wedge between them is no ligament.
+    """
+    lines = shapely.linestrings(np.concatenate(curves), indices=np.repeat(np.arange(len(curves)), [len(c) for c in curves]))
+    strips, widths = [], []
+    for i, (curve, arc) in enumerate(zip(curves, arcs, strict=True)):
+        others = np.append(np.delete(lines, i), [w for w, e in zip(walls, EDGES, strict=True) if e not in (arc.start_edge, arc.end_edge)])
+        across = shapely.shortest_line(shapely.points(curve), shapely.multilinestrings(others))
+        width = shapely.length(across)
+        through_gel = shapely.length(shapely.intersection(across, gel)) > 0.9 * width
+        both = np.flatnonzero(through_gel[:-1] & through_gel[1:])
+        ends = shapely.get_coordinates(across).reshape(-1, 2, 2)
+        strips.append(shapely.convex_hull(shapely.multipoints(np.concatenate([ends[both], ends[both + 1]], axis=1))))
+        widths.append(np.minimum(width[both], width[both + 1]))
+    return np.concatenate(strips), np.concatenate(widths)
+
+
+def _narrow_squares(strips, widths, low, side, counts, intervals):
+    """Per k the squares of the k-th halving that touch a ligament not wider than ``intervals`` of them."""
+    halved, square = [], np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
+    while True:
+        size = side / 2 ** len(halved)
+        narrow = strips[widths <= intervals * size.max() * (1 + 1e-9)]
+        if len(narrow) == 0:
+            return halved
+        if len(halved) == MAX_HALVINGS:
+            x, y = shapely.get_coordinates(shapely.centroid(narrow[0]))[0]
+            raise ValueError(
+                f"across: {intervals + 2} nodes across the ligament {widths.min():.2g} mm wide near ({x:.3g}, {y:.3g}) need background "
+                f"squares below {size.max():.2g} mm; use a smaller spacing, fewer nodes across or a wider ligament"
+            )
+        boxes = shapely.box(*(low + square * size).T, *(low + (square + 1) * size).T)
+        hit = np.unique(shapely.STRtree(narrow).query(boxes, predicate="intersects")[0])
+        halved.append(square[hit] @ [counts[1] * 2 ** len(halved), 1])
+        square = (2 * square[hit][:, None] + _CORNERS).reshape(-1, 2)
+
+
+def _corners(counts, halved):
+    """Vertices (b, 2) of the squares that are not halved, in steps of the finest grid, and the loops of vertex numbers around them."""
+    rings, square = [], np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
+    finest = len(halved)
+    for k in range(finest + 1):
+        again = np.isin(square @ [counts[1] * 2**k, 1], halved[k]) if k < finest else np.zeros(len(square), dtype=bool)
+        rings.append((square[~again][:, None] + _CORNERS) * 2 ** (finest - k))
+        square = (2 * square[again][:, None] + _CORNERS).reshape(-1, 2)
+    rings = np.concatenate(rings)
+    rows = counts[1] * 2**finest + 1
+    keys = np.unique(rings @ [rows, 1])
+    middles = (rings + np.roll(rings, -1, axis=1)) // 2
+    around = np.stack([rings, middles], axis=2).reshape(-1, 8, 2) @ [rows, 1]
+    number = np.minimum(np.searchsorted(keys, around), len(keys) - 1)
+    on = keys[number] == around
+    on[:, 1::2] &= (np.abs(np.diff(rings[:, :2], axis=1)).sum(axis=(1, 2)) > 1)[:, None]  # smallest squares have no middles
+    return np.stack(np.divmod(keys, rows), axis=1), [loop[real] for loop, real in zip(number, on, strict=True)]

@@ -1,0 +1,63 @@
+"""The lowest eigenvalue of the tangent as a quantity of a path that JAX differentiates: the distance of a design from instability."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..equilibrium import Equilibrium, Status, only_first, prepare, with_own_factor
+from ..linalg import lowest_mode
+from ..mechanics import curvature, deformation_gradients, spread, state_pressure
+from .autodiff import is_traced
+from .stability import network_stiffness
+
+
+def lowest_eigenvalue(path):
+    """Lowest eigenvalue (k,) of the tangent at every state of a ``path.Path``, over the network's stiffness, with first derivatives.
+
+    It is that of `stability`, dimensionless, to the accuracy of Lanczos' iteration. v . K v / v . N v is stationary in the mode v, so that
+    no derivative of v is needed: d lambda = v . (dK - lambda dN) v for v . N v = 1, by way of the state as well. Where two modes share the
+    eigenvalue it has no derivative, and gets that of one of them. nan for a state that was not reached. ValueError inside ``jax.jit`` and
+    ``jax.vmap``, and where a second derivative is asked for.
+    """
+    leaves, structure = jax.tree.flatten((path.x, path.model, path.gel, jnp.asarray(path.mu)))
+    return _lowest(structure, leaves)[0]
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _lowest(structure, leaves):
+    """Eigenvalues (k,), and their modes (k, n, 2) with v . N v = 1."""
+    if is_traced(leaves):
+        raise ValueError("lowest_eigenvalue: is not available inside jit or vmap")
+    x, model, gel, mu = jax.tree.unflatten(structure, leaves)
+    problem = prepare(model, gel)
+    stiffness, values, modes = network_stiffness(problem), [], []
+    for x_k, mu_k in zip(x, mu, strict=True):
+        state = Equilibrium(x_k, state_pressure(x_k, model, gel, mu_k), Status.CONVERGED, 0, 0.0, None)
+        factor = with_own_factor(problem, float(mu_k), state).factor
+        value, mode = (np.nan, np.zeros(len(problem.free))) if factor is None else lowest_mode(factor, stiffness)
+        values.append(value)
+        modes.append(spread(mode, x_k.shape, problem.free))
+    return jnp.array(values), jnp.stack(modes)
+
+
+@_lowest.defjvp
+def _lowest_jvp(structure, primals, tangents):
+    values, modes = only_first(_lowest(structure, *primals), "lowest_eigenvalue")
+    inputs, dots = jax.tree.unflatten(structure, primals[0]), jax.tree.unflatten(structure, tangents[0])
+    return (values, modes), (_change(modes, inputs, dots), jnp.zeros_like(modes))
+
+
+@jax.jit
+def _change(modes, inputs, dots):
+    """Tangents (k,) of the quotients of energy and network stiffness along ``modes`` (k, n, 2)."""
+
+    def quotients(x, model, gel, mu):
+        def one(x, v, mu):
+            network = gel.Nv * sum(jnp.sum(block.weight[..., None, None] * deformation_gradients(v, block) ** 2) for block in model.blocks)
+            return curvature(x, v, model, gel, mu, jnp.zeros_like(x)) / network
+
+        return jax.vmap(one)(x, modes, mu)
+
+    return jax.jvp(quotients, inputs, dots)[1]

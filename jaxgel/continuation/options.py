@@ -1,0 +1,64 @@
+"""Options of a sweep."""
+
+import dataclasses
+
+import numpy as np
+
+from .._validation import NUMBER, check_options, listed, option, whole, word
+
+BRANCHES = ("stable", "symmetric")
+CONTACT = ("on", "off", "stop")
+FORMULATIONS = ("total", "incremental")
+MAX_STEPS = 400  # accepted states of a sweep with chosen steps
+
+
+def check_mu(mu):
+    """The values of mu as an array (k,) and whether steps are to be chosen between two; ValueError, one line, if unusable."""
+    values = np.atleast_1d(np.asarray(mu, dtype=float))
+    if values.ndim != 1 or len(values) == 0 or not np.all(np.isfinite(values)):
+        raise ValueError(f"mu: {mu} is not accepted, it must be a list of finite numbers (chemical potential in kT)")
+    if np.any(np.diff(values) <= 0):
+        k = int(np.argmax(np.diff(values) <= 0))
+        raise ValueError(f"mu: {values[k]:g} is followed by {values[k + 1]:g}, the values must increase")
+    return values, isinstance(mu, tuple) and len(values) == 2
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepOptions:
+    """The values of mu, in kT, and the branch to follow."""
+
+    mu_start: float = option(-4.9678, NUMBER)
+    """First value."""
+    mu_end: float = option(-0.9178, NUMBER)
+    """Last value."""
+    steps: str | int = option(40, {"anyOf": [{"const": "auto"}, whole(2)]})
+    """"auto", or the number of equally spaced values with both ends included."""
+    mu: tuple | None = option(None, listed(NUMBER, least=1))
+    """The values themselves, increasing; then the three above are not used."""
+    branch: str = option("stable", word(BRANCHES))
+    """Branch to follow where the plate is symmetric"""
+    imperfection: float = option(0.0, NUMBER)
+    """Size of the load along the first bifurcation's mode, see `branches.imperfection`; 0 for none."""
+    contact: str = option("on", word(CONTACT))
+    """Where hole boundaries meet, keep them apart, let them overlap, or stop"""
+
+    def __post_init__(self):
+        check_options("sweep", self)
+        check_mu(self.values)
+
+    @property
+    def values(self):
+        """What `sweep.sweep` takes as ``mu``: a list of values, or the two ends for chosen steps."""
+        if self.mu is not None:
+            return list(self.mu)
+        return (self.mu_start, self.mu_end) if self.steps == "auto" else np.linspace(self.mu_start, self.mu_end, self.steps).tolist()
+
+    @property
+    def given(self):
+        """Whether all values are known beforehand."""
+        return self.mu is not None or self.steps != "auto"
+
+    @property
+    def ends(self):
+        """First and last mu."""
+        return (self.mu[0], self.mu[-1]) if self.mu is not None else (self.mu_start, self.mu_end)

@@ -1,0 +1,28 @@
+"""design."""
+
+from .constraints import DRY, Constraint, limit, porosity
+from .objectives import misfit, reading, weighted_sum
+from .optimisation import Design, Outcome, optimise
+from .optimisers import METHODS
+from .problem import DesignProblem
+from .search import FEASIBLE, read_log
+from .verification import intervals, verify
+
+__all__ = [
+    "DRY",
+    "FEASIBLE",
+    "METHODS",
+    "Constraint",
+    "Design",
+    "DesignProblem",
+    "Outcome",
+    "intervals",
+    "limit",
+    "misfit",
+    "optimise",
+    "porosity",
+    "read_log",
+    "reading",
+    "verify",
+    "weighted_sum",
+]

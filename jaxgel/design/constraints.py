@@ -1,0 +1,121 @@
+"""Constraints of a design: quantities of a path or of the dry plate that are kept within limits."""
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from ..geometry import arcs, edge_lines, outline_points, reference_plate
+from ..observables import CURVES
+from .objectives import reading
+
+LIGAMENT_SAMPLES = 128  # points per outline among which the nearest pair is looked for
+NEWTON_STEPS = 4  # from there to the nearest points themselves
+
+
+@dataclasses.dataclass(frozen=True)
+class Constraint:
+    """A demand that is met where every value of ``function`` is at least 0."""
+
+    name: str
+    """What histories and messages call it."""
+    function: Callable
+    """Function of the path, or of the plate where ``dry``, that gives a number or an array (c,)."""
+    scale: float = 1.0
+    """A violation of this size, in the function's unit, weighs as much as the objective's start value."""
+    dry: bool = False
+    """Whether it needs the plate only, so that neither its value nor its gradient costs a sweep."""
+
+
+def ligaments(plate):
+    """Widths (c,) of the dry ligaments, mm: between every two holes, then between every hole and every wall that it does not cross.
+
+    Exact for smooth outlines, with the derivatives of the nearest pair of points; without meaning where holes overlap.
+    """
+    widths = [_width_between(a, b) for a, b in itertools.combinations(plate.holes, 2)]
+    for hole, crossed in zip(plate.holes, _crossed_walls(reference_plate(plate)), strict=True):
+        walls = [(axis, line) for edge, (axis, line) in edge_lines(plate).items() if edge not in crossed]
+        widths += [_width_to_wall(hole, line, axis) for axis, line in walls]
+    return jnp.stack(widths) if widths else jnp.zeros(0)
+
+
+def hole_areas(plate):
+    """Dry area (holes,) of each hole, mm^2; ValueError where the plate's edge cuts one."""
+    if any(_crossed_walls(reference_plate(plate))):
+        raise ValueError("hole_areas: the plate's edge cuts a hole; areas are those of whole holes")
+    return jnp.stack([hole.area() for hole in plate.holes])
+
+
+def porosity(plate):
+    """Share (1,) of the dry plate that is hole; ValueError where the plate's edge cuts one."""
+    return jnp.sum(hole_areas(plate), keepdims=True) / (plate.width * plate.height)
+
+
+DRY = {"ligament": ligaments, "porosity": porosity, "hole_area": hole_areas}
+"""Quantities of the dry plate by name; each gives (c,) values."""
+
+
+def limit(name, *, above=None, below=None, within=None, at=None):
+    """`Constraint` that keeps the quantity ``name`` of ``CURVES`` or ``DRY`` above or below a value, or its magnitude within one.
+
+    On a path it holds at every state (the worst one counts), or at the one mu ``at``. Raises ValueError unless one limit is given.
+    """
+    given = {key: value for key, value in dict(above=above, below=below, within=within).items() if value is not None}
+    if len(given) != 1:
+        raise ValueError(f"limit: {name} has {len(given)} limits; give one of above, below and within")
+    (kind, value), dry = next(iter(given.items())), name in DRY
+    quantity = DRY[name] if dry else CURVES[name]
+
+    def room(source):
+        values = quantity(source) if dry or at is None else reading(quantity, at)(source)
+        room = {"above": values - value, "below": value - values, "within": value - jnp.abs(values)}[kind]
+        return room if dry else jnp.min(room)
+
+    words = {"above": f"{name} >= {value:g}", "below": f"{name} <= {value:g}", "within": f"|{name}| <= {value:g}"}[kind]
+    return Constraint(words + (f" at mu = {at:g}" if at is not None else ""), room, abs(value) or 1.0, dry)
+
+
+@jax.jit
+def _width_between(hole, other):
+    """Smallest distance () between two outlines; compiled once per pair of kinds."""
+    t = jnp.arange(LIGAMENT_SAMPLES) / LIGAMENT_SAMPLES
+    squared = jnp.sum((outline_points(hole, t)[:, None] - outline_points(other, t)[None]) ** 2, axis=2)
+    start = t[jnp.stack(jnp.unravel_index(jnp.argmin(squared), squared.shape))]
+    fixed = jax.lax.stop_gradient((hole, other))
+    nearest = _refine(lambda t: jnp.sum((fixed[0].point(t[0]) - fixed[1].point(t[1])) ** 2), start)
+    return jnp.linalg.norm(hole.point(nearest[0]) - other.point(nearest[1]))
+
+
+@functools.partial(jax.jit, static_argnames="axis")
+def _width_to_wall(hole, line, axis):
+    """Smallest distance () from an outline to the wall where the coordinate ``axis`` has the value ``line``; negative beyond it."""
+    t, inwards = jnp.arange(LIGAMENT_SAMPLES) / LIGAMENT_SAMPLES, -jnp.sign(line)
+    start = t[jnp.argmin(inwards * outline_points(hole, t)[:, axis])][None]
+    fixed = jax.lax.stop_gradient(hole)
+    nearest = _refine(lambda t: inwards * fixed.point(t[0])[axis], start)
+    return inwards * (hole.point(nearest[0])[axis] - line)
+
+
+def _refine(function, t):
+    """Minimiser near the sampled one ``t`` by Newton's method, kept within a sample; ``t`` where that does not lower the function.
+
+    The distance is stationary in it, so its own motion adds nothing to the derivatives of the distance.
+    """
+
+    def newton(_, at):
+        curvature = jax.hessian(function)(at) + 1e-12 * jnp.eye(len(t))
+        return jnp.clip(at - jnp.linalg.solve(curvature, jax.grad(function)(at)), t - 1 / LIGAMENT_SAMPLES, t + 1 / LIGAMENT_SAMPLES)
+
+    refined = jax.lax.fori_loop(0, NEWTON_STEPS, newton, t)
+    return jnp.where(function(refined) < function(t), refined, t)
+
+
+def _crossed_walls(plate):
+    """Per hole the set of edges that cut it."""
+    crossed = [set() for _ in plate.holes]
+    for arc in arcs(plate):
+        crossed[arc.hole] |= {edge for edge in (arc.start_edge, arc.end_edge) if edge is not None}
+    return crossed

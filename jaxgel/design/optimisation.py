@@ -1,0 +1,111 @@
+"""Inverse design: parameters -> plate and gel -> swollen path -> objective and constraints, searched with exact gradients.
+
+Optimisers see every parameter scaled to [0, 1] by its bounds. What they ask for is in `search`, how they take constraints and invalid
+designs in `optimisers`, and the usual objectives and constraints are in `objectives`.
+"""
+
+import dataclasses
+import enum
+
+import numpy as np
+
+from .optimisers import METHODS, Exhausted, Stuck, optimiser
+from .search import FEASIBLE, Search, violation
+
+
+class Outcome(enum.StrEnum):
+    """How a search for a design ended."""
+
+    CONVERGED = "converged"
+    EXHAUSTED = "exhausted"
+    STUCK = "stuck"
+    INTERRUPTED = "interrupted"
+
+    @property
+    def text(self):
+        """One line that says what happened and what to try."""
+        return {
+            "converged": "the optimiser finds no better design nearby",
+            "exhausted": "the number of evaluations is used up; give more of them to go on",
+            "stuck": "no step from the best design gives a valid one, however short; look at the reasons in the history",
+            "interrupted": "interrupted by the user; resume goes on",
+        }[self]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Design:
+    """The best design of a search and how it was found."""
+
+    parameters: dict
+    """Name -> value of the best design: feasible if any was, otherwise the one with the least violation."""
+    value: float
+    """Its objective, in the user's own sign and unit."""
+    constraints: dict
+    """Name -> smallest value of each constraint's function there, in its own unit; met if not negative."""
+    feasible: bool
+    """Whether it meets all constraints."""
+    outcome: Outcome
+    """How the search ended."""
+    history: list
+    """One dict per evaluation: value, violation (largest, scaled), feasible, invalid (text, empty if valid), cloud (its number)."""
+
+    @property
+    def text(self):
+        """The outcome in one line."""
+        return self.outcome.text
+
+
+def optimise(problem, *, method="slsqp", evaluations=60, step=0.2, tolerance=1e-5, folder=None, resume=False, record=None, quiet=True):
+    """The `Design` found by ``method`` within a number of sweeps, starting at ``problem.start``.
+
+    ``method`` is "slsqp" (SciPy), "mma" (nlopt, extra ``[mma]``), "lbfgs" (SciPy's L-BFGS-B), "adam", or an optax
+    GradientTransformation for parameters scaled to [0, 1]; the last three take constraints by an augmented Lagrangian, see
+    `optimisers`. ``step`` is the longest move of a scaled parameter at once, ``tolerance`` the change of the objective, over its start
+    value, that no longer counts. With a ``folder`` the log is on disk, whole, after every evaluation, and ``resume`` continues it to
+    the same numbers as without interruption; ``record`` (a dict) is stored with it. Raises ValueError for an unknown method, a start
+    that is no valid design, and a log of another problem.
+    """
+    if not 0 < step <= 1:
+        raise ValueError(f"step: {step!r} is not in (0, 1], the share of the bounds' range")
+    if evaluations < 1:
+        raise ValueError(f"evaluations: {evaluations!r} is not a whole number of at least 1")
+    if not 0 < tolerance <= 1:
+        raise ValueError(f"tolerance: {tolerance!r} is not in (0, 1], a share of the objective at the start")
+    run = optimiser(method, step, tolerance)
+    search = Search(problem, evaluations, folder=folder, name=str(method) if method in METHODS else "optax", record=record, quiet=quiet)
+    if resume:
+        search.recall()
+    try:
+        search.first()
+        run(search)
+        outcome = Outcome.CONVERGED
+    except Exhausted:
+        outcome = Outcome.EXHAUSTED
+    except Stuck:
+        outcome = Outcome.STUCK
+    except KeyboardInterrupt:
+        outcome = Outcome.INTERRUPTED
+    finally:
+        search.bar.close()
+    search.write(outcome)
+    return _design(search, outcome)
+
+
+def _design(search, outcome):
+    """`Design` of a search's log."""
+    best = search.best()
+    return Design(
+        parameters={name: np.asarray(v) for name, v in search.problem.parameters(np.array(best["vector"])).items()},
+        value=search.value(best),
+        constraints=search.constraints(best),
+        feasible=violation(best) <= FEASIBLE,
+        outcome=outcome,
+        history=[_row(search, entry) for entry in search.log],
+    )
+
+
+def _row(search, entry):
+    row = dict(value=None, violation=None, feasible=False, invalid=entry["invalid"], cloud=entry["cloud"])
+    if not entry["invalid"]:
+        row |= dict(value=search.value(entry), violation=violation(entry), feasible=violation(entry) <= FEASIBLE)
+    return row

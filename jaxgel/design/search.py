@@ -1,0 +1,271 @@
+"""The search for a design as an optimiser sees it: scaled evaluations with gradients, every one logged, on clouds that keep up.
+
+An evaluation is one sweep; its gradients are reverse passes on that same sweep, taken only when asked for, one for each weighted sum
+of objective and constraints. A design whose plate or sweep fails, or whose states are unstable or touch themselves, is `Invalid`: the
+optimiser never sees a number of it. An interrupted search continues by repeating the log: the optimisers are deterministic, so they ask
+the same questions and get the answers from the log until it ends.
+"""
+
+import dataclasses
+import json
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from tqdm import tqdm
+
+from ..continuation import Path, SweepFailed
+from ..discretisation import SPENT, cell_sizes, refreshed
+from ..equilibrium import Status
+from ..geometry import check_plate
+from ..io import open_folder, write_atomically
+from ..materials import check_gel
+from ..observables import min_gap
+from .optimisers import Exhausted, Invalid
+
+LOG = "design.json"
+FORMAT = 2  # of the log
+FEASIBLE = 1e-4  # violation of a scaled constraint that still counts as met
+_STATES = ("x", "pressure", "mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
+
+
+class Search:
+    """Objective and constraints of a problem for an optimiser: at most so many evaluations, all logged."""
+
+    def __init__(self, problem, evaluations, *, folder=None, name="", record=None, quiet=True):
+        self.problem, self.evaluations, self.name, self.record = problem, evaluations, name, record or {}
+        self.start = problem.vector
+        self.log, self.known, self.unit = [], {}, None
+        self.ahead = []  # entries of an interrupted search that have not been asked for again: the optimiser must not see them yet
+        self.cloud: object = None  # in use, with its number; so many were made
+        self.number, self.clouds = 0, 0
+        self.folder = open_folder(folder) if folder is not None else None
+        self.live: tuple = (None, None)  # the latest entry of the log with its pullback
+        self.bar = tqdm(total=evaluations, unit="sweep", disable=True if quiet else None, leave=False)
+        dry = self._plate(self.start)
+        self.dry = [c for c in problem.constraints if c.dry]
+        self.wet = [c for c in problem.constraints if not c.dry]
+        self._dry_parts = [(c, np.size(c.function(dry))) for c in self.dry]
+
+    def first(self):
+        """Evaluate the start; ValueError, one line, where it is no valid design."""
+        self.cloud, self.clouds = self.problem.make_cloud(self._plate(self.start)), 1
+        try:
+            self._sound(self.start)
+        except Invalid as reason:
+            raise ValueError(f"start: the first design is not valid: {reason}") from None
+
+    def settle(self, vector):
+        """`Evaluation` of a valid design to go on from, on a new cloud where the present one has become too poor there.
+
+        The old cloud stays where the new one cannot be made or the design is not valid on it.
+        """
+        before = self.cloud, self.number
+        try:
+            placed, fault = refreshed(self.cloud, self._plate(vector), basis=self.problem.options.basis, dmax=self.problem.options.dmax)
+            if fault:
+                self.cloud = placed
+                self.number, self.clouds = self.clouds, self.clouds + 1
+                jax.clear_caches()  # programs belong to a topology; those of old clouds would fill gigabytes
+                return self._sound(vector)
+        except BaseException as problem:
+            self.cloud, self.number = before
+            if not isinstance(problem, Invalid | ValueError):
+                raise  # used up, or interrupted
+        return self.at(vector)
+
+    def _sound(self, vector):
+        """`Evaluation` of a design whose objective has a gradient, the first on its cloud."""
+        here = self.at(vector)
+        self.gradients(here.entry, here.vector, np.eye(1 + len(self.wet))[0])
+        return here
+
+    def at(self, vector):
+        """`Evaluation` of a scaled design (n,); raises `Invalid`, or `Exhausted` once the number of evaluations is used up."""
+        vector = np.array(vector, dtype=float)
+        entry = self.known.get((self.number, vector.tobytes()))
+        if entry is None:
+            if len(self.log) >= self.evaluations:
+                raise Exhausted
+            entry = self._evaluate(vector)
+        elif entry in self.ahead:
+            self.ahead.remove(entry)
+            self.log.append(entry)
+        self._show(entry)
+        if entry["invalid"]:
+            raise Invalid(entry["invalid"])
+        return Evaluation(self, entry, vector, np.array(entry["values"]))
+
+    def best(self, worth=None):
+        """The valid entry of least ``worth(entry)``, by default of least violation and then least objective.
+
+        Only those of the cloud in use, as values differ from cloud to cloud by the discretisation error.
+        """
+        worth = worth or (lambda entry: (max(violation(entry), FEASIBLE), entry["values"][0]))
+        return min((entry for entry in self.log if not entry["invalid"] and entry["cloud"] == self.number), key=worth)
+
+    def gradients(self, entry, vector, weights):
+        """Gradient (n,) of the sum of objective and path constraints with ``weights`` (1 + w,) at an entry; one reverse pass."""
+        asked = list(map(float, weights))
+        for known, row in entry["gradients"]:
+            if known == asked:
+                return np.array(row)
+        if self.live[0] is not entry:
+            self.live = entry, self._scaled(self._forward(vector)[1])
+        (row,) = self.live[1](jnp.asarray(weights))
+        if not np.all(np.isfinite(row)):
+            entry.update(invalid="its gradient is not a number", values=None)
+            self.write()
+            raise Invalid(entry["invalid"])
+        entry["gradients"].append([asked, np.asarray(row).tolist()])
+        self.write()
+        return np.asarray(row)
+
+    def dry_values(self, vector):
+        """Scaled values (d,) of the constraints on the dry plate; traceable."""
+        plate = self.problem.plate(self.problem.parameters(vector))
+        return jnp.concatenate([jnp.zeros(0), *(jnp.ravel(c.function(plate)) / c.scale for c in self.dry)])
+
+    def recall(self):
+        """Take the log of the folder for granted; ValueError unless it is of this problem."""
+        log = read_log(self.folder)
+        if log["problem"] != self._identity():
+            raise ValueError(f"folder: {LOG} in {str(self.folder)!r} is of another problem; give another folder, or do not resume")
+        self.ahead, self.unit = log["evaluations"], log["unit"]
+        self.known = {(entry["cloud"], np.array(entry["vector"]).tobytes()): entry for entry in self.ahead}
+
+    def write(self, outcome="running"):
+        """The log to disk, whole or not at all."""
+        if self.folder is None:
+            return
+        log = dict(format=FORMAT, problem=self._identity(), record=self.record, outcome=str(outcome), unit=self.unit)
+        log["evaluations"] = [*self.log, *self.ahead]
+        encoded = json.dumps(log, allow_nan=False).encode()
+        write_atomically(self.folder / LOG, lambda stream: stream.write(encoded))
+
+    def value(self, entry):
+        """Objective of a valid entry in the user's sign and unit."""
+        return (-1.0 if self.problem.maximise else 1.0) * self.unit * entry["values"][0]
+
+    def constraints(self, entry):
+        """Name -> smallest value, in its own unit, of each constraint at a valid entry."""
+        wet = entry["values"][1 : 1 + len(self.wet)]
+        values = {c.name: v * c.scale for c, v in zip(self.wet, wet, strict=True)}
+        position = 1 + len(self.wet)
+        for c, size in self._dry_parts:
+            values[c.name] = min(entry["values"][position : position + size]) * c.scale
+            position += size
+        return values
+
+    def _identity(self):
+        bounds = {name: [side.tolist() for side in sides] for name, sides in self.problem.bounds.items()}
+        names = [c.name for c in self.problem.constraints]
+        return dict(method=self.name, start=self.start.tolist(), bounds=bounds, mu=self.problem.mu, constraints=names)
+
+    def _evaluate(self, vector):
+        """A new entry of the log."""
+        began = time.perf_counter()
+        entry = dict(vector=vector.tolist(), invalid="", values=None, gradients=[], cloud=self.number)
+        try:
+            values, pullback = self._forward(vector)
+            self.unit = (abs(float(values[0])) or 1.0) if self.unit is None else self.unit
+            entry["values"] = [float(values[0]) / self.unit, *map(float, values[1:]), *map(float, self.dry_values(vector))]
+            self.live = entry, self._scaled(pullback)
+        except (Invalid, ValueError, SweepFailed) as reason:
+            entry["invalid"] = " ".join(str(reason).split())
+        entry["seconds"] = round(time.perf_counter() - began, 3)
+        self.log.append(entry)
+        self.known[self.number, vector.tobytes()] = entry
+        self.write()
+        return entry
+
+    def _scaled(self, pullback):
+        unit = self.unit
+        return lambda weights: pullback(weights.at[0].divide(unit))
+
+    def _forward(self, vector):
+        """Objective and scaled path constraints (1 + w,) at a design, and their pullback; raises `Invalid`."""
+        problem = self.problem
+        plate = self._plate(vector)
+        check_plate(plate)
+        check_gel(problem.gel_at(problem.parameters(vector)))
+        if not cell_sizes(self.cloud.at(plate))[0] > SPENT:
+            raise Invalid("too far from the last design for its cloud")
+
+        def judge(vector):
+            path = problem.path(problem.parameters(vector), self.cloud)
+            values = [jnp.asarray(problem.objective(path)) * (-1.0 if problem.maximise else 1.0)]
+            values += [jnp.asarray(c.function(path)) / c.scale for c in self.wet]
+            return jnp.stack(values), (path.model, path.gel, {name: getattr(path, name) for name in _STATES})
+
+        values, pullback, (model, gel, states) = jax.vjp(judge, jnp.asarray(vector), has_aux=True)
+        check_path(Path(model=model, gel=gel, stop=None, stop_text="", **states), problem.allow_unstable)
+        if not np.all(np.isfinite(values)):
+            raise Invalid("its objective or a constraint is not a number")
+        return values, pullback
+
+    def _plate(self, vector):
+        return self.problem.plate(self.problem.parameters(vector))
+
+    def _show(self, entry):
+        self.bar.n = len(self.log)
+        if not entry["invalid"]:
+            best = self.best()
+            self.bar.set_postfix_str(f"best {self.value(best):.6g}, violation {max(violation(best), 0.0):.2g}", refresh=True)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A valid design as an optimiser sees it: all numbers scaled, constraints met where not negative."""
+
+    search: Search
+    entry: dict
+    vector: np.ndarray
+    """(n,) scaled design."""
+    values: np.ndarray
+    """(1 + c,) objective, constraints on the path, constraints on the dry plate."""
+
+    def gradient(self, weights):
+        """Gradient (n,) of ``weights`` (1 + c,) times the values: one reverse pass through the sweep, whatever c."""
+        wet = 1 + len(self.search.wet)
+        (dry,) = jax.vjp(self.search.dry_values, jnp.asarray(self.vector))[1](jnp.asarray(weights[wet:]))
+        return self.search.gradients(self.entry, self.vector, weights[:wet]) + np.asarray(dry)
+
+    def jacobian(self):
+        """Gradients (1 + c, n) of all values: a reverse pass for the objective and for each constraint on the path."""
+        wet = 1 + len(self.search.wet)
+        rows = [self.search.gradients(self.entry, self.vector, row) for row in np.eye(wet)]
+        dry = np.asarray(jax.jacrev(self.search.dry_values)(jnp.asarray(self.vector)))
+        return np.concatenate([np.array(rows), dry.reshape(-1, len(self.vector))])
+
+
+def check_path(path, allow_unstable=False):
+    """Raise `Invalid`, in one line, for a path with a state that was not reached, is unstable, or touches itself."""
+    status = np.asarray(path.status)
+    if np.any(status != Status.CONVERGED):
+        k = int(np.argmax(status != Status.CONVERGED))
+        raise Invalid(f"no state at mu = {float(path.mu[k]):.4f}: {Status(int(status[k])).text}")
+    if np.any(np.asarray(path.negative_pivots) > 0) and not allow_unstable:
+        k = int(np.argmax(np.asarray(path.negative_pivots) > 0))
+        raise Invalid(f"unstable at mu = {float(path.mu[k]):.4f}")
+    touching = np.asarray(min_gap(path)) <= 0
+    if touching.any():
+        raise Invalid(f"self-contact at mu = {float(path.mu[int(np.argmax(touching))]):.4f}")
+
+
+def read_log(folder):
+    """The log of a design's folder as a dict; ValueError for a folder without one, or a damaged one."""
+    file = open_folder(folder) / LOG
+    try:
+        log = json.loads(file.read_bytes())
+        if log["format"] != FORMAT or not isinstance(log["evaluations"], list) or not isinstance(log["record"], dict):
+            raise ValueError(f"format {log['format']}, this version reads {FORMAT}")
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise ValueError(f"folder: {str(file)!r} is missing, damaged or not written by jaxgel: {' '.join(str(problem).split())}") from None
+    return log
+
+
+def violation(entry):
+    """Largest violation of a scaled constraint at a valid entry of the log; 0 if all are met."""
+    return max(0.0, *(-v for v in entry["values"][1:]), 0.0)

@@ -1,0 +1,57 @@
+"""A design on a fresh cloud, and the confidence intervals of fitted parameters."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from ..observables import CURVES, min_gap, surface_ratio
+from .optimisers import Invalid
+from .search import check_path
+
+
+def verify(problem, parameters, *, spacing, mu=None):
+    """Objective, constraints and state of a design on a fresh cloud built from its final holes: a dict, and the path.
+
+    ``spacing`` in mm; ``mu`` (k,) defaults to the problem's own with a value between every two. The dict holds value, constraints
+    (name -> smallest value, in its unit), valid (bool), reason (one line), nodes, spacing, the worst negative_pivots, min_gap and
+    surface_ratio of the path, and ``last``, the quantities of `objectives.CURVES` at its last mu (None where there is no value).
+    """
+    parameters = {name: jnp.asarray(value) for name, value in parameters.items()}
+    plate, between = problem.plate(parameters), 0.5 * (np.array(problem.mu[1:]) + problem.mu[:-1])
+    path = problem.path(parameters, problem.make_cloud(plate, spacing), np.sort([*problem.mu, *between]).tolist() if mu is None else mu)
+    reason = "valid: stable, no self-contact"
+    try:
+        if not path.stop.ok:
+            raise Invalid(path.stop_text)
+        check_path(path, problem.allow_unstable)
+    except Invalid as invalid:
+        reason = str(invalid)
+    last = {name: float(quantity(path)[-1]) for name, quantity in CURVES.items()}
+    found = dict(
+        value=float(problem.objective(path)),
+        constraints={c.name: float(np.min(c.function(plate if c.dry else path))) for c in problem.constraints},
+        valid=reason.startswith("valid"),
+        reason=reason,
+        nodes=path.model.n_nodes,
+        spacing=float(spacing),
+        negative_pivots=int(np.max(path.negative_pivots)),
+        min_gap=float(np.min(min_gap(path))),
+        surface_ratio=float(np.max(surface_ratio(path))),
+        last={name: value if np.isfinite(value) else None for name, value in last.items()},
+    )
+    return found, path
+
+
+def intervals(problem, parameters, curve, noise, *, cloud=None):
+    """Standard deviations and covariance of parameters fitted to ``curve`` (a function of the path, (k,)) with the given noise.
+
+    Gauss and Newton's Hessian of the sum of squares over 2 noise^2, J^T J / noise^2, inverted: a dict name -> standard deviation, and
+    the covariance (n, n) in the order of `jax.flatten_util.ravel_pytree`. ``noise`` is the standard deviation of independent errors.
+    """
+    flat, unravel = ravel_pytree({name: jnp.asarray(value, dtype=float) for name, value in parameters.items()})
+    cloud = problem.make_cloud(problem.plate(unravel(flat))) if cloud is None else cloud
+    slopes = np.asarray(jax.jacfwd(lambda v: curve(problem.path(unravel(v), cloud)))(flat))
+    scale = np.abs(np.asarray(flat)) + (np.asarray(flat) == 0)
+    covariance = noise**2 * np.linalg.inv((slopes * scale).T @ (slopes * scale)) * np.outer(scale, scale)
+    return {name: np.asarray(v) for name, v in unravel(jnp.sqrt(jnp.diag(jnp.asarray(covariance)))).items()}, covariance

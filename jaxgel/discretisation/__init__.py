@@ -1,0 +1,36 @@
+"""discretisation."""
+
+from .consistency import wall_ends
+from .interpolation import NEIGHBOURS, in_plane, make_probe
+from .model import Block, Lists, Model, discretise
+from .moving_least_squares import KINDS, cubic_spline_weight, n_monomials, shape_functions, shape_functions_and_gradients, singular_weight
+from .neighbours import reaching_nodes
+from .options import BASES, METHODS, QUADRATURES, DiscretisationOptions
+from .placement import SPENT, Quality, cell_sizes, quality, refreshed
+
+__all__ = [
+    "BASES",
+    "KINDS",
+    "METHODS",
+    "NEIGHBOURS",
+    "QUADRATURES",
+    "SPENT",
+    "Block",
+    "DiscretisationOptions",
+    "Lists",
+    "Model",
+    "Quality",
+    "cell_sizes",
+    "cubic_spline_weight",
+    "discretise",
+    "in_plane",
+    "make_probe",
+    "n_monomials",
+    "quality",
+    "reaching_nodes",
+    "refreshed",
+    "shape_functions",
+    "shape_functions_and_gradients",
+    "singular_weight",
+    "wall_ends",
+]

@@ -1,0 +1,307 @@
+"""Shape functions at one point: interpolating complex-variable MLS, its real twin, and the two methods they are compared with.
+
+One call maps a point and its neighbours to the neighbours' shape function values, or to values and gradients; ``jax.vmap`` makes the many
+points. Index letters: ``a`` neighbour, ``m n`` basis monomial. A neighbour whose support does not reach the point (in particular padding
+with support 0) gets the value 0.
+
+Sources: Deng et al. (2020), Eqs. (17)-(37), for the interpolating complex form; Lancaster & Salkauskas (1981) for the
+interpolating MLS; Belytschko, Lu & Gu (1994) for the MLS; Bai et al. (2012) for the improved complex variable MLS.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.custom_derivatives import SymbolicZero
+
+KINDS = ("iicvmls", "imls", "icvmls", "mls")
+_ORDER = {"linear": 1, "quadratic": 2}
+_TINY = 1e-60  # squared distance below which the singular weight stays what it is: its ninth derivative is still a number
+
+
+def n_monomials(basis):
+    """Number of monomials (int) of the complete real basis: 3 for ``"linear"``, 6 for ``"quadratic"``."""
+    return _number(_order(basis))
+
+
+def shape_functions(x, neighbours, support, *, basis="quadratic", kind="iicvmls"):
+    """Shape function values (n,) at the point ``x`` (2,) of the nodes ``neighbours`` (n, 2); dimensionless.
+
+    ``support`` () or (n,) is the radius of each node's weight function, in the unit of length of ``x``. ``kind``:
+
+    - ``"iicvmls"``: Eq. (36) with the complete complex basis, Eqs. (18)-(19); complex dtype, the imaginary part is round-off;
+    - ``"imls"``: the same functions from the real basis that spans the same space; the fast path;
+    - ``"icvmls"``: not interpolating, basis (1, z) or (1, z, z^2); complex, acting on u1 + i u2;
+    - ``"mls"``: not interpolating, real basis.
+
+    The interpolating kinds satisfy phi_a(x_b) = delta_ab; value and gradient are finite at the nodes. A point with fewer
+    neighbours than monomials has a singular moment matrix and gives NaN: ``discretise`` refuses such a cloud.
+
+    >>> nodes = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    >>> shape_functions(nodes[1], nodes, 2.0, basis="linear", kind="imls").round(12)
+    Array([0., 1., 0., 0.], dtype=float64)
+    """
+    order, support = _checked(neighbours, support, basis, kind)
+    if kind in ("iicvmls", "imls"):
+        fit = _fit(x, neighbours, support, order, kind)
+        y = _coefficients(fit.w, fit.p, fit.inverse_w_k, fit.p_x, _factor(fit, order, kind))
+        return fit.nearest * y[0] + fit.w * _polynomial(y, fit.p, fit.inverse_w_k)
+    scale = lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
+    distance_squared = jnp.sum((neighbours - x) ** 2, axis=1)
+    return _least_squares((neighbours - x) / scale, cubic_spline_weight(distance_squared, support), order, kind)
+
+
+def shape_functions_and_gradients(x, neighbours, support, *, basis="quadratic", kind="iicvmls"):
+    """The values (n,) of `shape_functions` and their gradients (n, 2) by ``x``, over the unit of length.
+
+    The gradients are those of automatic differentiation. Those of the interpolating kinds are written out: all of them share one
+    solution y, each costs one more, and what depends on the neighbours alone is not differentiated.
+
+    >>> nodes = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    >>> _, gradients = shape_functions_and_gradients(nodes.mean(axis=0), nodes, 2.0, basis="linear", kind="imls")
+    >>> (gradients.T @ nodes).round(12)
+    Array([[1., 0.],
+           [0., 1.]], dtype=float64)
+    """
+    order, support = _checked(neighbours, support, basis, kind)
+    if kind not in ("iicvmls", "imls"):
+
+        def phi(x):
+            value = shape_functions(x, neighbours, support, basis=basis, kind=kind)
+            return value, value
+
+        return jax.jacfwd(phi, has_aux=True)(x)[::-1]
+    fit = _fit(x, neighbours, support, order, kind)
+    nearest, w, p, inverse_w_k, p_x, along = fit
+    factor = _factor(fit, order, kind)
+    y = _coefficients(w, p, inverse_w_k, p_x, factor)
+    polynomial, gradients = _polynomial(y, p, inverse_w_k), []
+    for w_dot, inverse_w_k_dot, p_x_dot in along:
+        constant = inverse_w_k_dot * y[0]  # of the polynomial, whose other coefficients change by those in y_dot
+        y_dot = _coefficients(w, p, inverse_w_k, p_x_dot - p @ (w_dot * polynomial + w * constant), factor)
+        gradients.append(nearest * y_dot[0] + w_dot * polynomial + w * (_polynomial(y_dot, p, inverse_w_k) + constant))
+    return nearest * y[0] + w * polynomial, jnp.stack(gradients, axis=1)
+
+
+def singular_weight(distance_squared, support):
+    """The singular weight function of Eq. (37), (rho/d)^2 (1 - d/rho)^2 inside the support and 0 outside, of d^2; huge at d = 0."""
+    return _positive(support * _inverse_root(distance_squared) - 1) ** 2
+
+
+def _singular_slope(distance_squared, support):
+    """Twice the derivative of `singular_weight` by d^2: times the offset from the node it is the gradient."""
+    inverse = _inverse_root(distance_squared)
+    return -2 * support * inverse**3 * _positive(support * inverse - 1)
+
+
+def cubic_spline_weight(distance_squared, support):
+    """The cubic spline weight of the element free Galerkin method, of d^2: 2/3 at d = 0, 0 from d = ``support`` on, C2."""
+    inside = distance_squared < support**2
+    s = _safe_sqrt(jnp.where(inside, distance_squared, 0.0)) / jnp.where(support > 0, support, 1.0)
+    near = 2 / 3 - 4 * s**2 + 4 * s**3
+    return jnp.where(inside, jnp.where(s < 0.5, near, 4 / 3 * (1 - s) ** 3), 0.0)
+
+
+def _checked(neighbours, support, basis, kind):
+    """Order of the basis, and the supports (n,)."""
+    order = _order(basis)
+    if kind not in KINDS:
+        raise ValueError(f"kind: {kind!r} is not one of {', '.join(KINDS)}")
+    return order, jnp.broadcast_to(jnp.asarray(support, dtype=neighbours.dtype), neighbours.shape[:1])
+
+
+class _Fit(NamedTuple):
+    """A point and its neighbours, with monomials about the nearest node k; ``p_k`` is (1, 0, ...).
+
+    Eq. (36) is phi_a = w_a p_a^H g with the coefficients g for which the basis is reproduced, sum_a phi_a p_a = p(x): eliminating the
+    constant from these equations leaves the b, C and A of Eqs. (22) and (31)-(33). At node k the weight w_k is infinite, but this node
+    enters the first equation only, so its value phi_k = w_k g_0 takes the place of g_0 as an unknown, and 1 / w_k, which is regular, that
+    of w_k. The choice of k is free: every choice gives the same phi.
+    """
+
+    nearest: jax.Array
+    """(n,) 1 for the nearest node, 0 for the others."""
+    w: jax.Array
+    """(n,) weights of the other nodes; 0 for the nearest."""
+    p: jax.Array
+    """(m, n) monomials at the nodes."""
+    inverse_w_k: jax.Array
+    """() inverse weight of the nearest node."""
+    p_x: jax.Array
+    """(m,) monomials at the point."""
+    along: list
+    """Derivatives of the weights, the inverse weight and p_x by the two coordinates of the point."""
+
+
+def _fit(x, neighbours, support, order, kind):
+    nodes, point = (neighbours[:, 0], neighbours[:, 1]), (x[0], x[1])  # axis by axis: what lies in pairs is not vectorised
+    away = [at - node for at, node in zip(point, nodes, strict=True)]
+    distance_squared = away[0] ** 2 + away[1] ** 2
+    nearest = _nearest(lax.stop_gradient(distance_squared), support)
+    x_k, rho_k = [nearest @ node for node in nodes], nearest @ support
+    away_k = [at - node for at, node in zip(point, x_k, strict=True)]
+    d2_k = away_k[0] ** 2 + away_k[1] ** 2
+    reach = rho_k - _safe_sqrt(d2_k)
+
+    per_length = 1 / lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
+    p = _monomials(*_coordinates(*((node - k) * per_length for node, k in zip(nodes, x_k, strict=True)), kind), order)
+
+    def basis(*away):
+        return _monomials(*_coordinates(*(a * per_length for a in away), kind), order)
+
+    others = jnp.where(nearest > 0, 0.0, support)
+    slope, slope_k = _singular_slope(distance_squared, others), 2 * rho_k / reach**3
+    along = [
+        (slope * away[axis], slope_k * away_k[axis], jax.jvp(basis, away_k, [1.0 * (axis == i) for i in range(2)])[1]) for axis in range(2)
+    ]
+    return _Fit(nearest, singular_weight(distance_squared, others), p, d2_k / reach**2, basis(*away_k), along)
+
+
+def _nearest(distance_squared, support):
+    """1 for the nearest node whose support reaches the point, the first of equals, and 0 for the others (n,)."""
+    distance = jnp.where(distance_squared < support**2, distance_squared, jnp.inf)
+    number = jnp.arange(len(support), dtype=support.dtype)
+    return jnp.where(number == jnp.min(jnp.where(distance == jnp.min(distance), number, jnp.inf)), 1.0, 0.0)
+
+
+def _polynomial(y, p, inverse_w_k):
+    """Values (n,) of the polynomial p^H g with the unknowns ``y`` (m,)."""
+    return y.at[0].multiply(inverse_w_k) @ p.conj()
+
+
+def _reproduced(w, p, inverse_w_k, y):
+    """What the shape functions with the unknowns ``y`` reproduce: sum_a phi_a p_a (m,)."""
+    return (p @ (w * _polynomial(y, p, inverse_w_k))).at[0].add(y[0])
+
+
+def _factor(fit, order, kind):
+    """What solves for the unknowns: first row and column of the moment matrix, v_k of Eq. (23), and the inverse of A, Eq. (31)."""
+    _, w, p, inverse_w_k, *_ = fit
+    moments = jnp.concatenate([p @ (w * p[of]) for of in (0, len(p) - 1 - order, len(p) - 1)])  # of the basis times 1, u^order, v^order
+    M = moments[_products(order, kind)]
+    v_k = 1 / (1 + inverse_w_k * M[0, 0])
+    return M[0, 1:], M[1:, 0], v_k, _inverse(M[1:, 1:] - inverse_w_k * v_k * M[1:, :1] * M[0, 1:])
+
+
+@jax.custom_jvp
+def _coefficients(w, p, inverse_w_k, rhs, factor):  # noqa: ARG001
+    """The unknowns y (m,) with which ``rhs`` (m,) is reproduced."""
+    row, column, v_k, inverse = factor
+    g = inverse @ (rhs[1:] - inverse_w_k * v_k * rhs[0] * column)
+    return jnp.append(v_k * (rhs[0] - row @ g), g)
+
+
+@functools.partial(_coefficients.defjvp, symbolic_zeros=True)
+def _coefficients_jvp(primals, tangents):
+    """T y = b gives T dy = db - dT y, where dT y is the change of what the same y reproduce: no derivative of the matrix is needed."""
+    *system, rhs, factor = primals
+    y = _coefficients(*primals)
+    moving = [i for i, tangent in enumerate(tangents[:3]) if not isinstance(tangent, SymbolicZero)]
+    change = 0.0 if isinstance(tangents[3], SymbolicZero) else tangents[3]
+    if moving:
+
+        def reproduced(*some):
+            known = dict(zip(moving, some, strict=True))
+            return _reproduced(*(known.get(i, value) for i, value in enumerate(system)), y)
+
+        change -= jax.jvp(reproduced, [system[i] for i in moving], [tangents[i] for i in moving])[1]
+    return y, _coefficients(*system, jnp.broadcast_to(change, rhs.shape), factor)
+
+
+def _least_squares(r, w, order, kind):
+    """Moving least squares, phi = p(x)^T A^-1 B; ``r`` (n, 2) are the neighbours about the point."""
+    u, v = _coordinates(r[:, 0], r[:, 1], kind)
+    p = (jnp.stack([u**k for k in range(order + 1)]) if kind == "icvmls" else _monomials(u, v, order)).T
+    weighted = w[:, None] * p.conj()
+    return weighted @ _inverse((weighted.T @ p).T)[:, 0]
+
+
+def _coordinates(x, y, kind):
+    """What the monomials of offsets are made of: x and y, or z and its conjugate, Eqs. (18)-(19)."""
+    return (lax.complex(x, y), lax.complex(x, -y)) if kind in ("iicvmls", "icvmls") else (x, y)
+
+
+def _exponents(degree):
+    return [(total - j, j) for total in range(degree + 1) for j in range(total + 1)]
+
+
+def _number(degree):
+    """Number of monomials up to a degree."""
+    return (degree + 1) * (degree + 2) // 2
+
+
+def _monomials(u, v, degree):
+    """The monomials (m, ...) u^i v^j up to a degree: 1, u, v, u^2, u v, v^2, ..."""
+    rows = last = [jnp.ones_like(u)]
+    for _ in range(degree):
+        last = [*(u * row for row in last), v * last[-1]]
+        rows = rows + last
+    return jnp.stack(rows)
+
+
+@functools.cache
+def _products(order, kind):
+    """Where among the moments of 1, u^order and v^order times the basis those of the products of two monomials are (m, m).
+
+    The second of the two is conjugated where they are complex.
+    """
+    basis = _exponents(order)
+    known = [(i + a, j + b) for a, b in ((0, 0), (order, 0), (0, order)) for i, j in basis]
+    second = basis if kind == "imls" else [(j, i) for i, j in basis]
+    return np.array([[known.index((i + a, j + b)) for a, b in second] for i, j in basis])
+
+
+@jax.custom_jvp
+def _inverse(matrix):
+    """Inverse (m, m) of a Hermitian positive definite matrix, by elimination in place: few operations for many matrices."""
+    number = np.arange(len(matrix))
+    for k in number:
+        own = number == k
+        row, column = jnp.where(own, 1.0, matrix[k]) / matrix[k, k], jnp.where(own, 0.0, matrix[:, k])
+        matrix = jnp.where(own[:, None], row, jnp.where(own, 0.0, matrix) - column[:, None] * row)
+    return matrix
+
+
+@_inverse.defjvp
+def _inverse_jvp(primals, tangents):
+    inverse = _inverse(primals[0])
+    return inverse, -inverse @ tangents[0] @ inverse
+
+
+@jax.custom_jvp
+def _inverse_root(squared):
+    """1 / sqrt, constant below `_TINY`; a maximum, not a choice, is what XLA vectorises."""
+    return lax.rsqrt(jnp.maximum(squared, _TINY))
+
+
+@_inverse_root.defjvp
+def _inverse_root_jvp(primals, tangents):
+    """Products only: JAX's own rule divides once more for each derivative."""
+    inverse = _inverse_root(primals[0])
+    return inverse, -0.5 * inverse**3 * tangents[0]
+
+
+@jax.custom_jvp
+def _positive(value):
+    """The value where it is positive, otherwise 0; JAX's own rule for the maximum divides."""
+    return jnp.maximum(value, 0.0)
+
+
+@_positive.defjvp
+def _positive_jvp(primals, tangents):
+    return _positive(primals[0]), jnp.where(primals[0] > 0, tangents[0], 0.0)
+
+
+def _safe_sqrt(squared):
+    """Square root whose derivative at 0 is taken as 0: there the weights depend on d through d^2 only."""
+    positive = squared > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
+
+
+def _order(basis):
+    if basis not in _ORDER:
+        raise ValueError(f"basis: {basis!r} is not one of {', '.join(_ORDER)}")
+    return _ORDER[basis]

@@ -1,0 +1,91 @@
+"""How far a cloud may follow moving holes: its quality on another plate, and a new cloud where that has become too poor.
+
+The topology of a cloud, its cells and neighbour lists, belongs to the plate it was made for. On a plate whose holes have moved a
+little it serves as well; the farther they move, the flatter its cells become and the more nodes reach points that do not list them.
+"""
+
+import dataclasses
+
+import jax
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..cloud import make_cloud
+from ..geometry import reference_plate
+from .interpolation import SKIN
+from .model import DMAX, discretise
+
+SMALLEST_CELL = 0.4  # least quadrature weight over its value when the cloud was made
+SPENT = 0.2  # the same for a cloud that may yet serve a single trial design
+LARGEST_CELL = 1.25  # largest area of a cell over its area when the cloud was made: beyond, its nodes are too far apart
+DEEPEST_GAP = 0.25  # most that a node without a place in a point's list may reach beyond the point, in units of its spacing
+STEEPEST = 25.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual on a new cloud
+
+
+@dataclasses.dataclass(frozen=True)
+class Quality:
+    """What is left of a cloud's quality on a plate it was not made for; dimensionless."""
+
+    smallest_cell: float
+    """Least weight of a quadrature point over its weight when the cloud was made: 1 there, 0 or less where a cell is inside out."""
+    largest_cell: float
+    """Largest area of a cell over its area when the cloud was made."""
+    deepest_gap: float
+    """How far a support reaches, over the spacing, beyond a point in whose neighbour list its node is missing; 0 where none does."""
+    steepest: float
+    """Largest gradient of a shape function over 1 / spacing: it grows where a point's neighbours come to lie on too few lines."""
+
+    @property
+    def fault(self):
+        """What is too poor about it, in one line; empty where nothing is."""
+        if not self.smallest_cell > SMALLEST_CELL:
+            return f"a cell has shrunk to {self.smallest_cell:.2f} of its area"
+        if not self.largest_cell < LARGEST_CELL:
+            return f"a cell has grown to {self.largest_cell:.2f} of its area"
+        if not self.deepest_gap < DEEPEST_GAP:
+            return f"a support reaches {self.deepest_gap:.2f} spacings beyond its neighbour lists"
+        return f"the neighbours of a point lie on too few lines: gradients of {self.steepest:.0f}" if not self.steepest < STEEPEST else ""
+
+
+def cell_sizes(cloud):
+    """``smallest_cell`` and ``largest_cell`` of a cloud's `Quality`, the part of it that costs next to nothing."""
+    quadrature, before, now = cloud.topology.quadrature, cloud.topology.partition.vertices, np.asarray(cloud.vertices)
+    weights = [np.asarray(quadrature.weights(vertices)) for vertices in (before, now)]
+    areas = [np.bincount(quadrature.owner, weight) for weight in weights]
+    return float((weights[1] / weights[0]).min()), float((areas[1] / areas[0]).max())
+
+
+def quality(cloud, *, basis="quadratic", dmax=None):
+    """``Quality`` of a cloud where it is placed now, for supports of ``dmax`` spacings (2.95); it needs concrete positions."""
+    topology, sizes, dmax = cloud.topology, cell_sizes(cloud), DMAX if dmax is None else dmax
+    if not sizes[0] > 0:
+        return Quality(*sizes, np.inf, np.inf)
+    quadrature, before, now = topology.quadrature, topology.partition.vertices, np.asarray(cloud.vertices)
+    support, points = dmax * topology.node_spacing, (np.asarray(quadrature.points(before)), np.asarray(quadrature.points(now)))
+    nodes = before[topology.node_vertices], now[topology.node_vertices]
+    near = cKDTree(points[1]).sparse_distance_matrix(cKDTree(nodes[1]), support.max(), output_type="ndarray")
+    i, j = near["i"], near["j"]
+    listed = np.linalg.norm(points[0][i] - nodes[0][j], axis=1) < support[j] + SKIN * cloud.spacing
+    depth = np.where(listed, 0.0, (support[j] - near["v"]) / topology.node_spacing[j])
+    try:
+        blocks = discretise(cloud, basis=basis, dmax=dmax).blocks
+    except ValueError:  # it says what `steepest` says
+        return Quality(*sizes, float(depth.max(initial=0.0)), np.inf)
+    steepest = max(float(np.abs(np.asarray(block.dphi)).max()) for block in blocks) * float(topology.node_spacing.min())
+    return Quality(*sizes, float(depth.max(initial=0.0)), steepest)
+
+
+def refreshed(cloud, plate, *, basis="quadratic", dmax=None):
+    """The cloud for ``plate``, and why it is a new one: ``cloud`` placed there and "", or one made for the plate and a line of text.
+
+    The new cloud has the spacing and numbers of nodes with which the old one was made. ``basis`` and ``dmax`` are those of the model
+    that is to be made of it. Values of differentiated parameters are used; inside ``jax.jit`` there are none, and ValueError is raised.
+    """
+    values = jax.tree.map(jax.lax.stop_gradient, plate)
+    own = reference_plate(dataclasses.replace(values, reference=None))  # refuses a plate without values
+    fault = quality(cloud.at(values), basis=basis, dmax=dmax).fault
+    if not fault:
+        return cloud.at(plate), ""
+    topology = cloud.topology
+    fresh = make_cloud(own, spacing=topology.spacing, nodes_per_hole=topology.nodes_per_hole, across=topology.across)
+    return fresh.at(plate), fault

@@ -1,0 +1,89 @@
+"""The four edges of a plate and what is asked of them: conditions, macroscopic deformation, prescribed displacements; lengths in mm."""
+
+import dataclasses
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+
+from .._validation import did_you_mean, finite_numbers
+
+EDGES = ("left", "right", "bottom", "top")
+CONDITIONS = ("roller", "fixed", "free", "periodic")
+OPPOSITE = {"left": "right", "right": "left", "bottom": "top", "top": "bottom"}
+AXIS = {"left": 0, "right": 0, "bottom": 1, "top": 1}
+"""Axis normal to each edge."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Edges(Mapping):
+    """Edge of the plate -> its condition, or another value; hashable."""
+
+    values_in_order: tuple
+    """Value of each of ``EDGES``, in that order."""
+
+    def __getitem__(self, edge):
+        return dict(zip(EDGES, self.values_in_order, strict=True))[edge]
+
+    def __iter__(self):
+        return iter(EDGES)
+
+    def __len__(self):
+        return len(EDGES)
+
+
+def edge_lines(plate):
+    """Edge -> (axis, coordinate): the edge lies where x (axis 0) or y (axis 1) has the coordinate, mm."""
+    w, h = plate.width / 2, plate.height / 2
+    return {"left": (0, -w), "right": (0, w), "bottom": (1, -h), "top": (1, h)}
+
+
+def checked_edges(edges):
+    """The conditions as ``Edges``, rollers where none is given; ValueError for unknown ones and half a periodic pair."""
+    if isinstance(edges, str):
+        edges = dict.fromkeys(EDGES, edges)
+    if not isinstance(edges, Mapping):
+        raise ValueError(f"edges: {edges!r} is neither a condition nor a mapping from edges to conditions such as {{'top': 'free'}}")
+    for edge, condition in edges.items():
+        if edge not in EDGES:
+            raise ValueError(f"edges: unknown edge {edge!r}; {did_you_mean(edge, EDGES)}")
+        if condition not in CONDITIONS:
+            raise ValueError(f"edges: {edge} = {condition!r} is unknown; {did_you_mean(condition, CONDITIONS)}")
+        if condition == "periodic" and edges.get(OPPOSITE[edge], "roller") != "periodic":
+            raise ValueError(f"edges: {edge} = 'periodic' needs {OPPOSITE[edge]} = 'periodic'")
+    return Edges(tuple(edges.get(edge, "roller") for edge in EDGES))
+
+
+def checked_deformation(deformation, edges):
+    """The macroscopic deformation gradient as nested tuples; ValueError for an unusable one or one that tilts a roller edge."""
+    F = np.array(finite_numbers(deformation, (2, 2), "deformation"))
+    if not np.linalg.det(F) > 0:
+        raise ValueError(f"deformation: {F.tolist()} has the determinant {np.linalg.det(F):.3g}, it must be positive")
+    for edge, condition in edges.items():
+        if condition == "roller" and F[AXIS[edge], 1 - AXIS[edge]] != 0:
+            raise ValueError(f"deformation: {F.tolist()} tilts the roller edge {edge}; make the edge fixed or periodic, or drop the shear")
+    return tuple(map(tuple, F.tolist()))
+
+
+def checked_displacement(displacement, edges):
+    """The displacements as ``Edges``; ValueError for components that are not held and for edges that tear their corner."""
+    if not isinstance(displacement, Mapping):
+        raise ValueError(f"displacement: {displacement!r} is not a mapping from edges to displacements such as {{'top': (0, 0.1)}}")
+    found = dict.fromkeys(EDGES, (0.0, 0.0))
+    for edge, value in displacement.items():
+        if edge not in EDGES:
+            raise ValueError(f"displacement: unknown edge {edge!r}; {did_you_mean(edge, EDGES)}")
+        found[edge] = finite_numbers(value, (2,), f"displacement: {edge}")
+        for component in range(2):
+            if found[edge][component] != 0 and component not in held_components(edges, edge):
+                raise ValueError(f"displacement: {edge} = {list(found[edge])} moves a {edges[edge]} edge in a direction that is not held")
+    for side, end in itertools.product(("left", "right"), ("bottom", "top")):
+        both = set(held_components(edges, side)) & set(held_components(edges, end))
+        if any(found[side][component] != found[end][component] for component in both):
+            raise ValueError(f"displacement: {side} and {end} move the corner between them to different places")
+    return Edges(tuple(found[edge] for edge in EDGES))
+
+
+def held_components(edges, edge):
+    """The components of the displacement, 0 along x and 1 along y, that the condition of an edge holds."""
+    return {"roller": (AXIS[edge],), "fixed": (0, 1)}.get(edges[edge], ())

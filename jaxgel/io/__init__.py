@@ -1,0 +1,36 @@
+"""io."""
+
+from .drawings import FORMATS, OUTLINE, dry_gel, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
+from .files import open_folder, read_toml, write_atomically
+from .netcdf import QUANTITIES, export
+from .recorder import NUMERICAL, Recorder, of_case, write_points
+from .run import STEP_ARRAYS, load_run, read_summary
+from .terminal import Progress, interruptible
+from .vtk import point_fields, write_series
+
+__all__ = [
+    "FORMATS",
+    "NUMERICAL",
+    "OUTLINE",
+    "QUANTITIES",
+    "STEP_ARRAYS",
+    "Progress",
+    "Recorder",
+    "dry_gel",
+    "export",
+    "fit_fourier",
+    "hole_table",
+    "interruptible",
+    "load_run",
+    "of_case",
+    "open_folder",
+    "point_fields",
+    "read_outlines",
+    "read_summary",
+    "read_toml",
+    "swollen_gel",
+    "write_atomically",
+    "write_outline",
+    "write_points",
+    "write_series",
+]

@@ -1,0 +1,139 @@
+"""A run's folder read back: summary, table and states."""
+
+import csv
+import dataclasses
+import json
+from pathlib import Path as File
+
+import numpy as np
+
+from ..equilibrium import Status
+from ..observables import COLUMNS
+from .files import MAX_BYTES, guarded, read_arrays
+
+INTEGER_COLUMNS = ("newton_iterations", "negative_pivots")
+FORMAT = 2  # raised when the meaning of a file changes
+STEP_ARRAYS = (
+    "mu",
+    "x",
+    "pressure",
+    "newton_iterations",
+    "residual",
+    "energy",
+    "negative_pivots",
+    "lowest_eigenvalue",
+    "switched",
+    "stride",
+)
+OF_LAST = ("modes", "rate")  # kept of the last step only
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """A run's folder as read from disk; k states of n nodes."""
+
+    folder: File
+    """Where it lies."""
+    summary: dict
+    """Content of ``summary.json``."""
+    history: dict
+    """Columns of ``history.csv``: name -> (k,) array, status a list of texts."""
+    states: dict
+    """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm, and the rest
+    of each `path.Step`; modes (f, m) and rate (n, 2) those of the last, where it has them."""
+
+    @property
+    def mu(self):
+        """(k,) chemical potential in kT."""
+        return self.states["mu"]
+
+    @property
+    def x(self):
+        """(k, n, 2) deformed node positions in mm."""
+        return self.states["x"]
+
+    @property
+    def outlines(self):
+        """(k, m, 2) deformed outline of each hole, in mm, a list of closed loops as in `observables.outlines`."""
+        return [self.states[f"outline_{i}"] for i in range(len(self.states)) if f"outline_{i}" in self.states]
+
+
+def load_run(folder, *, max_bytes=MAX_BYTES):
+    """The `Run` in a folder written by `recorder.Recorder`, finished or not; nothing in it is executed or unpickled.
+
+    Raises ValueError for a folder without a run, a damaged or foreign file, and one with more than ``max_bytes`` in a file.
+    """
+    folder = File(folder)
+    summary = read_summary(folder, max_bytes)
+    table = guarded(folder / "history.csv", _read_history, max_bytes)
+    states = folder / "states.npz"
+    states = guarded(states, _read_states, max_bytes) if table["mu"].size and states.is_file() else None
+    if states is None:
+        raise ValueError(f"folder: {str(folder)!r} holds no accepted state; its run ended as {summary['status']!r}: {summary['reason']}")
+    k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in history.csv
+    if k < len(states["mu"]):
+        states = {name: a for name, a in states.items() if name not in OF_LAST}  # of a state whose row was cut off with the machine
+    if not np.array_equal(states["mu"][:k], table["mu"][:k]):
+        raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their mu differ")
+    states = {name: a if name in ("nodes", *OF_LAST) else a[:k] for name, a in states.items()}
+    return Run(folder, summary, {name: column[:k] for name, column in table.items()}, states)
+
+
+def read_summary(folder, max_bytes=MAX_BYTES):
+    """Content of the ``summary.json`` of a run's folder, a dict; ValueError as for `load_run`."""
+    if not (File(folder) / "summary.json").is_file():
+        raise ValueError(f"folder: {str(folder)!r} holds no summary.json; expected a folder written by jaxgel run")
+    return guarded(File(folder) / "summary.json", _read_summary, max_bytes)
+
+
+def _read_summary(content, _):
+    summary = json.loads(content)
+    if summary["format"] != FORMAT:
+        raise ValueError(f"format {summary['format']}, this version reads {FORMAT}")
+    wanted = {
+        "case": str,
+        "options": dict,
+        "status": str,
+        "reason": str,
+        "stop": str,
+        "wall_seconds": float,
+        "versions": dict,
+        "events": list,
+    }
+    for key, kind in wanted.items():
+        if not isinstance(summary[key], kind):
+            raise ValueError(f"{key} is not of type {kind.__name__}")
+    if summary["stop"] not in Status.__members__:
+        raise ValueError(f"stop {summary['stop']!r} is no status")
+    return summary
+
+
+def _read_history(content, _):
+    lines = content.decode().splitlines(keepends=True)
+    complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
+    header, *rows = csv.reader(complete)
+    if tuple(header) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
+        raise ValueError(f"columns are not {', '.join(COLUMNS)}")
+    columns = {name: [row[i] for row in rows] for i, name in enumerate(COLUMNS)}
+    kinds = {name: int if name in INTEGER_COLUMNS else float for name in COLUMNS}
+    return {name: c if name == "status" else np.array(c, dtype=float).astype(kinds[name]) for name, c in columns.items()}
+
+
+def _read_states(content, max_bytes):
+    arrays = read_arrays(content, max_bytes)
+    (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
+    shapes = dict.fromkeys((*STEP_ARRAYS, "status", "apart"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
+    shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
+    if "modes" in arrays:
+        shapes["modes"] = (len(arrays["modes"]), arrays["modes"].shape[1])
+    if "rate" in arrays:
+        shapes["rate"] = (n, 2)
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape or arrays[name].dtype.kind not in "bfiU":
+            raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
+    for name in {"mu", "x", "pressure", *OF_LAST} & arrays.keys():
+        if not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name} is not finite")
+    if not np.all(np.diff(arrays["mu"]) > 0) or not set(arrays["status"]) <= Status.__members__.keys():
+        raise ValueError("mu does not increase, or a status is unknown")
+    return arrays

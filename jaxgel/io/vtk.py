@@ -1,0 +1,61 @@
+"""ParaView files of a path: the deformed gel of every state with its fields, on the triangles of the integration cells."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pyevtk.hl import unstructuredGridToVTK
+from pyevtk.vtk import VtkGroup, VtkTriangle
+
+from ..discretisation import make_probe
+from ..observables import SELF_CONTACT, cauchy_stress, field_values, history
+from .files import open_folder
+
+
+def write_series(path, folder, *, table=None):
+    """``series.pvd`` and ``vtu/state-*.vtu`` for ParaView: the deformed gel of every state, with mu as time.
+
+    Points carry the displacement (mm), the components ``cauchy_stress_xx``, ``_yy``, ``_xy`` (kT/v; the nodes' own, interpolated), and
+    ``principal_stretch_1`` >= ``principal_stretch_2``, against the dry gel. Cells (triangles) carry the volume ratio J and ``invalid`` = 1
+    after self-contact. ``table`` saves computing `results.history` again.
+    """
+    cloud = path.model.cloud
+    used, triangles = np.unique(np.asarray(cloud.triangles), return_inverse=True)
+    fields, J = point_fields(path, used), np.asarray(field_values(path, "J"))
+    dry, deformed = np.asarray(cloud.vertices)[used], fields.pop("position")
+    invalid = [text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]]
+    folder = open_folder(folder)
+    (folder / "vtu").mkdir(exist_ok=True)
+    connectivity = triangles.astype(np.int32).ravel()
+    offsets = np.arange(3, len(connectivity) + 1, 3, dtype=np.int32)
+    kinds = np.full(len(offsets), VtkTriangle.tid, dtype=np.uint8)
+    zero = np.zeros(len(used))
+    group = VtkGroup(str(folder / "series"))
+    for k, mu in enumerate(np.asarray(path.mu)):
+        file = unstructuredGridToVTK(
+            str(folder / "vtu" / f"state-{k:04d}"),
+            *(np.ascontiguousarray(deformed[k].T)),
+            zero,
+            connectivity=connectivity,
+            offsets=offsets,
+            cell_types=kinds,
+            pointData={"displacement": (*np.ascontiguousarray((deformed[k] - dry).T), zero)} | {n: v[k].copy() for n, v in fields.items()},
+            cellData={"J": np.ascontiguousarray(J[k]), "invalid": np.full(len(offsets), invalid[k], dtype=np.int32)},
+        )
+        group.addFile(file, sim_time=float(mu))
+    group.save()
+
+
+def point_fields(path, used):
+    """Name -> values (k, u), or (k, u, 2) of ``position``, at the vertices numbered ``used`` (u,) of a path's cloud."""
+    cloud = path.model.cloud
+    probe = make_probe(path.model, cloud.vertices[used], cloud.topology.partition.vertices[used])
+    position, F, stress = _at_points(probe, jnp.asarray(path.x), cauchy_stress(path))
+    stretches = np.linalg.svd(np.asarray(F), compute_uv=False)
+    fields = {"position": position} | {f"cauchy_stress_{name}": stress[..., i] for i, name in enumerate(("xx", "yy", "xy"))}
+    return {name: np.asarray(v) for name, v in fields.items()} | {f"principal_stretch_{i + 1}": stretches[..., i] for i in range(2)}
+
+
+@jax.jit
+def _at_points(probe, x, stress):
+    """Positions (k, u, 2), deformation gradients (k, u, 2, 2) and stresses (k, u, 3) at a probe's points."""
+    return tuple(jax.vmap(part)(field) for part, field in ((probe.position, x), (probe.deformation_gradient, x), (probe.position, stress)))

@@ -1,0 +1,38 @@
+"""linalg."""
+
+from .bordered import Bordered
+from .dissection import dissect
+from .eigen import (
+    columnwise_products,
+    extreme_eigenvalues,
+    inverse_iteration,
+    lowest_mode,
+    lowest_of_factor,
+    nearest_modes,
+    network_matrix,
+    rayleigh_ritz,
+)
+from .factors import SingularTangent, factor
+from .kept_factors import remember, solve_near
+from .multifrontal import factorise
+from .pattern import SOLVERS, analyse
+
+__all__ = [
+    "SOLVERS",
+    "Bordered",
+    "SingularTangent",
+    "analyse",
+    "columnwise_products",
+    "dissect",
+    "extreme_eigenvalues",
+    "factor",
+    "factorise",
+    "inverse_iteration",
+    "lowest_mode",
+    "lowest_of_factor",
+    "nearest_modes",
+    "network_matrix",
+    "rayleigh_ritz",
+    "remember",
+    "solve_near",
+]

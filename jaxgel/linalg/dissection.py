@@ -1,0 +1,156 @@
+"""Nested dissection: the order of elimination and the fronts of a sparse matrix, before there are numbers."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import scipy.sparse as sp
+
+LEAF = 40  # nodes of a part that is not divided any more
+BALANCE = 0.35  # least share of the nodes on either side of a cut
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Front:
+    """What is known of a front before there are numbers; ranks count in the order of elimination."""
+
+    first: int
+    """Rank of the first pivot."""
+    end: int
+    """Rank after the last pivot."""
+    below: np.ndarray
+    """(m,) ranks of the later unknowns that its pivots are coupled to, ascending."""
+    corner: tuple
+    """Sources and places of the matrix entries in the (k, k) pivot block, lower triangle, column by column."""
+    side: tuple
+    """Sources and places of the matrix entries in the (m, k) block below it, column by column."""
+    children: tuple
+    """For each child its number, how many of its rows below are pivots here, and the slices (of its update, of the block here) of both
+    parts: runs of consecutive rows."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Tree:
+    """Fronts in the order of elimination, children before parents."""
+
+    order: np.ndarray
+    """(f,) unknown of each rank."""
+    fronts: tuple
+    """The ``Front``s."""
+
+    @functools.cached_property
+    def fill(self):
+        """Numbers of a factor."""
+        return sum((front.end - front.first) * (front.end - front.first + len(front.below)) for front in self.fronts)
+
+
+def dissect(pairs, unknowns, points):
+    """``Tree`` for a symmetric matrix given by 2 x 2 blocks of node pairs (p, 2), i <= j, flattened.
+
+    ``unknowns`` (n, 2) numbers the two components of each node, -1 for those that are not part of the matrix; ``points`` (n, 2) are
+    positions, which decide where the nodes are divided.
+    """
+    n = len(points)
+    graph = sp.csr_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    graph = sp.csr_matrix(graph + graph.T)
+    parts = []
+    _divide(graph, np.arange(n), points, parts)
+    below = _coupled(graph, parts)
+
+    order = unknowns[np.concatenate([nodes for nodes, _ in parts])].ravel()
+    order = order[order >= 0]
+    rank = np.append(np.argsort(order), -1).astype(np.int32)[unknowns]  # (n, 2), -1 where there is no unknown
+    sizes = [int(np.sum(unknowns[nodes] >= 0)) for nodes, _ in parts]
+    ends = np.cumsum(sizes)
+    ranks = [np.sort(rank[nodes][rank[nodes] >= 0]).astype(np.intp) for nodes in below]
+    entries = _entries(pairs, rank, ends, ranks)
+    fronts = []
+    for number, (_, children) in enumerate(parts):
+        first, end = int(ends[number]) - sizes[number], int(ends[number])
+        maps = tuple(_child(child, ranks[child], first, end, ranks[number]) for child in children)
+        fronts.append(Front(first, end, ranks[number], *entries[number], maps))
+    return Tree(order, tuple(fronts))
+
+
+def _divide(graph, nodes, points, parts):
+    """Append the parts (pivot nodes, child parts) of the ``nodes`` (k,), whose ``graph`` (k, k) it is; returns the last one's number."""
+    cut = _best_cut(graph, points[nodes]) if len(nodes) > LEAF else None
+    if cut is None:
+        parts.append((nodes, []))
+        return len(parts) - 1
+    separator, left, right, along = cut
+    children = [_divide(graph[side][:, side], nodes[side], points, parts) for side in (left, right)]
+    pivots = nodes[separator]
+    parts.append((pivots[np.argsort(points[pivots, along], kind="stable")], children))
+    return len(parts) - 1
+
+
+def _best_cut(graph, points):
+    """The smallest separator of the nodes by a straight cut across either axis: (separator, left, right, axis along it), or None.
+
+    With the nodes numbered in the order of a coordinate, those left of a cut at t that reach across it are a separator, and so are those
+    to its right: their numbers for all t follow from the farthest neighbour of each node.
+    """
+    n, found = len(points), []
+    for axis in range(2):
+        place = np.empty(n, dtype=int)
+        place[np.lexsort((points[:, 1 - axis], points[:, axis]))] = np.arange(n)
+        neighbours = place[graph.indices]
+        last = np.maximum.reduceat(neighbours, graph.indptr[:-1])
+        first = np.minimum.reduceat(neighbours, graph.indptr[:-1])
+        cuts = np.arange(int(BALANCE * n), int((1 - BALANCE) * n) + 1)
+        from_left = cuts - np.searchsorted(np.sort(last), cuts)
+        from_right = np.searchsorted(np.sort(first), cuts) - cuts
+        for sizes, reach, is_left in ((from_left, last, True), (from_right, first, False)):
+            t = cuts[np.argmin(sizes)]
+            separator = (place < t) & (reach >= t) if is_left else (place >= t) & (reach < t)
+            found.append((np.flatnonzero(separator), *(np.flatnonzero(side & ~separator) for side in (place < t, place >= t)), 1 - axis))
+    separator, left, right, along = min(found, key=lambda cut: len(cut[0]))
+    return (separator, left, right, along) if len(left) and len(right) else None
+
+
+def _coupled(graph, parts):
+    """Nodes of later parts that each part is coupled to once its children are eliminated."""
+    place = np.empty(graph.shape[0], dtype=int)
+    place[np.concatenate([nodes for nodes, _ in parts])] = np.arange(graph.shape[0])
+    below, end = [], 0
+    for nodes, children in parts:
+        end += len(nodes)
+        reached = np.unique(np.concatenate([graph[nodes].indices, *(below[child] for child in children)]))
+        below.append(reached[place[reached] >= end])
+    return below
+
+
+def _entries(pairs, rank, ends, below):
+    """Per front sources and places of the matrix entries in its pivot block and in the block below, lower triangle by columns."""
+    row, column = (np.broadcast_to(r, (len(pairs), 2, 2)).ravel() for r in (rank[pairs[:, 0]][:, :, None], rank[pairs[:, 1]][:, None]))
+    twice = np.repeat(pairs[:, 0] == pairs[:, 1], 4) & (row < column)
+    source = np.flatnonzero((row >= 0) & (column >= 0) & ~twice).astype(np.int32)
+    low, high = np.minimum(row, column)[source], np.maximum(row, column)[source]
+    owner = np.searchsorted(ends, low, side="right")
+    by_owner = np.argsort(owner, kind="stable")
+    stops = np.searchsorted(owner[by_owner], np.arange(len(ends) + 1))
+    result = []
+    for number, end in enumerate(ends):
+        mine = by_owner[stops[number] : stops[number + 1]]
+        first, end = int(ends[number - 1]) if number else 0, int(end)
+        inside = high[mine] < end
+        corner = low[mine] - first, high[mine] - first
+        place = corner[1] + (end - first) * corner[0]
+        under = np.searchsorted(below[number], high[mine]) + len(below[number]) * corner[0]
+        result.append(((source[mine][inside], place[inside]), (source[mine][~inside], under[~inside].astype(np.int32))))
+    return result
+
+
+def _child(number, rows, first, end, below):
+    """A child's number, its rows (b,) that are pivots of the parent, and the runs of both kinds of its rows in the parent's blocks."""
+    pivots = int(np.searchsorted(rows, end))
+    return number, pivots, (_runs(rows[:pivots] - first), _runs(np.searchsorted(below, rows[pivots:])))
+
+
+def _runs(places):
+    """Slices (of the list, of the places) of consecutive ``places`` (k,)."""
+    starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
+    stops = np.append(starts, len(places))[1:]
+    runs = zip(starts.tolist(), stops.tolist(), places[starts].tolist(), strict=True)
+    return tuple((slice(a, b), slice(place, place + b - a)) for a, b, place in runs)

@@ -1,0 +1,97 @@
+"""Eigenvalues of a factorised tangent against the stiffness of the network: shift-invert Lanczos, Rayleigh-Ritz."""
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg as sla
+
+FOLLOWED = 4  # modes that are carried along a sweep, any of which may become the lowest
+SAME = 1e-8  # part of a vector that is left beside the others where they are next to dependent
+FIRST_ITERATIONS = 4  # inverse iterations for modes of which nothing is known
+MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
+
+
+def network_matrix(pattern, laplacian):
+    """``network_stiffness`` from its entries (p,) by node pairs."""
+    matrix = sp.csr_matrix(pattern.matrix(np.asarray(laplacian)[:, None, None] * np.eye(2)))
+    matrix.eliminate_zeros()
+    return matrix.copy()  # half of the entries were zero, but not given back
+
+
+def extreme_eigenvalues(factor, stiffness):
+    """The lowest eigenvalue of the factorised tangent, and the one nearest zero: the same where none is negative."""
+    nearest = nearest_modes(factor, stiffness, 1)[0][0]
+    return lowest_mode(factor, stiffness)[0] if factor.negative_pivots > 0 else nearest, nearest
+
+
+def lowest_mode(factor, stiffness):
+    """The lowest eigenvalue of the factorised tangent and its mode (f,), by shift-invert Lanczos."""
+    negative = min(factor.negative_pivots, MOST_NEGATIVE)
+    values, modes = nearest_modes(factor, stiffness, max(negative, 1), which="SA" if negative else "LM")
+    return values[0], modes[:, 0]
+
+
+def inverse_iteration(factor, stiffness, start):
+    """Ritz vectors (f, m) of the factorised tangent, ascending, after an inverse iteration from ``start`` (f, m), and N times them."""
+    before = columnwise_products(stiffness, start)
+    vectors, r = np.linalg.qr(factor.apply(before))  # next to a singular tangent all vectors turn into one direction
+    weights, sizes = columnwise_products(stiffness, vectors), np.abs(np.diagonal(r))
+    if sizes.min() > SAME * sizes.max():
+        images = scipy.linalg.solve_triangular(r, before.T, trans="T", check_finite=False).T
+    else:
+        images = columnwise_products(factor.matrix, vectors)
+    _, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
+    return vectors @ turn, weights @ turn
+
+
+def _without_symmetry(f, factor=1):
+    """A fixed vector (f,), or vectors (f, m) for factors (m,), without any symmetry."""
+    return np.sin(1.0 + np.multiply.outer(np.arange(f) ** 1.5, factor))
+
+
+def lowest_of_factor(factor, stiffness):
+    """Modes (f, FOLLOWED) of the factorised tangent with the lowest eigenvalues: the negative ones, or those next to zero."""
+    negative = min(factor.negative_pivots, MOST_NEGATIVE)
+    if negative == 0:
+        vectors = _without_symmetry(stiffness.shape[0], np.arange(1, FOLLOWED + 1))
+        for _ in range(FIRST_ITERATIONS):
+            vectors = np.linalg.qr(factor.apply(stiffness @ vectors))[0]
+        return vectors
+    below = nearest_modes(factor, stiffness, negative, which="SA")[1]  # of 1 / eigenvalue: the negative ones
+    missing = max(FOLLOWED - negative, 0)
+    above = [nearest_modes(factor, stiffness, missing, which="LA")[1]] if missing else []
+    return np.concatenate([below, *above], axis=1)[:, :FOLLOWED]
+
+
+def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
+    """The ``count`` eigenvalues nearest zero of the factorised tangent, ascending, and their modes (f, count), by shift-invert Lanczos.
+
+    ``which`` "SA" takes the negative ones, "LA" the positive ones. With the modes ``before`` (f, count) of a nearby tangent they keep
+    their signs.
+    """
+    inverse = sla.LinearOperator(stiffness.shape, matvec=factor.inverse, dtype=float)
+    start = _without_symmetry(stiffness.shape[0]) if before is None else before.sum(axis=1)
+    values, modes = sla.eigsh(factor.matrix, count, stiffness, 0.0, which=which, OPinv=inverse, v0=start)
+    if before is not None:
+        modes = modes * np.where(np.sum(modes * (stiffness @ before), axis=0) < 0, -1.0, 1.0)
+    rank = np.argsort(values)
+    return values[rank], modes[:, rank]
+
+
+def columnwise_products(matrix, vectors):
+    """Products (f, m) of a sparse matrix with ``vectors`` (f, m), one by one: SciPy's product with all of them takes twice as long."""
+    return np.stack([matrix @ vector for vector in vectors.T], axis=1)
+
+
+def rayleigh_ritz(eigenvalues, images, d, product, weighted):
+    """Lowest eigenvalues (m,) and coefficients (2 m, m) in the basis of m Ritz vectors and m corrections ``d`` (f, m) orthogonal to them.
+
+    ``images`` and ``product`` (f, m) are K times the two, ``weighted`` (f, m) is N d.
+    """
+    m, coupling, corner, gram = len(eigenvalues), images.T @ d, d.T @ product, d.T @ weighted
+    scale = 1 / np.sqrt(np.diagonal(gram) + np.finfo(float).tiny)
+    both = np.block([[np.diag(eigenvalues), coupling * scale], [(coupling * scale).T, 0.5 * (corner + corner.T) * np.outer(scale, scale)]])
+    gram = np.outer(scale, scale) * gram + 1e-9 * np.eye(m)  # two corrections may be the same but for round-off
+    values, coefficients = scipy.linalg.eigh(both, scipy.linalg.block_diag(np.eye(m), gram), check_finite=False)
+    coefficients[m:] *= scale[:, None]
+    return values[:m], coefficients[:, :m]

@@ -1,0 +1,136 @@
+"""Sparse symmetric systems in a fixed pattern: analyse once, factor for each tangent, solve, count negative pivots.
+
+The tangent is handed over as 2 x 2 blocks of node pairs (i <= j); a ``Pattern`` knows where they go in the matrix of the free degrees
+of freedom. Factors are ``multifrontal``; the residual of every solution is checked, which finds the tangents that are singular to
+working precision.
+
+The solver ``"direct"`` keeps factors in double precision, ``"iterative"`` in single precision: half the memory, as the preconditioner of
+an iteration in double precision that ends at the same residual. Both eliminate in double precision, so the inertia is the same, and both
+serve derivatives. ``"auto"``, the default, is the direct one up to ``LARGE_BYTES`` of factor.
+"""
+
+import dataclasses
+import functools
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._threads import few_threads
+from .multifrontal import factorise
+from .pattern import Pattern
+
+MAX_REFINEMENTS = 20
+BACKWARD_ERROR = 1e-12  # largest of an accepted solution
+NEGLIGIBLE = 1e-13  # relative error of the solutions of a matrix near a factorised one
+LEFT = 0.3  # largest share of the error that one of their iterations may leave: where they converge more slowly, a new factor costs less
+ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement: that of a factor in double precision
+COLUMNS = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
+
+
+class SingularTangent(ArithmeticError):
+    """The factorisation met a zero pivot, or its solutions do not solve: the tangent is singular to working precision."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Factor:
+    """A factorised tangent."""
+
+    pattern: Pattern
+    """Its pattern."""
+    matrix: sp.csc_matrix
+    """The free-free matrix it was made from."""
+    fronts: object
+    """``multifrontal.Fronts``."""
+
+    @functools.cached_property
+    def negative_pivots(self):
+        """Number of negative pivots = number of negative eigenvalues of the matrix."""
+        return self.fronts.negative_pivots
+
+    def apply(self, rhs):
+        """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""
+        with few_threads(len(self.pattern.free)):
+            return self.fronts.solve(rhs)
+
+    def inverse(self, rhs):
+        """Solution (f,) or (f, r) as accurate as that of a factor in double precision; not checked where the factor is one."""
+        return self.apply(rhs) if self.pattern.precision is np.float64 else self.solve(rhs)[0]
+
+    def solve(self, rhs, *, refine=True):
+        """Solution (f,) or (f, r) for the right-hand side, and its backward error |b - K x| / (|K| |x| + |b|).
+
+        It is refined until the corrections stop shrinking: in soft modes the residual tells nothing. Without ``refine`` the first
+        solution is taken where it will do for a Newton step. Raises ``SingularTangent`` where refinement does not converge, or to no
+        better backward error than ``BACKWARD_ERROR`` and a residual of 1e-4 of the right-hand side.
+        """
+        rhs = np.asarray(rhs)
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging Newton iterate ends as a status
+            solution, before, scale = self.apply(rhs), np.inf, np.linalg.norm(rhs)
+            for _ in range(MAX_REFINEMENTS):
+                residual, norm = rhs - self.matrix @ solution, np.linalg.norm(solution)
+                size = np.linalg.norm(residual)
+                error = float(size / (self.norm * norm + scale + np.finfo(float).tiny))
+                if not refine and error < ENOUGH:
+                    break
+                correction = self.apply(residual)
+                change = np.linalg.norm(correction)
+                if not change < 0.5 * before:
+                    break
+                solution, before = solution + correction, change
+            else:
+                error = np.inf
+        if not (error < BACKWARD_ERROR and size <= 1e-4 * scale):
+            raise SingularTangent(f"the linear solve left a backward error of {error:.1e}")
+        return solution, error
+
+    def solve_other(self, rhs, product):
+        """Solution (f,) for another matrix, by its ``product`` with vectors (f,); None where that is far from the factorised one.
+
+        Conjugate gradients with the factor as preconditioner: where the two matrices differ by a share s, an iteration leaves about s / 2
+        of the error. That is measured in the norm of the factorised matrix, in which stiff and soft directions count alike. The last
+        step is a plain correction, which needs no product and leaves the share s, at most twice what the slowest iteration left: at most
+        ``NEGLIGIBLE`` of the solution remains. Of an indefinite matrix the norm may happen to vanish: then None as well.
+        """
+        solution, residual, slowest, apply = np.zeros(len(rhs)), rhs, 0.0, self.fronts.solve
+        with few_threads(len(rhs)), np.errstate(all="ignore"):  # a far matrix ends as None
+            direction = z = apply(rhs)
+            size = residual @ z
+            left, enough = np.inf, NEGLIGIBLE**2 * abs(size)
+            while not left <= enough or not enough:
+                image = product(direction)
+                step = size / (direction @ image)
+                solution, residual = solution + step * direction, residual - step * image
+                z = apply(residual)
+                size, last = residual @ z, size
+                slowest = max(abs(size / last), slowest)  # nan if that is
+                if not slowest < LEFT**2:
+                    return None
+                direction, left = z + size / last * direction, 4 * slowest * abs(size)
+        return solution + z
+
+    @functools.cached_property
+    def size(self):
+        """Bytes it fills: the fronts and the matrix."""
+        return self.fronts.size + 8 * self.matrix.nnz
+
+    @functools.cached_property
+    def norm(self):
+        """Largest column sum of the matrix, an upper bound of its spectral norm."""
+        data, first = self.matrix.data, self.matrix.indptr[:-1]
+        starts = np.split(first, range(COLUMNS, len(first), COLUMNS))
+        stops = [*(start[0] for start in starts[1:]), len(data)]
+        sums = (np.add.reduceat(np.abs(data[a[0] : b]), a - a[0]).max() for a, b in zip(starts, stops, strict=True))
+        return float(max(sums))
+
+
+def factor(pattern, pairs):
+    """``Factor`` of the tangent given by pair blocks (n_pairs, 2, 2); raises ``SingularTangent``."""
+    pattern = pattern.fitting(pairs)
+    matrix = pattern.matrix(pairs)
+    if not np.all(np.isfinite(matrix.data)):
+        raise SingularTangent("the tangent is not finite")
+    try:
+        with few_threads(len(pattern.free)), np.errstate(over="ignore", invalid="ignore"):
+            return Factor(pattern, matrix, factorise(pattern.tree, pattern.entries(pairs), pattern.precision))
+    except np.linalg.LinAlgError as error:
+        raise SingularTangent(str(error)) from error

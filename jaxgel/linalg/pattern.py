@@ -1,0 +1,113 @@
+"""Where the blocks of node pairs go in the matrix of the free degrees of freedom."""
+
+import copy
+import dataclasses
+
+import numpy as np
+import scipy.sparse as sp
+
+from .dissection import dissect
+
+SOLVERS = ("auto", "direct", "iterative")
+LARGE_BYTES = 2**31  # of a factor in double precision, above which "auto" is "iterative": 1.3e5 nodes of sample 1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Pattern:
+    """Where the entries of node-pair blocks go in the free-free matrix; NumPy arrays, hashed by identity."""
+
+    n_pairs: int
+    """Number of node pairs i <= j."""
+    free: np.ndarray
+    """(f,) or (f, k) degrees of freedom of each unknown, see ``constraints``."""
+    structure: sp.csc_matrix
+    """The free-free matrix (f, f) of a tangent with, in place of its values, ``source``."""
+    tree: object
+    """``multifrontal.Tree``."""
+    joined: sp.csr_matrix | None = None
+    """Takes the entries of the pair blocks (4 n_pairs,) to those of the pairs of nodes that stand for others; None where all do."""
+    narrower: object = None
+    """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
+    solver: str = "auto"
+    """``"direct"``, ``"iterative"``, or ``"auto"``: by the size of the factor."""
+
+    @property
+    def precision(self):
+        """Type of the numbers in which factors are kept."""
+        large = 8 * self.tree.fill > LARGE_BYTES
+        return np.float32 if self.solver == "iterative" or (self.solver == "auto" and large) else np.float64
+
+    @property
+    def source(self):
+        """(nnz,) entry of the flattened pair blocks, joined where nodes move together, that each stored matrix entry takes."""
+        return self.structure.data
+
+    def fitting(self, pairs):
+        """The narrower pattern where it holds all of the pair blocks (n_pairs, 2, 2), otherwise this one."""
+        return self.narrower if self.narrower is not None and not np.any(np.asarray(pairs)[self.narrower.n_pairs :]) else self
+
+    def matrix(self, pairs):
+        """The free-free matrix (f, f), CSC, from pair blocks (n_pairs, 2, 2)."""
+        matrix = copy.copy(self.structure)  # the constructor would check the indices once more
+        matrix.data = self.entries(pairs)[self.source]
+        return matrix
+
+    def entries(self, pairs):
+        """Entries (e,) of the pair blocks (n_pairs, 2, 2), added up where nodes move together."""
+        entries = np.asarray(pairs)[: self.n_pairs].reshape(-1)
+        return entries if self.joined is None else self.joined @ entries
+
+
+def analyse(pair_nodes, points, free, solver="auto"):
+    """``Pattern`` for node pairs (p, 2) with i <= j between nodes at ``points`` (n, 2) and free degrees of freedom (f,).
+
+    The pairs include (i, i) for every node.
+    """
+    n_pairs, joined = len(pair_nodes), None
+    if free.ndim == 2:
+        pair_nodes, joined = _join(pair_nodes, len(points), free)
+    own = free if joined is None else free[:, 0]
+    local = np.full(2 * len(points), -1)
+    local[own] = np.arange(len(own))
+    structure = _sources(pair_nodes, len(points))[own][:, own]
+    structure.sort_indices()
+    tree = dissect(pair_nodes, local.reshape(-1, 2), points)
+    return Pattern(n_pairs, free, structure.T, tree, joined, solver=solver)
+
+
+def _sources(pairs, n):
+    """Transpose (2 n, 2 n) of the matrix that has, where node pairs (p, 2) put an entry, its number in their blocks (p, 2, 2)."""
+    graph = _pair_graph(pairs, n)
+    order = np.array([[[0, 1], [2, 3]], [[0, 2], [1, 3]]], dtype=np.int32)[(graph.data < 0).astype(np.int8)]
+    blocks = 4 * (np.abs(graph.data) - 1)[:, None, None] + order
+    return sp.bsr_matrix((blocks, graph.indices, graph.indptr), shape=(2 * n, 2 * n)).tocsr()
+
+
+def _pair_graph(pairs, n):
+    """Sparse matrix (n, n) with the number of each node pair (p, 2), i <= j, counted from 1: negative at (j, i), and where i = j."""
+    i, j = pairs.T
+    apart, number = i != j, np.arange(1, len(pairs) + 1, dtype=np.int32)
+    ends = np.concatenate([i, j[apart]]), np.concatenate([j, i[apart]])
+    return sp.csr_matrix((np.concatenate([np.where(apart, number, -number), -number[apart]]), ends), shape=(n, n))
+
+
+def _join(pair_nodes, n, free):
+    """Pairs (q, 2) of nodes that stand for others, and the matrix (4 q, 4 p) that adds up the blocks of the pairs (p, 2) they stand for."""
+    first = np.arange(n)
+    for column in free.T[1:]:
+        real = column < 2 * n
+        first[column[real] // 2] = free[real, 0] // 2
+    pairs = first[pair_nodes]
+    flipped = pairs[:, 0] > pairs[:, 1]
+    keys = np.sort(pairs, axis=1) @ [n, 1]
+    known = np.union1d(keys, np.arange(n) * (n + 1))
+    place = np.searchsorted(known, keys)
+    block, turned = np.arange(4).reshape(2, 2), np.arange(4).reshape(2, 2).T
+    p = np.arange(len(pairs))
+    rows, columns = [4 * place[:, None] + np.where(flipped[:, None], turned.ravel(), block.ravel())], [4 * p[:, None] + block.ravel()]
+    both = (pairs[:, 0] == pairs[:, 1]) & (pair_nodes[:, 0] != pair_nodes[:, 1])  # a node and its image: the block and its transpose
+    rows.append(4 * place[both][:, None] + turned.ravel())
+    columns.append(4 * p[both][:, None] + block.ravel())
+    rows, columns = (np.concatenate(parts).ravel() for parts in (rows, columns))
+    joined = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(4 * len(known), 4 * len(pairs)))
+    return np.stack([known // n, known % n], axis=1), joined

@@ -1,0 +1,58 @@
+"""Stress and tangent of Deng et al. (2020), Eqs. (5)-(9), in the freely swollen reference."""
+
+import jax.numpy as jnp
+
+from .gel import _det, flory_rehner, free_energy, neo_hookean
+from .swelling import free_swelling
+
+
+def paper_free_energy(F_prime, mu, gel):
+    """Free energy (), in kT/v per volume of the freely swollen state C_mu, at F = F_mu F'; Eq. (5). W / J_mu, without a constant."""
+    stretch = free_swelling(mu, gel)
+    return free_energy(stretch * F_prime, mu, gel) / stretch**2
+
+
+def paper_stress(G, mu, gel, stretch=None):
+    """Second Piola-Kirchhoff stress S (2, 2), in kT/v, in the reference C_mu; Eq. (6), for the default energy.
+
+    ``G`` (2, 2) = F'^T F' is the in-plane right Cauchy-Green tensor; G33 = 1, since F_mu = diag(l, l, 1) has J_mu = l^2.
+    ``stretch`` () is l = ``free_swelling(mu, gel)`` where it is known.
+    """
+    B, _, _ = _paper_coefficients(G, mu, gel, stretch)
+    return gel.Nv * jnp.eye(2) + B * _inverse(G).T
+
+
+def paper_tangent(G, mu, gel, stretch=None):
+    """Tangent D_ijkl = 2 dS_ij/dG_kl (2, 2, 2, 2), in kT/v, at ``G`` (2, 2); Eqs. (8)-(9). Arguments as of ``paper_stress``."""
+    B, C, J = _paper_coefficients(G, mu, gel, stretch)
+    inverse = _inverse(G)
+    return 2 * B / J**2 * _cofactor_derivative() + C * jnp.einsum("ji,lk->ijkl", inverse, inverse)
+
+
+def voigt(D):
+    """Matrix (3, 3) of a tangent (2, 2, 2, 2) in the order 11, 22, 12, components as they are: for strains with 2 E_12 in third place."""
+    rows, columns = jnp.array([0, 1, 0]), jnp.array([0, 1, 1])
+    return D[rows[:, None], columns[:, None], rows[None, :], columns[None, :]]
+
+
+def _paper_coefficients(G, mu, gel, stretch):
+    """B of Eq. (6), C of Eq. (8) = J' dB/dJ' - 2 B, and J'."""
+    if gel.network is not neo_hookean or gel.volumetric is not flory_rehner:
+        raise ValueError("gel: Eqs. (6)-(9) hold for the Flory-Rehner energy only; differentiate free_energy for another")
+    stretch = free_swelling(mu, gel) if stretch is None else stretch
+    Jm, J = stretch**2, jnp.sqrt(_det(G))
+    logarithm = -J * jnp.log1p(1 / (Jm * J - 1))  # J' ln(1 - 1/(J_mu J'))
+    mixing = gel.chi / (Jm**2 * J)
+    B = (1 - gel.Nv) / Jm + logarithm + mixing - mu * J
+    C = -2 * (1 - gel.Nv) / Jm + J / (Jm * J - 1) - logarithm + mu * J - 3 * mixing
+    return B, C, J
+
+
+def _cofactor_derivative():
+    """Q_ijkl (2, 2, 2, 2) of Eq. (9) with G33 = 1: dcof(G)_ij/dG_kl of cof(G)_ij = e_ik e_jl G_kl, with G_12 and G_21 varied together."""
+    e = jnp.array([[0.0, 1.0], [-1.0, 0.0]])
+    return (jnp.einsum("ik,jl->ijkl", e, e) + jnp.einsum("il,jk->ijkl", e, e)) / 2
+
+
+def _inverse(A):
+    return jnp.array([[A[1, 1], -A[0, 1]], [-A[1, 0], A[0, 0]]]) / _det(A)

@@ -1,0 +1,121 @@
+"""The gel: its free energy, what follows from it by differentiation, and its homogeneous states.
+
+Plane strain with respect to the dry state: ``F`` (2, 2) is the in-plane total deformation gradient, F33 = 1, J = det F. Energies
+and stresses are per dry volume (Cauchy stress: per current area) in kT/v, the chemical potential ``mu`` is in kT. The energy has
+two parts,
+
+    W(F, mu) = network(F, gel) + volumetric(J, gel) - mu (J - 1),
+
+so that a mixed method can take the second at its own volume ratio. ``pressure`` is p = d volumetric / dJ - mu, positive in
+tension: the Cauchy stress is (dnetwork/dF) F^T / J + p I. Every function is pure, for one state; those of the scalars J, p and
+mu also take arrays. Sources: Deng et al. (2020), Eqs. (1)-(9) and (59); Hong, Liu & Suo (2009).
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from .swelling import _check, _elementwise
+
+
+def neo_hookean(F, gel):
+    """Network energy of Gaussian chains, Nv/2 (I - 3), in kT/v; with F33 = 1 this is Nv/2 (F:F - 2)."""
+    return gel.Nv / 2 * (jnp.sum(F**2) - 2)
+
+
+def flory_huggins(J, chi):
+    """Energy of mixing polymer and solvent, -(J-1) ln(J/(J-1)) - chi/J, in kT/v per dry volume; J > 1.
+
+    ln(J/(J-1)) = log1p(1/(J-1)) is accurate for every J, both next to the dry state and far from it.
+    """
+    return -(J - 1) * jnp.log1p(1 / (J - 1)) - chi / J
+
+
+def flory_rehner(J, gel):
+    """The part of the Flory-Rehner energy that depends on J alone: mixing, and -Nv ln J of the network; Eq. (1)."""
+    return flory_huggins(J, gel.chi) - gel.Nv * jnp.log(J)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Gel:
+    """A gel; a pytree whose data are ``Nv`` and ``chi``, so both may be traced. ``check_gel`` validates.
+
+    ``network`` is ``neo_hookean``, ``Gent(Jm)``, ``ArrudaBoyce(N)`` or a user's own; an own energy is two plain functions of (F, gel)
+    and (J, gel). Define them once, at module level: a new function object compiles anew. A gel with more parameters is any
+    registered dataclass with these four attributes and its own.
+    """
+
+    Nv: Any = 1e-3  # chains per dry volume times solvent molecule volume (); the shear modulus of the dry network in kT/v
+    chi: Any = 1e-4  # enthalpy of mixing, Flory's parameter ()
+    network: Callable = dataclasses.field(default=neo_hookean, kw_only=True, metadata={"static": True})  # (F (2, 2), gel) -> ()
+    volumetric: Callable = dataclasses.field(default=flory_rehner, kw_only=True, metadata={"static": True})  # (J (), gel) -> ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Gent:
+    """Network energy of Gent (1996), -Nv Jm/2 ln(1 - (I-3)/Jm): chains of finite length; I - 3 < ``Jm``, NaN beyond."""
+
+    Jm: float  # the largest I - 3 ()
+
+    def __post_init__(self):
+        _check("Jm", self.Jm, lambda v: 0 < v < math.inf, "a finite number > 0")
+
+    def __call__(self, F, gel):
+        return -gel.Nv * self.Jm / 2 * jnp.log1p(-(jnp.sum(F**2) - 2) / self.Jm)
+
+
+@dataclasses.dataclass(frozen=True)
+class ArrudaBoyce:
+    """Network energy of Arruda & Boyce (1993), five terms in I/N, for chains of ``N`` links.
+
+    Scaled to the initial shear modulus Nv whatever ``N``, so that the dry network is free of stress together with -Nv ln J.
+    """
+
+    N: float  # links per chain ()
+
+    def __post_init__(self):
+        _check("N", self.N, lambda v: 0 < v < math.inf, "a finite number > 0")
+
+    def __call__(self, F, gel):
+        invariant = jnp.sum(F**2) + 1
+        terms = [c / self.N**i for i, c in enumerate((1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750))]
+        initial = 2 * sum(c * (i + 1) * 3**i for i, c in enumerate(terms))
+        return gel.Nv / initial * sum(c * (invariant ** (i + 1) - 3 ** (i + 1)) for i, c in enumerate(terms))
+
+
+def free_energy(F, mu, gel):
+    """Free energy () per dry volume, in kT/v, at the deformation gradient ``F`` (2, 2); NaN unless det F > 1.
+
+    The Legendre transform of Eq. (1) with 1 + vC = J; Eq. (5) is this divided by J_mu, see ``paper_free_energy``.
+    """
+    J = _det(F)
+    return gel.network(F, gel) + gel.volumetric(J, gel) - mu * (J - 1)
+
+
+def cauchy_stress(F, mu, gel, pressure=None):
+    """In-plane Cauchy stress (2, 2), in kT/v, at ``F`` (2, 2); ``pressure`` () replaces ``osmotic(J, mu, gel)`` if given.
+
+    A mixed method passes its own pressure. The stress out of plane does not follow from an energy of the in-plane ``F``.
+    """
+    J = _det(F)
+    pressure = osmotic(J, mu, gel) if pressure is None else pressure
+    return jax.grad(gel.network)(F, gel) @ F.T / J + pressure * jnp.eye(2)
+
+
+def osmotic(J, mu, gel):
+    """Pressure p = d volumetric / dJ - ``mu``, in kT/v, at the volume ratio ``J`` (...) > 1."""
+    return _elementwise(jax.grad(gel.volumetric), J, gel) - mu
+
+
+def bulk_stiffness(J, gel):
+    """dp/dJ, in kT/v, at the volume ratio ``J`` (...) > 1; about 1/(J-1), so 1e3 to 1e5 times Nv over most of a sweep."""
+    return _elementwise(jax.grad(jax.grad(gel.volumetric)), J, gel)
+
+
+def _det(A):
+    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]

@@ -1,0 +1,188 @@
+"""Volume ratio at a pressure, free and uniaxial swelling, and the largest chemical potential of a gel."""
+
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+SMALLEST_SWELLING, LARGEST_SWELLING = 1e-14, 1e8  # bounds of J - 1 in the search for a volume ratio
+_MOST_STEPS = 100  # 52 bisections take the whole interval of ln(J - 1) to round-off
+
+
+def check_gel(gel, mu=None):
+    """Raise ValueError, one line, unless Nv > 0, 0 < chi < 2 and ``mu`` (number or array, if given) is finite; traced values pass."""
+    _check("Nv", gel.Nv, lambda v: 0 < v < math.inf, "a finite number > 0")
+    _check("chi", gel.chi, lambda v: 0 < v < 2, "a number in (0, 2), bounds excluded")
+    if mu is not None and not any(isinstance(value, Tracer) for value in jax.tree.leaves(mu)):
+        for value in np.ravel(np.asarray(mu, dtype=object)):
+            _check("mu", value, math.isfinite, "a finite number (chemical potential in kT)")
+
+
+def _volume_only(J, gel):
+    return gel.volumetric(J, gel)
+
+
+def _free(J, gel):
+    return gel.network(jnp.sqrt(J) * jnp.eye(2), gel) + gel.volumetric(J, gel)
+
+
+def _uniaxial(J, gel):
+    return gel.network(jnp.diag(jnp.stack([jnp.ones_like(J), J])), gel) + gel.volumetric(J, gel)
+
+
+@jax.jit
+def volume_ratio_at(p, mu, gel):
+    """Volume ratio J (...) > 1 at which ``osmotic(J, mu, gel)`` equals ``p`` (...): the inverse of ``osmotic``. Finite for every p.
+
+    The pressure grows from -inf at J = 1 to ``largest_pressure``: -mu at J = inf for 2 chi < (1 + sqrt(Nv))^2, else the maximum at
+    the spinodal, where dp/dJ = 0. The root between, on the side of the dry state, is returned; there dp/dJ > 0. For a larger p it
+    is the J of the largest pressure, at most 1 + LARGEST_SWELLING, and for p + mu below about -31 it is 1 + SMALLEST_SWELLING; the
+    derivatives are then 0. Of a user's ``volumetric`` the first increasing part is inverted.
+
+    >>> volume_ratio_at(-0.1, -0.5, Gel(Nv=1e-3, chi=0.1)).round(6)
+    Array(1.32168, dtype=float64)
+    """
+    return _elementwise(functools.partial(_volume_ratio, _volume_only), jnp.asarray(p, float) + mu, gel)[0]
+
+
+@jax.jit
+def free_swelling(mu, gel):
+    """In-plane stretch l (...) of the gel that swells freely at ``mu`` (...): dW/dl = 0 at F = diag(l, l, 1); Eq. (6) with S = 0.
+
+    The root that is connected with the dry state (see ``volume_ratio_at``); NaN from ``largest_mu`` on.
+
+    >>> free_swelling(-0.1688, Gel(Nv=1e-3, chi=1e-5)).round(4)
+    Array(1.451, dtype=float64)
+    """
+    return jnp.sqrt(_volume_ratio_or_nan(_free, mu, gel))
+
+
+@jax.jit
+def uniaxial_swelling(mu, gel):
+    """Stretch l2 (...) of the gel that swells along x2 only, at ``mu`` (...): dW/dl2 = 0 at F = diag(1, l2, 1); Eq. (59).
+
+    Exists for every mu with a neo-Hookean network and chi <= 1/2, up to l2 = LARGEST_SWELLING; NaN where no root is connected with
+    the dry state.
+    """
+    return _volume_ratio_or_nan(_uniaxial, mu, gel)
+
+
+@jax.jit
+def largest_mu(gel):
+    """Supremum () of the chemical potentials, in kT, that have a ``free_swelling`` connected with the dry state.
+
+    Nv for the default energy with 2 chi < (1 + sqrt(Nv))^2, else the value at the spinodal, where the swelling would jump; a huge
+    number for networks that lock, such as ``Gent``. First derivatives only. A plate whose edges are held can be taken beyond; only its
+    free-swelling stretch does not exist there.
+    """
+    return _largest_slope(_free, gel)
+
+
+@jax.jit
+def largest_pressure(mu, gel):
+    """Supremum (...) of the pressures, in kT/v, that the gel can carry at ``mu`` (...): see ``volume_ratio_at``."""
+    return _largest_slope(_volume_only, gel) - jnp.asarray(mu, float)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+@functools.partial(jax.jit, static_argnums=0)
+def _volume_ratio(energy, target, gel):
+    """The first J () from the dry state on at which d energy(J, gel)/dJ = ``target`` (), by Newton's method in u = ln(J - 1), and if it is.
+
+    The search is on the branch of ``_branch_end``, where the slope g(u) = d energy/dJ increases; a ``target`` outside its range
+    gives the nearer end and False. For the Flory-Rehner gel g starts as u + constant and is concave (0 < chi < 2, Nv < 2), so the iterates
+    rise to the root from the left. In general ``below`` and ``above`` bracket it, and a Newton step that leaves the bracket or is
+    not at most half the last step is replaced by bisection.
+    """
+    ends = least, end = jnp.stack([jnp.log(SMALLEST_SWELLING), _branch_end(energy, gel)])
+    lowest, highest = jax.vmap(lambda u: _slopes(energy, u, gel)[0])(ends)
+
+    def body(state):
+        u, below, above, last, _, steps = state
+        slope, stiffness = _slopes(energy, u, gel)
+        left = slope < target
+        below, above = jnp.where(left, u, below), jnp.where(left, above, u)
+        newton = (target - slope) / (stiffness * jnp.exp(u))
+        accepted = (u + newton > below) & (u + newton < above) & (2 * jnp.abs(newton) <= last)
+        u_next = jnp.where(slope == target, u, jnp.where(accepted, u + newton, (below + above) / 2))
+        step = jnp.abs(u_next - u)
+        error = jnp.where(accepted | (slope == target), 100 * step**2, above - below)  # Newton's next step is about its square
+        return u_next, below, above, step, error, steps + 1
+
+    def going(state):
+        u, _, _, _, error, steps = state
+        return (error * jnp.exp(u) > 4e-15 * jnp.maximum(jnp.exp(u), 1.0)) & (steps < _MOST_STEPS)  # the resolution of u, or of J
+
+    start = jnp.clip(jnp.minimum(target - 3, -2.0), least, end)  # g(u) < u + 1 + chi: left of the root
+    start = jnp.where(target >= highest, end, start)
+    infinity = jnp.full_like(start, jnp.inf)
+    state = (start, least, end, infinity, infinity, 0)
+    return 1 + jnp.exp(jax.lax.while_loop(going, body, state)[0]), (lowest < target) & (target < highest)
+
+
+@_volume_ratio.defjvp
+def _volume_ratio_jvp(energy, primals, tangents):
+    """g(J, gel) = target gives g_J dJ + g_gel dgel = dtarget; 0 where J is an end of the branch and solves nothing."""
+    target, gel = primals
+    J, solved = _volume_ratio(energy, target, gel)
+    stiffness = jax.grad(jax.grad(energy))(J, gel)
+    _, from_gel = jax.jvp(lambda gel: jax.grad(energy)(J, gel), (gel,), (tangents[1],))
+    J_dot = jnp.where(solved, (tangents[0] - from_gel) / jnp.where(solved, stiffness, 1.0), 0.0)
+    return (J, solved), (J_dot, np.zeros(solved.shape, jax.dtypes.float0))
+
+
+def _branch_end(energy, gel):
+    """End of the branch: the u = ln(J - 1) up to which the slope of ``energy`` increases from the dry state on.
+
+    That is its first maximum, the end of the domain of the energy, or the bound of the search. It is found by scanning, and
+    scanning again the last interval; the first scan has steps of 0.1 and may miss a fold that is narrower.
+    """
+
+    def increasing(u):
+        return jnp.isfinite(energy(1 + jnp.exp(u), gel)) & (_slopes(energy, u, gel)[1] > 0)
+
+    def scan(_, interval):
+        u = jnp.linspace(interval[0], interval[1], 512)
+        falls = ~jax.vmap(increasing)(u)
+        first = jnp.argmax(falls)
+        return jnp.where(jnp.any(falls), jnp.stack([u[jnp.maximum(first - 1, 0)], u[first]]), interval[1])
+
+    gel = jax.lax.stop_gradient(gel)
+    whole = jnp.array([math.log(SMALLEST_SWELLING), math.log(LARGEST_SWELLING)])
+    return jax.lax.fori_loop(0, 4, scan, whole)[0]
+
+
+def _slopes(energy, u, gel):
+    """First and second derivative of ``energy`` with respect to J at J = 1 + exp(u)."""
+    return jax.value_and_grad(jax.grad(energy))(1 + jnp.exp(u), gel)
+
+
+def _largest_slope(energy, gel):
+    """Supremum () of d energy/dJ on the branch of ``_branch_end``; its J is held, so first derivatives are right, second ones not."""
+    return _slopes(energy, _branch_end(energy, gel), gel)[0]
+
+
+def _volume_ratio_or_nan(energy, target, gel):
+    J, solved = _elementwise(functools.partial(_volume_ratio, energy), jnp.asarray(target, float), gel)
+    return jnp.where(solved, J, jnp.nan)
+
+
+def _elementwise(function, x, gel):
+    """``function(x (), gel)`` at every element of ``x`` (...)."""
+    gel = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), gel)
+    return jnp.vectorize(lambda x: function(x, gel))(jnp.asarray(x, float))
+
+
+def _check(name, value, accepted, text):
+    if isinstance(value, Tracer):
+        return
+    try:
+        number = math.nan if isinstance(value, str) or np.ndim(value) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not accepted(number):
+        shown = repr(value) if math.isnan(number) and not isinstance(value, np.generic | jax.Array) else f"{number:g}"
+        raise ValueError(f"{name}: {shown} is not accepted, it must be {text}")

@@ -1,0 +1,129 @@
+"""Essential conditions of a plate: which degrees of freedom are free, which move together, and where the others are held.
+
+Degrees of freedom are numbered 2 node + component. The unknowns of a plate are an array ``free`` of such numbers: (f,), or with periodic
+edges (f, k), where a row lists the degrees of freedom that move together, first the one that stands for them, padded with 2 n. Held ones
+follow the plate's macroscopic deformation and the displacement of their edge, and so do the two sides of a periodic cell relative to
+each other: a roller holds the component normal to its edge, a fixed edge both.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..cloud import thin_plate_matrix
+from ..geometry import EDGES, held_components
+
+
+def free_dofs(topology):
+    """The unknowns ``free`` (f,) or (f, k), see above; ValueError as `check_edges`."""
+    plate, walls, n = topology.plate, topology.wall_nodes, len(topology.node_vertices)
+    free, held = np.ones((n, 2), dtype=bool), np.zeros(2, dtype=int)
+    for edge in EDGES:
+        for component in held_components(plate.edges, edge):
+            free[walls[edge], component] = False
+            held[component] += len(walls[edge])
+    if "periodic" in plate.edges.values():
+        first = periodic_images(topology)
+        corner = first[walls["left"][0] if plate.edges["left"] == "periodic" else walls["bottom"][0]]
+        free[corner, held == 0] = False  # a periodic cell has its place by convention
+        return _tied(first, free)
+    check_edges(plate)
+    return np.flatnonzero(free.ravel())
+
+
+def check_edges(plate):
+    """Raise ValueError, one line, for edges that leave the plate free to slide."""
+    held = {component for edge in EDGES for component in held_components(plate.edges, edge)}
+    if len(held) < 2 and "periodic" not in plate.edges.values():
+        raise ValueError(f"edges: {_named(plate)} leave the plate free to slide; hold at least one edge normal to each direction")
+
+
+def check_room(plate):
+    """Raise ValueError, one line, for a plate that fills a closed box: no state has a volume ratio above 1 everywhere."""
+    if not plate.holes and "free" not in plate.edges.values() and not _box_area(plate) > plate.width * plate.height * (1 + 1e-12):
+        raise ValueError(f"edges: {_named(plate)} leave no room to swell in; add a hole, free an edge or move one outwards")
+
+
+def _named(plate):
+    return ", ".join(f"{edge} {condition}" for edge, condition in plate.edges.items())
+
+
+def _box_area(plate):
+    """Area of the rectangle or parallelogram that the plate's edges enclose once they have moved."""
+    (w, h), F, by = (plate.width, plate.height), np.array(plate.deformation), plate.displacement
+    corners = ("left", "bottom"), ("right", "bottom"), ("left", "top")
+    at = [F @ [w * (side == "right"), h * (end == "top")] + [by[side][0], by[end][1]] for side, end in corners]
+    return float(np.linalg.det([at[1] - at[0], at[2] - at[0]]))
+
+
+def periodic_images(topology):
+    """For each node the node (n,) that stands for it: itself, or its image on the left or bottom edge; ValueError where there is none."""
+    plate, first = topology.plate, np.arange(len(topology.node_vertices))
+    nodes = topology.partition.vertices[topology.node_vertices]
+    for edge, opposite, along in (("right", "left", 1), ("top", "bottom", 0)):
+        if plate.edges[edge] != "periodic":
+            continue
+        here, there = topology.wall_nodes[edge], topology.wall_nodes[opposite]
+        if len(here) != len(there) or np.abs(nodes[here, along] - nodes[there, along]).max() > 1e-9 * topology.spacing:
+            raise ValueError(f"edges: {edge} and {opposite} are periodic but their nodes do not face each other; refine them alike")
+        first[here] = first[there]
+    return first[first]
+
+
+def _tied(first, free):
+    """Rows of degrees of freedom that move together, from the node (n,) that stands for each one and the free components (n, 2)."""
+    order = np.argsort(first, kind="stable")  # a node that stands for others has the lowest number of them
+    groups = np.split(order, np.flatnonzero(np.diff(first[order])) + 1)
+    most = max(map(len, groups))
+    nodes = np.array([[*group, *[len(first)] * (most - len(group))] for group in groups])
+    rows = 2 * nodes[:, None, :] + np.arange(2)[:, None]
+    unknown = np.append(free, [[True, True]], axis=0)[nodes].all(axis=1)
+    return np.minimum(rows, 2 * len(first))[unknown]
+
+
+def reduced(forces, free):
+    """Generalised forces (f,) on the unknowns for nodal forces (n, 2): the sums over what moves together."""
+    forces = jnp.asarray(forces).ravel()
+    return forces[free] if free.ndim == 1 else forces.at[free].get(mode="fill", fill_value=0.0).sum(axis=1)
+
+
+def spread(vector, shape, free):
+    """Nodal field (n, 2) of a vector (f,) of the unknowns, zero where nothing is free."""
+    vector = vector if free.ndim == 1 else vector[:, None]
+    return jnp.zeros(shape).ravel().at[free].add(vector, mode="drop").reshape(shape)
+
+
+def picked(field, free):
+    """Values (f,) of a nodal field (n, 2) at the degrees of freedom that stand for the unknowns."""
+    return field.ravel()[free if free.ndim == 1 else free[:, 0]]
+
+
+def lift(values, positions, free):
+    """Nodal positions (n, 2) with the unknowns at ``values`` (f,) and the rest as in ``positions`` (n, 2), which satisfy the conditions."""
+    return positions + spread(values - picked(positions, free), positions.shape, free)
+
+
+def carried(moved, plate, free):
+    """The nodal field (n, 2) that a motion (n, 2) of the dry nodes gives the deformed ones with the unknowns at rest."""
+    field = moved @ np.array(plate.deformation).T
+    return field - spread(picked(field, free), field.shape, free)
+
+
+def start_positions(topology, nodes):
+    """Nodal positions (n, 2), mm, that satisfy the conditions: the dry ``nodes`` (n, 2) deformed as the plate's edges are."""
+    return nodes @ np.array(topology.plate.deformation).T + _edge_displacement(topology)
+
+
+def _edge_displacement(topology):
+    """Nodal displacements (n, 2) by the prescribed ones of the edges, carried inwards by a thin-plate spline."""
+    plate, nodes = topology.plate, topology.partition.vertices[topology.node_vertices]
+    field = np.zeros(nodes.shape)
+    for component in range(2) if any(map(any, plate.displacement.values())) else ():
+        prescribed = {}
+        for edge in EDGES:
+            if component in held_components(plate.edges, edge):
+                prescribed |= dict.fromkeys(topology.wall_nodes[edge].tolist(), plate.displacement[edge][component])
+        at, values = np.array(list(prescribed), dtype=int), np.array(list(prescribed.values()))
+        even = len(values) == 0 or np.ptp(values) == 0  # also where all lie on one line, through which there is no spline
+        field[:, component] = values[:1].sum() if even else thin_plate_matrix(nodes[at], nodes, plate.width) @ values
+        field[at, component] = values
+    return field[periodic_images(topology)]

@@ -1,0 +1,122 @@
+"""Dead loads, body force and edge traction, as nodal forces that are consistent with the shape functions.
+
+The integrals run over the cells and edges that partition the dry gel, with the points of the conforming quadrature, whatever the
+model's own quadrature is. So the sum of the nodal forces is the total load, and a uniform traction balances a uniform stress.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._validation import PAIR, did_you_mean, finite_numbers, tabled
+from ..cloud import edge_points
+from ..discretisation import make_probe, wall_ends
+from ..geometry import EDGES, edge_lines, held_components
+
+BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that counts as none
+
+
+@dataclasses.dataclass(frozen=True)
+class Loads:
+    """Constant dead loads, as a case file gives them; ValueError for what is not two numbers or an unknown edge."""
+
+    body_force: tuple | None = dataclasses.field(default=None, metadata={"schema": PAIR})
+    """(2,) force per dry area, kT/v per mm; None for none."""
+    traction: Mapping = dataclasses.field(default_factory=dict, metadata={"schema": tabled(dict.fromkeys(EDGES, PAIR))})
+    """Edge -> force (2,) per dry length, kT/v."""
+
+    def __post_init__(self):
+        if self.body_force is not None:
+            object.__setattr__(self, "body_force", finite_numbers(self.body_force, (2,), "loads.body_force"))
+        if not isinstance(self.traction, Mapping):
+            raise ValueError(f"loads.traction: {self.traction!r} is not a table such as {{ top = [0.0, 1e-3] }}")
+        for edge in self.traction:
+            if edge not in EDGES:
+                raise ValueError(f"loads.traction: unknown edge {edge!r}; {did_you_mean(edge, EDGES)}")
+        traction = {edge: finite_numbers(force, (2,), f"loads.traction.{edge}") for edge, force in self.traction.items()}
+        object.__setattr__(self, "traction", traction)
+
+    def of(self, model):
+        """``load_vector`` (n, 2) of a model; None where there is no load."""
+        return load_vector(model, body_force=self.body_force, traction=self.traction) if self.body_force or self.traction else None
+
+
+def load_vector(model, *, body_force=None, traction=None):
+    """Nodal forces (n, 2), kT/v mm, of dead loads: the ``loads`` of ``sweep``. Their work is sum(loads * x).
+
+    ``body_force`` is a constant (2,) or a function from a dry point (2,), mm, to (2,): force per dry area in kT/v per mm. ``traction``
+    maps edges of the plate, "left", "right", "bottom", "top", to constants (2,) or functions of the dry point: force per dry length in
+    kT/v. On held edges the shape functions are linear between the wall nodes, as in ``discretise``; there only the component along
+    a roller edge has an effect. Raises ValueError for an unknown edge, a force that is no vector, and a resultant along which nothing
+    holds a periodic plate. Deng et al. (2020), Eq. (50).
+
+    >>> import jaxgel
+    >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("square"), spacing=0.25), basis="linear")
+    >>> load_vector(model, traction={"top": (0.0, 2e-3)}).sum(axis=0).round(12)
+    Array([0.   , 0.002], dtype=float64)
+    """
+    loads = jnp.zeros((model.n_nodes, 2))
+    if body_force is not None:
+        loads = loads + _body_load(model, body_force)
+    for edge, force in (traction or {}).items():
+        if edge not in EDGES:
+            raise ValueError(f"traction: unknown edge {edge!r}; {did_you_mean(edge, EDGES)}")
+        loads = loads + _edge_load(model, edge, force)
+    _check_resultant(model.lists.topology.plate, loads)
+    return loads
+
+
+def _check_resultant(plate, loads):
+    held = {component for edge in EDGES for component in held_components(plate.edges, edge)}
+    for component in {0, 1} - held if not isinstance(loads, jax.core.Tracer) else ():
+        force = np.asarray(loads)[:, component]
+        if abs(force.sum()) > BALANCE * np.abs(force).sum():
+            raise ValueError(f"loads: a resultant of {force.sum():.3g} kT/v mm along {'xy'[component]}, in which no edge holds the plate")
+
+
+def _body_load(model, body_force):
+    topology, vertices = model.lists.topology, model.cloud.vertices
+    quadrature = topology.quadrature
+    points = quadrature.points(vertices)
+    load = quadrature.weights(vertices)[:, None] * _at_points(body_force, points, "body_force")
+    return _true_trace(model, points, quadrature.points(topology.partition.vertices), load)
+
+
+def _edge_load(model, edge, force):
+    topology = model.lists.topology
+    part, (axis, coordinate) = topology.partition, edge_lines(topology.plate)[edge]
+    ends = part.contour_edges[0]
+    on = np.abs(part.vertices[ends][:, :, axis] - coordinate).max(axis=1) < 1e-9 * topology.spacing
+    ends = ends[on]
+
+    points = edge_points(model.cloud.vertices, ends)
+    length = jnp.linalg.norm(jnp.diff(model.cloud.vertices[ends], axis=1)[:, 0], axis=1)
+    load = jnp.repeat(length / 2, 2)[:, None] * _at_points(force, points, f"traction: {edge}")
+    wall = np.repeat(wall_ends(topology, ends), 2, axis=0)
+    if np.all(wall < 0):
+        return _true_trace(model, points, edge_points(part.vertices, ends), load)
+    return _linear_trace(model, points, wall, 1 - axis, load)
+
+
+def _true_trace(model, points, reference_points, load):
+    """Nodal forces (n, 2) of point loads (p, 2) by the shape functions at the points."""
+    probe = make_probe(model, points, reference_points)
+    return jnp.zeros((model.n_nodes, 2)).at[probe.nodes].add(probe.phi[:, :, None] * load[:, None, :])
+
+
+def _linear_trace(model, points, wall, along, load):
+    """Nodal forces (n, 2) of point loads (p, 2), shared by the two wall nodes (p, 2) between which each point lies."""
+    first, second = (model.cloud.nodes[wall[:, k], along] for k in range(2))
+    share = ((points[:, along] - first) / (second - first))[:, None]
+    return jnp.zeros((model.n_nodes, 2)).at[wall[:, 0]].add((1 - share) * load).at[wall[:, 1]].add(share * load)
+
+
+def _at_points(force, points, field):
+    """The force (2,), or function of the point, at the points (p, 2): (p, 2)."""
+    values = jax.vmap(force)(points) if callable(force) else jnp.broadcast_to(jnp.asarray(force, float), (len(points), *np.shape(force)))
+    if values.shape != points.shape:
+        raise ValueError(f"{field}: shape {values.shape[1:]} is not accepted, give a vector (2,) or a function of the dry point to (2,)")
+    return values

@@ -1,0 +1,63 @@
+"""Deformed outlines of the holes as closed loops."""
+
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+import shapely
+
+from ..geometry import edge_lines, held_components
+
+_ANTICLOCKWISE = ("bottom", "right", "top", "left")
+
+
+def outline_loops(x, model):
+    """Outline of each hole at nodal positions ``x`` (n, 2): a list over holes of closed loops (m, 2), mm; along the plate's edge if cut."""
+    points = model.outline.position(x)
+    loops = []
+    for parts in _loop_layout(model.lists.topology):
+        loops.append(jnp.concatenate([points[part] if isinstance(part, slice) else jnp.asarray(part) for part in parts]))
+    return loops
+
+
+@functools.lru_cache(maxsize=8)  # no more: a topology holds megabytes
+def _loop_layout(topology):
+    """Per hole the slices of outline points and the plate's corners (j, 2) that make its closed loop, anticlockwise."""
+    stops = np.cumsum([0] + [len(o.s) for o in topology.outlines])
+    layout = []
+    for k in range(len(topology.plate.holes)):
+        own = [i for i, o in enumerate(topology.outlines) if o.arc.hole == k]
+        parts = []
+        for i, following in zip(own, own[1:] + own[:1], strict=True):
+            parts.append(slice(int(stops[i]), int(stops[i + 1])))
+            if not topology.outlines[i].closed:
+                parts.append(_corners_between(topology, topology.outlines[i], topology.outlines[following]))
+        layout.append(parts)
+    return layout
+
+
+def _corners_between(topology, outline, following):
+    """Corners (j, 2) of the plate between the end of one arc and the start of the next, going round the plate anticlockwise."""
+    w, h = topology.plate.width / 2, topology.plate.height / 2
+    corner_after = {"bottom": (w, -h), "right": (w, h), "top": (-w, h), "left": (-w, -h)}
+    first = _ANTICLOCKWISE.index(outline.arc.end_edge)
+    last = _ANTICLOCKWISE.index(following.arc.start_edge)
+    passed = [_ANTICLOCKWISE[(first + j) % 4] for j in range((last - first) % 4)]
+    return np.array([corner_after[edge] for edge in passed]).reshape(-1, 2)
+
+
+def crosses(loops, plate, tolerance=1e-9):
+    """Whether a hole's deformed outline, one of the closed ``loops`` (m, 2), crosses itself, another one or a wall; host."""
+    rings = [shapely.LinearRing(loop) for loop in loops]
+    if not all(ring.is_simple for ring in rings):
+        return True
+    for edge, (axis, coordinate) in edge_lines(plate).items():
+        if not held_components(plate.edges, edge):
+            continue
+        behind = [np.linalg.solve(plate.deformation, (loop - plate.displacement[edge]).T)[axis] - coordinate for loop in loops]
+        if max((np.max(np.sign(coordinate) * distance) for distance in behind), default=0.0) > tolerance * plate.width:
+            return True
+    if len(rings) < 2:
+        return False
+    first, second = shapely.STRtree(rings).query(rings, predicate="intersects")
+    return bool(np.any(first != second))

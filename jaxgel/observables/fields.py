@@ -1,0 +1,122 @@
+"""Fields of a state: volume ratio, stress, stretch."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse
+
+from .._validation import one_of
+from ..discretisation import make_probe
+from ..materials import cauchy_stress as cauchy_stress_at
+from ..materials import free_swelling
+from ..mechanics import all_volumes, by_block, volume_ratios
+from .states import over_states
+
+
+def volume_ratio(path):
+    """Volume ratio J (k, n_cells) of every cell, its mean over the cell."""
+    return over_states(_cell_volume_ratio, path)
+
+
+def cell_volumes(model):
+    """Dry volume (n_cells,) of every cell, mm^2 (per unit depth)."""
+    volumes = jnp.zeros(model.n_cells)
+    for block in model.blocks:
+        volumes = volumes.at[block.cells].add(jnp.sum(block.weight, axis=1))
+    return volumes
+
+
+def free_stretch(path):
+    """Stretch (k,) of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``)."""
+    return free_swelling(path.mu, path.gel)
+
+
+def deformed_vertices(path):
+    """Deformed positions (k, v, 2) of all vertices of the cells, mm, for pictures."""
+    probe = make_probe(path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices)
+    return jax.vmap(probe.position)(jnp.asarray(path.x))
+
+
+def cauchy_stress(path):
+    """Cauchy stress (k, n, 3) at the nodes, components xx, yy, xy, kT/v.
+
+    The pressure at a node is the mean of those of the cells whose triangles it is a corner of, as the pressures are per cell; with the
+    paper's quadrature of all cells that it reaches, weighted with its part in their stiffness.
+    """
+    model = path.model
+    probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
+    mean, volumes = _node_mean(model), all_volumes(model)
+
+    def one(x, p, mu):
+        pressure = mean @ (_by_cell(p * volumes, model) / cell_volumes(model))
+        F = probe.deformation_gradient(x)
+        sigma = jax.vmap(lambda F, p: cauchy_stress_at(F, mu, path.gel, p))(F, pressure)
+        return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
+
+    return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.mu))
+
+
+def _cell_volume_ratio(x, model):
+    J = volume_ratios(x, model)
+    if model.method == "mixed":
+        return _by_cell(J, model)
+    return _by_cell(J * all_volumes(model), model) / cell_volumes(model)
+
+
+def _by_cell(values, model):
+    """Values (n_cells,) in the order of the cells, summed over their volume groups, from values (g,) of all groups."""
+    by_cell = jnp.zeros(model.n_cells)
+    for block, part in zip(model.blocks, by_block(values, model), strict=True):
+        by_cell = by_cell.at[block.cells].add(jnp.sum(part, axis=1))
+    return by_cell
+
+
+def _node_mean(model):
+    """Matrix (n, n_cells) that averages over the cells about a node, see `cauchy_stress`."""
+    if model.quadrature == "paper":
+        touches = jnp.zeros((model.n_nodes, model.n_cells))
+        for block in model.blocks:
+            part = jnp.einsum("cq,cqai->ca", block.weight, block.dphi**2)
+            touches = touches.at[block.nodes, block.cells[:, None]].add(part)
+        return touches / touches.sum(axis=1, keepdims=True)
+    topology, part = model.lists.topology, model.lists.topology.partition
+    number = np.full(len(part.vertices), -1)
+    number[topology.node_vertices] = np.arange(model.n_nodes)
+    touches = np.zeros((model.n_nodes, model.n_cells))
+    node = number[part.triangles]
+    cell = np.broadcast_to(part.cell_of_triangle[:, None], node.shape)
+    touches[node[node >= 0], cell[node >= 0]] = 1.0
+    return jnp.asarray(touches / touches.sum(axis=1, keepdims=True))
+
+
+FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
+
+
+def field_values(path, field):
+    """Values (k, t) of a field of ``FIELDS`` on the triangles of a path's cloud, constant in each cell; ValueError for another name.
+
+    "J" is `observables.volume_ratio`; with the paper's quadrature, whose cells are other squares, and for "stretch" it follows
+    from the deformation gradient between the vertices, averaged over the dry volume of a cell.
+    """
+    return field_on_triangles(path, np.asarray(deformed_vertices(path)), field)
+
+
+def field_on_triangles(path, vertices, field):
+    """Values (k, t) of a field, with the deformed vertices (k, v, 2) at hand."""
+    one_of("field", field, FIELDS)
+    triangles, cells = np.asarray(path.model.cloud.triangles), np.asarray(path.model.cloud.cell_of_triangle)
+    if field == "J" and path.model.quadrature == "conforming":
+        return np.asarray(volume_ratio(path))[:, cells]
+    dry = _edges(np.asarray(path.model.cloud.vertices)[triangles])
+    F = _edges(vertices[:, triangles]) @ np.linalg.inv(dry)
+    volume = np.linalg.det(dry)
+    average = scipy.sparse.csr_array((volume, (cells, np.arange(len(cells)))), shape=(cells.max() + 1, len(cells)))
+    average = average / average.sum(axis=1)[:, None]
+    F = np.stack([(average @ state.reshape(-1, 4)).reshape(-1, 2, 2) for state in F])
+    values = np.linalg.det(F) if field == "J" else np.linalg.svd(F, compute_uv=False)[..., 0]
+    return values[:, cells]
+
+
+def _edges(corners):
+    """Two edge vectors as columns (..., 2, 2) of triangles (..., 3, 2)."""
+    return np.stack([corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]], axis=-1)

@@ -1,0 +1,122 @@
+"""Stretch of the hole surfaces, and the limits at which they crease and wrinkle."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..cloud import OUTLINE_SEGMENTS
+from ..materials import volume_ratio_at
+
+SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each gains a factor Nv over the bulk stiffness
+
+
+def surface_ratio(path):
+    """Largest ratio (k,) of normal to tangential stretch along the hole outlines; 1 for a plate without holes.
+
+    The tangential stretch is that of the chord over one node spacing, the finest that the cloud resolves; the normal stretch follows
+    from zero traction. The surface of a nearly incompressible block in plane strain creases at 2.4 (stretch 0.647; Hong, Zhao & Suo
+    2009) and wrinkles at 3.4 (stretch 0.544; Biot 1963).
+    """
+    return jnp.max(surface_ratios(path), axis=1, initial=1.0)
+
+
+def surface_ratios(path):
+    """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for a plate without holes."""
+    return _surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model)
+
+
+def mean_surface_ratios(path, share):
+    """Ratios (k, m) as in `surface_ratio` whose tangential stretch is the mean over arcs of ``share`` of a hole's outline.
+
+    Unlike the ratio over one node spacing, which grows into every crease as the cloud is refined, they converge.
+    """
+    return _mean_surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model, share)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
+def _surface_ratios(x, mu, gel, model):
+    chords = _chords(model.lists.topology)
+    if len(chords) == 0:
+        return jnp.zeros(0)
+    dry, deformed = (_lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
+    return _surface_ratio(deformed / dry, mu, gel)
+
+
+@functools.partial(jax.jit, static_argnums=4)
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None, None))
+def _mean_surface_ratios(x, mu, gel, model, share):
+    segments, ends = _arcs(model.lists.topology, share)
+    if len(segments) == 0:
+        return jnp.zeros(0)
+    sums = [jnp.append(0.0, jnp.cumsum(_lengths(model.outline.position(y), segments))) for y in (model.cloud.nodes, x)]
+    dry, deformed = (total[ends[:, 1]] - total[ends[:, 0]] for total in sums)
+    return _surface_ratio(deformed / dry, mu, gel)
+
+
+def _lengths(points, chords):
+    """Lengths (m,) of the ``chords`` (m, 2) between numbered ``points`` (p, 2)."""
+    return jnp.linalg.norm(points[chords[:, 1]] - points[chords[:, 0]], axis=1)
+
+
+def _surface_ratio(tangential, mu, gel):
+    """Ratio (m,) of normal to ``tangential`` stretch (m,) of a surface without traction."""
+
+    def better(J, _):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
+        force = jax.vmap(lambda t, n: jax.grad(gel.network)(jnp.diag(jnp.stack([t, n])), gel)[1, 1])
+        return volume_ratio_at(-force(tangential, J / tangential) / tangential, mu, gel), None
+
+    start = jnp.broadcast_to(volume_ratio_at(-gel.Nv, mu, gel), tangential.shape)
+    J, _ = jax.lax.scan(better, start, length=SURFACE_ITERATIONS)  # a loop: unrolled it compiles five times as long
+    return J / tangential**2
+
+
+@functools.lru_cache(maxsize=8)
+def _chords(topology):
+    """Outline vertices (m, 2), in the numbering of ``model.outline``, that lie half a node spacing to either side of each vertex."""
+    half, first, chords = OUTLINE_SEGMENTS // 2, 0, []
+    for outline in topology.outlines:
+        number = first + np.arange(len(outline.s))
+        first += len(outline.s)
+        if outline.closed:
+            chords.append(np.stack([np.roll(number, half), np.roll(number, -half)], axis=1))
+        else:
+            chords.append(np.stack([number[: -2 * half], number[2 * half :]], axis=1))
+    return np.concatenate(chords) if chords else np.zeros((0, 2), dtype=int)
+
+
+@functools.cache
+def _arcs(topology, share):
+    """Fine outline segments (s, 2), in the numbering of ``model.outline``, and the first and last (m, 2) of arcs of ``share``, exclusive.
+
+    The segments at which a closed outline begins are repeated at its end.
+    """
+    first, segments, ends = 0, [np.zeros((0, 2), dtype=int)], [np.zeros((0, 2), dtype=int)]
+    for outline in topology.outlines:
+        n, span, before = len(outline.s), max(1, round(share * len(outline.s))), sum(map(len, segments))
+        number = first + (np.arange(n + span) % n if outline.closed else np.arange(n))
+        first += n
+        segments.append(np.stack([number[:-1], number[1:]], axis=1))
+        starts = before + np.arange(len(number) - span)
+        ends.append(np.stack([starts, starts + span], axis=1))
+    return np.concatenate(segments), np.concatenate(ends)
+
+
+CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
+WRINKLE_RATIO = 3.4  # the same for wrinkles, stretch 0.544 (Biot 1963)
+SHARPNESS = 40.0  # of the softened maximum of the surface ratio
+CREASE_SHARE = 0.1  # of a hole's outline over which the stretch is averaged; sample 1 then has 1.66 with 568 to 2992 nodes
+
+
+def crease_indicator(path):
+    """Softened maximum (k,) of the surface ratio along the hole outlines: log(mean exp(a r)) / a with a = ``SHARPNESS``.
+
+    The ratio is that of the mean stretch over ``CREASE_SHARE`` of a hole's outline: over one node spacing it grows into every crease as the
+    cloud is refined, so that a search would follow the cloud rather than the gel. The plain maximum jumps from place to place while a
+    design improves, and no quasi-Newton method follows; this one is smooth and lies below it by at most log(m) / a where one of m points
+    stands out, by nothing where all are alike.
+    """
+    ratios = mean_surface_ratios(path, CREASE_SHARE)
+    return jax.nn.logsumexp(SHARPNESS * ratios, axis=1) / SHARPNESS - np.log(max(ratios.shape[1], 1)) / SHARPNESS

@@ -1,0 +1,27 @@
+"""paper."""
+
+from .items import CLOSING, CONDITION, CONFIRMED, CONTRADICTED, FINITE_ELEMENTS, Claim, Entry, Runs, at, bow, crossing, stability
+from .patterns import PRINTED, table_1
+from .runs import REPORT, run_paper
+from .square import METHODS, TIMED
+
+__all__ = [
+    "CLOSING",
+    "CONDITION",
+    "CONFIRMED",
+    "CONTRADICTED",
+    "FINITE_ELEMENTS",
+    "METHODS",
+    "PRINTED",
+    "REPORT",
+    "TIMED",
+    "Claim",
+    "Entry",
+    "Runs",
+    "at",
+    "bow",
+    "crossing",
+    "run_paper",
+    "stability",
+    "table_1",
+]

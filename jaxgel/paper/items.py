@@ -1,0 +1,208 @@
+"""What the items of the paper's comparison have in common: entries of the report, claims, sweeps that several items share, style.
+
+An item is a function ``(runs) -> Entry``; its figure and rows are written by `paper`. Verdicts follow from numbers of the run.
+"""
+
+import dataclasses
+import functools
+import json
+from importlib.resources import files
+
+import numpy as np
+
+from ..cases import GRID, SIDE, sample
+from ..cloud import make_cloud
+from ..continuation import sweep
+from ..discretisation import discretise, make_probe
+from ..observables import area_reduction, core_rotation, min_gap, rotation_angle, surface_ratio
+
+CONFIRMED, CONDITION, CONTRADICTED = "confirmed", "confirmed with a condition", "contradicted"
+FINITE_ELEMENTS = json.loads(files("jaxgel.paper").joinpath("finite_elements.json").read_text(encoding="utf-8"))
+"""Values of another method, quoted in the report; ``about`` says how they were made, ``spread`` stands for the error of its neighbours."""
+BY_FINITE_ELEMENTS = "Finite elements (`python benchmarks/finite_elements.py`)"
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")  # Okabe and Ito
+DETAILED = [-4.9678, -3.9678, -2.9678, -2.4678, -1.9678, -1.4678, -1.1678, -0.95, -0.9178]
+BEYOND = [-0.8, -0.6678, -0.5678, -0.45, -0.4, -0.36, -0.327, -0.2978, -0.2678, -0.244, -0.23]
+"""Chemical potentials, kT, of the patterns and of the holes' closing."""
+TURNING = [-4.9678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.7, -1.4678, -1.3, -1.2, -1.1678, -1.1, -1.05, -1.0, -0.95, -0.9178]
+TURNING += [-0.89, -0.86, -0.83, -0.8]
+"""Those of the ellipses' rotation."""
+CLOSING = {
+    3: ("stable", [-4.9678, -2.9678, -1.9678, -1.4678, -1.3, -1.2, -1.1, -1.0, -0.9178]),
+    4: ("stable", [mu for mu in DETAILED + BEYOND if mu <= -0.2678]),
+    7: ("symmetric", DETAILED + BEYOND),
+    9: ("symmetric", [-4.9678, -2.9678, -1.9678, -1.4678, -1.3, -1.1678, -1.05, -0.9178]),
+}
+"""Branch and chemical potentials of samples that are followed with contact."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """One statement of the paper, judged."""
+
+    statement: str
+    """What the paper says."""
+    verdict: str
+    """``CONFIRMED``, ``CONDITION`` or ``CONTRADICTED``."""
+    evidence: str
+    """The numbers of this run."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One item of the report."""
+
+    title: str
+    """Table or figure, and what it shows."""
+    paper: str
+    """What the paper prints."""
+    ours: str
+    """What this run found."""
+    reference: str
+    """What finite elements or a closed form give."""
+    verdict: str
+    """How the two compare, in a sentence."""
+    rows: list
+    """The CSV file: dictionaries with the same keys."""
+    claims: tuple = ()
+    """``Claim``s that this item decides."""
+    figure: object = None
+    """The Matplotlib figure; None for a table."""
+
+
+class Runs:
+    """Sweeps that items share: each is computed once, when it is first asked for."""
+
+    def __init__(self, on_state=lambda _: None):
+        self.on_state, self.shared, self._kept = on_state, {}, {}
+
+    def path(self, name, mu, *, spacing=None, discretisation=None, **options):
+        """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing (the paper's by default).
+
+        ``discretisation`` are options of `discretise`, the others of `sweep`.
+        """
+        discretisation = discretisation or {}
+        key = (name, tuple(mu), spacing, tuple(sorted(discretisation.items())), tuple(sorted(options.items())))
+        if key not in self._kept:
+            model = self.model(name, spacing, **discretisation)
+            self._kept[key] = sweep(model, model.cloud.plate.gel, mu=list(mu), on_step=self._report(name, model), **options)
+        return self._kept[key]
+
+    def model(self, name, spacing=None, **options):
+        """Model of a sample; see `discretise` for the options."""
+        key = ("model", name, spacing, tuple(sorted(options.items())))
+        if key not in self._kept:
+            self._kept[key] = discretise(self.cloud(name, spacing), **options)
+        return self._kept[key]
+
+    def cloud(self, name, spacing=None):
+        """Cloud of a sample."""
+        key = ("cloud", name, spacing)
+        if key not in self._kept:
+            self.on_state(f"{name}, making the cloud")
+            self._kept[key] = make_cloud(sample(name), spacing=spacing)
+        return self._kept[key]
+
+    def _report(self, name, model):
+        return lambda step: self.on_state(f"{name}, {model.n_nodes} nodes, mu = {step.mu:.4f}")
+
+    def stopping(self, number, intervals=GRID):
+        """Path of sample ``number`` as the paper computes it, without contact, until outlines overlap, on the symmetric branch.
+
+        The paper has 40 ``intervals`` of background nodes; on other clouds the path ends at the last of ``TURNING``. The symmetry of
+        samples 1-3 does not forbid their rotation.
+        """
+        mu = TURNING if number <= 3 else DETAILED
+        mu = mu + [value for value in BEYOND if value > mu[-1]] if intervals == GRID else mu
+        return self.path(f"sample-{number}", mu, spacing=SIDE / intervals, branch="symmetric", contact="stop")
+
+    def touching(self, number, intervals=GRID, last=0.0):
+        """Path of sample ``number`` with contact at the values of ``CLOSING`` up to ``last``."""
+        branch, mu = CLOSING[number]
+        mu = [value for value in mu if value <= last]
+        return self.path(f"sample-{number}", mu, spacing=SIDE / intervals, branch=branch, contact="on")
+
+    def stiff(self, number):
+        """Path of sample ``number`` in the paper's own discretisation, displacements alone at its Gauss points: it locks, but goes far."""
+        options = dict(discretisation=dict(method="displacement", quadrature="paper"), branch="symmetric", contact="stop")
+        return self.path(f"sample-{number}", [mu for mu in DETAILED + BEYOND if mu <= -0.2678], **options)
+
+    def shown(self, number, mu):
+        """Path and number of the state that shows sample ``number`` at ``mu``, or its last one before.
+
+        With contact where outlines overlap before, and in the paper's own discretisation where the converged branch ends before.
+        """
+        path = self.stopping(number)
+        if path.mu[-1] < mu:
+            path = self.touching(number) if number in CLOSING else self.stiff(number)
+        return path, at(path, mu)
+
+
+def at(path, mu):
+    """Number of the state of a path at ``mu``, or of the last one where the path ends before."""
+    return int(np.argmin(np.abs(np.minimum(mu, path.mu[-1]) - np.asarray(path.mu))))
+
+
+def crossing(x, y, value):
+    """The x () at which a growing y (k,) first reaches ``value``, by interpolation; nan where it does not."""
+    x, y = np.asarray(x), np.asarray(y)
+    above = np.flatnonzero(y >= value)
+    if len(above) == 0 or above[0] == 0:
+        return float("nan")
+    k = above[0]
+    return float(x[k - 1] + (value - y[k - 1]) / (y[k] - y[k - 1]) * (x[k] - x[k - 1]))
+
+
+def rows(columns, **fixed):
+    """A dictionary for each of the k entries of the ``columns`` (name -> (k,)), after what is ``fixed``."""
+    return [
+        fixed | dict(zip(columns, values, strict=True)) for values in zip(*(np.asarray(v).tolist() for v in columns.values()), strict=True)
+    ]
+
+
+def percent(value):
+    """A share as a percentage with one decimal."""
+    return f"{100 * float(value):.1f} %"
+
+
+@functools.cache
+def pyplot():
+    """Matplotlib's pyplot without a screen."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+def _once(observable):
+    """The observable as an array, computed once for each path: items share paths, and compiled programs are forgotten between them."""
+    return functools.lru_cache(maxsize=64)(lambda path: np.asarray(observable(path)))
+
+
+area_reduction = _once(area_reduction)
+core_rotation = _once(core_rotation)
+min_gap = _once(min_gap)
+rotation_angle = _once(rotation_angle)
+surface_ratio = _once(surface_ratio)
+
+
+@functools.lru_cache(maxsize=64)
+def bow(path):
+    """Largest distance (k,) of the vertical pillar's centre line x = 0 from a straight line, mm."""
+    plate = path.model.cloud.topology.plate
+    y = np.linspace(-0.5, 0.5, 201) * plate.height
+    probe = make_probe(path.model, np.stack([np.zeros_like(y), y], axis=1))
+    lines = np.stack([np.asarray(probe.position(np.asarray(x))) for x in path.x])
+    fits = [np.polyval(np.polyfit(line[:, 1], line[:, 0], 1), line[:, 1]) for line in lines]
+    return np.abs(lines[:, :, 0] - fits).max(axis=1)
+
+
+def stability(path):
+    """Up to where a path is stable, in words."""
+    first = np.flatnonzero(np.asarray(path.negative_pivots) > 0)
+    if len(first) == 0:
+        return f"stable up to mu = {path.mu[-1]:.4f}"
+    k = int(first[0])
+    return f"unstable from a mu between {path.mu[k - 1]:.4f} and {path.mu[k]:.4f} on" if k else f"unstable from mu = {path.mu[0]:.4f} on"

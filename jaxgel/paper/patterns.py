@@ -1,0 +1,313 @@
+"""Table 1 and Figs. 6-11 of Deng et al. (2020): counts and patterns of the nine samples."""
+
+import dataclasses
+import functools
+import itertools
+
+import numpy as np
+
+from ..cases import sample
+from ..cloud import square_cells
+from ..geometry import inside_holes
+from ..observables import outlines
+from .items import (
+    BY_FINITE_ELEMENTS,
+    COLOURS,
+    CONDITION,
+    CONFIRMED,
+    CONTRADICTED,
+    FINITE_ELEMENTS,
+    Claim,
+    Entry,
+    area_reduction,
+    at,
+    bow,
+    core_rotation,
+    percent,
+    pyplot,
+    rotation_angle,
+    rows,
+    stability,
+)
+
+# printed nodes and Gauss points; the last is section 5.5
+PRINTED = {
+    "sample-1": (1009, 12284),
+    "sample-2": (1213, 15600),
+    "sample-3": (1417, 18936),
+    "sample-4": (989, 12312),
+    "sample-5": (1225, 15624),
+    "sample-6": (1437, 18956),
+    "sample-7": (941, 12114),
+    "sample-8": (1165, 15196),
+    "sample-9": (1441, 18876),
+    "lattice": (840, 2304),
+}
+BENT = 0.05  # mm, from which a pillar's centre line counts as bent
+
+
+def table_1(runs):
+    """Table 1: nodes and Gauss points."""
+    table = []
+    for name, (nodes, points) in PRINTED.items():
+        plate = sample(name)
+        gauss = int(np.sum(~inside_holes(plate, square_cells(plate, plate.cells)[0].reshape(-1, 2))))
+        ours = len(runs.cloud(name).nodes)
+        table.append({"case": name, "nodes_paper": nodes, "nodes": ours, "gauss_points_paper": points, "gauss_points": gauss})
+    off = [r for r in table if (r["nodes"], r["gauss_points"]) != (r["nodes_paper"], r["gauss_points_paper"])]
+    equal = len(table) - len(off)
+    odd = [f"{r['case']}: printed {r['gauss_points_paper']}, found {r['gauss_points']}" for r in off]
+    misprint = all(r["nodes"] == r["nodes_paper"] and r["gauss_points_paper"] % 4 and not r["gauss_points"] % 4 for r in off)
+    why = " A plate with these symmetries has a multiple of 4 points, which the printed number is not." if misprint and off else ""
+    verdict = CONFIRMED if not off else CONDITION if misprint else CONTRADICTED
+    evidence = f"{equal} of {len(table)} pairs of counts agree to the digit. {'; '.join(odd)}.{why}"
+    return Entry(
+        title="Table 1: nodes and Gauss points of the samples, and of the lattice",
+        paper="; ".join(f"{name} {n} and {p}" for name, (n, p) in PRINTED.items()) + ".",
+        ours=evidence,
+        reference="None.",
+        verdict=verdict + (": one printed number is a misprint." if misprint and off else "."),
+        rows=table,
+        claims=(Claim("The numbers of nodes and Gauss points of Table 1", verdict, evidence),),
+        figure=_cloud_figure({row["case"]: runs.cloud(row["case"]) for row in table}),
+    )
+
+
+def _cloud_figure(clouds):
+    """The nodes of each cloud, with their number."""
+    figure, axes = pyplot().subplots(2, -(-len(clouds) // 2), figsize=(7.5, 3.6), layout="constrained")
+    for ax in axes.flat[len(clouds) :]:
+        ax.remove()
+    for ax, (name, cloud) in zip(axes.flat, clouds.items(), strict=False):
+        ax.plot(*np.asarray(cloud.nodes).T, ".", color=COLOURS[0], markersize=0.8)
+        ax.set_title(f"{name.replace('-', ' ')}, {len(cloud.nodes)} nodes", fontsize=7)
+        ax.set_aspect("equal")
+        ax.tick_params(labelsize=6)
+    figure.supxlabel("$x$ (mm)", fontsize=8)
+    figure.supylabel("$y$ (mm)", fontsize=8)
+    return figure
+
+
+def fig_6(runs):
+    """Fig. 6: sample 1 while it swells."""
+    path, reference = runs.stopping(1), FINITE_ELEMENTS["sample-1"]
+    states = [at(path, mu) for mu in (-4.9678, -1.9678, -1.4678, -0.9178)]
+    angle = np.asarray(rotation_angle(path))
+    error = max(abs(angle[at(path, m)] / r - 1) for m, r in zip(reference["mu"], reference["rotation"], strict=True) if m in path.mu)
+    values = ", ".join(f"{angle[k]:.2f}" for k in states)
+    mus = ", ".join(f"{path.mu[k]:.4f}" for k in states)
+    return _entry(
+        [(path, k) for k in states],
+        title="Fig. 6: sample 1 at growing chemical potential",
+        paper="No visible deformation at mu = -4.9678; then the ellipses change and the plate rotates anticlockwise.",
+        ours=f"Midline rotation {values} degrees at mu = {mus}.",
+        reference=f"{BY_FINITE_ELEMENTS}: "
+        + ", ".join(f"{r} degrees at mu = {m}" for m, r in zip(reference["mu"], reference["rotation"], strict=True))
+        + ".",
+        verdict=f"{CONFIRMED if angle[states[-1]] > 0 else CONTRADICTED}; within {percent(error)} of finite elements at common mu.",
+    )
+
+
+def fig_8(runs):
+    """Fig. 8: sample 4 while it swells, on both branches."""
+    symmetric, stiff, stable = runs.stopping(4), runs.stiff(4), runs.touching(4)
+    wanted = (-4.9678, -0.9178, -0.6678, -0.2678)
+    paths = [*[symmetric] * 3, stiff, *[stable] * 4]
+    shown = [(path, at(path, mu)) for path, mu in zip(paths, 2 * wanted, strict=True)]
+    shape = [axes_over_diagonals(path)[k] for path, k in shown]
+    core = abs(float(np.asarray(core_rotation(stable))[at(stable, wanted[1])]))
+    reference = FINITE_ELEMENTS["sample-4"]
+    lozenge, square = shape[2] > 1.05, shape[3] < 0.85
+    verdict = CONDITION if lozenge else CONTRADICTED
+    why = "lozenges, on the symmetric branch, which is unstable; where that goes on, because it locks, "
+    why += "squares" if square else "corners move to the diagonals but no squares form"
+    evidence = (
+        f"On the symmetric branch the holes are {shape[2]:.2f} times as wide along the axes as along the diagonals at mu = "
+        f"{symmetric.mu[shown[2][1]]:.4f} (a circle has 1, a lozenge with corners on the axes 1.41, a square with sides along the axes "
+        f"0.71). That branch is {stability(symmetric)} and, without contact, goes to mu = {symmetric.mu[-1]:.4f} "
+        f"({symmetric.stop_text}). In the paper's own discretisation, which locks, they are {shape[3]:.2f} times as wide at mu = "
+        f"{stiff.mu[shown[3][1]]:.4f}, a state with {stiff.negative_pivots[shown[3][1]]} negative eigenvalues. The stable plate has "
+        f"turned its centre by {core:.1f} degrees at mu = {wanted[1]}."
+    )
+    return _entry(
+        shown,
+        rows_of_axes=2,
+        title="Fig. 8: sample 4 at growing chemical potential; above on the symmetric branch, the last in the paper's own discretisation; "
+        "below on the stable branch",
+        paper="Circles at mu = -4.9678, lozenges at -0.6678, almost squares at -0.2678.",
+        ours=evidence,
+        reference=f"{BY_FINITE_ELEMENTS}: unstable from mu = {reference['critical_mu']}, then core rotation "
+        f"{reference['buckled']['core'][-1]} degrees at mu = {reference['buckled']['mu'][-1]}.",
+        verdict=f"{verdict}{': ' + why if lozenge else ''}.",
+        claims=(Claim("The circles of sample 4 become lozenges, then almost squares", verdict, evidence),),
+    )
+
+
+def fig_10(runs):
+    """Fig. 10: sample 7 while it swells."""
+    path = runs.touching(7)
+    shown = [(path, at(path, mu)) for mu in (-4.9678, -0.9178, -0.5678, -0.2678)]
+    widths = axes_over_diagonals(path)
+    shape = [widths[k] for _, k in shown]
+    inward = all(b < a for a, b in itertools.pairwise(shape))
+    values = ", ".join(f"{v:.2f}" for v in shape)
+    return _entry(
+        shown,
+        title="Fig. 10: sample 7 at growing chemical potential, symmetric branch with contact",
+        paper="The four sides of the squares deform inward (mu = -4.9678 to -0.5678), later more near the walls than near the midlines.",
+        ours=f"Width of a hole along the axes over that along the diagonals: {values} (a square has 0.71); {stability(path)}.",
+        reference=f"{BY_FINITE_ELEMENTS}: unstable from mu = {FINITE_ELEMENTS['sample-7']['critical_mu']}.",
+        verdict=CONDITION + ": so deform the holes of the symmetric branch, which is unstable." if inward else CONTRADICTED,
+    )
+
+
+def fig_7(runs):
+    """Fig. 7: samples 1-3 at mu = -0.9178."""
+    numbers, mu = (1, 2, 3), -0.9178
+    shown, bows = _states(runs, numbers, mu)
+    words = "; ".join(
+        f"sample {n} at mu = {path.mu[k]:.4f}{_how(path)}: rotation {float(rotation_angle(path)[k]):.1f} degrees, area reduction "
+        f"{percent(area_reduction(path)[k])}, pillar {b[k]:.2f} mm off its line, {path.negative_pivots[k]} negative eigenvalues"
+        for n, (path, k), b in zip(numbers, shown, bows, strict=True)
+    )
+    ends = _ends(runs, numbers, mu)
+    free = [runs.stopping(n) for n in numbers]
+    common = min(float(path.mu[-1]) for path in free)
+    alike = [bow(path)[at(path, common)] for path in free]
+    more = all(b > a for a, b in itertools.pairwise(alike))
+    bent = min(b[k] for (_, k), b in zip(shown, bows, strict=True)) > BENT
+    verdict = CONTRADICTED if not bent or not more else CONDITION if ends else CONFIRMED
+    same = f"At the same mu = {common:.4f}, without contact, they are {', '.join(f'{v:.2f}' for v in alike)} mm off: "
+    same += f"{'more' if more else 'not more'} with smaller holes."
+    evidence = " ".join(filter(None, (words + ".", same, ends)))
+    return _entry(
+        shown,
+        others=free,
+        title=f"Fig. 7: samples 1, 2, 3 at mu = {mu}; where outlines overlap before, with contact",
+        paper="The vertical pillars buckle, in sample 3 more than in samples 1 and 2.",
+        ours=evidence,
+        reference=f"{BY_FINITE_ELEMENTS} for sample 1: {FINITE_ELEMENTS['sample-1']['rotation'][-1]} degrees at mu = -0.9178.",
+        verdict=verdict + (": the pillars bend, but not more with smaller holes." if bent and not more else "."),
+        claims=(Claim("The pillars of samples 1-3 buckle, more with smaller holes", verdict, evidence),),
+    )
+
+
+def fig_9(runs):
+    """Fig. 9: samples 4-6 at mu = -0.95."""
+    text = "Symmetric patterns; the pillars' centre lines stay straight; sample 6 deforms most."
+    return _straight(runs, (4, 5, 6), -0.95, "Fig. 9", text)
+
+
+def fig_11(runs):
+    """Fig. 11: samples 7-9 at mu = -0.9178."""
+    text = "Symmetric patterns; the pillars' centre lines stay straight; the sides of sample 9 deform most."
+    return _straight(runs, (7, 8, 9), -0.9178, "Fig. 11", text)
+
+
+def _straight(runs, numbers, mu, figure, text):
+    shown, bows = _states(runs, numbers, mu)
+    words = "; ".join(
+        f"sample {n} at mu = {path.mu[k]:.4f}{_how(path)}: pillar {b[k]:.1e} mm off its line, {path.negative_pivots[k]} negative "
+        f"eigenvalues, {stability(path)}"
+        for n, (path, k), b in zip(numbers, shown, bows, strict=True)
+    )
+    stable = runs.touching(4) if numbers[0] == 4 else runs.path("sample-7", [-4.9678, -2.9678, -1.9678, -1.4678], contact="stop")
+    k = at(stable, mu)
+    other = f"On the stable branch of sample {numbers[0]} the pillar is {bow(stable)[k]:.2f} mm off its line at mu = {stable.mu[k]:.4f}."
+    bent = [n for n, (_, k), b in zip(numbers, shown, bows, strict=True) if b[k] > BENT]
+    unstable = any(path.negative_pivots[k] > 0 for path, k in shown)
+    verdict = CONTRADICTED if len(bent) == len(numbers) else CONDITION if bent or unstable else CONFIRMED
+    why = ["on the symmetric branch, which is unstable there"] * unstable + [f"sample {n} bends past its folds" for n in bent]
+    evidence = " ".join(filter(None, (words + ".", _ends(runs, numbers, mu), other)))
+    reference = "; ".join(
+        f"sample {n}: {FINITE_ELEMENTS[f'sample-{n}']['critical_mu']}" for n in numbers if f"sample-{n}" in FINITE_ELEMENTS
+    )
+    name = f"Straight pillars of samples {numbers[0]}-{numbers[-1]}"
+    return _entry(
+        [*shown, (stable, k)],
+        others=[runs.stopping(n) for n in numbers],
+        title=f"{figure}: samples {', '.join(map(str, numbers))} at mu = {mu} on the symmetric branch, with contact where outlines overlap "
+        f"before and in the paper's own discretisation where the branch ends before; last, sample {numbers[0]} on the stable branch",
+        paper=text,
+        ours=evidence,
+        reference=f"{BY_FINITE_ELEMENTS}: the symmetric state becomes unstable at mu: {reference}.",
+        verdict=f"{verdict}{': ' * bool(why)}{'; '.join(why)}.",
+        claims=(Claim(name, verdict, evidence),),
+    )
+
+
+def _states(runs, numbers, mu):
+    """(path, state) of each sample at ``mu``, and the pillars' bows (k,), mm, along each path."""
+    shown = [runs.shown(n, mu) for n in numbers]
+    return shown, [bow(path) for path, _ in shown]
+
+
+def _how(path):
+    """In which way a path goes beyond the symmetric branch of the converged model without contact."""
+    return " with contact" if path.model.contact is not None else " in the paper's own discretisation" if _locks(path) else ""
+
+
+def _locks(path):
+    return path.model.method == "displacement"
+
+
+def _ends(runs, numbers, mu):
+    """Which samples do not get to ``mu`` without contact, in words."""
+    paths = {n: runs.stopping(n) for n in numbers}
+    return " ".join(f"Without contact sample {n} {path.stop_text}." for n, path in paths.items() if path.mu[-1] < mu)
+
+
+def _entry(shown, *, others=(), rows_of_axes=1, **texts):
+    """``Entry`` with the patterns of (path, state) pairs and a row of numbers for each state of their paths and of ``others``."""
+    from ..observables import FIELDS, field_values
+    from ..plotting import plot_pattern
+
+    fields = [field_values(dataclasses.replace(path, x=np.asarray(path.x)[[k]]), "stretch") for path, k in shown]
+    limits = float(min(map(np.min, fields))), float(max(np.percentile(f, 99) for f in fields))  # corners would take the whole scale
+    columns = len(shown) // rows_of_axes
+    size = (2.15 * columns + 0.9, 2.6 * rows_of_axes)
+    figure, axes = pyplot().subplots(rows_of_axes, columns, figsize=size, layout="constrained", squeeze=False, sharex=True, sharey=True)
+    for ax, (path, k) in zip(axes.flat, shown, strict=True):
+        plot_pattern(path, k, ax=ax, limits=limits, colorbar=False)
+        ax.label_outer()
+        name = path.model.cloud.topology.plate.name.replace("-", " ")
+        branch = name if rows_of_axes == 1 else "symmetric" if ax in axes[0] else "stable"
+        ax.set_title(rf"{branch}{' (locks)' if _locks(path) else ''}, $\mu = {path.mu[k]:.4f}$", fontsize=8)
+    coloured = next(c for c in axes.flat[0].collections if c.get_array() is not None)
+    figure.colorbar(coloured, ax=axes, label=FIELDS["stretch"], shrink=0.85, extend="max")
+    paths = {id(path): path for path in (*(path for path, _ in shown), *others)}.values()
+    table = [row for number, path in enumerate(paths) for row in _rows(number, path, {k for other, k in shown if other is path})]
+    return Entry(rows=table, figure=figure, **texts)
+
+
+def _rows(number, path, shown):
+    """Numbers of all states of a path; ``shown`` are those with a picture."""
+    columns = {
+        "mu": path.mu,
+        "midline_rotation_deg": rotation_angle(path),
+        "core_rotation_deg": core_rotation(path),
+        "area_reduction": area_reduction(path),
+        "axes_over_diagonals": axes_over_diagonals(path),
+        "pillar_bow_mm": bow(path),
+        "negative_pivots": path.negative_pivots,
+        "shown": [int(k in shown) for k in range(len(path))],
+    }
+    how = dict(contact="on" if path.model.contact is not None else "stop", method=path.model.method)
+    return rows(columns, path=number + 1, case=path.model.cloud.topology.plate.name, **how)
+
+
+@functools.lru_cache(maxsize=64)
+def axes_over_diagonals(path):
+    """Width (k,) of the first hole along the axes over that along the diagonals."""
+    wanted = np.arange(8) * np.pi / 4 - np.pi
+    ratios = []
+    for loop in np.asarray(outlines(path)[0]):
+        offset = loop - loop.mean(axis=0)
+        angle, radius = np.arctan2(offset[:, 1], offset[:, 0]), np.linalg.norm(offset, axis=1)
+        order = np.argsort(angle)
+        r = np.interp(wanted, angle[order], radius[order], period=2 * np.pi)
+        ratios.append(r[::2].sum() / r[1::2].sum())
+    return np.array(ratios)
+
+
+PATTERNS = {6: fig_6, 7: fig_7, 8: fig_8, 9: fig_9, 10: fig_10, 11: fig_11}

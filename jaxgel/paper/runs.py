@@ -1,0 +1,147 @@
+"""``jaxgel paper``: the table and figures of Deng et al. (2020) computed again, side by side with what they print.
+
+Each item writes ``ITEM.png``, ``ITEM.csv`` and ``ITEM.json`` into its folder once it is done; ``report.md`` is made of all that are
+there. Without names those that are missing are computed, so an interrupted run goes on; a named item is computed anew.
+"""
+
+import contextlib
+import csv
+import io
+import json
+import time
+import traceback
+
+import jax
+from tqdm import tqdm
+
+from .._validation import did_you_mean
+from ..io import interruptible, open_folder, write_atomically
+from . import curves, patterns, square
+from .items import CONDITION, CONFIRMED, CONTRADICTED, FINITE_ELEMENTS, Runs, pyplot
+
+REPORT = "report.md"
+
+
+def items():
+    """Name of each item -> its function, in the order of the report."""
+    return {
+        "table-1": patterns.table_1,
+        "fig-2": square.fig_2,
+        "fig-3": square.fig_3,
+        "fig-4": square.fig_4,
+        **{f"fig-{k}": patterns.PATTERNS[k] for k in range(6, 12)},
+        "fig-12": curves.fig_12,
+        "fig-13": curves.fig_13,
+        "fig-14": curves.fig_14,
+        "algorithm": curves.algorithm,
+    }
+
+
+def run_paper(names, folder, *, quiet=False, say=print):
+    """Compute the items ``names`` (all that are missing if there are none) in ``folder``, and its report; the names that failed.
+
+    Raises ValueError for an unknown item and KeyboardInterrupt once Ctrl-C was pressed; finished items are kept in every case.
+    """
+    known, folder = items(), open_folder(folder)
+    for name in names:
+        if name not in known:
+            raise ValueError(f"item: {name!r} is unknown; {did_you_mean(name, list(known))}")
+    wanted = [name for name in known if (name in names if names else not _is_done(folder, name))]
+    with tqdm(total=len(wanted), disable=True if quiet else None, leave=False) as bar, interruptible() as stop_if_asked:
+
+        def on_state(text):
+            bar.set_postfix_str(text)
+            stop_if_asked()
+
+        runs = Runs(on_state)
+        for name in wanted:
+            bar.set_description_str(name)
+            start, cpu = time.perf_counter(), time.process_time()
+            record = _recorded(known[name], runs, folder, name)
+            record |= {"seconds": time.perf_counter() - start, "cpu_seconds": time.process_time() - cpu}
+            _write_json(folder / f"{name}.json", record)
+            _write_report(folder, known)
+            jax.clear_caches()  # compiled programs of many clouds would fill gigabytes
+            bar.update()
+            with contextlib.nullcontext() if quiet else tqdm.external_write_mode():
+                say(f"{name}: {record['verdict']} ({record['seconds']:.0f} s)")
+    return [name for name in known if _read(folder, name).get("error")]
+
+
+def _recorded(item, runs, folder, name):
+    """What the report says of an item, its figure and rows written; an item that fails says why, and is not kept as done."""
+    try:
+        entry = item(runs)
+    except Exception as problem:
+        place = traceback.extract_tb(problem.__traceback__)[-1]
+        text = " ".join(str(problem).split()) or "no message"
+        return {"verdict": f"failed: {text}", "error": f"{type(problem).__name__}: {text} ({place.name})"}
+    if entry.figure is not None:
+        write_atomically(folder / f"{name}.png", lambda stream: entry.figure.savefig(stream, dpi=200, format="png"))
+        pyplot().close(entry.figure)
+    write_atomically(folder / f"{name}.csv", lambda stream: stream.write(_table(entry.rows).encode()))
+    fields = ("title", "paper", "ours", "reference", "verdict")
+    claims = [[c.statement, c.verdict, c.evidence] for c in entry.claims]
+    return {field: getattr(entry, field) for field in fields} | {"claims": claims, "figure": entry.figure is not None}
+
+
+def _table(rows):
+    """CSV text of dictionaries with the same keys; numbers with nine digits."""
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows([{key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows])
+    return text.getvalue()
+
+
+def _write_json(file, record):
+    text = json.dumps(record, indent=1, ensure_ascii=False, default=float)
+    write_atomically(file, lambda stream: stream.write(text.encode()))
+
+
+def _read(folder, name):
+    """Record of an item; empty where there is none that can be read."""
+    try:
+        return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+
+
+def _is_done(folder, name):
+    record = _read(folder, name)
+    return bool(record) and not record.get("error")
+
+
+def _write_report(folder, known):
+    records = {name: _read(folder, name) for name in known}
+    text = report({name: record for name, record in records.items() if record})
+    write_atomically(folder / REPORT, lambda stream: stream.write(text.encode()))
+
+
+def report(records):
+    """The report, Markdown, of the items' records."""
+    lines = ["# Deng et al. (2020), computed again", "", _HEAD.format(about=FINITE_ELEMENTS["about"]), "", "## The claims", ""]
+    claims = [(*claim, name) for name, record in records.items() for claim in record.get("claims", ())]
+    lines += ["| claim | verdict | numbers | from |", "|---|---|---|---|"]
+    lines += [f"| {statement} | **{verdict}** | {evidence} | {name} |" for statement, verdict, evidence, name in claims]
+    counts = ", ".join(f"{sum(c[1] == v for c in claims)} {v}" for v in (CONFIRMED, CONDITION, CONTRADICTED))
+    lines += ["", f"{counts}.", ""]
+    for name, record in records.items():
+        command = f"`jaxgel paper {name}`, {record.get('seconds', 0):.0f} s, {record.get('cpu_seconds', 0):.0f} s on the CPU"
+        if record.get("error"):
+            lines += [f"## {name}", "", f"This item failed: {record['error']}. ({command})", ""]
+            continue
+        lines += [f"## {record['title']}", "", f"({command}; [data]({name}.csv))", ""]
+        if record["figure"]:
+            lines += [f"![{record['title']}]({name}.png)", ""]
+        parts = ("The paper", "paper"), ("This run", "ours"), ("Reference", "reference"), ("Verdict", "verdict")
+        lines += [" ".join(f"**{word}:** {record[key]}" for word, key in parts), ""]
+    seconds, cpu = (sum(record.get(key, 0.0) for record in records.values()) for key in ("seconds", "cpu_seconds"))
+    return "\n".join([*lines, f"All items together: {seconds / 60:.1f} min, {cpu / 60:.1f} min on the CPU.", ""])
+
+
+_HEAD = """Y. Deng, X. He, L. Sun, S. Yi, Y. Dai, Engineering Analysis with Boundary Elements 113 (2020) 99-109, \
+[doi 10.1016/j.enganabound.2019.12.004](https://doi.org/10.1016/j.enganabound.2019.12.004). Every number under *This run* and in the table \
+of claims is computed by the command beside it; verdicts follow from these numbers. Chemical potentials mu are in kT. Unless it says \
+otherwise a run has the paper's nodes, the quadratic basis, cells along the true outlines and one pressure per cell. Values called finite \
+elements: {about}"""

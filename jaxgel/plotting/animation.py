@@ -1,0 +1,52 @@
+"""A path as an animation."""
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.animation import FFMpegWriter, PillowWriter
+
+from ..observables import FIELDS
+from .patterns import _frame, _Gel, _pictured, _range
+from .style import _mu_text, _styled
+
+
+@_styled
+def animate_pattern(path, file, *, field="stretch", seconds=6.0, most_frames=60):
+    """Write a GIF of the pattern over all states of a path (at most ``most_frames`` of them, evenly chosen), ``seconds`` long.
+
+    A ``file`` whose name ends in .mp4 becomes a film (H.264) by the program ffmpeg, that on the PATH or, else, that of the package
+    imageio-ffmpeg (extra ``[view]``); ValueError where there is neither.
+    """
+    kind, settings = _writer_of(file)
+    states = np.unique(np.linspace(0, len(path.mu) - 1, min(most_frames, len(path.mu))).round().astype(int))
+    vertices, values = _pictured(path, states, field)
+    figure, ax = plt.subplots(figsize=(4.4, 3.8), layout="constrained")
+    gel = _Gel(ax, path.model.cloud, vertices[0], values[0], _range(values))
+    _frame(ax, path.model.cloud, vertices, path.mu[states[0]])
+    if field is not None:
+        figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # every frame as the first one is laid out
+    writer = kind(fps=max(1.0, len(states) / seconds))
+    with mpl.rc_context(settings), writer.saving(figure, str(file), dpi=110):
+        for k, v, colours in zip(states, vertices, values, strict=True):
+            gel.move(v, colours)
+            ax.set_title(_mu_text(path.mu[k]))
+            writer.grab_frame()
+    plt.close(figure)
+
+
+def _writer_of(file):
+    """Matplotlib's writer for a file's name, and the settings it needs."""
+    if not str(file).lower().endswith(".mp4"):
+        return PillowWriter, {}
+    if FFMpegWriter.isAvailable():
+        return FFMpegWriter, {}
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return FFMpegWriter, {"animation.ffmpeg_path": get_ffmpeg_exe()}
+    except (ImportError, RuntimeError):
+        raise ValueError(
+            f"file: {str(file)!r} needs the program ffmpeg; install it, or pip install 'jaxgel[view]', or write a GIF"
+        ) from None

@@ -1,0 +1,104 @@
+"""Curves of a path's quantities."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from .._validation import one_of
+from ..observables import CREASE_RATIO, SELF_CONTACT, WRINKLE_RATIO, events, free_stretch, history
+from .style import COLOURS, LINE, MU, SHADE, WALL, _styled, _unit
+
+CURVES = {
+    "rotation": ("rotation (°)", {"rotation_deg": "midline", "core_rotation_deg": "core"}),
+    "area_reduction": ("area reduction (%)", {"area_reduction": "all holes"}),
+    "J": ("volume ratio $J$", {"J_mean": "mean"}),
+    "surface_ratio": ("surface stretch ratio", {"surface_ratio": "largest"}),
+    "min_gap": ("smallest gap ({unit})", {"min_gap": "within a hole"}),
+}
+AGAINST = {"mu": MU, "free_stretch": "free-swelling stretch"}
+MARKS = {"bifurcation": ":", "crease": "-.", "wrinkle": (0, (5, 1, 1, 1, 1, 1)), "contact": "--", "self-contact": "-"}
+
+
+@_styled
+def plot_curve(path, quantity, *, ax=None, against="mu", table=None):
+    """Axes with one quantity of ``CURVES`` ("rotation", "area_reduction", "J", "surface_ratio", "min_gap") of every state.
+
+    ``against`` is "mu" or "free_stretch"; ``table`` saves computing `results.history` again. Raises ValueError for other names.
+    """
+    one_of("quantity", quantity, CURVES)
+    one_of("against", against, AGAINST)
+    ax = plt.subplots(figsize=(3.6, 2.6), layout="constrained")[1] if ax is None else ax
+    table = history(path) if table is None else table
+    label, columns = CURVES[quantity]
+    unstable = np.asarray(table["negative_pivots"]) > 0
+    for (name, text), colour in zip(columns.items(), COLOURS, strict=False):
+        values = np.asarray(table[name]) * (100.0 if quantity == "area_reduction" else 1.0)
+        _draw_branch(ax, table[against], values, unstable, colour, text)
+    if quantity == "J":
+        ax.fill_between(table[against], table["J_min"], table["J_max"], color=COLOURS[0], alpha=0.25, linewidth=0, label="all cells")
+    if quantity == "surface_ratio":
+        ax.axhline(CREASE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (1, 1)), label="crease limit")
+        ax.axhline(WRINKLE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (3, 2)), label="wrinkle limit")
+    _mark_events(ax, table, against)
+    ax.set(xlabel=AGAINST[against], ylabel=label.replace("{unit}", _unit(path.model.cloud)))
+    ax.margins(x=0.02)
+    if len(ax.get_legend_handles_labels()[1]) > 1:
+        ax.legend(frameon=False, fontsize=7.5)
+    return ax
+
+
+@_styled
+def plot_curves(path, *, axes=None, table=None):
+    """A (5, 2) array of axes: every quantity of ``CURVES`` against mu on the left and against the free-swelling stretch on the right.
+
+    ``table`` saves computing `results.history` again.
+    """
+    if axes is None:
+        axes = plt.subplots(len(CURVES), 2, figsize=(6.9, 8.8), sharex="col", sharey="row", layout="constrained")[1]
+    table = history(path) if table is None else table
+    for row, quantity in zip(axes, CURVES, strict=True):
+        for ax, against in zip(row, AGAINST, strict=True):
+            plot_curve(path, quantity, ax=ax, against=against, table=table)
+            ax.label_outer()
+        if row[1].get_legend() is not None:
+            row[1].get_legend().remove()
+    marks = [
+        Line2D([], [], color=WALL, linewidth=0.9, linestyle=MARKS[e], label=e) for e in dict.fromkeys(e["event"] for e in events(table))
+    ]
+    if np.any(np.asarray(table["negative_pivots"]) > 0):
+        marks.append(Line2D([], [], color=LINE, linestyle="--", label="unstable branch"))
+    if SELF_CONTACT in table["status"]:
+        marks.append(Rectangle((0, 0), 1, 1, color=SHADE, label="invalid after self-contact"))
+    if marks:
+        axes[0, 0].figure.legend(handles=marks, loc="outside upper center", ncols=len(marks), frameon=False, fontsize=7.5)
+    return axes
+
+
+def _draw_branch(ax, x, y, unstable, colour, label):
+    """One curve, solid where both ends of a piece are stable and dashed elsewhere, with a dot per state."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    dashed = unstable.copy()
+    dashed[1:] |= unstable[:-1]
+    dashed[:-1] |= unstable[1:]
+    ax.plot(x, np.where(unstable, np.nan, y), color=colour, label=label, marker="o", markersize=2.0)
+    ax.plot(x, np.where(dashed, y, np.nan), color=colour, linestyle="--")
+    ax.plot(x[unstable], y[unstable], color=colour, linestyle="none", marker="o", markersize=2.0, markerfacecolor="white")
+
+
+def _mark_events(ax, table, against):
+    """Vertical lines at the events of a table, shade from the first self-contact on."""
+    mu, x = np.asarray(table["mu"]), np.asarray(table[against])
+    for event in events(table):
+        at = x[np.searchsorted(mu, event["mu"])]
+        ax.axvline(at, color=WALL, linewidth=0.9, linestyle=MARKS[event["event"]], zorder=0.5)
+        if event["event"] == "self-contact":
+            ax.axvspan(at, x[-1], color=SHADE, linewidth=0, zorder=0)
+
+
+def _nearest(path, at):
+    """Numbers of the states nearest to the chemical potentials ``at``, by default up to four evenly spread in the free swelling."""
+    x = np.asarray(free_stretch(path) if at is None else path.mu)
+    at = np.linspace(x[0], x[-1], 4) if at is None else at
+    states = [int(np.abs(x - value).argmin()) for value in at]
+    return list(dict.fromkeys(states))

@@ -1,0 +1,161 @@
+"""Figures of a path: deformed patterns, curves, an animation. Axes come in and go out; nothing is shown.
+
+Patterns are drawn in mm on the triangles of the integration cells, so holes keep their true outline. In curves a solid line is
+a stable branch, a dashed line one with negative pivots, and what follows a self-contact is shaded.
+"""
+
+import dataclasses
+from types import SimpleNamespace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import scipy.sparse
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from matplotlib.tri import Triangulation
+
+from ..cloud import boundary_edges
+from ..geometry import edge_lines, held_components
+from ..observables import FIELDS, deformed_vertices, field_on_triangles, outlines
+from .curves import _nearest
+from .style import COLOURS, GEL, LINE, WALL, _mu_text, _styled, _unit
+
+
+@_styled
+def plot_pattern(path, k=-1, *, ax=None, field="stretch", limits=None, colorbar=True):
+    """Axes with the deformed gel of state ``k``, filled by ``field``: "stretch" (largest principal), "J" or None for one colour.
+
+    ``limits`` (lowest, highest) fixes the colour scale, by default the range of this state. Raises ValueError for another field.
+    """
+    ax = plt.subplots(figsize=(3.6, 3.3), layout="constrained")[1] if ax is None else ax
+    (vertices,), (values,) = _pictured(path, [k], field)
+    gel = _Gel(ax, path.model.cloud, vertices, values, limits or _range([values]))
+    _frame(ax, path.model.cloud, [vertices], path.mu[k])
+    if colorbar and values is not None:
+        ax.figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
+    return ax
+
+
+@_styled
+def plot_patterns(path, at=None, *, axes=None, field="stretch"):
+    """A row of axes with the patterns at the accepted states nearest to the ``at`` in mu (by default four), one colour scale."""
+    states = _nearest(path, at)
+    if axes is None:
+        axes = plt.subplots(1, len(states), figsize=(2.1 * len(states) + 0.9, 2.55), sharey=True, layout="constrained")[1]
+    axes = np.atleast_1d(axes)
+    vertices, values = _pictured(path, states, field)
+    limits = _range(values)
+    for ax, k, v, colours in zip(axes, states, vertices, values, strict=True):
+        gel = _Gel(ax, path.model.cloud, v, colours, limits)
+        _frame(ax, path.model.cloud, vertices, path.mu[k])
+        ax.label_outer()
+    if field is not None:
+        axes[0].figure.colorbar(gel.cells, ax=list(axes), label=FIELDS[field], shrink=0.85)
+    return axes
+
+
+@_styled
+def plot_modes(model, points, *, axes=None, size=0.05):
+    """Axes, one per mode of the `critical.CriticalPoint`s: the gel moved along the mode, and the outlines of the critical state dashed.
+
+    The largest displacement is ``size`` times the plate's shorter side.
+    """
+    shown = [(point, mode) for point in points for mode in point.modes]
+    if axes is None:
+        axes = plt.subplots(1, len(shown), figsize=(2.3 * len(shown) + 0.5, 2.75), sharey=True, layout="constrained", squeeze=False)[1]
+    plate, axes = model.cloud.plate, np.ravel(axes)
+    for ax, (point, mode) in zip(axes, shown, strict=True):
+        moved = point.x + size * min(plate.width, plate.height) * mode / np.linalg.norm(mode, axis=1).max()
+        states = SimpleNamespace(model=model, x=np.stack([point.x, moved]))
+        vertices = np.asarray(deformed_vertices(states))
+        _Gel(ax, model.cloud, vertices[1], None, None)
+        for loop in outlines(states):
+            ax.plot(*np.append(loop[0], loop[0, :1], axis=0).T, color=COLOURS[1], linewidth=0.8, linestyle=(0, (4, 2)))
+        _frame(ax, model.cloud, vertices, float(point.mu))
+        ax.set_title(f"{point.kind}, {_mu_text(point.mu)}")
+        ax.label_outer()
+    handles = [
+        Line2D([], [], color=COLOURS[1], linestyle=(0, (4, 2)), label="outline at the critical state"),
+        Line2D([], [], color=LINE, label="moved along the mode"),
+    ]
+    axes[0].figure.legend(handles=handles, loc="outside lower center", ncols=2 if len(shown) > 1 else 1, frameon=False, fontsize=7.5)
+    return axes
+
+
+def _pictured(path, states, field):
+    """Vertices (v, 2) and triangle values (t,), or None without a field, of each of the given states, as two lists."""
+    chosen = dataclasses.replace(path, x=np.asarray(path.x)[states])
+    vertices = np.asarray(deformed_vertices(chosen))
+    values = [None] * len(states) if field is None else list(field_on_triangles(chosen, vertices, field))
+    return list(vertices), values
+
+
+def _range(values):
+    """Lowest and highest of all values, or None without any."""
+    return None if values[0] is None else (float(np.min(values)), float(np.max(values)))
+
+
+class _Gel:
+    """The filled gel and its outline on some axes, which `move` takes to another state.
+
+    A field is drawn as the mean of the cells around each vertex and linear in the triangles.
+    """
+
+    def __init__(self, ax, cloud, vertices, values, limits):
+        self.ax, self.limits, self.cells = ax, limits or (None, None), None
+        self.triangles, self.mean = np.asarray(cloud.triangles), _vertex_mean(cloud)
+        self.boundary = boundary_edges(self.triangles)
+        self.outline = ax.add_collection(LineCollection([], colors=LINE, linewidths=0.7, capstyle="round"))
+        self.move(vertices, values)
+
+    def move(self, vertices, values):
+        """Draw another state: vertices (v, 2) and triangle values (t,), or None for a plain fill."""
+        if self.cells is not None:
+            self.cells.remove()
+        mesh = Triangulation(*vertices.T, self.triangles)
+        if values is None:
+            plain = {"facecolors": np.zeros(len(self.triangles)), "cmap": ListedColormap([GEL]), "antialiased": False}
+            self.cells = self.ax.tripcolor(mesh, rasterized=True, **plain)
+        else:
+            lowest, highest = self.limits
+            colours = {"cmap": "cividis", "vmin": lowest, "vmax": highest, "shading": "gouraud"}
+            self.cells = self.ax.tripcolor(mesh, self.mean @ values, rasterized=True, **colours)
+        self.outline.set_segments(vertices[self.boundary])
+
+
+def _frame(ax, cloud, states, mu):
+    """Walls, labels, and limits that hold the gel in all ``states``, a list of vertices (v, 2)."""
+    _draw_walls(ax, cloud, np.array(states))
+    unit = _unit(cloud)
+    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=_mu_text(mu))
+
+
+def _vertex_mean(cloud):
+    """Sparse matrix (v, t) that takes values on triangles to the mean over the cells around each vertex."""
+    triangles, cells = np.asarray(cloud.triangles), np.asarray(cloud.cell_of_triangle)
+    _, representative = np.unique(cells, return_index=True)  # values are constant in a cell: one triangle stands for it
+    pairs = np.unique(np.stack([triangles.ravel(), np.repeat(representative[cells], 3)]), axis=1)
+    touches = scipy.sparse.csr_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(len(cloud.vertices), len(triangles)))
+    return touches / np.maximum(touches.sum(axis=1), 1.0)[:, None]
+
+
+def _draw_walls(ax, cloud, vertices):
+    """Hatched bars along the supported edges of the plate, and limits that hold all states (k, v, 2)."""
+    plate = cloud.plate
+    w, h, thick = plate.width, plate.height, 0.025 * max(plate.width, plate.height)
+    for edge, (axis, coordinate) in edge_lines(plate).items():
+        if not held_components(plate.edges, edge):
+            continue
+        inner = 0.5 * np.array([[-w, -h], [w, h]])
+        inner[:, axis] = coordinate
+        inner = inner @ np.array(plate.deformation).T + plate.displacement[edge]
+        outer = inner + np.sign(coordinate) * thick * np.eye(2)[axis]
+        corners = np.concatenate([inner, outer[::-1]])
+        hatch = "/////" if plate.edges[edge] == "roller" else "xxxxx"
+        ax.add_patch(Polygon(corners, facecolor="white", edgecolor=WALL, linewidth=0.0, hatch=hatch))
+    gel = vertices[:, np.unique(np.asarray(cloud.triangles))]
+    low = np.minimum(gel.min(axis=(0, 1)), [-w / 2, -h / 2]) - 1.5 * thick
+    high = np.maximum(gel.max(axis=(0, 1)), [w / 2, h / 2]) + 1.5 * thick
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))

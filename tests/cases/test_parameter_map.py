@@ -1,0 +1,289 @@
+"""Parameter maps: the points that a study asks for, their folders and table, and that nothing is lost when a process is."""
+
+import concurrent.futures
+import csv
+import dataclasses
+import json
+import multiprocessing
+import os
+import re
+import signal
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.cases import POINT, TABLE, TRIES, Workers, load_map, load_path, parameter_map, resumed_map, run_map
+from jaxgel.cli import command_line as cli
+from jaxgel.io import load_run
+
+SQUARE = """
+case = "square"
+[sweep]
+mu_start = -2.0
+mu_end = -0.5
+steps = 12
+[[parameters]]
+of = "Nv"
+values = [1e-3, 1.5e-3, 2e-3]
+"""
+HOLE = """
+[plate]
+width = 4.0
+height = 4.0
+edges = { top = "free" }
+[[holes]]
+kind = "circle"
+centre = [0.1, -0.2]
+radius = 1.1
+[sweep]
+steps = 2
+mu_start = -4.0
+contact = "off"
+[discretisation]
+spacing = 0.6666666666666666
+nodes_per_hole = 12
+"""
+RADII = '[[parameters]]\nof = "radius"\nvalues = [1.1, 1.15, 1.55, 2.5]\n[[parameters]]\nof = "mu_end"\nvalues = [-2.0]\n'
+
+
+class Inline(concurrent.futures.Executor):
+    """Runs a call where it is submitted; ``lost`` maps the names of points to how often their process dies."""
+
+    def __init__(self, **lost):
+        self.calls, self.lost = 0, lost
+
+    def submit(self, function, /, *args):
+        self.calls += 1
+        future, name = concurrent.futures.Future(), f"point_{Path(args[-1]).name}"
+        self.lost[name] = self.lost.get(name, 0) - 1
+        if self.lost[name] >= 0:
+            future.set_exception(concurrent.futures.BrokenExecutor("its process died"))
+        else:
+            future.set_result(function(*args))
+        return future
+
+
+def study(tmp_path, text):
+    (tmp_path / "study.toml").write_text(text)
+    return load_map(tmp_path / "study.toml")
+
+
+def table(folder):
+    with (folder / TABLE).open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_a_grid_has_every_combination_and_sobol_samples_fill_the_bounds(tmp_path):
+    axes = '[[parameters]]\nof = "centre"\nlower = [0.0, -0.2]\nupper = [0.2, 0.2]\nnumber = 3\n'
+    axes += '[[parameters]]\nof = "chi"\nvalues = [0.1, 0.2]\n'
+    points = study(tmp_path, HOLE + axes).points
+    np.testing.assert_allclose([p["centre"] for p in points[::2]], [[0.0, -0.2], [0.1, 0.0], [0.2, 0.2]], atol=1e-15)
+    assert [p["chi"] for p in points] == [0.1, 0.2] * 3
+    sobol = axes.replace("number = 3\n", "").replace("values = [0.1, 0.2]", "lower = 0.1\nupper = 0.2")
+    sobol += '[map]\nsamples = "sobol"\npoints = 13\nseed = 7\n'
+    points = study(tmp_path, HOLE + sobol).points
+    assert points == study(tmp_path, HOLE + sobol).points
+    assert points != study(tmp_path, HOLE + sobol.replace("seed = 7", "seed = 8")).points
+    samples = np.array([[*p["centre"], p["chi"]] for p in points])
+    assert samples.shape == (13, 3)
+    assert np.all((samples >= [0.0, -0.2, 0.1]) & (samples <= [0.2, 0.2, 0.2]))
+    assert len(np.unique(np.floor((samples[:8, 0] - 0.0) / 0.2 * 8))) == 8  # one of the first 8 in each eighth: a Sobol sequence
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HOLE, r"study: parameters is missing; give .*written \[\[parameters\]\]"),
+        (HOLE + '[[parameters]]\nof = "radios"\nvalues = [1.0]\n', r"parameters\[0\]\.of: 'radios' is unknown; did you mean 'radius'\?"),
+        (HOLE + '[[parameters]]\nof = "radius"\n', r"parameters\[0\]: number is missing; a grid takes it .* or values = \[list\]"),
+        (
+            HOLE + '[[parameters]]\nof = "radius"\nlower = 1.0\nnumber = 3\n',
+            r"parameters\[0\]: upper is missing; give a finite number or a list",
+        ),
+        (HOLE + '[[parameters]]\nof = "radius"\nlower = 1.0\nupper = 0.5\nnumber = 3\n', r"upper: 0\.5 is not above lower"),
+        (HOLE + '[[parameters]]\nof = "radius"\nvalues = ["big"]\n', r"parameters\[0\]\.values: 'big' is not a finite number"),
+        (HOLE + '[[parameters]]\nof = "radius"\nvalue = [1.0]\n', r"unknown entry 'value'; did you mean 'values'\?"),
+        (HOLE + RADII + '[map]\nsamples = "sobl"\n', r"map\.samples: 'sobl' is unknown; did you mean 'sobol'\?"),
+        (HOLE + RADII + '[map]\nsamples = "sobol"\n', r"map: points is missing; give a whole number of at least 1"),
+        (
+            HOLE + RADII + '[map]\nsamples = "sobol"\npoints = 4\n',
+            r"parameters\[0\]: number and values belong to a grid",
+        ),
+        (HOLE + '[[parameters]]\nof = "Nv"\nvalues = []\n', r"parameters\[0\]\.values: \[\] is not a list of 1 or more values"),
+        (
+            HOLE + '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\nlower = 1.0\n',
+            r"\[0\]: unknown entry 'lower'; accepted: .*, values",
+        ),
+        (HOLE + RADII + '[map]\nsamples = "sobol"\npoints = 0\n', r"map\.points: 0 is not a whole number of at least 1"),
+        (HOLE + RADII + "[map]\nseed = 1\n", r"map: unknown entry 'seed'; accepted: samples"),
+        ("map = 3\n" + HOLE + RADII, r"map: 3 is not a table, written \[map\]"),
+        (HOLE + '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\n' * 2, r"parameters: the names Nv, Nv are not all different"),
+        (HOLE + '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\n[maps]\n', r"study: unknown entry 'maps'; did you mean 'map'\?"),
+        (HOLE.replace("0.1, -0.2", "0.1, -9.0") + RADII, r"holes\[0\].*outside the plate"),
+    ],
+)
+def test_bad_studies_are_one_line_and_exit_code_2(text, message, tmp_path, capsys):
+    (tmp_path / "study.toml").write_text(text)
+    assert cli.main(["map", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert printed.err.startswith("jaxgel: error: ")
+    assert printed.out == ""
+    assert re.search(message, printed.err)
+
+
+@pytest.fixture(scope="module")
+def holes(tmp_path_factory):
+    """Study, folder and rows of a map of radii: near the study's own, too far for its cloud, and impossible."""
+    folder = tmp_path_factory.mktemp("map")
+    return (mapped := study(folder, HOLE + RADII)), folder / "out", run_map(mapped, folder / "out", Inline())
+
+
+def test_a_map_leaves_a_run_for_each_point_and_a_table_of_all(holes):
+    mapped, folder, rows = holes
+    assert [row["status"] for row in rows] == ["complete", "complete", "complete", "failed"]
+    assert "cover" in rows[3]["reason"] or "part" in rows[3]["reason"]
+    for k in range(3):
+        run = load_run(folder / f"000{k}")
+        np.testing.assert_allclose(run.mu, [-4.0, -2.0])
+        assert rows[k]["area_reduction"] == run.history["area_reduction"][-1]
+        assert float(table(folder)[k]["radius"]) == mapped.points[k]["radius"]
+        assert float(table(folder)[k]["area_reduction"]) == rows[k]["area_reduction"]
+    assert table(folder)[3]["states"] == "0"
+    assert table(folder)[3]["area_reduction"] == ""
+
+
+def test_a_point_lies_on_the_studys_cloud_placed_or_where_that_is_too_poor_on_its_own(holes):
+    mapped, folder, _ = holes
+    assert load_path(folder / "0001").model.cloud.plate.holes[0].radius == 1.15  # it refuses nodes that are not the stored ones
+    nodes = [load_run(folder / f"000{k}").states["nodes"] for k in range(3)]
+    placed = [np.asarray(mapped.cloud().at(mapped.at(point).plate).nodes) for point in mapped.points[1:3]]
+    np.testing.assert_allclose(nodes[1], placed[0], atol=1e-12)  # mm, round-off
+    own = dataclasses.replace(mapped.at(mapped.points[2]).plate, reference=None)
+    np.testing.assert_allclose(nodes[2], np.asarray(jaxgel.make_cloud(own, spacing=2 / 3, nodes_per_hole=12).nodes), atol=1e-12)
+    assert len(nodes[2]) != len(placed[1])
+
+
+def test_a_finished_map_is_not_run_again(holes):
+    mapped, folder, rows = holes
+    again = Inline()
+    assert run_map(resumed_map(folder), folder, again, resume=True) == rows
+    assert again.calls == 0
+    with pytest.raises(ValueError, match="holds a map already"):
+        run_map(mapped, folder, again)
+    with pytest.raises(ValueError, match="another study"):
+        run_map(
+            parameter_map.map_from_table(mapped.table | {"parameters": mapped.table["parameters"][:1]}, "x"), folder, again, resume=True
+        )
+
+
+def test_a_lost_point_is_tried_again_and_then_given_up_until_resumed(tmp_path):
+    mapped, executor = study(tmp_path, SQUARE), Inline(point_0000=1, point_0002=TRIES)
+    rows = run_map(mapped, tmp_path / "out", executor)
+    assert [row["status"] for row in rows] == ["complete", "complete", "lost"]
+    assert executor.calls == 3 + 1 + (TRIES - 1)
+    assert "its process died" in table(tmp_path / "out")[2]["reason"]
+    kept = (tmp_path / "out" / "0000" / POINT).stat().st_mtime_ns
+    executor = Inline()
+    assert [row["status"] for row in run_map(mapped, tmp_path / "out", executor, resume=True)] == ["complete"] * 3
+    assert executor.calls == 1
+    assert (tmp_path / "out" / "0000" / POINT).stat().st_mtime_ns == kept
+
+
+def test_an_interrupted_map_keeps_what_has_ended(tmp_path, monkeypatch):
+    run_point = parameter_map.run_point
+
+    def interrupted(text, values, folder):
+        if values["Nv"] == 2e-3:
+            raise KeyboardInterrupt
+        return run_point(text, values, folder)
+
+    mapped = study(tmp_path, SQUARE)
+    monkeypatch.setattr(parameter_map, "run_point", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_map(mapped, tmp_path / "out", Inline())
+    monkeypatch.setattr(parameter_map, "run_point", run_point)
+    executor = Inline()
+    assert [row["status"] for row in run_map(mapped, tmp_path / "out", executor, resume=True)] == ["complete"] * 3
+    assert executor.calls == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
+def test_ending_workers_at_once_does_not_wait_for_their_calls():
+    executor = Workers(1)
+    future = executor.submit(time.sleep, 600)
+    while not multiprocessing.active_children():
+        time.sleep(0.05)
+    executor.shutdown(wait=False, cancel_futures=True)
+    with pytest.raises((concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError)):
+        future.result(timeout=60)
+    deadline = time.monotonic() + 60
+    while multiprocessing.active_children() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert multiprocessing.active_children() == []
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """Rows of the map of the square, computed in this process."""
+    folder = tmp_path_factory.mktemp("square")
+    return run_map(study(folder, SQUARE), folder / "out", Inline())
+
+
+def check(rows, expected, folder):
+    """The rows are complete and have the expected numbers; the table has them all."""
+    assert [row["status"] for row in rows] == ["complete"] * len(expected)
+    for row, other in zip(rows, expected, strict=True):
+        np.testing.assert_allclose(row["J_mean"], other["J_mean"], rtol=1e-9)  # of converged states, whatever XLA's threads
+    assert [int(row["point"]) for row in table(folder)] == list(range(len(expected)))
+    assert all(json.loads((folder / f"000{k}" / POINT).read_bytes())["row"] == row for k, row in enumerate(rows))
+
+
+def killed_in_mid_run(folder, pid_of):
+    """Thread that kills the process ``pid_of()`` as soon as a point has a state on disk; a list of what it killed."""
+    done = []
+
+    def kill():
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline:
+            begun = [file.parent for file in folder.glob("*/history.csv") if file.read_bytes().count(b"\n") > 1]
+            if any(not (point / POINT).exists() for point in begun):
+                done.append(pid_of())
+                os.kill(done[0], signal.SIGKILL)
+                return
+            time.sleep(0.002)
+
+    thread = threading.Thread(target=kill, daemon=True)
+    thread.start()
+    return thread, done
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
+@pytest.mark.parametrize("number", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_killed_worker_loses_no_point(number, tmp_path, expected):
+    thread, killed = killed_in_mid_run(tmp_path / "out", lambda: multiprocessing.active_children()[0].pid)
+    with Workers(number) as executor:
+        rows = run_map(study(tmp_path, SQUARE), tmp_path / "out", executor)
+    thread.join()
+    assert len(killed) == 1
+    check(rows, expected, tmp_path / "out")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
+@pytest.mark.filterwarnings("ignore")  # of Dask's own
+def test_a_killed_dask_worker_loses_no_point(tmp_path, expected):
+    distributed = pytest.importorskip("distributed")
+    options = dict(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50, local_directory=str(tmp_path)
+    )
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+        thread, killed = killed_in_mid_run(tmp_path / "out", lambda: next(iter(client.run(os.getpid).values())))
+        rows = run_map(study(tmp_path, SQUARE), tmp_path / "out", client.get_executor(pure=False))
+    thread.join()
+    assert len(killed) == 1
+    check(rows, expected, tmp_path / "out")

@@ -1,0 +1,183 @@
+"""An interrupted run goes on from its folder to the numbers of an uninterrupted one, and what cannot be continued is refused."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+
+import jax
+import numpy as np
+import pytest
+
+from jaxgel.cases import case as cases
+from jaxgel.cases import load_path
+from jaxgel.cli import command_line as cli
+from jaxgel.continuation import sweep
+from jaxgel.io import Recorder, load_run
+
+TINY = """
+[plate]
+width = 4.0
+height = 4.0
+edges = { top = "free" }
+[[holes]]
+kind = "circle"
+centre = [0.1, -0.2]
+radius = 1.1
+[discretisation]
+spacing = 0.6666666666666666
+nodes_per_hole = 12
+[output]
+figures = false
+animation = false
+[sweep]
+"""
+GIVEN, CHOSEN = "mu = [-4.9, -4.0, -3.0, -2.0, -1.5, -1.2]\n", 'steps = "auto"\nmu_end = -1.2\n'
+
+
+class Interrupted(Recorder):
+    """A recorder that keeps the folder as it was after every step."""
+
+    def __call__(self, step):
+        super().__call__(step)
+        shutil.copytree(self.folder, self.folder.with_name(f"after-{len(self.records)}"))
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """As `run_of`, with chosen steps."""
+    return run_of(CHOSEN, tmp_path_factory.mktemp("restart"))
+
+
+def run_of(mu, parent):
+    """The folder of a whole run, next to it the folders ``after-k`` of the same run killed after k states, and its path."""
+    folder = parent / "whole"
+    (folder.parent / "tiny.toml").write_text(TINY + mu)
+    case = cases.load_case(folder.parent / "tiny.toml")
+    recorder = Interrupted(folder, case, case.model(), case.gel)
+    path = sweep(recorder.model, case.gel, mu=case.sweep.values, on_step=recorder)
+    recorder.finish("complete", path.stop_text, path.stop)
+    return folder, path
+
+
+@pytest.mark.parametrize("mu", [GIVEN, CHOSEN], ids=["given", "chosen"])
+def test_a_run_killed_after_a_state_ends_with_the_same_bits(mu, tmp_path):
+    folder, path = run_of(mu, tmp_path)
+    for k in (1, len(path) // 2):
+        killed = folder.with_name(f"after-{k}")
+        assert load_run(killed).summary["status"] == "running"
+        assert cli.main(["resume", str(killed), "--quiet", "--no-plots"]) == 0
+        assert_same(killed, folder)
+        assert (killed / "series.pvd").is_file()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
+def test_a_run_killed_twice_at_any_moment_ends_with_the_same_bits(swept, tmp_path):
+    """The proof with twenty kills is benchmarks/kill.py."""
+    folder, moments = tmp_path / "killed", np.random.default_rng(11)
+    command = ["run", str(swept[0].parent / "tiny.toml"), "--out", str(folder), "--quiet", "--no-plots"]
+    for _ in range(2):
+        process = subprocess.Popen([sys.executable, "-m", "jaxgel", *command], stderr=subprocess.PIPE, stdin=subprocess.DEVNULL)
+        while process.poll() is None and len(list(folder.glob("*"))) < 3:
+            time.sleep(0.02)
+        time.sleep(moments.uniform(0, 2))
+        process.kill()
+        process.communicate()
+        assert load_run(folder)
+        command = ["resume", str(folder), "--quiet", "--no-plots"]
+    assert cli.main(command) == 0
+    assert_same(folder, swept[0])
+
+
+def assert_same(folder, other):
+    """The two runs agree to the bit but for the time they took."""
+    assert (folder / "states.npz").read_bytes() == (other / "states.npz").read_bytes()
+    assert (folder / "history.csv").read_bytes() == (other / "history.csv").read_bytes()
+    one, two = (json.loads((f / "summary.json").read_text()) for f in (folder, other))
+    assert one | {"wall_seconds": 0} == two | {"wall_seconds": 0}
+
+
+def test_a_path_read_back_is_the_one_that_was_written(swept):
+    folder, path = swept
+    again = load_path(folder)
+    for leaf, original in zip(jax.tree.leaves((again.model, again.gel)), jax.tree.leaves((path.model, path.gel)), strict=True):
+        np.testing.assert_array_equal(leaf, original)
+    for name in set(path.__dataclass_fields__) - {"model", "gel"}:
+        np.testing.assert_array_equal(getattr(again, name), getattr(path, name), err_msg=name)
+
+
+def test_a_complete_run_is_only_drawn_again(swept, tmp_path, monkeypatch):
+    shutil.copytree(swept[0], tmp_path / "copy")
+    monkeypatch.setattr("jaxgel.cli.commands.sweep", None)
+    assert cli.main(["resume", str(tmp_path / "copy"), "--quiet", "--no-plots"]) == 0
+    assert_same(tmp_path / "copy", swept[0])
+
+
+def test_a_run_killed_before_its_first_state_starts_again(swept, tmp_path):
+    summary = json.loads((swept[0].with_name("after-1") / "summary.json").read_text())
+    (tmp_path / "summary.json").write_text(json.dumps(summary | {"states": 0, "events": []}))
+    assert cli.main(["resume", str(tmp_path), "--quiet", "--no-plots"]) == 0
+    assert_same(tmp_path, swept[0])
+
+
+def test_other_versions_are_said(swept, tmp_path, capsys):
+    shutil.copytree(swept[0], tmp_path / "copy")
+    edit(tmp_path / "copy", versions={"jax": "0.1"})
+    assert cli.main(["resume", str(tmp_path / "copy"), "--no-plots"]) == 0
+    assert "jax 0.1 -> " in capsys.readouterr().out
+
+
+def edit(folder, **entries):
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps(summary | entries))
+
+
+def other_nodes(folder):
+    arrays = dict(np.load(folder / "states.npz"))
+    np.savez(folder / "states.npz", **(arrays | {"nodes": arrays["nodes"] + 1e-6}))
+
+
+def other_mu(folder):
+    options = json.loads((folder / "summary.json").read_text())["options"]
+    edit(folder, options=options | {"sweep": options["sweep"] | {"mu_start": -4.0, "mu": [-4.0, -1.0]}})
+
+
+def other_modes(folder):
+    arrays = dict(np.load(folder / "states.npz"))
+    np.savez(folder / "states.npz", **(arrays | {"modes": arrays["modes"][1:]}))
+
+
+def other_rate(folder):
+    arrays = dict(np.load(folder / "states.npz"))
+    np.savez(folder / "states.npz", **(arrays | {"rate": arrays["nodes"][1:]}))
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda folder: edit(folder, format=1), r"summary\.json' is damaged or not written by jaxgel: format 1, this version reads 2"),
+        (lambda folder: edit(folder, format=99), "format 99, this version reads 2"),
+        (lambda folder: edit(folder, stop="GONE"), "'GONE' is no status"),
+        (lambda folder: (folder / "summary.json").write_text("{"), r"summary\.json' is damaged"),
+        (lambda folder: (folder / "states.npz").write_bytes(b"PK"), r"states\.npz' is damaged"),
+        (lambda folder: (folder / "history.csv").unlink(), r"history\.csv' is damaged"),
+        (lambda folder: (folder / "summary.json").unlink(), r"holds none of design"),
+        (other_nodes, "run the case again"),
+        (other_mu, r"are not those of the case in its summary\.json"),
+        (other_modes, "run the case again"),
+        (other_rate, "is damaged"),
+    ],
+)
+def test_what_cannot_be_continued_is_one_line(swept, tmp_path, capsys, damage, message):
+    folder = tmp_path / "copy"
+    shutil.copytree(swept[0].with_name("after-2"), folder)  # which no test continues
+    damage(folder)
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    assert cli.main(["resume", str(folder)]) == 2
+    printed = capsys.readouterr()
+    assert re.fullmatch(r"jaxgel: error: folder: [^\n]*\n", printed.err)
+    assert re.search(message, printed.err)
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before

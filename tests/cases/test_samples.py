@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+import shapely
+from numpy.polynomial.legendre import leggauss
+
+from jaxgel.cases import sample, sample_names
+from jaxgel.geometry import Ellipse, arcs, check_plate, equal_arc_length, inside_holes
+
+# nodes and Gauss points of Deng et al. (2020), Table 1 and section 5.3; the printed 12,114 of sample 7 is a misprint: it is no
+# multiple of 4, which the symmetry of the plate demands
+COUNTS = {
+    "sample-1": (1009, 12284),
+    "sample-2": (1213, 15600),
+    "sample-3": (1417, 18936),
+    "sample-4": (989, 12312),
+    "sample-5": (1225, 15624),
+    "sample-6": (1437, 18956),
+    "sample-7": (941, 12144),
+    "sample-8": (1165, 15196),
+    "sample-9": (1441, 18876),
+    "lattice": (840, 2304),
+    "square": (49, 576),
+}
+
+
+def grid(ticks):
+    return np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+
+
+def n_nodes(plate):
+    """Grid points outside the holes and nodes on the outlines, in proportion to the angle where circles are cut."""
+    ticks = np.linspace(-plate.width / 2, plate.width / 2, round(plate.width / plate.spacing) + 1)
+    on_outlines = (len(equal_arc_length(plate, arc, round(plate.nodes_per_hole * (arc.end - arc.start)))) for arc in arcs(plate))
+    return np.sum(~inside_holes(plate, grid(ticks), 1e-9 * plate.spacing)) + sum(on_outlines)
+
+
+def n_gauss_points(plate):
+    """Points of 4 x 4 Gauss quadrature in square cells, less those in holes."""
+    x, _ = leggauss(4)
+    ticks = (np.arange(plate.cells)[:, None] + (1 + x) / 2) * plate.width / plate.cells - plate.width / 2
+    return np.sum(~inside_holes(plate, grid(ticks.ravel())))
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_sample_has_the_papers_nodes_and_gauss_points(name):
+    plate = sample(name)
+    assert (n_nodes(plate), n_gauss_points(plate)) == COUNTS[name]
+
+
+def test_all_samples_are_sound_plates():
+    assert sample_names() == list(COUNTS)
+    for name in sample_names():
+        plate = sample(name)
+        check_plate(plate)
+        assert plate.name == name
+
+
+@pytest.mark.parametrize(("name", "ligament"), [("sample-4", 1.0), ("sample-7", 1.0), ("sample-1", 1.0)])
+def test_largest_holes_leave_one_millimetre(name, ligament):
+    outlines = [shapely.Polygon([hole.point(t) for t in np.arange(40) / 40]) for hole in sample(name).holes]
+    nearest = min(a.distance(b) for i, a in enumerate(outlines) for b in outlines[:i])
+    assert nearest == pytest.approx(ligament, abs=1e-12)  # the nearest points are among the 40: axis ends and sides
+
+
+def test_long_axes_lie_along_x_in_the_first_and_third_quadrant():
+    for name, semi_axes in (("sample-1", (5, 4)), ("sample-2", (5, 3)), ("sample-3", (4, 2.5))):
+        plate = sample(name)
+        assert len(plate.holes) == 4
+        for hole in plate.holes:
+            assert isinstance(hole, Ellipse)
+            assert tuple(hole.semi_axes) == semi_axes
+            end = np.asarray(hole.point(0.0) - hole.centre)
+            along_x = float(hole.centre[0] * hole.centre[1]) > 0
+            np.testing.assert_allclose(end, (semi_axes[0], 0) if along_x else (0, semi_axes[0]), atol=1e-14)
+
+
+def test_areas_of_circles_and_squares_are_equal():
+    for circles, squares in (("sample-4", "sample-7"), ("sample-5", "sample-8"), ("sample-6", "sample-9")):
+        np.testing.assert_allclose(sample(circles).holes[0].area(), sample(squares).holes[0].area(), rtol=1e-14)
+
+
+def test_gels_walls_and_core_points_are_the_papers():
+    assert (sample("sample-5").gel.Nv, sample("sample-5").gel.chi) == (1e-3, 1e-4)
+    assert (sample("lattice").gel.chi, sample("lattice").core) == (1e-5, (1.0, 1.0))
+    assert sample("square").gel.chi == 0.1
+    assert dict(sample("square").edges) == {"left": "roller", "right": "roller", "bottom": "roller", "top": "free"}
+    assert set(sample("lattice").edges.values()) == {"roller"}
+
+
+def test_unknown_sample_is_answered_with_the_nearest_name():
+    with pytest.raises(ValueError, match="case: unknown name 'sampel-3'; did you mean 'sample-3'"):
+        sample("sampel-3")

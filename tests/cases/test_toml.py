@@ -1,0 +1,239 @@
+"""Case files that jaxgel writes, the schema that it prints, and gels of one's own in a case file."""
+
+import dataclasses
+import json
+import re
+import subprocess
+import sys
+import tomllib
+
+import jax
+import jsonschema
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.cases import case as cases
+from jaxgel.cases import case_schema, case_text, example, explicit
+from jaxgel.cli import command_line as cli
+
+PLATE = {"width": 20.0, "height": 10.0}
+CIRCLE = {"kind": "circle", "centre": [1.0, 0.5], "radius": 2.0}
+
+
+@pytest.fixture(scope="module")
+def validator():
+    """Of the schema, which is itself valid."""
+    schema = case_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+@pytest.mark.parametrize("name", jaxgel.sample_names())
+def test_an_exported_sample_is_the_same_case(name, validator):
+    case, table = cases.load_case(name), tomllib.loads(case_text(explicit(cases.load_case(name))))
+    validator.validate(table)
+    again = cases.from_table(table, name)
+    for field in dataclasses.fields(case.plate):
+        if field.name not in ("holes", "gel"):
+            assert getattr(again.plate, field.name) == getattr(case.plate, field.name)
+    for hole, original in zip(again.plate.holes, case.plate.holes, strict=True):
+        assert type(hole) is type(original)
+        jax.tree.map(np.testing.assert_array_equal, hole.theta, original.theta)
+    assert (again.gel, again.sweep, again.discretisation, again.output) == (case.gel, case.sweep, case.discretisation, case.output)
+
+
+@pytest.mark.slow
+def test_an_exported_sample_runs_to_the_same_numbers(tmp_path):
+    assert cli.main(["init", "--from", "square", str(tmp_path / "square")]) == 0
+    for case, folder in (("square", "name"), (str(tmp_path / "square.toml"), "file")):
+        assert cli.main(["run", case, "--steps", "3", "--no-plots", "--quiet", "--out", str(tmp_path / folder)]) == 0
+    assert (tmp_path / "name" / "states.npz").read_bytes() == (tmp_path / "file" / "states.npz").read_bytes()
+
+
+def test_init_writes_a_commented_case_once(tmp_path, monkeypatch, capsys, validator):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["init"]) == 0
+    text = (tmp_path / "case.toml").read_text()
+    validator.validate(tomllib.loads(text))
+    assert cases.load_case("case.toml").table() == example().table()
+    entries = [line for line in text.splitlines() if " = " in line and not line.startswith(("kind", "#"))]
+    assert all(re.search(r" # \S", line) for line in entries)
+    assert "jaxgel run case.toml" in capsys.readouterr().out
+    assert cli.main(["init", "case.toml"]) == 2
+    assert re.fullmatch(r"jaxgel: error: name: 'case\.toml' is there already; [^\n]*\n", capsys.readouterr().err)
+    assert (tmp_path / "case.toml").read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"), [(["--from", "sampel-1"], "did you mean 'sample-1'"), (["no/such/folder/x"], "cannot write")]
+)
+def test_init_refuses_in_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["init", *arguments]) == 2
+    assert re.fullmatch(rf"jaxgel: error: [^\n]*{message}[^\n]*\n", capsys.readouterr().err)
+
+
+def test_the_schema_knows_every_section_and_is_printed(validator, capsys):
+    assert cli.main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == validator.schema
+    assert set(validator.schema["properties"]) == set(cases.SECTIONS)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"plate": PLATE | {"edges": "free"}},
+        {"plate": PLATE | {"edges": {"top": "free", "left": "fixed"}, "core": [1.0, 0.0], "cells": 8, "unit": "um", "spacing": 0.5}},
+        {"plate": {"sample": "sample-1"}, "holes": []},
+        {"holes": [CIRCLE, {"kind": "polygon", "vertices": [[0, 0], [1, 0], [0, 1]]}]},
+        {"holes": [{"kind": "fourier", "centre": [0, 0], "radius": 1, "cos": [0.1], "sin": [0.0]}]},
+        {"gel": {"Nv": 1e-2, "chi": 1.9}},
+        {"sweep": {"mu": [-3, -2.5]}},
+        {"sweep": {"steps": "auto", "branch": "symmetric", "contact": "stop", "imperfection": -0.1}},
+        {"discretisation": {"spacing": 0.5, "nodes_per_hole": 3, "across": 2, "basis": "linear", "dmax": 2}},
+        {"output": {"figures": False}},
+    ],
+)
+def test_schema_and_cases_accept_the_same(change, validator):
+    table = {"plate": PLATE} | change
+    cases.from_table(table, "mine")
+    validator.validate(table)
+
+
+def test_the_schema_knows_holes_from_drawings(validator):
+    outline = {"kind": "outline", "file": "a.dxf", "number": 1, "fit": "polygon", "tolerance": 0.1, "scale": 2, "centre": [0.0, 1.0]}
+    validator.validate({"plate": PLATE, "holes": [outline, {"kind": "outline", "file": "b.csv"}]})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"plates": PLATE},
+        {"plate": {"width": 1.0}},
+        {"plate": {"sample": "sample-1", "width": 1.0}},
+        {"plate": {"sample": "sample-0"}},
+        {"plate": PLATE | {"width": 0.0}},
+        {"plate": PLATE | {"height": True}},
+        {"plate": PLATE | {"edges": "fre"}},
+        {"plate": PLATE | {"edges": 3}},
+        {"plate": PLATE | {"edges": {"topp": "free"}}},
+        {"plate": PLATE | {"core": [1.0]}},
+        {"plate": PLATE | {"unit": 3}},
+        {"plate": PLATE | {"cells": 0}},
+        {"plate": PLATE | {"nodes_per_hole": 2}},
+        {"plate": 3},
+        {"holes": 3},
+        {"holes": [CIRCLE | {"kind": "cricle"}]},
+        {"holes": [{"kind": "circle", "centre": [0.0, 0.0]}]},
+        {"holes": [CIRCLE | {"angle": 0.1}]},
+        {"holes": [{"kind": "outline"}]},
+        {"holes": [{"kind": "outline", "file": "a.csv", "fit": "spline"}]},
+        {"holes": [CIRCLE | {"centre": [0.0]}]},
+        {"gel": {"Nv": 0.0}},
+        {"gel": {"chi": 2.0}},
+        {"gel": {"chi": 0.0}},
+        {"gel": {"Jm": 30.0}},
+        {"gel": {"energy": "nocolon"}},
+        {"sweep": {"steps": 1}},
+        {"sweep": {"steps": 2.5}},
+        {"sweep": {"mu": []}},
+        {"sweep": {"mu": ["a"]}},
+        {"sweep": {"branch": "stabel"}},
+        {"discretisation": {"basis": "cubic"}},
+        {"discretisation": {"across": 1}},
+        {"discretisation": {"dmax": -1.0}},
+        {"output": {"figures": 1}},
+        {"output": {"gif": True}},
+    ],
+)
+def test_schema_and_cases_refuse_the_same(change, validator):
+    table = {"plate": PLATE} | change
+    assert not validator.is_valid(table)
+    with pytest.raises(ValueError, match=r"^[^\n]*$"):
+        cases.from_table(table, "mine")
+
+
+def test_the_checker_is_loaded_with_the_first_file_only():
+    code = "import sys, jaxgel.cli; before = set(sys.modules); jaxgel.cases.load_case('square'); print(*(set(sys.modules) - before))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "jsonschema" in loaded
+
+
+# --- a gel of one's own ------------------------------------------------------------------------------------------------------
+
+MODULE = """
+import jaxgel
+def gent(Nv, chi, Jm):
+    return jaxgel.Gel(Nv, chi, network=jaxgel.Gent(Jm))
+def broken(Nv, chi):
+    raise RuntimeError("two\\nlines")
+def empty(Nv, chi):
+    return None
+def singular(Nv, chi):
+    return jaxgel.Gel(Nv, chi, network=lambda F, gel: F[0, 0] * float("nan"))
+number = 3
+"""
+
+
+@pytest.fixture
+def with_energy(tmp_path):
+    """A function that writes a case file with a gel section beside the module ``mine.py``, and returns its path."""
+    (tmp_path / "mine.py").write_text(MODULE)
+
+    def write(section):
+        (tmp_path / "case.toml").write_text(f"[plate]\nsample = 'square'\n[sweep]\nmu = [-3.0, -2.0]\n[gel]\n{section}\n")
+        return str(tmp_path / "case.toml")
+
+    return write
+
+
+def test_an_energy_of_ones_own_is_used(with_energy, tmp_path):
+    case = cases.load_case(with_energy('energy = "mine:gent"\nJm = 20.0\nchi = 0.3'))
+    assert case.gel == jaxgel.Gel(1e-3, 0.3, network=jaxgel.Gent(20.0))
+    assert case.table()["gel"] == {"energy": "mine:gent", "Jm": 20.0, "Nv": 1e-3, "chi": 0.3}
+    again = cases.from_table(tomllib.loads(case_text(case)), "again", tmp_path)
+    assert again.gel == case.gel
+
+
+def test_the_functions_of_a_module_stay_the_same_objects(with_energy):
+    from jaxgel.cases.user_energy import _from_file
+
+    file = with_energy('energy = "mine:gent"\nJm = 20.0')
+    cases.load_case(file)
+    before = _from_file.cache_info().misses
+    cases.load_case(file)
+    assert _from_file.cache_info().misses == before
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ('energy = "mine"', "is not a text of the form module:function"),
+        ("energy = 3", "3 is not a text of the form module:function"),
+        ('energy = "../mine:gent"', "is not a text of the form module:function"),
+        ('energy = "mine:gint"', "module 'mine' has no function 'gint'"),
+        ('energy = "mine:number"', "has no function 'number'"),
+        ('energy = "nomodule_of_this_name:f"', "cannot import 'nomodule_of_this_name' from .*ModuleNotFoundError"),
+        ('energy = "mine:gent"', "makes no gel of Nv, chi: TypeError: .*Jm"),
+        ('energy = "mine:broken"', "RuntimeError: two lines"),
+        ('energy = "mine:empty"', "makes no gel"),
+        ('energy = "mine:singular"', "must return a gel"),
+        ('energy = "mine:gent"\nJm = "a"', r"gel\.Jm: 'a' is not a finite number"),
+        ('energy = "mine:gent"\n"J\\nm" = "a"', r"gel\['J\\nm'\]: 'a' is not a finite number"),
+        ('energy = "mine:gent"\nJm = 20.0\nNv = -1.0', r"gel\.Nv: -1\.0 is not a finite number above 0"),
+    ],
+)
+def test_an_energy_that_cannot_be_used_is_one_line(section, message, with_energy):
+    with pytest.raises(ValueError, match=message) as problem:
+        cases.load_case(with_energy(section))
+    assert "\n" not in str(problem.value)
+
+
+def test_a_run_with_an_energy_is_read_back_where_its_module_is(with_energy, tmp_path, monkeypatch, capsys):
+    file = with_energy('energy = "mine:gent"\nJm = 20.0')
+    assert cli.main(["run", file, "--no-plots", "--quiet", "--out", str(tmp_path / "run")]) == 0
+    assert cli.main(["resume", str(tmp_path / "run"), "--no-plots"]) == 2
+    assert "gel.energy: 'mine:gent': cannot import" in capsys.readouterr().err
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["resume", str(tmp_path / "run"), "--no-plots", "--quiet"]) == 0

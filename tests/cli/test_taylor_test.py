@@ -1,0 +1,140 @@
+"""The Taylor test of a user's own case: it passes for true gradients, fails for broken ones, and writes its table."""
+
+import csv
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.cases import from_table
+from jaxgel.cli.taylor_test import FILE
+from jaxgel.cli.taylor_test import OBJECTIVES
+from jaxgel.cli.taylor_test import RATE
+from jaxgel.cli.taylor_test import check_gradient
+from jaxgel.cli.taylor_test import differentiable
+from jaxgel.cli.taylor_test import failures
+from jaxgel.cli import command_line as cli
+from jaxgel.cli import taylor_test as module
+
+HOLE = dict(kind="ellipse", centre=[0.3, -0.2], semi_axes=[2.4, 1.6], angle=0.4)
+TABLE = dict(
+    plate=dict(width=8.0, height=8.0, edges={"top": "free"}),
+    holes=[HOLE],
+    gel=dict(Nv=1e-2, chi=0.1),  # stiff enough for Nv to turn this plate: at 1e-3 the angle's change is lost in round-off
+    sweep=dict(mu_start=-3.0, mu_end=-1.8, steps=2),
+    discretisation=dict(spacing=1.2),
+)
+CASE = """
+[plate]
+width = 8.0
+height = 8.0
+edges = { top = "free" }
+
+[[holes]]
+kind = "ellipse"
+centre = [0.3, -0.2]
+semi_axes = [2.4, 1.6]
+angle = 0.4
+
+[gel]
+Nv = 1e-2
+chi = 0.1
+
+[sweep]
+mu_start = -3.0
+mu_end = -1.8
+
+[discretisation]
+spacing = 1.2
+"""
+
+
+@pytest.fixture(scope="module")
+def case():
+    return from_table(TABLE, "small")
+
+
+@pytest.fixture(scope="module")
+def rows(case):
+    return check_gradient(case, directions=2, states=2)
+
+
+def test_the_remainders_fall_quadratically(rows):
+    assert failures(rows) == []
+    judged = {(row.objective, row.family) for row in rows if np.isfinite(row.rate)}
+    every = {(row.objective, row.family) for row in rows}
+    assert judged == every and len(every) == 3 * 6
+    smooth = [row.rate for row in rows if row.family in ("chi", "mu") and np.isfinite(row.rate)]
+    assert min(smooth) > RATE and np.median(smooth) == pytest.approx(2.0, abs=0.005)  # no kinks where no node moves
+    assert {row.family for row in rows} == {"centre", "semi_axes", "angle", "Nv", "chi", "mu"}
+
+
+def test_an_objective_without_a_value_is_left_out(rows):
+    """The core of this plate lies in the hole; its nan must not reach the derivatives of the others."""
+    assert {row.objective for row in rows} == set(OBJECTIVES) - {"core rotation"}
+
+
+def test_the_rotation_of_a_level_midline_is_left_out(square_model, coarse_path):
+    """Round-off chooses the highest point of a level line: its angle is 0 and has no derivative."""
+    level = jaxgel.sweep(square_model, jaxgel.sample("square").gel, mu=[-2.0])
+    assert abs(jaxgel.rotation_angle(level)[0]) < 1e-9
+    assert differentiable(level) == ("core rotation",)  # a plate without holes has no area to lose
+    assert differentiable(coarse_path) == tuple(OBJECTIVES)
+
+
+def test_a_wrong_gradient_is_found(case, monkeypatch):
+    """The area reduction with a derivative that is off by 1 %: its remainders fall as h."""
+    true = OBJECTIVES["area reduction"]
+
+    def wrong(path):
+        return 0.99 * true(path) + 0.01 * jax.lax.stop_gradient(true(path))
+
+    monkeypatch.setattr("jaxgel.cli.taylor_test.OBJECTIVES", {"area reduction": wrong})
+    rows = check_gradient(case, directions=1, states=2)
+    families = {"centre", "semi_axes", "angle", "Nv", "chi", "mu"}
+    assert {family for objective, family in failures(rows) if objective == "area reduction"} == families
+    rates = [row.rate for row in rows if row.objective == "area reduction"]
+    assert np.median(rates) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_direction_without_a_judged_rate_decides_nothing(rows):
+    """Two of three directions in round-off must not hide the third one, and a nan is a failure."""
+
+    def family(*rates):
+        return [dataclasses.replace(rows[0], rate=rate) for rate in rates]
+
+    pair = (rows[0].objective, rows[0].family)
+    assert failures(family(np.inf, np.inf, 1.0)) == failures(family(np.nan, np.nan, 2.0)) == [pair]
+    assert failures(family(np.inf, np.inf)) == failures(family(2.0, 1.4, 2.0)) == []
+
+
+def test_the_command_prints_and_writes_the_table(tmp_path, capsys, monkeypatch, rows):
+
+    monkeypatch.setattr(module, "check_gradient", lambda *_, **__: rows)
+    (tmp_path / "small.toml").write_text(CASE)
+    assert cli.main(["check-grad", str(tmp_path / "small.toml"), "--states", "2", "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    written = list(csv.DictReader((tmp_path / "out" / FILE).read_text().splitlines()))
+    assert len(written) == len(rows) == len(printed) - 2
+    assert printed[-1] == "left out, without a value or a derivative at the last state: core rotation"
+    assert float(written[0]["remainder at h = 1"]) == rows[0].remainders[0]
+
+    monkeypatch.setattr(module, "failures", lambda _: [("rotation", "centre")])
+    assert cli.main(["check-grad", str(tmp_path / "small.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 3
+    assert capsys.readouterr().err == "jaxgel: the remainder does not fall as h^2: rotation by centre\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check-grad"], "CASE"),
+        (["check-grad", "smaple-1"], "did you mean 'sample-1'"),
+        (["check-grad", "sample-1", "--states", "x"], "states"),
+    ],
+)
+def test_unusable_arguments_are_one_line_and_exit_code_2(arguments, message, capsys):
+    assert cli.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1

@@ -1,0 +1,127 @@
+"""Facts about the cells of clouds: with elliptic and square holes, with holes cut by the plate's edge, and without holes."""
+
+import numpy as np
+import pytest
+import shapely
+
+from jaxgel.cloud import SLIVER, make_cloud, partition
+from jaxgel.geometry import Circle, Plate, edge_lines
+
+each_case = pytest.mark.parametrize("name", ["sample-1", "sample-7", "lattice", "square"])
+
+
+def signed_areas(part):
+    a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
+    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+
+
+def shoelace(loop):
+    following = np.roll(loop, -1, axis=0)
+    return 0.5 * np.sum(loop[:, 0] * following[:, 1] - loop[:, 1] * following[:, 0])
+
+
+def keys(edges):
+    """One number for each directed edge, and for its reverse."""
+    n = edges.max() + 1
+    return edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0]
+
+
+@each_case
+def test_triangles_fill_the_gel_up_to_the_fine_outlines(name, cloud_of):
+    found = cloud_of(name).topology
+    areas = signed_areas(found.partition)
+    assert areas.min() > 0
+    plate = found.plate
+    if name == "lattice":  # seen from a hole's centre, on the wall, every fine segment is the base of a triangle
+        radius = 0.9
+        turns = [np.diff(np.append(o.s, 1.0) if o.closed else o.s) * (o.arc.end - o.arc.start) for o in found.outlines]
+        holes = sum(radius**2 / 2 * np.sin(2 * np.pi * turn).sum() for turn in turns)
+    else:
+        holes = sum(shoelace(found.partition.vertices[o.vertices]) for o in found.outlines)
+    gel = plate.width * plate.height - holes
+    assert areas.sum() == pytest.approx(gel, rel=1e-12)  # round-off of some 1e3 areas
+
+
+@each_case
+def test_contours_of_cells_close_and_bound_their_area(name, cloud_of):
+    part = cloud_of(name).topology.partition
+    edges, owner = part.contour_edges
+    start, end = part.vertices[edges[:, 0]], part.vertices[edges[:, 1]]
+    for component in (0, 1):
+        np.testing.assert_allclose(np.bincount(owner, (end - start)[:, component]), 0.0, atol=1e-12)
+    for cell in range(part.n_cells):  # every vertex is left as often as it is entered
+        own = edges[owner == cell]
+        np.testing.assert_array_equal(np.sort(own[:, 0]), np.sort(own[:, 1]))
+    by_contour = np.bincount(owner, 0.5 * (start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]))
+    np.testing.assert_allclose(by_contour, np.bincount(part.cell_of_triangle, signed_areas(part)), rtol=1e-11)
+
+
+@each_case
+def test_inner_edges_appear_twice_and_the_others_lie_on_walls_or_outlines(name, cloud_of):
+    found = cloud_of(name).topology
+    part = found.partition
+    edges, _ = part.contour_edges
+    forward, backward = keys(edges)
+    assert len(np.unique(forward)) == len(forward)  # each direction once
+    boundary = edges[~np.isin(forward, backward)]
+    middle = part.vertices[boundary].mean(axis=1)
+    plate = found.plate
+    on_wall = np.zeros(len(middle), dtype=bool)
+    for axis, coordinate in edge_lines(plate).values():
+        on_wall |= np.abs(middle[:, axis] - coordinate) < 1e-9
+    lines = shapely.MultiLineString(
+        [part.vertices[np.append(o.vertices, o.vertices[0]) if o.closed else o.vertices] for o in found.outlines]
+    )
+    off = shapely.distance(shapely.points(middle[~on_wall]), lines)
+    assert np.max(off, initial=0.0) < 1e-9
+    length = np.linalg.norm(np.diff(part.vertices[boundary], axis=1)[:, 0], axis=1)
+    assert length[~on_wall].sum() == pytest.approx(lines.length, rel=1e-12)
+
+
+@each_case
+def test_no_cell_is_a_sliver(name, cloud_of):
+    found = cloud_of(name).topology
+    areas = np.bincount(found.partition.cell_of_triangle, signed_areas(found.partition))
+    assert areas.min() > (SLIVER - 1e-12) * found.spacing**2
+    assert areas.max() < (2 + SLIVER) * found.spacing**2
+
+
+@pytest.mark.parametrize("name", ["sample-1", "sample-7", "lattice"])
+def test_cut_points_lie_on_their_outline_segments(name, cloud_of):
+    found = cloud_of(name).topology
+    part = found.partition
+    assert len(part.cut_fractions) > 0
+    assert np.all((part.cut_fractions > 0) & (part.cut_fractions < 1))
+    ends, f = part.vertices[part.cut_ends], part.cut_fractions[:, None]
+    cuts = part.vertices[-len(part.cut_fractions) :]
+    np.testing.assert_allclose((1 - f) * ends[:, 0] + f * ends[:, 1], cuts, atol=1e-12)
+    neighbours = {tuple(sorted(e)) for o in found.outlines for e in zip(o.vertices, np.roll(o.vertices, -1), strict=True)}
+    assert all(tuple(sorted(e)) in neighbours for e in part.cut_ends)
+    spacing = found.spacing  # every cut is one with a grid line
+    grid = np.abs(cuts / spacing - np.round(cuts / spacing)).min(axis=1)
+    np.testing.assert_allclose(grid, 0.0, atol=1e-9)
+
+
+@each_case
+def test_cells_of_whole_squares_have_two_triangles(name, cloud_of):
+    found = cloud_of(name).topology
+    count = np.bincount(found.partition.cell_of_triangle)
+    area = np.bincount(found.partition.cell_of_triangle, signed_areas(found.partition))
+    whole = count == 2
+    np.testing.assert_allclose(area[whole], found.spacing**2, rtol=1e-10)
+    assert whole.sum() > 0
+
+
+def test_a_hole_inside_one_background_square_is_cut_out_of_it():
+    part = make_cloud(Plate(4, 4, [Circle((0.5, 0.5), 0.3)]), spacing=1.0, nodes_per_hole=8).topology.partition
+    assert part.n_cells == 16
+    polygon = 64 / 2 * np.sin(2 * np.pi / 64) * 0.3**2
+    assert signed_areas(part).sum() == pytest.approx(16 - polygon, rel=1e-12)
+
+
+def test_a_clipped_corner_off_every_outline_is_reported():
+    grid = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    outline = np.array([[0.5, 0.0], [0.5, 1.0]])
+    gel = shapely.Polygon([(0, 0), (0.8, 0.0), (0.5, 1.0), (0, 1)])  # not along the outline
+    with pytest.raises(RuntimeError, match=r"a clipped vertex lies 3\.0e-01 off every hole outline"):
+        partition(grid, [np.arange(4)], np.array([[0, 1]]), outline, gel)

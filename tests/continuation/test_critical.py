@@ -1,0 +1,198 @@
+"""Critical points: where they are, what they are, and how they move with the design."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.cli import command_line as cli
+
+WINDOW = (-1.8, -1.5)  # one bifurcation of sample 4 on the cloud of these tests
+
+
+@pytest.fixture(scope="module")
+def point(buckling_model):
+    (found,) = jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=WINDOW)
+    return found
+
+
+def test_the_symmetric_branch_changes_stability_at_the_critical_mu(point, buckling_model):
+    """Located to 1e-6 kT: stable that much below, unstable that much above."""
+    path = jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.2, point.mu - 1e-6, point.mu + 1e-6], branch="symmetric")
+    assert list(path.negative_pivots) == [0, 0, 1]
+    assert path.lowest_eigenvalue[2] == pytest.approx(point.slope * 1e-6, rel=1e-2)
+
+
+def test_sample_4_buckles_by_turning_its_crosspieces(point):
+    """A simple supercritical pitchfork whose mode keeps the rotations and breaks the mirrors."""
+    assert (point.kind, point.multiplicity, point.unstable) == ("bifurcation", 1, 0)
+    assert point.curvature > 0
+    assert point.symmetries["rotation by 90"] == pytest.approx(1, abs=1e-4)
+    assert point.symmetries["x -> -x"] == pytest.approx(-1, abs=1e-4)
+    assert point.text.startswith("simple bifurcation, supercritical; the mode keeps rotation by 90, rotation by 180; breaks x -> -x")
+
+
+def test_slope_is_the_difference_of_eigenvalues(point, buckling_model):
+    path = jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.2, point.mu + 1e-3, point.mu + 2e-3], branch="symmetric")
+    difference = np.diff(path.lowest_eigenvalue[1:])[0] / 1e-3
+    assert point.slope == pytest.approx(difference, rel=5e-3)  # the eigenvalues are good to 1e-3, the difference is one-sided
+
+
+@pytest.fixture(scope="module")
+def critical_mu(buckling_model):
+    """Critical mu of sample 4 as a function of radius (mm), Nv and chi."""
+    cloud = buckling_model.cloud
+
+    def critical_mu(v):
+        model = jaxgel.discretise(cloud.at(cloud.plate.at([{"radius": v[0]}] * 4)))
+        return jaxgel.critical_points(model, jaxgel.Gel(v[1], v[2]), mu=WINDOW)[0].mu
+
+    return critical_mu
+
+
+@pytest.mark.parametrize("of", [0, *(pytest.param(of, marks=pytest.mark.slow) for of in (1, 2))], ids=["radius", "Nv", "chi"])
+def test_derivatives_are_differences_of_relocated_points(critical_mu, of):
+    """Extrapolated differences, to 1e-5. A critical mu carries 3e-11 of round-off, from bulk stiffnesses 1e5 times the network's, which
+    asks for a step of 6 % in Nv, its weakest influence; the kinks of the weight functions ask for a short one in the radius."""
+    at, step = np.array([np.sqrt(20.0), 1e-3, 0.05]), (4e-4, 6e-5, 1e-2)[of]
+    gradient, e = np.asarray(jax.grad(critical_mu)(jnp.asarray(at))), np.eye(3)[of] * step
+    near, far = ((critical_mu(at + s * e) - critical_mu(at - s * e)) / (2 * s * step) for s in (0.5, 1.0))
+    assert gradient[of] == pytest.approx((4 * near - far) / 3, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_forward_equals_reverse(critical_mu):
+    at, direction = jnp.array([np.sqrt(20.0), 1e-3, 0.05]), jnp.array([0.3, 2e-4, 0.1])
+    _, forward = jax.jvp(critical_mu, (at,), (direction,))
+    reverse = float(jax.grad(critical_mu)(at) @ direction)
+    assert float(forward) == pytest.approx(reverse, rel=1e-8)  # w comes from a tangent with condition 1e8
+
+
+# --- double eigenvalues ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "direction",
+    [pytest.param((1.0, 1.0, 0.0), marks=pytest.mark.slow), pytest.param((1.0, 0.0, 0.0), marks=pytest.mark.slow), (0.0, 0.0, 1.0)],
+    ids=["pair stays", "pair splits", "gel"],
+)
+def test_derivative_of_a_double_onset_is_that_of_the_mean(direction, cloud_of):
+    """Sample 7, whose second onset is double: all squares grow alike, or chi does, which keeps the pair, or along x only: it splits."""
+    cloud = cloud_of("sample-7")
+
+    def double(growth):
+        holes = [{"sides": hole.sides + growth[:2]} for hole in cloud.plate.holes]
+        model = jaxgel.discretise(cloud.at(cloud.plate.at(holes)) if direction[0] else cloud)
+        gel = dataclasses.replace(cloud.plate.gel, chi=cloud.plate.gel.chi + growth[2]) if direction[2] else cloud.plate.gel
+        (point,) = jaxgel.critical_points(model, gel, mu=(-1.62, -1.58))
+        points.append(point)
+        return point.mu
+
+    points, direction = [], np.array(direction)
+    at = np.array([0.0, 0.0, 1e-3])
+    _, slope = jax.jvp(double, (jnp.asarray(at),), (jnp.asarray(direction),))
+    difference = (double(at + 3e-4 * direction) - double(at - 3e-4 * direction)) / 6e-4
+    assert float(slope) == pytest.approx(difference, rel=1e-5)  # measured 7e-7 and 5e-7
+    assert [(point.kind, point.multiplicity) for point in points] == [("bifurcation", 2)] * 3
+    assert np.abs(points[0].eigenvalues).max() < 1e-8
+    assert (np.diff(points[-1].eigenvalues)[0] > 1e-5) == (direction[0] != direction[1])
+
+
+# --- folds -------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def subcritical(cloud_of):
+    """Sample 5 on a coarse cloud, its gel, its subcritical bifurcation, and loads that push along the mode."""
+    model = jaxgel.discretise(cloud_of("sample-5"))
+    gel = model.cloud.plate.gel
+    (point,) = jaxgel.critical_points(model, gel, mu=(-1.2, -1.1))
+    return model, gel, point, jaxgel.imperfection(model, gel, point, 1e-2)
+
+
+@pytest.fixture(scope="module")
+def fold(subcritical):
+    """Where the imperfect gel's branch from the dry state ends."""
+    model, gel, _, loads = subcritical
+    (found,) = jaxgel.critical_points(model, gel, mu=(-1.3, -1.1), loads=loads)
+    return found
+
+
+def test_an_imperfect_subcritical_branch_ends_in_a_fold(fold, subcritical):
+    """At x0 + c s^2 the eigenvalue is proportional to the root of the distance in mu: located to 1e-6, its ratio at 4e-6 and 1e-6 is 2."""
+    model, gel, point, loads = subcritical
+    assert point.curvature < 0 and "subcritical" in point.text
+    assert fold.kind == "fold" and fold.mu < point.mu and fold.text == "fold: the branch turns back"
+    assert abs(fold.eigenvalues[0]) < 1e-5
+    path = jaxgel.sweep(model, gel, mu=[-1.3, -1.22, fold.mu - 1e-3, fold.mu - 4e-6, fold.mu - 1e-6], loads=loads, branch="symmetric")
+    assert path.stop.ok and np.all(path.negative_pivots == 0)
+    assert path.lowest_eigenvalue[-2] / path.lowest_eigenvalue[-1] == pytest.approx(2, rel=0.02)  # an error of 1e-7 makes 4 %
+    # two states below the fold lead over it: there the determinant changes sign and mu turns
+    known = jaxgel.Path.from_steps(model, gel, [jaxgel.continuation.solve_from(path, k, loads) for k in (1, 2)])
+    over = jaxgel.continue_branch(known, loads=loads, max_step=0.01, max_states=5)
+    assert np.all(over.mu < fold.mu) and over.mu[-1] < over.mu.max()
+    np.testing.assert_array_equal(over.negative_pivots, np.arange(5) > int(np.argmax(over.mu)))
+
+
+@pytest.fixture(scope="module")
+def end(subcritical):
+    """Function: chi -> mu of the fold."""
+    model, gel, _, loads = subcritical
+    return lambda chi: jaxgel.critical_points(model, jaxgel.Gel(gel.Nv, chi), mu=(-1.3, -1.1), loads=loads)[0].mu
+
+
+@pytest.mark.slow
+def test_derivative_of_a_fold_leads_to_that_of_another_gel(fold, subcritical, end):
+    value, slope = jax.jvp(end, (0.01,), (1.0,))
+    assert float(value) == pytest.approx(fold.mu + float(slope) * (0.01 - subcritical[1].chi), abs=1e-4)  # near chi = 1e-4: linear
+
+
+@pytest.mark.slow
+def test_derivative_of_a_fold_is_the_difference_of_relocated_ones(end):
+    difference = (end(0.011) - end(0.009)) / 2e-3
+    assert float(jax.jvp(end, (0.01,), (1.0,))[1]) == pytest.approx(difference, rel=1e-5)
+
+
+def test_a_subcritical_branch_turns_at_a_fold(subcritical):
+    """The branch that leaves towards lower mu: where a polynomial through five of its states has its minimum."""
+    model, gel, point, _ = subcritical
+    path = jaxgel.switch(model, gel, point, max_step=0.025, max_states=24)
+    (fold,) = jaxgel.folds(path)
+    assert fold.kind == "fold" and abs(fold.eigenvalues[0]) < 1e-6
+    assert fold.mu < path.mu.min()
+    k = int(np.argmin(path.mu))
+    near = path.x[k - 2 : k + 3]
+    s = np.sum((path.x[k + 1] - path.x[k]) * (near - near[2]), axis=(1, 2))
+    fit = np.poly1d(np.polyfit(s, path.mu[k - 2 : k + 3], 4))
+    lowest = min(fit(root.real) for root in fit.deriv().roots if abs(root) < np.abs(s).max())
+    assert fold.mu == pytest.approx(lowest, abs=1e-5)  # measured 3e-6, and 5e-5 with twice the step
+
+
+def test_jit_and_second_derivatives_are_refused(buckling_model):
+    def critical_mu(chi):
+        return jaxgel.critical_points(buckling_model, jaxgel.Gel(1e-3, chi), mu=WINDOW)[0].mu
+
+    with pytest.raises(ValueError, match=r"^critical_points: is not available inside jit"):
+        jax.jit(critical_mu)(1e-4)
+    with pytest.raises(ValueError, match=r"^critical_points: has first derivatives only"):
+        jax.grad(jax.grad(critical_mu))(1e-4)
+
+
+def test_a_list_of_mu_is_refused(buckling_model):
+    with pytest.raises(ValueError, match=r"^mu: \[-2.0, -1.0\] is not accepted, it must be a tuple"):
+        jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.0, -1.0])
+
+
+def test_the_command_writes_points_and_modes(tmp_path, capsys, point):
+    arguments = ["critical", "sample-4", "--spacing", "1.1", "--mu-start", "-1.8", "--mu-end", "-1.5", "--out", str(tmp_path)]
+    assert cli.main(arguments) == 0
+    assert f"mu = {point.mu:.7f}: simple bifurcation" in capsys.readouterr().out
+    stored = json.loads((tmp_path / "critical.json").read_text())["points"]
+    assert [entry["mu"] for entry in stored] == [pytest.approx(point.mu, abs=1e-9)]
+    assert (tmp_path / "modes.png").stat().st_size > 1e4
+    assert (tmp_path / "critical.csv").read_text().startswith("mu,kind,multiplicity")
+    assert np.load(tmp_path / "critical.npz")["modes_0"].shape == point.modes.shape

@@ -1,0 +1,159 @@
+"""The lowest eigenvalue and the number of negative ones are those of the accepted states, told by dense eigenvalues."""
+
+import csv
+import dataclasses
+import itertools
+
+import jax
+import numpy as np
+import pytest
+import scipy.linalg
+
+import jaxgel
+from jaxgel.continuation import ACCURACY, lowest_eigenvalue, lowest_modes, nearby_modes, network_stiffness, oriented, tangent_products
+from jaxgel.equilibrium import Equilibrium, Status, prepare, solve
+from jaxgel.linalg import nearest_modes
+from jaxgel.mechanics import residual, spread, state_pressure, total_energy
+
+MU = np.linspace(-4.9678, -0.9178, 10)
+
+
+def dense_eigenvalues(path):
+    """All eigenvalues (k, f) of the dense Hessian of the total energy over the network's stiffness, at every state."""
+    problem = prepare(path.model, path.gel)
+    free, stiffness = problem.pattern.free, network_stiffness(problem).toarray()
+
+    @jax.jit
+    def hessian(x, mu):
+        def energy(v):
+            return total_energy(x.ravel().at[free].set(v).reshape(-1, 2), path.model, problem.gel, mu, problem.loads)
+
+        return jax.jacfwd(jax.grad(energy))(x.ravel()[free])
+
+    hessians = (np.asarray(hessian(x, mu)) for x, mu in zip(path.x, path.mu, strict=True))
+    return np.array([scipy.linalg.eigh(dense, stiffness, eigvals_only=True) for dense in hessians])
+
+
+@pytest.fixture(scope="module")
+def tiny_path(tiny_model):
+    return jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=MU)
+
+
+def test_lowest_eigenvalues_along_a_sweep_are_those_of_the_hessian(tiny_path):
+    """To the accuracy that lowest_modes asks for, 1e-3; a factor of two for the estimate of the last gain."""
+    np.testing.assert_allclose(tiny_path.lowest_eigenvalue, dense_eigenvalues(tiny_path)[:, 0], rtol=2e-3)
+
+
+def test_large_steps_leave_the_lowest_eigenvalue_as_accurate(coarse_model):
+    """There the factor at hand is that of a tangent far away, with which 40 iterations missed it by half a percent."""
+    path = jaxgel.sweep(coarse_model, coarse_model.cloud.plate.gel, mu=[-4.9678, -4.5, -4.0, -3.0])
+    problem = prepare(path.model, path.gel)
+    states = [solve(problem, mu, x, p, fresh=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
+    exact = [nearest_modes(state.factor, network_stiffness(problem), 1)[0][0] for state in states]
+    np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
+
+
+def test_the_network_stiffness_is_the_hessian_of_the_networks_energy(tiny_model):
+    """So a gel without pressure has the eigenvalue 1 in every direction."""
+    from jaxgel.mechanics import network_energy
+
+    problem = prepare(tiny_model, tiny_model.cloud.plate.gel)
+    free, x = problem.pattern.free, jax.numpy.asarray(tiny_model.cloud.nodes)
+
+    def energy(v):
+        return network_energy(x.ravel().at[free].set(v).reshape(-1, 2), tiny_model, problem.gel)
+
+    hessian = jax.jit(jax.jacfwd(jax.grad(energy)))(x.ravel()[free])
+    np.testing.assert_allclose(np.asarray(hessian), network_stiffness(problem).toarray(), atol=1e-15)
+
+
+@pytest.fixture(scope="module")
+def unstable_path(buckling_model):
+    return jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.2, -1.645, -1.635, -1.3], branch="symmetric")
+
+
+def test_a_negative_eigenvalue_is_found_from_modes_that_are_blind_to_it(unstable_path):
+    """Modes that were followed so far may all have another symmetry than the one that becomes unstable."""
+    problem = prepare(unstable_path.model, unstable_path.gel)
+    stiffness, mu = network_stiffness(problem), unstable_path.mu[-1]
+    state = solve(problem, mu, unstable_path.x[-1], unstable_path.pressure[-1], fresh=True)
+    eigenvalues, modes = nearest_modes(state.factor, stiffness, 6)
+    assert eigenvalues[0] < 0 < eigenvalues[-1]
+    found, _ = lowest_modes(problem, stiffness, state, mu, modes[:, eigenvalues > 0][:, :2])
+    np.testing.assert_allclose(found.eigenvalues[0], eigenvalues[0], rtol=2e-3)
+    assert found.negative == np.sum(eigenvalues < 0)
+
+
+@pytest.mark.slow
+def test_the_lowest_eigenvalue_is_found_where_modes_change_their_order(cloud_of):
+    """On the lattice the lowest three, a double one among them, give way to a mode of another symmetry."""
+    model = jaxgel.discretise(cloud_of("lattice"))
+    path = jaxgel.sweep(model, model.cloud.plate.gel, mu=np.linspace(-3.5, -1.6, 14), contact="off")
+    problem = prepare(path.model, path.gel)
+    states = [solve(problem, mu, x, p, fresh=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
+    exact = [nearest_modes(state.factor, network_stiffness(problem), 1)[0][0] for state in states]
+    np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
+
+
+def test_modes_that_were_followed_may_have_become_the_same(unstable_path):
+    problem = prepare(unstable_path.model, unstable_path.gel)
+    stiffness, mu = network_stiffness(problem), unstable_path.mu[0]
+    state = solve(problem, mu, unstable_path.x[0], unstable_path.pressure[0], fresh=True)
+    eigenvalues, modes = nearest_modes(state.factor, stiffness, 4)
+    round_off = 1e-12 * np.random.default_rng(6).normal(size=modes.shape)
+    for followed in (some for some in itertools.product(range(4), repeat=4) if 0 in some):
+        found, start = nearby_modes(problem, stiffness, state, mu, modes[:, followed] + round_off)
+        found = found or lowest_modes(problem, stiffness, state, mu, start)[0]
+        np.testing.assert_allclose(found.eigenvalues[0], eigenvalues[0], rtol=1e-8)
+
+
+def test_negative_eigenvalues_are_counted_for_the_state_itself(unstable_path):
+    exact = dense_eigenvalues(unstable_path)
+    np.testing.assert_array_equal(unstable_path.negative_pivots, np.sum(exact < 0, axis=1))
+    np.testing.assert_allclose(unstable_path.lowest_eigenvalue, exact[:, 0], rtol=2e-3)
+    assert list(unstable_path.negative_pivots[[0, -1]]) == [0, 1]
+
+
+def test_lowest_eigenvalue_is_in_the_history(run_folder):
+    with (run_folder / "history.csv").open() as stream:
+        values = [float(row["lowest_eigenvalue"]) for row in csv.DictReader(stream)]
+    assert len(values) == 4
+    assert np.all(np.isfinite(values)) and np.all(np.array(values) > 0)
+
+
+def test_a_mode_points_the_same_way_whatever_the_sign_it_comes_with(tiny_path):
+    problem = prepare(tiny_path.model, tiny_path.gel)
+    vectors = np.random.default_rng(1).normal(size=(len(problem.pattern.free), 3))
+    np.testing.assert_array_equal(oriented(vectors, problem), oriented(-vectors, problem))
+
+
+def stiffening(F, gel):
+    """A network whose tangent depends on F."""
+    return 0.5 * gel.Nv * jax.numpy.sum(F**2) * (1 + 0.1 * jax.numpy.sum(F**2))
+
+
+@pytest.mark.parametrize(("method", "network"), [("mixed", None), ("displacement", None), ("mixed", stiffening)])
+def test_products_of_the_tangent_are_those_of_the_energys_hessian(cloud_of, method, network):
+    """At any positions, equilibrium or not, with the pressures that belong to them; for contact see test_contact."""
+    model = jaxgel.discretise(cloud_of("square"), method=method)
+    gel = jaxgel.Gel() if network is None else jaxgel.Gel(network=network)
+    x = model.cloud.nodes * jax.numpy.array([1.2, 1.3]) + 0.02 * jax.numpy.sin(model.cloud.nodes[:, ::-1])
+    problem, mu = prepare(model, gel), -1.0
+    state = Equilibrium(x, state_pressure(x, model, gel, mu), Status.CONVERGED, 0, 0.0, None)
+    vectors = np.random.default_rng(3).normal(size=(len(problem.free), 2))
+
+    def force(v):
+        return residual(spread(v, x.shape, problem.free) + x, model, problem.gel, mu, problem.loads).ravel()[problem.free]
+
+    _, product = jax.linearize(jax.jit(force), np.zeros(len(problem.free)))
+    expected = np.stack([product(v) for v in vectors.T], axis=1)
+    found = tangent_products(problem, state, mu, vectors, network_stiffness(problem) @ vectors)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+def test_a_state_that_was_not_reached_has_no_lowest_eigenvalue(tiny_path):
+    x = tiny_path.x.copy()
+    x[-1] = np.nan
+    found = lowest_eigenvalue(dataclasses.replace(tiny_path, x=x))
+    assert np.isnan(found[-1])
+    np.testing.assert_allclose(found[:-1], tiny_path.lowest_eigenvalue[:-1], rtol=ACCURACY)

@@ -1,0 +1,219 @@
+"""Facts about sweeps in mu: given and chosen steps, continuation, how they end, and that nothing is compiled twice."""
+
+import contextlib
+import weakref
+
+import jax
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.continuation import SweepFailed, check_mu
+from jaxgel.continuation.predictor import _predict
+from jaxgel.equilibrium import Status, Step, prepare
+from jaxgel.linalg import factors as linear_solve
+from jaxgel.linalg import multifrontal
+from jaxgel.materials import Gel, largest_mu
+
+
+@pytest.fixture(scope="module")
+def given(tiny_model):
+    """Ten given steps and what was called on the way."""
+    seen = []
+    path = jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=np.linspace(-4.9678, -0.9678, 10), on_step=seen.append)
+    return path, seen
+
+
+def test_given_steps_are_all_there_in_order(given, tiny_model):
+    path, seen = given
+    np.testing.assert_array_equal(path.mu, np.linspace(-4.9678, -0.9678, 10))
+    assert path.x.shape == (10, tiny_model.n_nodes, 2)
+    assert path.pressure.shape[0] == len(path) == 10
+    assert path.status == [Status.CONVERGED] * 10
+    assert path.stop.ok
+    assert path.residual.max() < 1e-10
+    assert np.all(path.newton_iterations >= 1)
+    assert np.all(path.negative_pivots == 0)
+    assert np.all(np.diff(path.energy) < 0)  # dE/dmu = -(J - 1) V
+    assert [step.mu for step in seen] == list(path.mu)
+    np.testing.assert_array_equal(np.stack([step.x for step in seen]), path.x)
+
+
+def test_energy_falls_with_mu_by_the_solvent_taken_up(given, tiny_model):
+    """dE/dmu = -sum V (J - 1) at equilibrium, here by a central difference about each middle state."""
+    middle = jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=[-2.0 - 1e-3, -2.0, -2.0 + 1e-3])
+    slope = (middle.energy[2] - middle.energy[0]) / 2e-3
+    volumes = jaxgel.observables.cell_volumes(tiny_model)
+    uptake = float(np.sum(np.asarray(volumes) * (np.asarray(jaxgel.volume_ratio(middle))[1] - 1)))
+    assert slope == pytest.approx(-uptake, rel=1e-5)  # truncation step^2
+
+
+def test_given_and_chosen_steps_end_in_the_same_state(given, tiny_model):
+    path, _ = given
+    chosen = jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=(-4.9678, -0.9678))
+    assert chosen.stop.ok
+    assert (chosen.mu[0], chosen.mu[-1]) == (-4.9678, -0.9678)
+    assert np.all(np.diff(chosen.mu) > 0)
+    np.testing.assert_allclose(chosen.x[-1], path.x[-1], atol=1e-8)
+
+
+def test_a_single_value_and_a_single_huge_step_are_reached(given, tiny_model):
+    """Directly, or by way of intermediate states that are not kept."""
+    path, _ = given
+    gel = tiny_model.cloud.plate.gel
+    one = jaxgel.sweep(tiny_model, gel, mu=[-0.9678])
+    np.testing.assert_allclose(one.x[-1], path.x[-1], atol=1e-8)
+    cut = jaxgel.sweep(tiny_model, gel, mu=[-4.9678, -0.2])
+    assert list(cut.mu) == [-4.9678, -0.2]
+    assert cut.stop.ok
+
+
+def test_sweep_continued_from_a_step_equals_the_uninterrupted_one(given, tiny_model):
+    path, seen = given
+    rest = jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=path.mu[6:], start=seen[5])
+    np.testing.assert_array_equal(rest.mu, path.mu[6:])
+    np.testing.assert_allclose(rest.x, path.x[6:], atol=1e-9)
+
+
+def test_start_must_lie_before_the_values_of_mu(given, tiny_model):
+    path, seen = given
+    for mu in ([path.mu[5], path.mu[6]], [path.mu[4], path.mu[6]], (path.mu[4], path.mu[5])):
+        with pytest.raises(ValueError, match=r"^mu: \S+ is not above the start's mu = "):
+            jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=mu, start=seen[5])
+
+
+def test_twenty_steps_trace_and_compile_nothing_after_the_third(tiny_model):
+    """The third step is the first with a full history for the predictor."""
+    seen, guard = [], contextlib.ExitStack()
+
+    def watch(step):
+        seen.append(step)
+        if len(seen) == 3:
+            guard.enter_context(jax.no_tracing())
+        if len(seen) == 20:
+            guard.close()
+
+    with guard:
+        jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=np.linspace(-4.8, -1.0, 20), on_step=watch)
+    assert len(seen) == 20
+
+
+def test_another_gel_of_the_same_kind_compiles_nothing_new(given, tiny_model):
+    with jax.no_tracing():
+        assert jaxgel.sweep(tiny_model, Gel(Nv=2e-3, chi=0.3), mu=[-3.0, -2.0]).stop.ok
+
+
+def test_interruption_passes_through_with_all_finished_steps_delivered(tiny_model):
+    seen = []
+
+    def interrupt(step):
+        seen.append(step)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=np.linspace(-4.9678, -0.9678, 10), on_step=interrupt)
+    assert [step.status for step in seen] == [Status.CONVERGED] * 3
+
+
+# --- how sweeps end ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mu", [[-2.0, -1.0, 0.0, 0.5], (-2.0, 0.5)], ids=["given", "chosen"])
+def test_sweep_into_a_swelling_jump_stops_at_the_fold_and_says_so(mu, square_model):
+    """With chi = 1.5 no state connected with the dry one exists above the fold: the gel would jump to a hundredfold volume."""
+    gel = Gel(Nv=1e-3, chi=1.5)
+    fold = float(largest_mu(gel))  # of free swelling, 0.2351; uniaxially a little higher
+    path = jaxgel.sweep(square_model, gel, mu=mu)
+    assert path.stop is Status.STEP_TOO_SMALL
+    assert path.stop_text == f"stopped after mu = {path.mu[-1]:.6g}: {Status.STEP_TOO_SMALL.text}"
+    assert np.all(np.isfinite(path.x))
+    assert path.mu[-1] < fold + 2e-3
+    assert path.mu[-1] == (0.0 if isinstance(mu, list) else pytest.approx(fold, abs=2e-3))
+
+
+def test_sweep_without_a_first_state_fails_with_the_reason(square_model):
+    with pytest.raises(SweepFailed, match=r"^sweep: no equilibrium at mu = 0.6: Newton "):
+        jaxgel.sweep(square_model, Gel(Nv=1e-3, chi=1.5), mu=[0.6, 0.7])
+
+
+def test_number_of_chosen_steps_is_limited(tiny_model):
+    path = jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=(-4.9678, -0.9678), max_steps=2)
+    assert path.stop is Status.TOO_MANY_STEPS
+    assert len(path) == 2
+
+
+@pytest.mark.parametrize(
+    ("mu", "message"),
+    [
+        ([-1.0, np.nan], r"mu: \[-1.0, nan\] is not accepted, it must be a list of finite numbers"),
+        ([np.inf], r"mu: \[inf\] is not accepted"),
+        ([], r"mu: \[\] is not accepted"),
+        ([[-1.0, -0.5]], r"mu: \[\[-1.0, -0.5\]\] is not accepted"),
+        ([-1.0, -0.5, -0.5], r"mu: -0.5 is followed by -0.5, the values must increase"),
+        ((-1.0, -2.0), r"mu: -1 is followed by -2, the values must increase"),
+    ],
+)
+def test_unusable_mu_is_refused(mu, message, tiny_model):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=mu)
+
+
+def test_two_numbers_in_a_tuple_mean_chosen_steps():
+    assert check_mu((-2.0, -1.0))[1]
+    assert not check_mu([-2.0, -1.0])[1]
+    assert not check_mu(np.array([-2.0, -1.0]))[1]
+    assert not check_mu((-2.0, -1.5, -1.0))[1]
+
+
+@pytest.mark.parametrize(("gel", "name"), [(Gel(Nv=0.0), "Nv"), (Gel(Nv=np.nan), "Nv"), (Gel(chi=2.0), "chi"), (Gel(chi=-0.1), "chi")])
+def test_unusable_gel_is_refused(gel, name, tiny_model):
+    with pytest.raises(ValueError, match=f"^{name}: "):
+        jaxgel.sweep(tiny_model, gel, mu=[-2.0])
+
+
+def test_unknown_branch_is_refused(tiny_model):
+    with pytest.raises(ValueError, match=r"^branch: 'buckled' is not one of stable, symmetric"):
+        jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=[-2.0], branch="buckled")
+
+
+def states(values, at):
+    """Steps at the given mu with one node whose position and one pressure are the given ``values`` (k,)."""
+    rest = dict(status=jaxgel.Status.CONVERGED, newton_iterations=1, residual=0.0, energy=0.0, negative_pivots=0)
+    return [Step(mu=mu, x=np.full((1, 2), v), pressure=np.full(1, -v), **rest) for mu, v in zip(at, values, strict=True)]
+
+
+def test_prediction_is_exact_on_a_polynomial_and_cautious_after_a_turn(tiny_model):
+    problem, at = prepare(tiny_model, tiny_model.cloud.plate.gel), np.array([-3.0, -2.8, -2.5, -2.3, -2.2])
+    x, pressure = _predict(problem, -2.0, states(at**4 - at, at))
+    np.testing.assert_allclose(x, 18.0, rtol=1e-11)
+    np.testing.assert_allclose(pressure, -18.0, rtol=1e-11)
+    x, _ = _predict(problem, -2.0, states([1.0, 1.0, 1.0, 1.0, 1.5], at))  # constant, until it turned: so the last state is best
+    np.testing.assert_allclose(x, 1.5)
+
+
+@pytest.mark.parametrize("method", ["mixed", "displacement"])
+def test_a_first_state_predicts_the_second_to_second_order(tiny_model, method):
+    model = tiny_model if method == "mixed" else jaxgel.discretise(tiny_model.cloud, method=method)
+    problem, steps, misses = prepare(model, model.cloud.plate.gel), 0.2 * 0.5 ** np.arange(3), []
+    for step in steps:
+        seen = []
+        jaxgel.sweep(model, model.cloud.plate.gel, mu=[-3.0, -3.0 + step], on_step=seen.append)
+        x, pressure = _predict(problem, seen[1].mu, seen[:1])
+        misses.append([np.abs(x - seen[1].x).max(), np.abs(pressure - seen[1].pressure).max()])
+    np.testing.assert_allclose(np.log2(np.divide(misses[:-1], misses[1:])), 2, atol=0.15)
+
+
+def test_one_factor_is_in_memory_at_a_time(coarse_model, monkeypatch):
+    """At 3e5 nodes each fills gigabytes. The modes at the end of so long a step need one of their own."""
+    made, alive = weakref.WeakSet(), []
+
+    def factorise(*args):
+        alive.append(len(made))
+        fronts = multifrontal.factorise(*args)
+        made.add(fronts)
+        return fronts
+
+    monkeypatch.setattr(linear_solve, "factorise", factorise)
+    jaxgel.sweep(coarse_model, coarse_model.cloud.plate.gel, mu=[-4.9678, -3.5])
+    assert len(alive) > 3 and not any(alive)

@@ -1,0 +1,405 @@
+"""Inverse design: constraints and their gradients, invalid designs, the optimisers, and a search that goes on after an interruption."""
+
+import contextlib
+import dataclasses
+import functools
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+import jaxgel
+from jaxgel.design import DesignProblem, Outcome, constraints, intervals, objectives, optimise, optimisers, read_log, search, verify
+from jaxgel.observables import gaps
+
+MU = [-3.0, -1.8]
+MADE = {}  # clouds of this file by spacing and hole parameters
+STEP = 1e-6  # of central differences, mm: below it round-off, above it the kinks of the weights
+
+
+@pytest.fixture(scope="module")
+def plate(tilted_plate):
+    return tilted_plate
+
+
+@pytest.fixture(scope="module")
+def cloud(plate, problem):
+    """The cloud of the start."""
+    start = problem.plate(problem.parameters(problem.vector))
+    return MADE.setdefault(key_of(start), problem.make_cloud(start))
+
+
+def key_of(plate, spacing=None):
+    return plate.spacing if spacing is None else spacing, np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(plate)]).tobytes()
+
+
+@pytest.fixture(scope="module")
+def problem(plate):
+    """Largest area reduction by the semi-axes, the hole at least 10 mm^2 (12.06 at the start)."""
+    return DesignProblem(
+        start={"semi_axes": [2.4, 1.6]},
+        bounds={"semi_axes": ([2.15, 1.4], [2.6, 1.8])},  # the start's cloud serves them all
+        plate=lambda p: plate.at([p]),
+        gel=plate.gel,
+        mu=MU,
+        objective=objectives.reading(jaxgel.area_reduction, MU[-1]),
+        maximise=True,
+        constraints=(constraints.limit("hole_area", above=10.0), constraints.limit("ligament", above=1.0)),
+    )
+
+
+@pytest.fixture(autouse=True)
+def clouds(monkeypatch, plate):
+    """Clouds that have been made once are used again, so that their programs are compiled once."""
+    made, make = MADE, DesignProblem.make_cloud
+
+    def remembered(self, plate, spacing=None):
+        key = key_of(plate, spacing)
+        if key not in made:
+            made[key] = make(self, plate, spacing)
+        return made[key]
+
+    monkeypatch.setattr(DesignProblem, "make_cloud", remembered)
+
+
+class Quick:
+    """A search without sweeps: values and constraints are formulas of the scaled design, some designs are invalid."""
+
+    def __init__(self, value, constraints, start, invalid=lambda _: False, evaluations=200):
+        self.functions = jax.jit(lambda v: jnp.stack([f(v) for f in (value, *constraints)]))
+        self.slopes = jax.jit(jax.jacrev(self.functions))
+        self.start, self.invalid, self.evaluations = np.array(start), invalid, evaluations
+        self.log, self.asked = [], []
+
+    def at(self, vector):
+        if len(self.log) >= self.evaluations:
+            raise optimisers.Exhausted
+        self.asked.append(np.array(vector))
+        if self.invalid(vector):
+            raise optimisers.Invalid("not here")
+        entry = {"vector": list(vector), "values": np.asarray(self.functions(jnp.asarray(vector))).tolist(), "invalid": ""}
+        self.log.append(entry)
+        return _QuickEvaluation(self, entry, np.array(vector), np.array(entry["values"]))
+
+    settle = at
+
+    def best(self, worth=lambda e: (max(1e-6, *(-v for v in e["values"][1:]), 0.0), e["values"][0])):
+        return min(self.log, key=worth)
+
+
+class _QuickEvaluation:
+    def __init__(self, quick, entry, vector, values):
+        self.quick, self.entry, self.vector, self.values = quick, entry, vector, values
+
+    def jacobian(self):
+        return np.asarray(self.quick.slopes(jnp.asarray(self.vector)))
+
+    def gradient(self, weights):
+        return np.asarray(weights) @ self.jacobian()
+
+
+def bowl(v):
+    return (v[0] - 0.9) ** 2 + 2 * (v[1] - 0.3) ** 2
+
+
+def line(v):
+    return 0.8 - v[0] - v[1]  # the optimum under it is at (0.7 - 0.2/3 ...), see below
+
+
+OPTIMUM = np.array([0.9 - 2 * 0.4 / 3, 0.3 - 0.4 / 3])  # of the bowl on the line: its gradient (2a, 4b) is parallel to (1, 1)
+
+
+@pytest.mark.parametrize("method", ["slsqp", "mma", "lbfgs", "adam"])
+def test_every_method_finds_the_constrained_optimum(method):
+    quick = Quick(bowl, [line], [0.1, 0.1], evaluations=400)
+    run = optimisers.optimiser(optax.adam(0.02) if method == "adam" else method, 0.2, 1e-8)
+    with contextlib.suppress(optimisers.Exhausted, optimisers.Stuck):
+        run(quick)
+    best = np.array(quick.best()["vector"])
+    tolerance = 1e-2 if method in ("adam", "lbfgs") else 1e-3  # the augmented Lagrangian keeps a margin of 1e-3 on the constraint
+    np.testing.assert_allclose(best, OPTIMUM, atol=tolerance)
+    assert line(best) >= -1e-6
+
+
+@pytest.mark.parametrize("method", ["slsqp", "mma", "lbfgs", "adam"])
+def test_an_invalid_design_shrinks_the_step(method):
+    """Designs beyond v0 = 0.5 fail: the search must come close to the wall, and no method may see a number of a failed design."""
+    quick = Quick(bowl, [], [0.1, 0.1], invalid=lambda v: v[0] > 0.5)
+    run = optimisers.optimiser(method, 0.3, 1e-6)
+    with contextlib.suppress(optimisers.Stuck, optimisers.Exhausted):
+        run(quick)
+    best = np.array(quick.best()["vector"])
+    assert any(v[0] > 0.5 for v in quick.asked)
+    assert all(np.isfinite(v).all() for v in quick.asked)
+    assert 0.45 < best[0] <= 0.5  # the step is halved eight times before the search gives up
+
+
+def test_constraints_at_odds_cost_no_evaluations_without_end():
+    """Two walls that no design satisfies, one of them noisy as sweeps are: SLSQP's line search would shrink its steps to round-off."""
+    quick = Quick(bowl, [lambda v: v[0] - 0.6 + 0.02 * jnp.sin(40 * v[1]), lambda v: 0.4 - v[0], line], [0.1, 0.1])
+    with pytest.raises(optimisers.Stuck):
+        optimisers.optimiser("slsqp", 0.2, 1e-6)(quick)
+    moves = np.abs(np.diff(quick.asked, axis=0)).max(axis=1)
+    assert np.all(moves[moves > 0] >= optimisers.STALLED)
+    assert 0.4 < quick.best()["vector"][0] < 0.6  # the least violation of both
+
+
+def test_bounds_are_kept_and_reached():
+    quick = Quick(lambda v: -v[0] + v[1], [], [0.5, 0.5])
+    with pytest.raises(optimisers.Stuck):
+        optimisers.optimiser("adam", 0.2, 1e-6)(quick)  # at the corner no step moves it any more
+    np.testing.assert_allclose(quick.best()["vector"], [1.0, 0.0], atol=1e-12)
+    assert all((v >= 0).all() and (v <= 1).all() for v in quick.asked)
+
+
+def test_ligaments_are_exact_distances():
+    holes = [jaxgel.Circle((-2.0, 0.0), 1.0), jaxgel.Ellipse((2.0, 0.5), (1.5, 1.0), 0.0)]
+    widths = constraints.ligaments(jaxgel.Plate(10, 8, holes))
+    t = np.linspace(0, 1, 200001)
+    outline = np.stack([2 + 1.5 * np.cos(2 * np.pi * t), 0.5 + np.sin(2 * np.pi * t)], axis=1)
+    between = np.linalg.norm(outline - [-2.0, 0.0], axis=1).min() - 1.0
+    walls = [5 - 3.0, 7 - 3.0 + 2.0, 3.0, 3.0, 5.0 + 0.5, 5 - 3.5, 4 + 0.5 - 1.0, 4 - 0.5 - 1.0]  # left, right, bottom, top of each
+    walls[:2] = [2.0, 6.0]
+    np.testing.assert_allclose(widths, [between, *walls], rtol=1e-9)
+
+
+def test_ligament_gradients_are_those_of_differences(plate):
+    def widths(v):
+        moved = plate.at([{"centre": v[:2], "semi_axes": v[2:4], "angle": v[4]}])
+        return constraints.ligaments(moved)
+
+    at = jnp.array([0.3, -0.2, 2.4, 1.6, 0.4])
+    slopes = jax.jacrev(widths)(at)
+    differences = np.stack([(widths(at + STEP * e) - widths(at - STEP * e)) / (2 * STEP) for e in np.eye(5)], axis=1)
+    np.testing.assert_allclose(slopes, differences, atol=1e-8)  # round-off over the step
+
+
+@pytest.fixture(scope="module")
+def judged(plate, cloud):
+    """Constraints on a path as a function of the semi-axes."""
+    limits = [
+        constraints.limit("gap", above=0.1),
+        constraints.limit("surface_ratio", below=2.4),
+        constraints.limit("core_rotation", within=1.0),
+        constraints.limit("area_reduction", below=0.5, at=MU[1]),
+    ]
+
+    def values(axes):
+        model = jaxgel.discretise(cloud.at(plate.at([{"semi_axes": axes}])))
+        path = jaxgel.sweep(model, plate.gel, mu=MU)
+        return jnp.stack([limit.function(path) for limit in limits])
+
+    return values
+
+
+def test_constraint_gradients_are_those_of_the_resolved_problem(judged):
+    at = jnp.array([2.4, 1.6])
+    values, pullback = jax.vjp(judged, at)
+    slopes = np.stack([pullback(row)[0] for row in jnp.eye(len(values))])
+    differences = np.stack([(judged(at + STEP * e) - judged(at - STEP * e)) / (2 * STEP) for e in np.eye(2)], axis=1)
+    np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-7)  # states are solved to 1e-12, over the step
+
+
+def test_gap_is_the_one_that_min_gap_reports(coarse_path):
+    np.testing.assert_allclose(gaps.gap(coarse_path), jaxgel.min_gap(coarse_path), rtol=1e-12)
+
+
+def test_a_search_meets_its_constraints_and_beats_its_start(problem):
+    design = optimise(problem, evaluations=6)
+    first = design.history[0]["value"]
+    assert design.feasible and min(design.constraints.values()) >= -1e-5
+    # R = (<J> - 1)(1 - phi) / phi: (1 - phi) / phi rises from 4.31 to 5.40 as the area falls to its bound, which stops it
+    np.testing.assert_allclose(design.value / first, 5.40 / 4.31, rtol=0.03)  # <J> falls a little too
+    assert design.constraints["hole_area >= 10"] < 0.02
+
+
+@pytest.mark.parametrize("method", ["mma", "lbfgs"])
+def test_other_methods_improve_a_swollen_plate_within_its_constraints(problem, method):
+    """SLSQP is the one above."""
+    design = optimise(problem, method=method, evaluations=8)
+    assert all(not row["invalid"] for row in design.history)
+    assert design.value > 1.1 * design.history[0]["value"]
+    assert design.feasible
+
+
+def test_a_resumed_search_gives_the_numbers_of_an_uninterrupted_one(problem, tmp_path, monkeypatch):
+    whole = optimise(problem, evaluations=4, folder=tmp_path / "whole")
+    forward, calls = search.Search._forward, []
+
+    def interrupted(self, vector):
+        calls.append(vector)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return forward(self, vector)
+
+    monkeypatch.setattr(search.Search, "_forward", interrupted)
+    part = optimise(problem, evaluations=4, folder=tmp_path / "part")
+    assert part.outcome is Outcome.INTERRUPTED and len(part.history) == 2
+    monkeypatch.undo()
+    resumed = optimise(problem, evaluations=4, folder=tmp_path / "part", resume=True)
+    assert len(resumed.history) == len(whole.history)
+    for one, other in zip(resumed.history, whole.history, strict=True):
+        assert one["invalid"] == other["invalid"]
+        np.testing.assert_allclose(one["value"] or 0.0, other["value"] or 0.0, rtol=1e-12)
+    np.testing.assert_allclose(resumed.parameters["semi_axes"], whole.parameters["semi_axes"], rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_search_killed_after_any_evaluation_ends_with_the_same_numbers(problem, tmp_path):
+    """In short boxes, several of which are repeated: none may be centred on a better design that comes later."""
+    whole = optimise(problem, evaluations=7, step=0.04, folder=tmp_path / "whole")
+    log = json.loads((tmp_path / "whole" / "design.json").read_text())
+    for kept in (4, 6):
+        folder, evaluations = tmp_path / str(kept), log["evaluations"][:kept]
+        folder.mkdir()
+        evaluations[-1] |= {"gradients": []}  # killed between sweep and gradient
+        (folder / "design.json").write_text(json.dumps(log | {"outcome": "running", "evaluations": evaluations}))
+        again = optimise(problem, evaluations=7, step=0.04, folder=folder, resume=True)
+        assert again.history == whole.history
+
+
+def test_a_log_of_another_problem_is_refused(problem, tmp_path):
+    optimise(problem, evaluations=1, folder=tmp_path)
+    with pytest.raises(ValueError, match=r"design\.json.*of another problem"):
+        optimise(problem, evaluations=1, folder=tmp_path, resume=True, method="lbfgs")
+    (tmp_path / "design.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"design\.json.*damaged"):
+        read_log(tmp_path)
+
+
+def test_a_failed_sweep_shrinks_the_step_and_is_logged(problem, monkeypatch, tmp_path):
+    """Sweeps of holes below the start's first semi-axis fail: adam must find the way with shorter steps, or say that it is stuck."""
+    import jaxgel.inverse as inverse
+
+    true = inverse.sweep
+
+    def failing(model, gel, **options):
+        axes = jax.lax.stop_gradient(model.cloud.plate.holes[0].semi_axes)
+        if not isinstance(axes, jax.core.Tracer) and axes[0] < 2.395:
+            raise jaxgel.sweep.__globals__["SweepFailed"]("sweep: planted failure")
+        return true(model, gel, **options)
+
+    monkeypatch.setattr(inverse, "sweep", failing)
+    design = optimise(problem, method="adam", evaluations=6, folder=tmp_path)
+    failed = [row for row in design.history if row["invalid"]]
+    assert failed and all("planted failure" in row["invalid"] and row["value"] is None for row in failed)
+    assert design.parameters["semi_axes"][0] >= 2.395
+    log = json.loads((tmp_path / "design.json").read_text())
+    asked = [entry["vector"][0] for entry in log["evaluations"]]
+    assert asked[1] < asked[2] < asked[0] == problem.vector[0]  # the second attempt goes half as far
+
+
+def test_a_start_that_fails_is_refused_in_one_line(problem, monkeypatch):
+    import jaxgel.inverse as inverse
+
+    def failing(*_, **__):
+        raise jaxgel.sweep.__globals__["SweepFailed"]("sweep: planted failure")
+
+    monkeypatch.setattr(inverse, "sweep", failing)
+    with pytest.raises(ValueError, match=r"^start: the first design is not valid: sweep: planted failure$"):
+        optimise(problem)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (dict(bounds={"semi_axes": (1.0, 2.0)}), r"bounds\.semi_axes.*around the start"),
+        (dict(bounds={"semi_axes": (1.0, np.inf)}), r"bounds\.semi_axes.*finite"),
+        (dict(bounds={"axes": (1.0, 2.0)}), r"bounds: \['axes'\] given for"),
+        (dict(mu=[-1.0, -2.0]), "must increase"),
+    ],
+)
+def test_unusable_problems_are_refused(problem, change, message):
+    fields = dict(start=problem.start, bounds=problem.bounds, plate=problem.plate, gel=problem.gel, mu=MU, objective=problem.objective)
+    with pytest.raises(ValueError, match=message):
+        DesignProblem(**(fields | change))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (dict(method="newton"), r"method: 'newton' is neither one of slsqp, mma, lbfgs, adam nor an optax"),
+        (dict(step=0.0), r"step: 0\.0"),
+        (dict(tolerance=-1.0), r"tolerance: -1\.0"),
+        (dict(evaluations=0), "evaluations: 0"),
+    ],
+)
+def test_unusable_options_are_refused(problem, options, message):
+    with pytest.raises(ValueError, match=message):
+        optimise(problem, **options)
+
+
+@pytest.fixture(scope="module")
+def wide(problem, plate):
+    """The problem on a finer cloud, with bounds that the start's cloud does not serve."""
+    fine = dataclasses.replace(plate, spacing=1.0, nodes_per_hole=16)
+    return dataclasses.replace(problem, plate=lambda p: fine.at([p]), bounds={"semi_axes": ([1.8, 1.2], [2.8, 2.0])})
+
+
+def test_a_new_cloud_is_made_where_the_old_one_is_poor(wide, monkeypatch):
+    """Values that need no sweep: what is looked at are the clouds."""
+    judge = search.Search._forward
+    monkeypatch.setattr(search.Search, "_forward", lambda _, vector: jax.vjp(lambda v: 1 + v[:1] ** 2, jnp.asarray(vector)))
+    looked = search.Search(wide, 10)
+    looked.first()
+    assert looked.settle(wide.vector - 0.05).entry["cloud"] == looked.number == 0
+    with pytest.raises(optimisers.Invalid, match="too far from the last design for its cloud"):
+        judge(looked, np.array([1.0, 1.0]))
+    first = looked.cloud
+    assert looked.settle(np.array([0.0, 0.0])).entry["cloud"] == looked.number == 1 and looked.cloud is not first
+
+
+@pytest.mark.slow
+def test_a_search_goes_on_with_a_new_cloud_where_the_old_one_is_poor(wide):
+    """The area reduction changes by the discretisation error only: each cloud has it to 6e-4 of that of one twice as fine."""
+    looked = search.Search(wide, 10)
+    looked.first()
+    near, small, large = wide.vector - 0.05, np.array([0.0, 0.0]), np.array([1.0, 1.0])
+    assert looked.settle(near).entry["cloud"] == 0
+    with pytest.raises(optimisers.Invalid, match="too far from the last design for its cloud"):
+        looked.at(large)
+    before = looked.at(small).values[0]
+    after = looked.settle(small)
+    assert after.entry["cloud"] == looked.number == 1 and looked.settle(small).entry is after.entry
+    np.testing.assert_allclose(after.values[0], before, rtol=1.2e-3)
+
+
+def test_verification_is_on_a_fresh_cloud_and_says_what_is_wrong(problem, plate, cloud, monkeypatch):
+    coarse = dataclasses.replace(plate, spacing=2.4, nodes_per_hole=4)  # of the search; the verification's is that of the other tests
+    problem = dataclasses.replace(problem, plate=lambda p: coarse.at([p]))
+    found, path = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=1.2, mu=[-3.0, -2.0])
+    assert found["valid"] and found["nodes"] == path.model.n_nodes == len(cloud.nodes) and len(path.mu) == 2
+    assert set(found["constraints"]) == {"hole_area >= 10", "ligament >= 1"}
+    monkeypatch.setattr(search, "min_gap", lambda path: np.zeros(len(path.mu)))
+    found, _ = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=1.2, mu=[-3.0, -2.0])
+    assert not found["valid"] and found["reason"] == "self-contact at mu = -3.0000"
+
+
+def test_intervals_of_a_known_curve_are_those_of_linear_least_squares(problem, cloud, monkeypatch):
+    """The covariance is noise^2 (J^T J)^-1; here J is given."""
+    J = np.array([[1.0, 2.0], [0.5, -1.0], [3.0, 0.1]])
+    monkeypatch.setattr(DesignProblem, "path", lambda self, parameters, cloud: parameters["semi_axes"])
+    deviations, covariance = intervals(problem, {"semi_axes": [2.4, 1.6]}, lambda axes: jnp.asarray(J) @ axes, 0.1, cloud=cloud)
+    expected = 0.01 * np.linalg.inv(J.T @ J)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-12)
+    np.testing.assert_allclose(deviations["semi_axes"], np.sqrt(np.diag(expected)), rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_intervals_are_those_of_linear_least_squares(problem, cloud):
+    """The covariance is noise^2 (J^T J)^-1 with J from differences of the re-solved curve."""
+    deviations, covariance = intervals(problem, {"semi_axes": [2.4, 1.6]}, jaxgel.core_rotation, 0.1, cloud=cloud)
+
+    @functools.cache
+    def curve(a, b):
+        return np.asarray(jaxgel.core_rotation(problem.path({"semi_axes": jnp.array([a, b])}, cloud)))
+
+    slopes = np.stack(
+        [(curve(2.4 + STEP, 1.6) - curve(2.4 - STEP, 1.6)), (curve(2.4, 1.6 + STEP) - curve(2.4, 1.6 - STEP))], axis=1
+    ) / (2 * STEP)  # fmt: skip
+    expected = 0.01 * np.linalg.inv(slopes.T @ slopes)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-3)  # the inverse magnifies the differences' 1e-6
+    np.testing.assert_allclose(deviations["semi_axes"], np.sqrt(np.diag(expected)), rtol=1e-3)

@@ -1,0 +1,202 @@
+"""Facts about Newton's method at one mu: how fast it is from the dry nodes, how each status comes about, and another way to the state."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import jaxgel
+from jaxgel.equilibrium import MAX_ITERATIONS, TOLERANCE, Status, advice, dry_state, linearised, prepare, solve, tangent_at
+from jaxgel.materials import Gel
+from jaxgel.mechanics import check_room, energy_at, free_dofs, lift, residual, state_pressure, total_energy
+
+
+@pytest.fixture(scope="module")
+def problem(tiny_model):
+    return prepare(tiny_model, tiny_model.cloud.plate.gel)
+
+
+@pytest.fixture(scope="module")
+def state(problem):
+    """Equilibrium of the tiny model at mu = -1.5."""
+    found = solve(problem, -1.5, *dry_state(problem.model, problem.gel))
+    assert found.status.ok
+    return found
+
+
+@pytest.mark.parametrize(("step", "most"), [(0.25, 4), (0.5, 4), (1.0, 5)])
+def test_newton_takes_few_iterations_from_the_dry_nodes_on(step, most, coarse_model):
+    """Each state from the one before, without a predictor, with a new factor in every iteration."""
+    gel = coarse_model.cloud.plate.gel
+    problem = prepare(coarse_model, gel)
+    x, p = dry_state(coarse_model, gel)
+    for mu in np.arange(-4.9678, -0.9, step):
+        found = solve(problem, mu, x, p, fresh=True)
+        assert found.status.ok
+        assert 2 <= found.iterations <= most
+        x, p = found.x, found.pressure
+
+
+def test_equilibrium_has_no_residual_but_on_held_components(problem, state):
+    """Recomputed by differentiation of the energy."""
+    model, gel = problem.model, problem.gel
+    force = np.asarray(jax.jit(residual)(state.x, model, gel, -1.5, problem.loads)).ravel()
+    free = free_dofs(model.cloud.topology)
+    assert np.linalg.norm(force[free]) < 1e-8 * np.linalg.norm(force)  # the constraint's tolerance times the bulk stiffness
+    assert state.residual < TOLERANCE
+    held = np.delete(np.arange(force.size), free)
+    np.testing.assert_array_equal(np.asarray(state.x).ravel()[held], np.asarray(model.cloud.nodes).ravel()[held])
+    np.testing.assert_allclose(state.pressure, state_pressure(state.x, model, gel, -1.5), rtol=1e-7)
+
+
+def test_walls_push_back_with_balanced_forces(problem, state):
+    force = np.asarray(jax.jit(residual)(state.x, problem.model, problem.gel, -1.5, problem.loads))
+    np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-9 * np.abs(force).max())
+    walls = problem.model.cloud.topology.wall_nodes
+    assert np.sum(force[walls["right"], 0]) < 0 < np.sum(force[walls["left"], 0])  # the gel presses outwards
+
+
+def test_scipys_minimiser_of_the_energy_finds_the_same_state(problem):
+    """Trust-region minimisation of the total energy over the free degrees of freedom, from the state at a lower mu."""
+    model, gel = problem.model, problem.gel
+    start = solve(problem, -2.0, *dry_state(model, gel))
+    mine = solve(problem, -1.0, *dry_state(model, gel))
+    free, nodes = free_dofs(model.cloud.topology), model.cloud.nodes
+
+    @jax.jit
+    def energy(values):
+        return total_energy(lift(values, nodes, free), model, gel, -1.0, problem.loads)
+
+    def value(values):
+        result = float(energy(values))
+        return result if np.isfinite(result) else np.inf  # J <= 1: the trust region shrinks
+
+    gradient, hessian = jax.jit(jax.grad(energy)), jax.jit(jax.hessian(energy))
+    found = minimize(
+        value,
+        np.asarray(start.x).ravel()[free],
+        jac=lambda v: np.nan_to_num(gradient(v)),  # of a point that is rejected for its value
+        hess=lambda v: np.nan_to_num(hessian(v)),
+        method="trust-exact",
+        options={"gtol": 1e-12, "maxiter": 500},
+    )
+    np.testing.assert_allclose(found.x, np.asarray(mine.x).ravel()[free], atol=3e-8)  # gtol over the least stiffness: 1e-12 / 1e-4
+    assert value(found.x) == pytest.approx(float(energy_at(mine.x, model, gel, -1.0, problem.loads)), rel=1e-12)
+
+
+def test_result_does_not_depend_on_the_start(problem, state):
+    from_above = solve(problem, -1.2, state.x, state.pressure)
+    back = solve(problem, -1.5, from_above.x, from_above.pressure)
+    np.testing.assert_allclose(back.x, state.x, atol=1e-9)
+
+
+def test_solution_is_recognised_without_an_iteration(problem, state):
+    again = solve(problem, -1.5, state.x, state.pressure)
+    assert (again.status, again.iterations) == (Status.CONVERGED, 0)
+    np.testing.assert_array_equal(again.x, state.x)
+
+
+def test_every_iteration_count_is_bounded_and_bad_starts_are_named(problem):
+    x, p = dry_state(problem.model, problem.gel)
+    rough = x + 0.5 * np.random.default_rng(0).normal(size=x.shape)
+    found = solve(problem, -2.0, rough, p)
+    assert (found.status, found.iterations) == (Status.NOT_CONVERGED, MAX_ITERATIONS)
+
+
+def test_diverging_newton_is_named_and_warns_of_nothing(problem):
+    """From the dry nodes to nearly the pure solvent in one step."""
+    found = solve(problem, -0.2, *dry_state(problem.model, problem.gel))
+    assert found.status in (Status.NOT_FINITE, Status.NOT_CONVERGED, Status.SINGULAR)  # round-off decides which comes first
+    assert found.iterations <= MAX_ITERATIONS
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_start_that_is_no_number_is_named(bad, problem):
+    x, p = dry_state(problem.model, problem.gel)
+    assert solve(problem, -2.0, x.at[10, 1].set(bad), p).status is Status.NOT_FINITE
+    assert solve(problem, -2.0, x, p.at[3].set(np.nan)).status is Status.NOT_FINITE
+
+
+def test_tangent_without_stiffness_is_singular(tiny_model):
+    """A network without chains: nothing resists a change of shape at constant volume."""
+    gel = Gel(Nv=0.0, chi=1e-4)
+    x, p = dry_state(tiny_model, gel)
+    found = solve(prepare(tiny_model, gel, jnp.ones_like(x)), -2.0, x, p)
+    assert found.status is Status.SINGULAR
+
+
+def test_every_status_has_a_line_that_helps():
+    texts = [status.text for status in Status]
+    assert len(set(texts)) == len(Status)
+    assert all(text and "\n" not in text for text in texts)
+    assert [status for status in Status if status.ok] == [Status.CONVERGED]
+
+
+def test_failed_first_state_says_what_to_change(tiny_model):
+    assert advice(tiny_model, Status.NOT_CONVERGED) == "; start at a lower mu"
+    assert advice(tiny_model, Status.SELF_CONTACT) == "; sweep with contact = 'on'"
+    assert advice(dataclasses.replace(tiny_model, method="displacement"), Status.NOT_FINITE).endswith("take 'mixed'")
+
+
+def test_plate_that_may_slide_is_refused():
+    plate = jaxgel.Plate(1, 1, edges={"left": "free", "right": "free"}, spacing=0.25)
+    message = (
+        r"^edges: left free, right free, bottom roller, top roller leave the plate free to slide; hold at least one edge normal to each"
+    )
+    with pytest.raises(ValueError, match=message):
+        free_dofs(jaxgel.make_cloud(plate).topology)
+
+
+@pytest.mark.parametrize(
+    ("room", "change"),
+    [
+        (False, {}),
+        (False, {"edges": "fixed", "deformation": ((1.2, 0.0), (0.0, 0.8))}),
+        (False, {"edges": "periodic"}),
+        (False, {"displacement": {"top": (0.0, -0.1)}}),
+        (True, {"displacement": {"top": (0.0, 0.1)}}),
+        (True, {"edges": "periodic", "deformation": ((1.1, 0.3), (0.0, 1.0))}),
+        (True, {"edges": {"top": "free"}}),
+        (True, {"holes": [jaxgel.Circle((0.0, 0.0), 0.1)]}),
+    ],
+)
+def test_plate_that_fills_a_closed_box_is_refused(room, change):
+    plate = jaxgel.Plate(1, 2, **change)
+    if room:
+        check_room(plate)
+    else:
+        with pytest.raises(ValueError, match=r"^edges: left .*leave no room to swell in; add a hole, free an edge or move one outwards$"):
+            check_room(plate)
+
+
+@pytest.mark.parametrize(("condition", "held"), [("roller", 4 * 5), ("fixed", 2 * 16)])
+def test_walls_hold_the_components_they_should(condition, held):
+    """5 x 5 nodes: a roller holds the normal component, at corners that of either edge; a fixed edge holds both."""
+    topology = jaxgel.make_cloud(jaxgel.Plate(1, 1, edges=condition, spacing=0.25)).topology
+    free = free_dofs(topology)
+    assert len(free) == 50 - held
+    assert np.all(np.diff(free) > 0)
+
+
+def test_displacement_method_agrees_with_the_mixed_one_where_the_state_is_homogeneous(cloud_of):
+    """Uniaxial swelling has one volume ratio, so the two methods have the same solution."""
+    gel = jaxgel.sample("square").gel
+    model = jaxgel.discretise(cloud_of("square"), basis="linear", method="displacement")
+    found = solve(prepare(model, gel), -1.0, *dry_state(model, gel))
+    stretch = float(jaxgel.uniaxial_swelling(-1.0, gel))
+    np.testing.assert_allclose(found.x[:, 1], stretch * (model.cloud.nodes[:, 1] + 0.5) - 0.5, atol=1e-9)
+
+
+def test_assembly_never_holds_the_matrices_of_all_points(coarse_model):
+    """Of one component each, let alone of four; a step needs less than a fifth of that, on finer clouds a smaller share."""
+    gel = coarse_model.cloud.plate.gel
+    problem, (x, pressure) = prepare(coarse_model, gel), dry_state(coarse_model, gel)
+    stencil = max(block.nodes.shape[1] for block in coarse_model.blocks)
+    first = x, pressure, coarse_model, problem.gel, -4.9, problem.loads, problem.fixed, problem.free
+    then = x, pressure, linearised(*first)[0], coarse_model, problem.gel, problem.fixed
+    for function, args in ((linearised, first), (tangent_at, then)):
+        memory = function.lower(*args).compile().memory_analysis()
+        assert 0 < memory.temp_size_in_bytes < 8 * coarse_model.n_points * stencil**2 / 5

@@ -1,0 +1,134 @@
+"""Outlines from and to drawings: what is written is read back, and a hole from a file is the curve in it."""
+
+import numpy as np
+import pytest
+import shapely
+
+import jaxgel
+from jaxgel.cases import from_table, load_case
+from jaxgel.cli import command_line as cli
+from jaxgel.geometry import outline_points
+from jaxgel.io import dry_gel, fit_fourier, read_outlines, swollen_gel, write_outline
+
+CLOVER = jaxgel.Fourier((0.5, -0.3), 2.0, [0.1, 0.05], [-0.05, 0.02])
+
+
+def ring(hole, n=400):
+    return np.asarray(outline_points(hole, np.arange(n) / n))
+
+
+@pytest.fixture(scope="module")
+def plate():
+    return jaxgel.Plate(12, 8, [CLOVER, jaxgel.Rectangle((-4.0, 0.0), (2.0, 3.0), 0.2)], name="two")
+
+
+def test_fourier_fit_finds_the_outline_it_was_drawn_from():
+    """400 chords of a curve of radius 2 are off by 2 (pi / 400)^2 / 2 = 6e-5 mm; the parameters by about as much."""
+    found = fit_fourier(ring(CLOVER), 1e-3)
+    assert len(found.cos) == 2
+    np.testing.assert_allclose(found.centre, CLOVER.centre, atol=1e-4)
+    np.testing.assert_allclose(found.radius, 2.0, atol=1e-4)
+    np.testing.assert_allclose(np.append(found.cos, found.sin), np.append(CLOVER.cos, CLOVER.sin), atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["dxf", "svg"])
+def test_drawing_of_a_plate_is_read_back(plate, kind, tmp_path):
+    """To the digits written, 1e-6 mm, and in millimetres."""
+    gel = dry_gel(plate)
+    found = read_outlines(write_outline(gel, tmp_path / f"two.{kind}"))
+    read = shapely.Polygon(found[0], found[1:])
+    assert read.area == pytest.approx(gel.area, rel=1e-6)
+    assert shapely.hausdorff_distance(read, gel) < 2e-6
+    assert read.area == pytest.approx(12 * 8 - float(CLOVER.area()) - 6.0, rel=1e-4)  # 720 chords
+
+
+def test_curves_of_a_drawing_are_followed(tmp_path):
+    """A circle and a spline-like path in SVG, an ellipse and a circle in DXF; the y axis of SVG points down."""
+    svg = '<svg xmlns="http://www.w3.org/2000/svg"><g transform="translate(1,2)"><circle cx="0" cy="0" r="3"/></g></svg>'
+    (tmp_path / "c.svg").write_text(svg)
+    (circle,) = read_outlines(tmp_path / "c.svg")
+    np.testing.assert_allclose(np.hypot(circle[:, 0] - 1, circle[:, 1] + 2), 3.0, atol=1e-6)
+    ezdxf = pytest.importorskip("ezdxf")
+    document = ezdxf.new(units=ezdxf.units.CM)
+    document.modelspace().add_ellipse((0, 0), major_axis=(0.4, 0), ratio=0.5)
+    document.modelspace().add_text("not an outline")
+    document.modelspace().add_line((0, 0), (1, 1))
+    document.saveas(tmp_path / "e.dxf")
+    (ellipse,) = read_outlines(tmp_path / "e.dxf")
+    assert shapely.Polygon(ellipse).area == pytest.approx(np.pi * 4 * 2, rel=2e-2)  # centimetres became millimetres
+    np.testing.assert_allclose((ellipse[:, 0] / 4) ** 2 + (ellipse[:, 1] / 2) ** 2, 1.0, atol=1e-3)  # four Bezier curves
+
+
+def test_solid_is_closed_and_has_the_volume_of_the_gel(plate, tmp_path):
+    gel = dry_gel(plate)
+    content = write_outline(gel, tmp_path / "two.stl", height=2.5).read_bytes()
+    records = np.frombuffer(content[84:], dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    assert len(records) == np.frombuffer(content[80:84], "<u4")[0]
+    corners = records["corners"].astype(float)
+    volume = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    assert volume == pytest.approx(2.5 * gel.area, rel=1e-5)  # single precision
+    names = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
+    directed = np.concatenate([names[:, [0, 1]], names[:, [1, 2]], names[:, [2, 0]]])
+    assert len(np.unique(directed, axis=0)) == len(directed)  # no edge twice in one direction
+    assert {tuple(e) for e in directed.tolist()} == {tuple(e[::-1]) for e in directed.tolist()}  # and each one in both
+
+
+def test_hole_from_a_file_becomes_numbers_of_the_case(tmp_path):
+    """The case then needs the file no more, and a run's folder can be read without it."""
+    np.savetxt(tmp_path / "clover.csv", ring(CLOVER), delimiter=",", header="x,y", comments="")
+    case = tmp_path / "case.toml"
+    text = "[plate]\nwidth = 12.0\nheight = 8.0\n[[holes]]\nkind = 'outline'\nfile = 'clover.csv'\nscale = 0.5\ncentre = [1.0, 0.0]\n"
+    case.write_text(text)
+    hole = load_case(case).plate.holes[0]
+    assert isinstance(hole, jaxgel.Fourier)
+    assert float(hole.area()) == pytest.approx(float(CLOVER.area()) / 4, rel=1e-3)
+    assert load_case(case).table()["holes"][0]["kind"] == "fourier"
+    case.write_text(text + "fit = 'polygon'\ntolerance = 0.02\n")
+    polygon = load_case(case).plate.holes[0]
+    assert float(polygon.area()) == pytest.approx(float(CLOVER.area()) / 4, rel=0.02)
+    assert len(polygon.vertices) < 40
+    np.testing.assert_allclose(shapely.Polygon(polygon.vertices).centroid.coords[0], [1.0, 0.0], atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "entries", "message"),
+    [
+        ("a.png", "", {}, r"^file: '.*a.png' is not a .csv, .dxf or .svg file$"),
+        ("a.csv", "1,2\n3\n", {}, "^file: .* is no drawing that can be read: a row has no two columns$"),
+        ("a.svg", "<svg", {}, "^file: .* is no drawing that can be read: "),
+        ("a.dxf", "rubbish", {}, "^file: cannot read .*a.dxf.* is not a DXF file.$"),
+        ("a.csv", "0,0\n2,0\n2,2\n0,2\n", {"number": 1}, r"^holes\[0\].number: 1 is not one of the 1 closed outlines of 'a.csv'"),
+        ("a.csv", "0,0\n2,0\n2,2\n0,2\n", {"fit": "spline"}, r"^holes\[0\].fit: 'spline' is unknown; accepted: fourier, polygon$"),
+        (
+            "a.csv",
+            "0,0\n2,0\n2,2\n0,2\n",
+            {"tolerance": 1e-3},
+            r"^holes\[0\].fit: 24 terms miss the outline by .*fit = 'polygon'$",
+        ),
+        ("a.csv", "0,0\n2,2\n2,0\n0,2\n", {}, r"^holes\[0\].file: outline 0 of 'a.csv' crosses itself or has no area$"),
+    ],
+)
+def test_drawing_that_cannot_be_used_is_refused_in_one_line(name, content, entries, message, tmp_path):
+    (tmp_path / name).write_text(content)
+    lines = "".join(f"{key} = {value!r}\n" for key, value in entries.items())
+    (tmp_path / "case.toml").write_text(f"[plate]\nwidth = 9.0\nheight = 9.0\n[[holes]]\nkind = 'outline'\nfile = '{name}'\n{lines}")
+    with pytest.raises(ValueError, match=message) as problem:
+        load_case(tmp_path / "case.toml")
+    assert "\n" not in str(problem.value)
+
+
+def test_outline_in_a_study_says_where_it_belongs():
+    with pytest.raises(ValueError, match=r"^holes\[0\].kind: 'outline' belongs in a case file; name that file by case = "):
+        from_table({"plate": {"width": 2.0, "height": 1.0}, "holes": [{"kind": "outline", "file": "a.csv"}]}, "study")
+
+
+def test_command_writes_dry_and_swollen_outlines(path, run_folder, tmp_path, capsys):
+    assert cli.main(["outline", "sample-1", "--format", "svg", "--out", str(tmp_path / "dry.svg")]) == 0
+    assert cli.main(["outline", str(run_folder), "--mu", "-0.9", "--out", str(tmp_path / "wet.dxf")]) == 0
+    assert capsys.readouterr().out.split() == [str(tmp_path / "dry.svg"), str(tmp_path / "wet.dxf")]
+    wet = read_outlines(tmp_path / "wet.dxf")
+    assert len(wet) == 5
+    holes = sum(shapely.Polygon(line).area for line in wet[1:])
+    assert holes == pytest.approx(80 * np.pi * (1 - float(jaxgel.area_reduction(path)[-1])), rel=1e-3)
+    assert swollen_gel(path, -1).area == pytest.approx(22**2 - holes, rel=1e-9)
+    assert cli.main(["outline", "sample-1", "--mu", "-1"]) == 2

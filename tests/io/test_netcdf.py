@@ -1,0 +1,42 @@
+"""A run as a netCDF file."""
+
+import sys
+
+import numpy as np
+import pytest
+import xarray
+
+from jaxgel.cli import command_line as cli
+from jaxgel.io import QUANTITIES, load_run
+from jaxgel.observables import COLUMNS
+
+
+def test_an_exported_run_is_read_back_to_the_bit(run_folder, tmp_path, capsys):
+    file, run = tmp_path / "run.nc", load_run(run_folder)
+    assert cli.main(["export", str(run_folder), "--out", str(file)]) == 0
+    assert capsys.readouterr().out == f"{file}\n"
+    with xarray.open_dataset(file, engine="h5netcdf") as found:
+        assert found.x.dims == ("state", "node", "xy")
+        assert found.mu.attrs == {"units": "kT", "long_name": "chemical potential of the solvent"}
+        assert tuple(QUANTITIES) == COLUMNS
+        for name, values in (run.history | {"x": run.x, "nodes": run.states["nodes"], "pressure": run.states["pressure"]}).items():
+            np.testing.assert_array_equal(found[name].values, np.asarray(values))
+            assert "long_name" in found[name].attrs
+        for i, loop in enumerate(run.outlines):
+            np.testing.assert_array_equal(found[f"outline_{i}"].values, loop)
+        assert found.attrs["title"] == "sample-1"
+
+
+@pytest.mark.parametrize("missing", ["xarray", "h5netcdf"])
+def test_a_missing_library_is_named(missing, run_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert cli.main(["export", str(run_folder), "--out", str(tmp_path / "run.nc")]) == 2
+    assert capsys.readouterr().err == f"jaxgel: error: export: needs {missing}; pip install 'jaxgel[netcdf]'\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_exported_is_refused_in_one_line(run_folder, tmp_path, capsys):
+    for folder, out, field in ((tmp_path, tmp_path / "run.nc", "folder"), (run_folder, tmp_path / "no" / "run.nc", "out")):
+        assert cli.main(["export", str(folder), "--out", str(out)]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"jaxgel: error: {field}: ") and error.count("\n") == 1

@@ -1,0 +1,266 @@
+"""A run's folder says what the sweep found, survives whatever stops the run, and damaged files give one clear error."""
+
+import csv
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from jaxgel.cases import case as cases
+from jaxgel.cases import load_path
+from jaxgel.equilibrium import Step
+from jaxgel.io import Recorder, files, load_run, run, write_atomically
+from jaxgel.observables import COLUMNS, SELF_CONTACT, area_reduction, events, history, min_gap, outlines, rotation_angle
+from jaxgel.observables import table as results
+
+INTERFACE = (
+    "mu, free_stretch, status, newton_iterations, residual, energy, J_min, J_max, J_mean, area_reduction, rotation_deg, "
+    "core_rotation_deg, negative_pivots, lowest_eigenvalue, min_gap, surface_ratio"
+)
+
+
+@pytest.fixture
+def copy(run_folder, tmp_path):
+    """A copy of the run's folder, without its figures, to be damaged."""
+    folder = tmp_path / "copy"
+    folder.mkdir()
+    for name in ("summary.json", "history.csv", "states.npz"):
+        shutil.copy(run_folder / name, folder)
+    return folder
+
+
+def table(**columns):
+    """Columns of a made-up history with nothing special in them, but for what is given."""
+    k = len(next(iter(columns.values())))
+    plain = {"mu": np.arange(k) - 5.0, "negative_pivots": np.zeros(k, dtype=int), "surface_ratio": np.ones(k), "min_gap": np.ones(k)}
+    return plain | {name: np.asarray(column) for name, column in columns.items()}
+
+
+def steps_of(path, switched=None):
+    """The steps that the path was made from; number ``switched`` went over to another branch."""
+    names = [name for name in ("status", *run.STEP_ARRAYS) if name not in ("switched", "stride")]
+    return [Step(**{name: getattr(path, name)[k] for name in names}, switched=k == switched) for k in range(len(path.mu))]
+
+
+def test_history_has_exactly_the_columns_of_the_interface_and_a_row_per_state(run_folder, path):
+    with (run_folder / "history.csv").open(newline="") as stream:
+        header, *rows = csv.reader(stream)
+    assert ", ".join(header) == INTERFACE == ", ".join(COLUMNS)
+    assert [float(row[0]) for row in rows] == list(path.mu)
+
+
+def test_history_repeats_the_observables_to_the_last_digit(run_folder, path):
+    saved, again = load_run(run_folder).history, history(path)
+    assert saved["status"] == ["converged"] * len(path.mu)
+    for name in COLUMNS:
+        if name not in ("status", "free_stretch"):
+            # states computed one by one and all together may round differently
+            np.testing.assert_allclose(saved[name], again[name], rtol=1e-12, atol=1e-13, err_msg=name)
+
+
+def test_saved_states_are_those_of_the_sweep(run_folder, path):
+    run = load_run(run_folder)
+    np.testing.assert_array_equal(run.x, path.x)
+    np.testing.assert_array_equal(run.states["nodes"], path.model.cloud.nodes)
+    for saved, line in zip(run.outlines, outlines(path), strict=True):
+        np.testing.assert_allclose(saved, line, atol=1e-12)
+
+
+def test_mean_volume_ratio_and_area_reduction_obey_the_rigid_box(run_folder, path):
+    """The holes lose what the gel gains: R = (<J> - 1) (1 - phi) / phi with the porosity phi."""
+    run, plate = load_run(run_folder), path.model.cloud.plate
+    porosity = float(sum(hole.area() for hole in plate.holes)) / (plate.width * plate.height)
+    expected = (run.history["J_mean"] - 1) * (1 - porosity) / porosity
+    # 5e-4 is required of the default cloud; this one has twice its spacing, and the error is of second order
+    np.testing.assert_allclose(run.history["area_reduction"], expected, rtol=4 * 5e-4)
+
+
+def test_a_path_read_back_gives_the_same_observables(run_folder, path):
+    again = load_path(run_folder)
+    np.testing.assert_array_equal(rotation_angle(again), rotation_angle(path))
+    np.testing.assert_array_equal(area_reduction(again), area_reduction(path))
+    assert again.status == path.status
+
+
+def test_summary_names_case_options_versions_and_outcome(run_folder):
+    summary = json.loads((run_folder / "summary.json").read_text())
+    assert summary["case"] == "sample-1"
+    assert summary["options"]["discretisation"]["spacing"] == 1.1
+    assert {"jaxgel", "jax", "jaxlib", "numpy", "scipy", "python"} <= set(summary["versions"])
+    assert summary["status"] == "complete"
+    assert summary["mu_reached"] == pytest.approx(-0.9178, abs=1e-12)
+    assert summary["states"] == 4
+    assert summary["wall_seconds"] > 0
+
+
+def test_a_change_of_negative_pivots_is_a_bifurcation():
+    found = events(table(negative_pivots=[0, 0, 2, 2, 1]))
+    assert [(e["event"], e["mu"], e["mu_before"]) for e in found] == [("bifurcation", -3.0, -4.0), ("bifurcation", -1.0, -2.0)]
+    assert "from 0 to 2" in found[0]["text"]
+
+
+def test_a_step_to_the_stable_branch_is_a_bifurcation(path, tmp_path):
+    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    for step in steps_of(path, switched=2):
+        recorder(step)
+    run = load_run(tmp_path)
+    assert run.history["status"] == ["converged", "converged", "switched to the stable branch", "converged"]
+    assert {"event": "bifurcation", "mu": path.mu[2], "mu_before": path.mu[1]}.items() <= run.summary["events"][0].items()
+    np.testing.assert_array_equal(run.states["switched"], [False, False, True, False])
+
+
+def test_a_step_to_the_stable_branch_into_contact_is_both(path, tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "min_gap", lambda p: np.where(p.mu < path.mu[2], 0.9, 0.3))  # mm; contact acts below 0.55
+    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    for step in steps_of(path, switched=2):
+        recorder(step)
+    run = load_run(tmp_path)
+    assert run.history["status"][2:] == ["switched to the stable branch, a hole's sides touch", "a hole's sides touch"]
+    assert [(e["event"], e["mu"]) for e in run.summary["events"][:2]] == [("bifurcation", path.mu[2]), ("contact", path.mu[2])]
+
+
+def test_crease_and_self_contact_are_reported_once_where_they_first_show():
+    found = events(table(surface_ratio=[1.0, 2.4, 2.5, 3.0], min_gap=[0.5, 0.2, 0.1, 0.0]))
+    assert [(e["event"], e["mu"]) for e in found] == [("crease", -3.0), ("self-contact", -2.0)]
+    assert events(table(min_gap=[-0.1]))[0]["mu_before"] is None
+
+
+def test_plates_without_holes_have_no_events():
+    assert events(table(surface_ratio=[np.nan] * 3, min_gap=[np.inf] * 3)) == []
+
+
+def test_rows_from_the_first_self_contact_on_are_invalid(path, tmp_path, monkeypatch):
+    gaps = dict(zip(path.mu, [0.9, -0.01, 0.2, -0.3], strict=True))  # mm; contact would act below 0.55
+    monkeypatch.setattr(results, "min_gap", lambda p: np.array([gaps[mu] for mu in p.mu]))
+    expected = ["converged", SELF_CONTACT, SELF_CONTACT, SELF_CONTACT]
+    assert history(path)["status"] == expected
+    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    for step in steps_of(path):
+        recorder(step)
+    assert load_run(tmp_path).history["status"] == expected
+    assert {"event": "self-contact", "mu": path.mu[1]}.items() <= load_run(tmp_path).summary["events"][0].items()
+
+
+@pytest.mark.parametrize("durable", [True, False])
+def test_after_every_step_the_folder_can_be_read(path, tmp_path, monkeypatch, durable):
+    recorder, synced = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel, durable=durable), []
+    monkeypatch.setattr("os.fsync", synced.append)
+    with pytest.raises(ValueError, match="no accepted state"):
+        load_run(tmp_path)
+    for k, step in enumerate(steps_of(path), start=1):
+        recorder(step)
+        run = load_run(tmp_path)
+        assert run.summary["status"] == "running"
+        np.testing.assert_array_equal(run.mu, path.mu[:k])
+    assert len(synced) == (3 * len(path.mu) if durable else 0)
+    recorder.finish("complete", "")
+    assert len(synced) == (3 * len(path.mu) + 2 if durable else 3)  # the states, too, where they have not been
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_ctrl_c_between_a_row_and_its_states_loses_neither(path, tmp_path, monkeypatch):
+    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+
+    def pressed(**_):
+        raise KeyboardInterrupt
+
+    *before, last = steps_of(path)
+    for step in before:
+        recorder(step)
+    with monkeypatch.context() as patch:
+        patch.setattr(recorder, "_write_states", pressed)
+        with pytest.raises(KeyboardInterrupt):
+            recorder(last)
+    assert len(load_run(tmp_path).mu) == len(path.mu) - 1
+    recorder.finish("interrupted", "stopped by the user")
+    np.testing.assert_array_equal(load_run(tmp_path).mu, path.mu)
+
+
+def test_a_new_run_clears_its_own_files_and_no_others(path, tmp_path):
+    for name in ("pattern.png", "notes.txt"):
+        (tmp_path / name).write_text("before")
+    (tmp_path / "vtu").mkdir()
+    Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["history.csv", "notes.txt", "summary.json"]
+
+
+def test_a_row_cut_off_by_a_crash_is_left_out(copy):
+    file = copy / "history.csv"
+    file.write_bytes(file.read_bytes()[:-30])
+    assert len(load_run(copy).mu) == len(load_run(copy).history["mu"]) == 3
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path):
+    file = tmp_path / "summary.json"
+    file.write_text("old")
+
+    def fail(stream):
+        stream.write(b"ne")
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        write_atomically(file, fail)
+    assert file.read_text() == "old"
+
+
+@pytest.mark.parametrize("name", ["summary.json", "history.csv", "states.npz"])
+def test_a_damaged_file_loads_or_raises_one_line_of_value_error(copy, name):
+    rng = np.random.default_rng(7)
+    original = (copy / name).read_bytes()
+    refused = []
+    for _ in range(150):
+        content = bytearray(original)
+        for position in rng.integers(len(content), size=rng.integers(1, 20)):
+            content[position] = rng.integers(256)
+        if rng.random() < 0.3:
+            del content[rng.integers(len(content)) :]
+        (copy / name).write_bytes(content)
+        try:
+            load_run(copy)
+        except ValueError as problem:
+            refused.append(str(problem))
+    assert refused
+    assert all(message.startswith("folder: ") and "\n" not in message for message in refused)
+
+
+def test_pickled_arrays_are_refused(copy):
+    arrays = dict(np.load(copy / "states.npz"))
+    np.savez(copy / "states.npz", **(arrays | {"mu": np.array([{"a": 1}], dtype=object)}))
+    with pytest.raises(ValueError, match=r"states\.npz.*damaged or not written by jaxgel"):
+        load_run(copy)
+
+
+def test_files_above_the_size_limit_are_not_read(copy):
+    with pytest.raises(ValueError, match="bytes"):
+        load_run(copy, max_bytes=1000)
+
+
+def test_an_array_that_claims_more_than_its_bytes_is_refused():
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + b"\n"
+    with pytest.raises(ValueError, match="does not fit its bytes"):
+        files.read_array(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(8))
+
+
+def test_a_folder_without_a_run_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"summary\.json"):
+        load_run(tmp_path)
+
+
+def test_a_folder_of_another_cloud_is_refused(copy):
+    summary = json.loads((copy / "summary.json").read_text())
+    summary["options"]["discretisation"]["spacing"] = 2.2
+    (copy / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(ValueError, match="run the case again"):
+        load_path(copy)
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="out: cannot write in"):
+        Recorder(tmp_path / "file" / "run", cases.load_case("sample-1"), path.model, path.gel)
+
+
+def test_smallest_gap_of_the_run_is_a_length_inside_a_hole(path):
+    plate = path.model.cloud.plate
+    assert np.all((np.asarray(min_gap(path)) > 0) & (np.asarray(min_gap(path)) < plate.width))

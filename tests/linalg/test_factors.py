@@ -1,0 +1,268 @@
+"""Facts about sparse symmetric systems in the pattern of a small model's tangent, against dense linear algebra."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+import scipy.linalg
+from threadpoolctl import threadpool_info
+
+from jaxgel import Gel, sweep
+from jaxgel.linalg import SingularTangent, analyse, factor, kept_factors, remember, solve_near
+from jaxgel.linalg import factors as linear_solve
+from jaxgel.mechanics import constants, free_dofs, node_pairs
+
+
+@pytest.fixture(scope="module")
+def lists(tiny_model):
+    return tiny_model.lists
+
+
+@pytest.fixture(scope="module")
+def pattern(lists):
+    """Of the free degrees of freedom; an own one, so that it remembers only what is done here."""
+    return analyse(*arguments(lists))
+
+
+def arguments(lists):
+    return node_pairs(lists)[0], lists.topology.partition.vertices[lists.topology.node_vertices], free_dofs(lists.topology)
+
+
+def random_pairs(pattern, seed, shift=0.0):
+    """Blocks (p, 2, 2) of a random symmetric matrix, indefinite unless shifted."""
+    random = np.random.default_rng(seed)
+    blocks = random.normal(size=(pattern.n_pairs, 2, 2))
+    return symmetric(pattern, blocks) + shift * diagonal(pattern)
+
+
+def symmetric(pattern, blocks):
+    on_diagonal = diagonal(pattern).any(axis=(1, 2))
+    return np.where(on_diagonal[:, None, None], blocks + blocks.transpose(0, 2, 1), blocks)
+
+
+def diagonal(pattern):
+    """Blocks of the unit matrix: the pairs (i, i)."""
+    blocks = np.zeros((pattern.n_pairs, 2, 2))
+    blocks[pattern.source[pattern.structure.indices == columns(pattern)] // 4] = np.eye(2)
+    return blocks
+
+
+def columns(pattern):
+    """Column (nnz,) of each stored matrix entry."""
+    return np.repeat(np.arange(len(pattern.free)), np.diff(pattern.structure.indptr))
+
+
+def dense(pattern, pairs):
+    """The matrix (f, f) in the order of the free degrees of freedom."""
+    return pattern.matrix(pairs).toarray()
+
+
+def test_pattern_puts_every_block_in_its_place(lists, pattern):
+    pairs, n = node_pairs(lists)[0], len(lists.topology.node_vertices)
+    blocks = random_pairs(pattern, 0)
+    full = np.zeros((2 * n, 2 * n))
+    for (i, j), block in zip(pairs, blocks, strict=True):
+        full[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = block
+        full[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = block.T
+    np.testing.assert_array_equal(dense(pattern, blocks), full[np.ix_(pattern.free, pattern.free)])
+    np.testing.assert_array_equal(dense(pattern, diagonal(pattern)), np.eye(len(pattern.free)))
+
+
+def test_pairs_are_the_nodes_that_share_a_cell(lists):
+    pairs = {tuple(pair) for pair in node_pairs(lists)[0]}
+    expected = set()
+    for nodes, support in zip(lists.nodes, lists.support, strict=True):
+        real = nodes[support > 0]
+        expected |= {(i, j) for i in real for j in real if i <= j}
+    assert pairs == expected
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_inertia_and_solution_of_random_symmetric_matrices(seed, pattern):
+    """From indefinite (no shift) to nearly definite ones; without pivoting the refinement repairs the growth of round-off."""
+    blocks = random_pairs(pattern, seed, shift=float(seed % 10) * 2)
+    K = dense(pattern, blocks)
+    made = factor(pattern, blocks)
+    assert made.negative_pivots == np.sum(np.linalg.eigvalsh(K) < 0)
+    rhs = np.random.default_rng(100 + seed).normal(size=len(K))
+    solution, error = made.solve(rhs)
+    assert error < 1e-8
+    assert np.linalg.norm(K @ solution - rhs) < 1e-11 * np.linalg.norm(K, 2) * np.linalg.norm(solution)
+
+
+@pytest.mark.parametrize("shift", [0.0, 10.0, 30.0])
+def test_factor_kept_in_single_precision_solves_and_counts_as_the_other(shift, pattern):
+    """Indefinite and definite; half the memory, and a solution as near to the exact one as the conditioning lets the other come."""
+    halved, blocks = dataclasses.replace(pattern, solver="iterative"), random_pairs(pattern, 16, shift)
+    rhs, K = np.random.default_rng(17).normal(size=(len(pattern.free), 2)), dense(pattern, blocks)
+    full, made = factor(pattern, blocks), factor(halved, blocks)
+    assert made.fronts.size == full.fronts.size / 2
+    assert made.negative_pivots == full.negative_pivots == np.sum(np.linalg.eigvalsh(K) < 0)
+    assert np.linalg.norm(made.apply(rhs) - full.apply(rhs)) > 1e-9 * np.linalg.norm(full.apply(rhs))  # it is another factor
+    for solution in (made.solve(rhs)[0], made.solve(rhs, refine=False)[0], made.inverse(rhs)):
+        assert np.linalg.norm(K @ solution - rhs) < 1e-14 * np.linalg.norm(K, 2) * np.linalg.norm(solution)
+    tiny, _ = made.solve(1e-60 * rhs)  # beyond the range of single precision
+    np.testing.assert_allclose(tiny, 1e-60 * made.solve(rhs)[0], rtol=0, atol=1e-10 * np.abs(tiny).max())
+
+
+def test_solver_is_chosen_by_the_size_of_the_factor(pattern, monkeypatch):
+    assert factor(pattern, diagonal(pattern)).fronts.numbers.dtype == np.float64
+    monkeypatch.setattr(linear_solve, "LARGE_BYTES", 8 * pattern.tree.fill - 1)
+    assert factor(pattern, diagonal(pattern)).fronts.numbers.dtype == np.float32
+    assert factor(dataclasses.replace(pattern, solver="direct"), diagonal(pattern)).fronts.numbers.dtype == np.float64
+
+
+def test_states_and_gradients_are_those_of_the_direct_solver(tiny_model):
+    """The derivative by Nv against differences of the direct solver's states: steps of 1 and 2 % extrapolated, wrong by 1e-8 or so."""
+    halved = dataclasses.replace(tiny_model, solver="iterative")
+
+    def size(model, Nv):
+        return (sweep(model, Gel(Nv, 1e-4), mu=[-3.0, -2.0]).x[-1] ** 2).sum()
+
+    np.testing.assert_allclose(size(halved, 1e-3), size(tiny_model, 1e-3), rtol=1e-13)  # round-off of a sum of squares
+    short, long = ((size(tiny_model, 1e-3 + h) - size(tiny_model, 1e-3 - h)) / (2 * h) for h in (1e-5, 2e-5))
+    np.testing.assert_allclose(jax.grad(lambda Nv: size(halved, Nv))(1e-3), (4 * short - long) / 3, rtol=1e-6)
+    assert kept_factors._remembered[-1][0].fronts.numbers.dtype == np.float32
+
+
+def test_several_right_hand_sides_at_once(pattern):
+    made = factor(pattern, random_pairs(pattern, 1, shift=30.0))
+    rhs = np.random.default_rng(2).normal(size=(len(pattern.free), 3))
+    together, _ = made.solve(rhs)
+    np.testing.assert_allclose(together, np.stack([made.solve(b)[0] for b in rhs.T], axis=1), atol=1e-14)
+
+
+def test_zero_right_hand_side_has_the_zero_solution(pattern):
+    solution, error = factor(pattern, random_pairs(pattern, 3, shift=30.0)).solve(np.zeros(len(pattern.free)))
+    assert error == 0.0
+    assert np.all(solution == 0)
+
+
+@pytest.mark.parametrize("shift", [0.0, 30.0])
+@pytest.mark.parametrize("solver", ["direct", "iterative"])
+def test_factor_solves_for_a_nearby_matrix(solver, shift, pattern):
+    """Definite and indefinite, with the factor kept in either precision."""
+    pattern, blocks = dataclasses.replace(pattern, solver=solver), random_pairs(pattern, 4, shift)
+    near = blocks + 1e-3 * random_pairs(pattern, 5)
+    rhs = np.random.default_rng(6).normal(size=len(pattern.free))
+    solution, exact = factor(pattern, blocks).solve_other(rhs, pattern.matrix(near).__matmul__), np.linalg.solve(dense(pattern, near), rhs)
+    assert np.linalg.norm(solution - exact) < 1e-10 * np.linalg.norm(exact)
+
+
+def test_iterations_converge_as_those_of_conjugate_gradients(pattern):
+    """After m of them 2 (s / 2)^m of the error is left where the other matrix differs by s, here less than 2e-2; then a correction."""
+    blocks, calls = random_pairs(pattern, 4, shift=30.0), []
+    near = pattern.matrix(blocks + 1e-2 * random_pairs(pattern, 5))
+    lowest, highest = scipy.linalg.eigh(near.toarray(), dense(pattern, blocks), eigvals_only=True)[[0, -1]]
+    assert max(1 - lowest, highest - 1) < 2e-2
+
+    def product(v):
+        calls.append(v)
+        return near @ v
+
+    factor(pattern, blocks).solve_other(np.ones(len(pattern.free)), product)
+    assert len(calls) <= np.ceil(np.log(linear_solve.NEGLIGIBLE / 2 / 2e-2) / np.log(1e-2))
+
+
+def test_factor_refuses_a_matrix_that_is_not_near(pattern):
+    made = factor(pattern, random_pairs(pattern, 7, shift=30.0))
+    assert made.solve_other(np.ones(len(pattern.free)), pattern.matrix(random_pairs(pattern, 8)).__matmul__) is None
+
+
+def at(number):
+    """Positions by which a factor is remembered."""
+    return np.full((2, 2), float(number))
+
+
+def test_solve_near_does_not_depend_on_what_is_remembered(lists):
+    fresh, experienced = analyse(*arguments(lists)), analyse(*arguments(lists))
+    blocks = random_pairs(fresh, 9, shift=30.0)
+    rhs, product = np.random.default_rng(10).normal(size=len(fresh.free)), fresh.matrix(blocks).__matmul__
+    direct = solve_near(fresh, at(0), rhs, product, lambda: blocks)
+    for seed in range(3):
+        remember(factor(experienced, blocks + 1e-4 * random_pairs(fresh, 20 + seed)), at(seed))
+    np.testing.assert_allclose(solve_near(experienced, at(0), rhs, product, None), direct, atol=1e-11 * np.abs(direct).max())
+    remember(factor(experienced, random_pairs(fresh, 23)), at(0))  # as near, and later, but it will not do
+    again = solve_near(experienced, at(0), rhs, product, lambda: blocks)
+    np.testing.assert_allclose(again, direct, atol=1e-11 * np.abs(direct).max())
+
+
+def test_solve_near_does_not_need_the_norm_of_an_indefinite_matrix(lists):
+    """A right-hand side b with b . K^-1 b = 0, of two eigenvectors: what ``solve_other`` measures errors by vanishes."""
+    pattern = analyse(*arguments(lists))
+    blocks = random_pairs(pattern, 40)
+    values, modes = np.linalg.eigh(dense(pattern, blocks))
+    rhs = modes[:, [0, -1]] @ np.sqrt(np.abs(values[[0, -1]]))
+    made, product = factor(pattern, blocks), pattern.matrix(blocks).__matmul__
+    assert abs(rhs @ made.apply(rhs)) < 1e-12 * np.linalg.norm(rhs) * np.linalg.norm(made.apply(rhs))
+    exact = modes[:, [0, -1]] @ (np.sqrt(np.abs(values[[0, -1]])) / values[[0, -1]])
+    np.testing.assert_allclose(solve_near(pattern, at(0), rhs, product, lambda: blocks), exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+
+
+def test_nearest_positions_choose_the_factor(lists):
+    pattern = analyse(*arguments(lists))
+    made = [factor(pattern, random_pairs(pattern, 30 + k, shift=30.0)) for k in range(3)]
+    for k, one in enumerate(made):
+        remember(one, at(k))
+    assert [kept_factors._nearest(pattern, at(x)) for x in (0.4, 0.6, 9)] == made
+    assert kept_factors._nearest(analyse(*arguments(lists)), at(0)) is None  # of another pattern
+
+
+def test_remembered_factors_fill_bounded_memory(pattern, monkeypatch):
+    blocks = random_pairs(pattern, 15, shift=30.0)
+    size = factor(pattern, blocks).size
+    monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 3.5 * size)
+    for seed in range(6):
+        remember(factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed)), at(seed))
+    assert [x[0, 0] for _, x in kept_factors._remembered] == [3, 4, 5]
+    monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 0)
+    remember(factor(pattern, blocks), at(6))
+    assert [x[0, 0] for _, x in kept_factors._remembered] == [6]  # the latest stays, however large
+
+
+def no_stiffness_along_one_component(pattern):
+    blocks = random_pairs(pattern, 11, shift=30.0)
+    touched = np.zeros(4 * pattern.n_pairs, dtype=bool)
+    touched[pattern.source[(pattern.structure.indices == 7) | (columns(pattern) == 7)]] = True
+    return np.where(touched.reshape(blocks.shape), 0.0, blocks)
+
+
+def rank_one(pattern):
+    """All entries equal: after one pivot nothing is left but round-off."""
+    return np.ones((pattern.n_pairs, 2, 2))
+
+
+@pytest.mark.parametrize("make", [no_stiffness_along_one_component, lambda pattern: np.zeros((pattern.n_pairs, 2, 2)), rank_one])
+def test_singular_matrices_are_detected(make, pattern):
+    rhs = np.random.default_rng(12).normal(size=len(pattern.free))
+    with pytest.raises(SingularTangent):
+        factor(pattern, make(pattern)).solve(rhs)
+    product = pattern.matrix(make(pattern)).__matmul__
+    assert np.all(np.isnan(solve_near(pattern, at(0), rhs, product, lambda: make(pattern))))
+
+
+def test_floating_plate_is_singular_or_answers_with_a_huge_translation(tiny_model):
+    """The Laplacian of all nodes has the translations in its kernel; round-off may leave it a last pivot of 1e-16."""
+    pairs, points, _ = arguments(tiny_model.lists)
+    every = analyse(pairs, points, np.arange(2 * tiny_model.n_nodes))
+    laplacian = np.asarray(constants(tiny_model).laplacian)[:, None, None] * np.eye(2)
+    try:
+        solution, _ = factor(every, laplacian).solve(np.ones(2 * tiny_model.n_nodes))
+    except SingularTangent:
+        return
+    assert np.abs(solution).min() > 1e12
+    np.testing.assert_allclose(solution.reshape(-1, 2), np.broadcast_to(solution[:2], (tiny_model.n_nodes, 2)), rtol=1e-3)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_matrices_that_are_not_finite_are_refused(value, pattern):
+    blocks = random_pairs(pattern, 13, shift=30.0) + np.where(diagonal(pattern) > 0, value, 0.0)
+    with pytest.raises(SingularTangent, match="the tangent is not finite"):
+        factor(pattern, blocks)
+
+
+def test_blas_threads_are_left_as_they_were(pattern):
+    before = [pool["num_threads"] for pool in threadpool_info()]
+    factor(pattern, random_pairs(pattern, 14, shift=30.0)).solve(np.ones(len(pattern.free)))
+    assert [pool["num_threads"] for pool in threadpool_info()] == before

@@ -1,0 +1,208 @@
+"""Facts about self-contact: its energy and derivatives, its forces, sweeps into contact, and derivatives through them."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import jaxgel
+from jaxgel.continuation import tangent_products
+from jaxgel.continuation.follow import _reached
+from jaxgel.equilibrium import Equilibrium, Status, linearised, overlaps, prepare, tangent_at, touches
+from jaxgel.mechanics import contact, contact_pairs, node_pairs, pair_energy, reduced, spread, state_pressure, with_contact
+
+GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
+contact_energy, contact_force = jax.jit(contact.contact_energy), jax.jit(contact.contact_force)
+MU = [-3.0, -2.0, -1.4]  # the slit's tips close between the last two
+
+
+@pytest.fixture(scope="module")
+def slit():
+    """Cloud of a small plate with a flat hole, a round one cut by a wall, and one in a corner."""
+    holes = [jaxgel.Ellipse((0.1, -0.05), (1.2, 0.45), 0.1), jaxgel.Circle((0.2, -2.0), 0.4), jaxgel.Circle((-2.0, 2.0), 0.6)]
+    return jaxgel.make_cloud(jaxgel.Plate(4, 4, holes, spacing=0.5, nodes_per_hole=16, gel=GEL))
+
+
+@pytest.fixture(scope="module")
+def closed(slit):
+    """The slit with its sides in contact."""
+    path = jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=MU, contact="on")
+    assert path.stop.ok
+    return path
+
+
+@pytest.fixture(scope="module")
+def squeezed(slit):
+    """The plate with nodal positions in which all three holes touch themselves."""
+    model = with_contact(jaxgel.discretise(slit), GEL)
+    X = np.asarray(model.cloud.nodes)
+    wall = np.array([-2.0, 2.0])  # the corner stays where it is
+    return model, jnp.asarray(wall + (X - wall) * [0.16, 1.0] + 0.01 * np.sin(7 * X[:, ::-1]) * (np.abs(X) < 1.99))
+
+
+@pytest.mark.slow
+def test_corrections_that_throw_points_deep_into_each_other_are_halved(slit):
+    """Newton's method else goes round in a circle of six iterations until the step is cut: 64 for the last state, 22 so."""
+    path = jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-4.0, -3.0, -2.0, -1.5], contact="on")
+    assert path.stop.ok
+    assert path.newton_iterations[-1] < 35
+
+
+def test_energy_is_zero_where_nothing_is_near(slit):
+    model = with_contact(jaxgel.discretise(slit), GEL)
+    x = model.cloud.nodes
+    assert float(contact_energy(x, model)) == 0.0
+    assert np.all(np.asarray(contact_force(x, model)) == 0.0)
+    assert not touches(model, x)
+
+
+def test_force_is_the_difference_of_energies(squeezed):
+    model, x = squeezed
+    assert float(contact_energy(x, model)) > 0
+    direction = jnp.asarray(np.random.default_rng(0).normal(size=x.shape))
+    difference = (contact_energy(x + 1e-6 * direction, model) - contact_energy(x - 1e-6 * direction, model)) / 2e-6
+    # central difference, step^2 times the third derivative, large where points are close
+    np.testing.assert_allclose(jnp.sum(contact_force(x, model) * direction), difference, rtol=1e-5)
+
+
+def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
+    """The tangent with contact less that without, over all node pairs, against the derivative of the force along a direction."""
+    model, x = squeezed
+    problem, p = prepare(model, GEL), state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0)
+    now = linearised(x, p, model, problem.gel, -1.0, problem.loads, problem.fixed, problem.free)[0]
+    blocks = np.array(tangent_at(x, p, now, model, problem.gel, problem.fixed))
+    base = node_pairs(model.lists)[0]
+    blocks[: len(base)] -= np.asarray(tangent_at(x, p, now, problem.apart.model, problem.gel, problem.fixed))
+    i, j = np.concatenate([base, contact_pairs(model.lists)[0]]).T
+    direction = np.random.default_rng(1).normal(size=x.shape)
+    product, other = np.zeros_like(direction), i != j
+    np.add.at(product, i, np.einsum("pkl,pl->pk", blocks, direction[j]))
+    np.add.at(product, j[other], np.einsum("plk,pl->pk", blocks[other], direction[i[other]]))
+    _, expected = jax.jvp(lambda x: contact_force(x, model), (x,), (jnp.asarray(direction),))
+    np.testing.assert_allclose(product, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
+
+
+def test_products_of_the_tangent_include_contact(squeezed):
+    """Those with contact less those without, of a state whose other forces do not matter."""
+    model, x = squeezed
+    problem = prepare(model, GEL)
+    state = Equilibrium(x, state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0), Status.CONVERGED, 0, 0.0, None)
+    vectors = np.random.default_rng(2).normal(size=(len(problem.free), 2))
+    found = np.subtract(*(tangent_products(p, state, -1.0, vectors, 0 * vectors) for p in (problem, problem.apart)))
+    directions = [spread(v, x.shape, problem.free) for v in vectors.T]
+    expected = [reduced(jax.jvp(lambda x: contact_force(x, model), (x,), (d,))[1], problem.free) for d in directions]
+    np.testing.assert_allclose(found.T, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
+
+
+@pytest.mark.slow
+def test_tangent_of_the_points_that_act_is_that_of_all_points(squeezed, monkeypatch):
+    """From no point to most of them acting, which takes every one of the ``SHARES``."""
+    model, x = squeezed
+    dry = model.cloud.nodes
+    states = [dry + share * (x - dry) for share in (0.0, 0.785, 0.79, 0.8, 1.0)]  # of 128 points 0, 6, 14, 51, 100
+    sparse = jax.jit(contact.contact_tangents)
+    found = [sparse(x, model) for x in states]
+    monkeypatch.setattr(contact, "SHARES", (1,))
+    dense = jax.jit(lambda x, model: contact.contact_tangents(x, model))
+    for blocks, x in zip(found, states, strict=True):
+        for some, every in zip(blocks, dense(x, model), strict=True):
+            np.testing.assert_allclose(some, every, rtol=1e-12, atol=1e-12 * np.abs(every).max())  # the order of sums
+    assert [float(jnp.abs(blocks[0]).max()) > 0 for blocks in found] == [False, True, True, True, True]
+
+
+def test_forces_on_each_hole_sum_to_zero_along_its_walls(squeezed):
+    """A whole hole's in both directions, a cut hole's along its wall, where its mirror image takes up the rest."""
+    model, x = squeezed
+    points = model.outline.position(x)
+    force = np.asarray(contact_force(points, _carried(model)))
+    hole = np.concatenate([np.full(len(o.s), o.arc.hole) for o in model.lists.topology.outlines])
+    total = np.stack([force[hole == k].sum(axis=0) for k in range(3)])
+    scale = np.abs(force).max()
+    assert all(np.abs(force[hole == k]).max() > 0 for k in range(3))
+    np.testing.assert_allclose(total[0], 0.0, atol=1e-12 * scale)
+    assert abs(total[1, 0]) < 1e-12 * scale  # along the wall at the bottom
+    np.testing.assert_allclose(np.sum(np.asarray(contact_force(x, model)), axis=0), total.sum(axis=0), atol=1e-10 * scale)
+
+
+def _carried(model):
+    """The model with outline positions themselves as its degrees of freedom."""
+    m = len(model.outline.points)
+    outline = dataclasses.replace(model.outline, nodes=np.arange(m)[:, None], phi=jnp.ones((m, 1)))
+    return dataclasses.replace(model, outline=outline)
+
+
+@pytest.mark.parametrize(("gap", "pressure"), [(0.75, 0.169), (0.5, 1.25), (0.25, 5.62)])
+def test_parallel_surfaces_press_each_other_as_documented(gap, pressure):
+    slope = jax.jit(jax.grad(lambda g, t: pair_energy(jnp.stack([t, g]), 1.0)))
+    reach = np.sqrt(1 - gap**2)
+    value = -quad(lambda t: float(slope(gap, t)), -reach, reach)[0]
+    assert value == pytest.approx(pressure, rel=5e-3)  # as many digits as are printed
+
+
+def test_contact_changes_nothing_before_holes_touch(slit):
+    model = jaxgel.discretise(slit)
+    on, off = (jaxgel.sweep(model, GEL, mu=MU[:2], contact=option) for option in ("on", "off"))
+    np.testing.assert_array_equal(on.x, off.x)
+    np.testing.assert_array_equal(on.newton_iterations, off.newton_iterations)
+
+
+def test_sides_that_touch_do_not_overlap_and_are_in_equilibrium(closed):
+    assert touches(closed.model, closed.x[-1]) and not overlaps(closed.model, closed.x[-1])
+    assert closed.negative_pivots[-1] == 0 and closed.residual.max() < 1e-10
+    apart = jaxgel.sweep(closed.model, GEL, mu=MU, contact="off")
+    assert overlaps(apart.model, apart.x[-1])
+
+
+def test_a_leap_into_contact_is_refused(slit):
+    """Prediction and last state are apart; where Newton's method closes the slit from there is not where a gel that swells slowly would."""
+    steps, model = [], with_contact(jaxgel.discretise(slit), GEL)
+    jaxgel.sweep(model, GEL, mu=MU[:1], on_step=steps.append)
+    found, _ = _reached(prepare(model, GEL), True, MU[-1], steps)
+    assert found.status is Status.NOT_CONVERGED
+    assert np.abs(found.x - steps[0].x).max() > float(model.contact.range) and not touches(model, steps[0].x)
+
+
+def test_a_sweep_told_to_stop_ends_before_the_overlap(slit):
+    path = jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-3.0, -2.0, -1.0], contact="stop")
+    assert path.stop is jaxgel.Status.SELF_CONTACT
+    assert path.stop_text == f"stopped after mu = -2: {path.stop.text}"
+    assert list(path.mu) == [-3.0, -2.0]
+
+
+@pytest.mark.slow
+def test_squares_close_without_crossing(cloud_of):
+    """Sample 7, on the symmetric branch: the sides meet from the corners; without contact they overlap."""
+    model, mu = jaxgel.discretise(cloud_of("sample-7")), [-2.0, -1.0, -0.55, -0.4]
+    path = jaxgel.sweep(model, GEL, mu=mu, branch="symmetric", contact="on")
+    assert path.stop.ok and touches(path.model, path.x[-1])
+    assert not any(overlaps(path.model, x) for x in path.x)
+    volumes = np.asarray(jaxgel.observables.cell_volumes(model))
+    phi = 1 - volumes.sum() / 22.0**2
+    mean = np.asarray(jaxgel.volume_ratio(path)) @ volumes / volumes.sum()
+    # outlines and cells are independent measures of the same loss; measured 1.5e-4
+    np.testing.assert_allclose(jaxgel.area_reduction(path), (mean - 1) * (1 - phi) / phi, rtol=5e-4)
+
+
+@pytest.mark.parametrize("moved", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["gel", "gel and hole"])
+def test_gradient_through_contact_is_that_of_the_resolved_problem(moved, slit, closed):
+    """With respect to Nv (which sets the stiffness of contact too), the last mu, and a semi-axis, along one direction."""
+    plate, nodes = slit.plate, slit.nodes
+
+    def height(v):
+        model = jaxgel.discretise(slit.at(plate.at([dict(semi_axes=jnp.stack([jnp.asarray(1.2), v[0]])), {}, {}])) if moved else slit)
+        mu = jnp.stack([jnp.asarray(MU[0]), jnp.asarray(MU[1]), v[2]])
+        return jnp.sum((jaxgel.sweep(model, jaxgel.Gel(v[1], 1e-4), mu=mu, contact="on").x[-1] - nodes) ** 2)
+
+    at, direction = np.array([0.45, 1e-3, MU[-1]]), np.array([0.1, 1e-3, 0.2])
+    _, slope = jax.jvp(height, (jnp.asarray(at),), (jnp.asarray(direction),))
+    difference = (float(height(at + 1e-5 * direction)) - float(height(at - 1e-5 * direction))) / 2e-5
+    assert float(slope) == pytest.approx(difference, rel=1e-5)  # states to 1e-11 over a step of 1e-5
+    assert touches(closed.model, closed.x[-1])
+
+
+def test_unknown_contact_is_refused(slit):
+    with pytest.raises(ValueError, match=r"^contact: 'of' is not one of on, off, stop"):
+        jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-3.0], contact="of")

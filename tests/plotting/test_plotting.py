@@ -1,0 +1,148 @@
+"""Figures carry what they say they carry; axes come in and go out."""
+
+import dataclasses
+import sys
+
+import imageio_ffmpeg
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from PIL import Image
+
+from jaxgel.observables import field_values, fields
+from jaxgel.observables import table as results
+from jaxgel.plotting import CURVES, animate_pattern, plot_curve, plot_curves, plot_pattern, plot_patterns
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+def lines(ax, style):
+    """The drawn lines of a style that hold at least one point."""
+    return [
+        line for line in ax.lines if line.get_linestyle() == style and np.isfinite(line.get_ydata()).any() and len(line.get_xdata()) > 2
+    ]
+
+
+@pytest.mark.parametrize("field", ["J", "stretch", None])
+def test_a_pattern_is_drawn_on_the_axes_given(path, field):
+    ax = plt.figure().add_subplot()
+    assert plot_pattern(path, 2, ax=ax, field=field) is ax
+    assert ax.get_aspect() == 1.0
+    assert ax.get_title() == rf"$\mu = {path.mu[2]:.4f}\,kT$"
+    assert "mm" in ax.get_xlabel()
+    assert "mm" in ax.get_ylabel()
+    assert len(ax.figure.axes) == (1 if field is None else 2)
+
+
+def test_a_pattern_shows_all_four_walls_and_leaves_out_free_edges(path):
+    ax = plot_pattern(path)
+    assert sum(patch.get_hatch() is not None for patch in ax.patches) == 4
+
+
+def area_mean(path, values):
+    """Mean over the dry gel (k,) of values (k, t) on the triangles."""
+    corners = np.asarray(path.model.cloud.vertices)[np.asarray(path.model.cloud.triangles)]
+    area = np.linalg.det(fields._edges(corners)) / 2
+    return values @ area / area.sum()
+
+
+def test_field_j_is_the_volume_ratio_of_the_cells(path):
+    np.testing.assert_allclose(area_mean(path, field_values(path, "J")), results.history(path)["J_mean"], rtol=1e-12)
+
+
+def test_field_j_of_the_papers_cells_comes_from_the_vertices(path):
+    """Between the vertices lines stay straight: the mean is off by what the deformed cell edges bulge, 2e-3 on this cloud."""
+    paper = dataclasses.replace(path, model=dataclasses.replace(path.model, quadrature="paper"))
+    np.testing.assert_allclose(area_mean(path, field_values(paper, "J")), results.history(path)["J_mean"], rtol=2e-3)
+
+
+def test_the_largest_stretch_is_at_least_the_root_of_the_volume_ratio(path):
+    paper = dataclasses.replace(path, model=dataclasses.replace(path.model, quadrature="paper"))  # both from the vertices
+    assert np.all(field_values(path, "stretch") >= np.sqrt(field_values(paper, "J")) * (1 - 1e-12))
+
+
+def test_a_row_of_patterns_takes_the_nearest_states(path):
+    axes = plot_patterns(path, at=[path.mu[0] - 1, path.mu[-1] + 1])
+    assert [ax.get_title() for ax in axes] == [rf"$\mu = {mu:.4f}\,kT$" for mu in (path.mu[0], path.mu[-1])]
+    assert len(axes[0].figure.axes) == 3  # one colour bar for all
+
+
+@pytest.mark.parametrize("against", ["mu", "free_stretch"])
+@pytest.mark.parametrize("quantity", CURVES)
+def test_a_curve_holds_the_values_of_the_history(path, quantity, against):
+    table = results.history(path)
+    ax = plot_curve(path, quantity, against=against)
+    curve = lines(ax, "-")[0]
+    column = next(iter(CURVES[quantity][1]))
+    np.testing.assert_allclose(curve.get_xdata(), table[against])
+    np.testing.assert_allclose(curve.get_ydata(), table[column] * (100 if quantity == "area_reduction" else 1))
+    assert ax.get_ylabel() == CURVES[quantity][0].replace("{unit}", "mm")
+
+
+def test_unstable_states_are_dashed(path):
+    unstable = dataclasses.replace(path, negative_pivots=np.array([0, 0, 2, 2]))
+    ax = plot_curve(unstable, "area_reduction")
+    (dashed,) = lines(ax, "--")
+    (solid,) = lines(ax, "-")
+    np.testing.assert_array_equal(np.isfinite(dashed.get_ydata()), [False, True, True, True])
+    np.testing.assert_array_equal(np.isfinite(solid.get_ydata()), [True, True, False, False])
+
+
+def test_events_are_marked_and_what_is_invalid_is_shaded(path, monkeypatch):
+    monkeypatch.setattr(results, "min_gap", lambda _: np.array([1.0, 1.0, -0.1, -0.2]))
+    axes = plot_curves(path)
+    assert axes.shape == (5, 2)
+    for ax, against in zip(axes[0], ("mu", "free_stretch"), strict=True):
+        left = results.history(path)[against][2]
+        (shade,) = ax.patches
+        np.testing.assert_allclose(shade.get_x(), left)
+    labels = [text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()]
+    assert "self-contact" in labels
+    assert "invalid after self-contact" in labels
+
+
+def test_names_that_do_not_exist_are_refused(path):
+    with pytest.raises(ValueError, match="field: 'pressure' is not one of J, stretch"):
+        plot_pattern(path, field="pressure")
+    with pytest.raises(ValueError, match="quantity: 'turn' is not one of rotation"):
+        plot_curve(path, "turn")
+
+
+def test_the_animation_has_a_frame_per_state(path, tmp_path):
+    animate_pattern(path, tmp_path / "pattern.gif")
+    with Image.open(tmp_path / "pattern.gif") as image:
+        assert image.n_frames == len(path.mu)
+
+
+def test_an_mp4_has_a_frame_per_state_and_lasts_as_long_as_asked(path, tmp_path):
+    animate_pattern(path, tmp_path / "pattern.mp4", seconds=2.0)
+    assert (tmp_path / "pattern.mp4").read_bytes()[4:8] == b"ftyp"
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(tmp_path / "pattern.mp4")
+    assert frames == len(path.mu) and seconds == pytest.approx(2.0)
+
+
+def test_a_film_without_ffmpeg_is_refused_in_one_line(path, tmp_path, monkeypatch):
+    monkeypatch.setattr("jaxgel.plotting.animation.FFMpegWriter.isAvailable", lambda: False)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(ValueError, match=r"^file: '.*pattern.mp4' needs the program ffmpeg; install it, [^\n]*$"):
+        animate_pattern(path, tmp_path / "pattern.mp4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_callers_settings_stay(path):
+    before = dict(mpl.rcParams)
+    plot_curves(path)
+    assert dict(mpl.rcParams) == before
+
+
+def test_lengths_carry_the_unit_of_the_plate(path):
+    plate = dataclasses.replace(path.model.cloud.topology.plate, unit="1e-3 mm")
+    cloud = dataclasses.replace(path.model.cloud, topology=dataclasses.replace(path.model.cloud.topology, plate=plate))
+    small = dataclasses.replace(path, model=dataclasses.replace(path.model, cloud=cloud))
+    assert plot_pattern(small).get_xlabel() == "$x$ ($10^{-3}$ mm)"
+    assert plot_curve(small, "min_gap").get_ylabel() == "smallest gap ($10^{-3}$ mm)"

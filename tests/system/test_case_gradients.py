@@ -1,0 +1,104 @@
+"""Derivatives on the paper's symmetric cases after they have buckled, against differences of the re-solved problem."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from jax.flatten_util import ravel_pytree
+
+import jaxgel
+from jaxgel.equilibrium import Equilibrium, Status, prepare, with_own_factor
+from jaxgel.linalg import nearest_modes
+
+PERTURBED = np.array([0.02, -0.02, 0.01, -0.01])  # of the radii of sample 4, relative: without any symmetry
+CASES = {
+    "sample-7": ([-3.0, -1.8], jaxgel.rotation_angle),
+    "sample-4": ([-1.9, -1.4], jaxgel.rotation_angle),
+    "lattice": ([-4.3, -1.8], jaxgel.core_rotation),  # its midline does not turn
+}
+STEPS = dict(shape=1e-5, Nv=2e-5, chi=3e-6, mu=5e-5)  # of central differences: mm, kT/v, 1, kT; their error is 1e-8 to 1e-7
+
+
+class Objectives:
+    """Rotation (degrees) and area reduction at the last mu, (2,), as functions of how far shape, Nv, chi and mu have moved."""
+
+    def __init__(self, name, cloud):
+        (self.mu, self.rotation), self.cloud, self.plate = CASES[name], cloud, cloud.plate
+        sizes = 1 + PERTURBED if name == "sample-4" else np.ones(len(self.plate.holes))
+        theta = [
+            {key: jnp.asarray(value) * (size if key == "radius" else 1.0) for key, value in hole.theta.items()}
+            for hole, size in zip(self.plate.holes, sizes, strict=True)
+        ]
+        self.theta, self.unravel = ravel_pytree(theta)
+        self.start = dict(shape=jnp.zeros(len(self.theta)), Nv=0.0, chi=0.0, mu=0.0)
+        shape = STEPS["shape"] * np.random.default_rng(7).normal(size=len(self.theta))  # of every parameter of every hole
+        self.steps = STEPS | dict(shape=jnp.asarray(shape))
+
+    def path(self, moved):
+        model = jaxgel.discretise(self.cloud.at(self.plate.at(self.unravel(self.theta + moved["shape"]))))
+        gel = jaxgel.Gel(self.plate.gel.Nv + moved["Nv"], self.plate.gel.chi + moved["chi"])
+        return jaxgel.sweep(model, gel, mu=jnp.array(self.mu) + moved["mu"] * jnp.array([0.0, 1.0]))
+
+    def __call__(self, moved):
+        path = self.path(moved)
+        return jnp.stack([self.rotation(path)[-1], jaxgel.area_reduction(path)[-1]])
+
+
+def round_off(path):
+    """Relative difference that double precision allows two solutions with the tangent of the last state, each with a rounded matrix and
+    right-hand side: four times its condition number times the unit round-off."""
+    x, pressure, mu = jnp.asarray(path.x[-1]), jnp.asarray(path.pressure[-1]), float(path.mu[-1])
+    state = Equilibrium(x, pressure, Status.CONVERGED, 0, 0.0, None)
+    factor = with_own_factor(prepare(path.model, path.gel), mu, state).factor
+    (softest,), _ = nearest_modes(factor, sp.identity(factor.matrix.shape[0], format="csr"), 1)
+    return 4 * np.finfo(float).eps * factor.norm / abs(softest)
+
+
+def test_slope_by_chi_on_the_buckled_branch_is_the_difference(buckling_model):
+    gel = buckling_model.cloud.plate.gel
+
+    def turned(chi):
+        path = jaxgel.sweep(buckling_model, jaxgel.Gel(gel.Nv, chi), mu=[-1.9, -1.4], contact="off")
+        return jaxgel.core_rotation(path)[-1] ** 2  # either side will do
+
+    value, slope = jax.jvp(turned, (0.01,), (1.0,))
+    assert value > 1  # it has buckled
+    difference = (turned(0.01 + 1e-5) - turned(0.01 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(slope, difference, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_slopes_on_the_buckled_branch_are_differences(cloud_of):
+    """Along everything that the design and the gel have, at once."""
+    objectives = Objectives("sample-4", cloud_of("sample-4"))
+    steps = objectives.steps
+    values, slopes = jax.jvp(objectives, (objectives.start,), (steps,))
+    assert abs(values[0]) > 1  # it has buckled
+    difference = (objectives(steps) - objectives(jax.tree.map(jnp.negative, steps))) / 2
+    np.testing.assert_allclose(slopes, difference, rtol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_derivatives_on_the_buckled_branch_are_those_of_the_resolved_problem(name, cloud_of):
+    objectives = Objectives(name, cloud_of(name))
+    start, steps = objectives.start, objectives.steps
+    path = objectives.path(start)
+    assert path.stop.ok and not path.negative_pivots.any()
+
+    values, pullback = jax.vjp(objectives, start)
+    assert abs(values[0]) > 1  # it has buckled
+    gradients = [pullback(row)[0] for row in jnp.eye(2)]
+    terms = {family: np.array([np.ravel(gradient[family] * step) for gradient in gradients]) for family, step in steps.items()}
+    scale = sum(np.abs(parts).sum(axis=1) for parts in terms.values())
+
+    forward = jax.jvp(objectives, (start,), (steps,))[1]
+    room = max(1e-10, round_off(path)) * scale  # 4e-8 for the lattice, of which it takes 9e-9
+    np.testing.assert_array_less(np.abs(forward - sum(parts.sum(axis=1) for parts in terms.values())), room)
+
+    for moved in [steps] if name == "lattice" else [{family: step} for family, step in steps.items()]:  # its sweeps take seconds
+        back = {family: -step for family, step in moved.items()}
+        difference, parts = (objectives(start | moved) - objectives(start | back)) / 2, [terms[family] for family in moved]
+        room = 1e-6 * (np.abs(difference) + 1e-2 * sum(np.abs(part).sum(axis=1) for part in parts))  # of its terms, where they cancel
+        np.testing.assert_array_less(np.abs(sum(part.sum(axis=1) for part in parts) - difference), room)

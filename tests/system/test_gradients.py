@@ -1,0 +1,359 @@
+"""Derivatives of whole sweeps against differences of the re-solved problem, and against each other."""
+
+import itertools
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+import jaxgel
+from jaxgel import IllPosedDerivative
+from jaxgel.continuation import ACCURACY, lowest_eigenvalue
+from jaxgel.mechanics import all_volumes, volume_ratios
+
+MU = [-3.5, -2.2, -1.5]
+CHI = jnp.array([1e-4, 0.05, 0.1])  # of a batch of gels
+STEP = 1e-5  # of the value; central differences of states solved to 1e-13 are then good to about 1e-8 and the kinks of the weights to 1e-6
+
+
+@pytest.fixture(scope="module")
+def cloud(tilted_cloud):
+    return tilted_cloud
+
+
+@pytest.fixture(scope="module")
+def start(cloud):
+    """Semi-axes, shift of the centre, tilt, Nv, chi and the last mu, as one flat vector, and the way back."""
+    gel = cloud.plate.gel
+    tree = dict(axes=cloud.plate.holes[0].semi_axes, shift=jnp.array([0.1, -0.05]), tilt=0.02, Nv=gel.Nv, chi=gel.chi, mu=MU[-1])
+    return ravel_pytree(jax.tree.map(lambda v: jnp.asarray(v, dtype=float), tree))
+
+
+@pytest.fixture(scope="module")
+def path_at(cloud, start):
+    plate, (hole,) = cloud.plate, cloud.plate.holes
+
+    def path_at(vector):
+        p = start[1](vector)
+        theta = dict(semi_axes=p["axes"], centre=hole.centre + p["shift"], angle=hole.angle + p["tilt"])
+        model = jaxgel.discretise(cloud.at(plate.at([theta])))
+        return jaxgel.sweep(model, jaxgel.Gel(p["Nv"], p["chi"]), mu=jnp.stack([jnp.asarray(MU[0]), p["mu"]]))
+
+    return path_at
+
+
+@pytest.fixture(scope="module")
+def observables(path_at):
+    """Last rotation, last area reduction and a sum over the whole curve, (3,), or those of them that are asked for."""
+    readings = [
+        lambda path: jaxgel.rotation_angle(path)[-1],
+        lambda path: jaxgel.area_reduction(path)[-1],
+        lambda path: jnp.sum(jaxgel.core_rotation(path) ** 2),
+    ]
+
+    def observables(vector, read=(0, 1, 2)):
+        path = path_at(vector)
+        return jnp.stack([readings[k](path) for k in read])
+
+    return observables
+
+
+@pytest.fixture
+def without_callbacks(monkeypatch):
+    """Programs that call the host fail: JAX's cache on disk keeps none of them, every process would compile it anew."""
+    monkeypatch.setattr(jax, "pure_callback", None)
+
+
+@pytest.fixture(scope="module")
+def jacobian(observables, start):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jax, "pure_callback", None)
+        values, pullback = jax.vjp(observables, start[0])
+        return np.stack([pullback(row)[0] for row in np.eye(len(values))])
+
+
+def test_gradients_are_those_of_the_resolved_problem(observables, start, jacobian):
+    vector = np.asarray(start[0])
+    for k, value in enumerate(vector):
+        step = np.zeros(len(vector))
+        step[k] = STEP * max(abs(value), 0.1)
+        difference = (np.asarray(observables(vector + step)) - np.asarray(observables(vector - step))) / (2 * step[k])
+        scale = np.abs(difference) + 1e-3 * np.abs(jacobian * vector).max(axis=1) / max(abs(value), 1e-2)
+        np.testing.assert_array_less(np.abs(jacobian[:, k] - difference), 1e-6 * scale)
+
+
+@pytest.mark.parametrize("read", [[1, 2], pytest.param([0, 1, 2], marks=pytest.mark.slow)], ids=["without the midline", "all"])
+def test_forward_equals_reverse(read, observables, start, jacobian, without_callbacks):
+    """The midline's rotation, whose forward rule its reverse mode transposes, takes as long as the others together."""
+    direction = np.random.default_rng(0).normal(size=len(start[0])) * np.abs(start[0])
+    _, forward = jax.jvp(lambda vector: observables(vector, read), (start[0],), (direction,))
+    scale = np.abs(jacobian[read]) @ np.abs(direction)  # of the terms, which nearly cancel in the third observable
+    np.testing.assert_array_less(np.abs(forward - jacobian[read] @ direction), 1e-10 * scale)
+
+
+def test_the_lowest_eigenvalue_has_the_derivative_of_differences(cloud):
+    model = jaxgel.discretise(cloud)
+
+    def lowest(chi):
+        return lowest_eigenvalue(jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=MU, contact="off"))[-1]
+
+    difference = (lowest(0.1 + 1e-4) - lowest(0.1 - 1e-4)) / 2e-4
+    np.testing.assert_allclose(jax.grad(lowest)(0.1), difference, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_lowest_eigenvalue_has_first_derivatives(path_at, start):
+    """Along one direction, with a longer step: the tangent has the weights' kinks, but is known to 1e-10 of the network's only."""
+
+    def lowest(vector):
+        return lowest_eigenvalue(path_at(vector))[-1]
+
+    vector = np.asarray(start[0])
+    direction, step = np.random.default_rng(0).normal(size=len(vector)) * np.abs(vector), 1e-4
+    gradient = np.asarray(jax.grad(lowest)(start[0]))
+    difference = (lowest(vector + step * direction) - lowest(vector - step * direction)) / (2 * step)
+    np.testing.assert_allclose(gradient @ direction, difference, rtol=1e-6)
+    value, forward = jax.jvp(lowest, (start[0],), (direction,))
+    np.testing.assert_allclose(forward, gradient @ direction, rtol=1e-10)
+    np.testing.assert_allclose(value, path_at(vector).lowest_eigenvalue[-1], rtol=2 * ACCURACY)  # the sweep seeks it to ACCURACY
+    with pytest.raises(ValueError, match="has first derivatives only"):
+        jax.jvp(jax.grad(lowest), (start[0],), (direction,))
+
+
+def test_second_derivatives_by_the_gel_are_differences_of_gradients(cloud):
+    """By chi; all three gradients come from one program."""
+    model = jaxgel.discretise(cloud)
+
+    def gradient(chi):
+        return jax.grad(lambda chi: jaxgel.area_reduction(jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=MU, contact="off"))[-1])(chi)
+
+    def along(chi):
+        return jax.jvp(gradient, (chi,), (1.0,))
+
+    difference = (along(0.1 + 1e-4)[0] - along(0.1 - 1e-4)[0]) / 2e-4
+    np.testing.assert_allclose(along(0.1)[1], difference, rtol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def sample_1():
+    """Sample 1 with 197 nodes."""
+    return jaxgel.make_cloud(jaxgel.sample("sample-1"), spacing=1.6, nodes_per_hole=18)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("basis", "readings"),
+    [
+        ("linear", [jaxgel.area_reduction]),
+        ("quadratic", [jaxgel.area_reduction, jaxgel.rotation_angle]),
+    ],
+)
+def test_second_derivatives_are_differences_of_gradients(sample_1, basis, readings):
+    """By the first semi-axis of all holes, Nv and chi, also of the midline's rotation, whose extrema move along the line (261 nodes).
+
+    The gradient is smooth but where a node enters a support, hence the short step. All three gradients come from one program.
+    """
+    cloud = sample_1 if basis == "linear" else jaxgel.make_cloud(sample_1.plate, spacing=22 / 18)
+
+    def gradient(v):
+        def reading(v):
+            model = jaxgel.discretise(cloud.at(cloud.plate.at([dict(semi_axes=jnp.stack([v[0], 4.0]))] * 4)), basis=basis)
+            path = jaxgel.sweep(model, jaxgel.Gel(v[1], v[2]), mu=[-2.0, -1.5], contact="off")
+            return sum(weight * reading(path)[-1] for weight, reading in zip((1.0, 0.1), readings, strict=False))  # of like slopes
+
+        return jax.grad(reading)(v)
+
+    at, direction, step = jnp.array([5.0, 1e-3, 1e-4]), jnp.array([1.0, 1e-3, 0.1]), 1e-4
+
+    def along(s):
+        return jax.jvp(gradient, (at + s * direction,), (direction,))
+
+    difference = (along(step)[0] - along(-step)[0]) / (2 * step)
+    np.testing.assert_allclose(along(0.0)[1], difference, rtol=1e-5)
+
+
+@pytest.fixture
+def last_energy(cloud):
+    """Function of the last of two mu: the energy there; the solvent that the gel holds and its pressures."""
+    model = jaxgel.discretise(cloud)
+
+    def last(mu):
+        path = jaxgel.sweep(model, cloud.plate.gel, mu=jnp.stack([jnp.asarray(-2.5), mu]))
+        return path.energy[-1], (jnp.sum(all_volumes(model) * (volume_ratios(path.x[-1], model) - 1)), path.pressure[-1])
+
+    return last
+
+
+def test_energy_falls_by_the_solvent_that_the_gel_holds(last_energy):
+    slope, (solvent, _) = jax.grad(last_energy, has_aux=True)(jnp.asarray(-2.0))
+    np.testing.assert_allclose(slope, -solvent, rtol=1e-10)
+
+
+def test_pressures_have_derivatives(last_energy):
+    def pressure(mu):
+        return last_energy(mu)[1][1]
+
+    mu, step = jnp.asarray(-2.0), 1e-4
+    difference = (pressure(mu + step) - pressure(mu - step)) / (2 * step)
+    np.testing.assert_allclose(jax.jvp(pressure, (mu,), (1.0,))[1], difference, atol=1e-6 * np.abs(difference).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("along", [lambda f, mu: jax.jvp(f, (mu,), (1.0,))[1], lambda f, mu: jax.grad(f)(mu)], ids=["forward", "reverse"])
+def test_the_energy_has_second_derivatives(along, last_energy):
+    slope, mu, step = jax.grad(lambda mu: last_energy(mu)[0]), jnp.asarray(-2.0), 1e-4
+    np.testing.assert_allclose(along(slope, mu), (slope(mu + step) - slope(mu - step)) / (2 * step), rtol=1e-6)
+
+
+def test_chosen_steps_have_the_derivative_of_given_ones(cloud):
+    model = jaxgel.discretise(cloud)
+
+    def path(mu, chi=1e-4):
+        return jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=mu, contact="off")
+
+    def last_area(mu):
+        return jax.value_and_grad(lambda chi: jaxgel.area_reduction(path(mu, chi))[-1])(1e-4)
+
+    ends = MU[0], MU[-1]
+    given = np.linspace(*ends, len(path(ends)))  # as many, for one program serves both
+    np.testing.assert_allclose(last_area(ends), last_area(given), rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def sweep_of(cloud):
+    """Function: chi -> positions and statuses of a sweep."""
+    model = jaxgel.discretise(cloud)
+
+    def sweep_of(chi, mu=MU, **options):
+        path = jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=mu, **options)
+        return path.x, path.status
+
+    return sweep_of
+
+
+@pytest.fixture(scope="module")
+def batch(sweep_of):
+    """The sweeps of a batch of three gels as one program, which takes longer to compile than to run."""
+    return jax.jit(jax.vmap(sweep_of))
+
+
+def test_a_batch_of_gels_under_vmap_equals_single_sweeps(batch, sweep_of):
+    single = np.stack([sweep_of(c)[0] for c in CHI])
+    np.testing.assert_allclose(batch(CHI)[0], single, atol=1e-10 * 22)
+
+
+@pytest.mark.slow
+def test_rows_and_columns_of_a_jacobian_are_solved_together(tiny_model, without_callbacks):
+
+    def heights(v):
+        return jnp.sum(jaxgel.sweep(tiny_model, jaxgel.Gel(v[0], v[1]), mu=[-2.0, -1.5]).x[..., 1], axis=1)
+
+    at = jnp.array([1e-3, 1e-4])
+    rows, columns = jax.jacrev(heights)(at), jax.jacfwd(heights)(at)
+    np.testing.assert_allclose(rows, columns, rtol=1e-10)
+    assert np.all(rows != 0)
+
+
+def test_a_stopped_gradient_is_noticed(observables, start, jacobian, monkeypatch):
+    """The check of this file has teeth: a contour that pretends not to move with the nodes gives another shape gradient."""
+    from jaxgel.discretisation import consistency
+    from jaxgel.discretisation import model as discretisation
+
+    correct = consistency._correct
+
+    def stopped(nodes, vertices, trace, *rest):
+        return correct(nodes, vertices, jax.lax.stop_gradient(trace), *rest)
+
+    monkeypatch.setattr(discretisation, "_correct", stopped)
+    gradient = jax.vjp(observables, start[0])[1](jnp.array([0.0, 0.0, 1.0]))[0]
+    assert np.abs(gradient - jacobian[2]).max() > 1e-6 * np.abs(jacobian[2]).max()
+
+
+def test_states_out_of_reach_are_nan_and_say_so(cloud):
+    model = jaxgel.discretise(cloud)
+
+    def sweep(chi):
+        path = jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=[*MU[:2], 9.0], contact="off")
+        return path.x[-1, 0, 0], (path.x, path.status)
+
+    with pytest.warns(IllPosedDerivative, match=r"^sweep: ill-posed derivative at mu = 9: "):
+        (_, (x, status)), _ = jax.value_and_grad(sweep, has_aux=True)(1e-4)
+    reached = np.asarray(status) == jaxgel.Status.CONVERGED
+    assert reached[0] and not reached[-1]
+    assert np.all(np.isnan(x[~reached])) and np.all(np.isfinite(x[reached]))
+
+
+@pytest.fixture(scope="module")
+def critical(buckling_model):
+    """Where the symmetric state of the coarse sample 4 buckles; at 0.3 kT below, its lowest eigenvalue is 0.02."""
+    return float(jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=(-2.5, -1.3))[0].mu)
+
+
+def test_derivatives_next_to_a_bifurcation_are_flagged(buckling_model, critical):
+    gel = buckling_model.cloud.plate.gel
+
+    def core_rotation(chi):
+        path = jaxgel.sweep(buckling_model, jaxgel.Gel(gel.Nv, chi), mu=[-3.0, critical - 0.3, critical - 1e-5], branch="symmetric")
+        return jaxgel.core_rotation(path)[-1], path.status
+
+    with pytest.warns(IllPosedDerivative, match=r"a fold or bifurcation is near"):
+        status = jax.grad(core_rotation, has_aux=True)(gel.chi)[1]
+    assert status.tolist() == [jaxgel.Status.CONVERGED, jaxgel.Status.CONVERGED, jaxgel.Status.NEARLY_SINGULAR]
+
+
+def test_derivatives_of_overlapping_holes_are_flagged(cloud, monkeypatch):
+    model, found = jaxgel.discretise(cloud), itertools.cycle([False, False, True])
+    monkeypatch.setattr(sys.modules["jaxgel.continuation.autodiff"], "overlaps", lambda *_: next(found))
+
+    def area(chi):
+        path = jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=MU, contact="off")
+        return jaxgel.area_reduction(path)[-1], path.status
+
+    with pytest.warns(IllPosedDerivative, match=r"hole boundaries touch or overlap"):
+        status = jax.grad(area, has_aux=True)(1e-4)[1]
+    assert status.tolist() == [jaxgel.Status.CONVERGED, jaxgel.Status.CONVERGED, jaxgel.Status.SELF_CONTACT]
+
+
+def test_inside_jit_every_state_says_how_it_stands(buckling_model, critical):
+    """Below, next to and beyond the bifurcation: the same verdict as outside jit, and a warning of each state but the first."""
+    gel, mu = buckling_model.cloud.plate.gel, [critical - 0.3, critical - 1e-5, critical + 0.1]
+
+    def core_rotation(chi, branch="symmetric"):
+        path = jaxgel.sweep(buckling_model, jaxgel.Gel(gel.Nv, chi), mu=mu, branch=branch)
+        return jaxgel.core_rotation(path)[-1], (path.status, path.negative_pivots, path.lowest_eigenvalue)
+
+    def compiled(chi):
+        found = jax.jit(jax.grad(lambda chi: core_rotation(chi, "stable"), has_aux=True))(chi)[1]
+        jax.effects_barrier()  # warnings come from callbacks, which may be late
+        return found
+
+    with pytest.warns(IllPosedDerivative, match=r"a fold or bifurcation is near"):
+        outside = jax.grad(core_rotation, has_aux=True)(gel.chi)[1]
+    with pytest.warns(IllPosedDerivative) as caught:
+        status, negative, lowest = compiled(gel.chi)
+    assert status.tolist() == [jaxgel.Status.CONVERGED, jaxgel.Status.NEARLY_SINGULAR, jaxgel.Status.CONVERGED]
+    np.testing.assert_array_equal(status, outside[0])
+    np.testing.assert_array_equal(negative, outside[1])
+    np.testing.assert_allclose(lowest, outside[2], rtol=2e-3, atol=1e-7)  # sought to 1e-3; next to 0 that is the state's own accuracy
+    messages = [str(warning.message) for warning in caught]
+    assert len(messages) == 2 and f"at mu = {mu[1]:.6g}: converged, but a fold" in messages[0]
+    assert f"at mu = {mu[2]:.6g}: the state is unstable, and inside jit" in messages[1]
+
+
+def test_inside_jit_overlapping_holes_are_flagged(sweep_of, monkeypatch):
+    found = itertools.cycle([False, True])
+    monkeypatch.setattr(sys.modules["jaxgel.continuation.autodiff"], "crosses", lambda *_: next(found))
+    x, statuses = jax.jit(lambda chi: sweep_of(chi, MU[:2], contact="off"))(1e-4)
+    assert statuses.tolist() == [jaxgel.Status.CONVERGED, jaxgel.Status.SELF_CONTACT]
+    assert np.isfinite(x).all()
+
+
+def test_inside_jit_holes_that_contact_did_not_keep_apart_leave_no_state(batch, monkeypatch):
+    found = itertools.cycle([*[False] * len(CHI), *[True] * len(CHI), *[False] * len(CHI)])  # all gels of the batch at one mu after another
+    monkeypatch.setattr(sys.modules["jaxgel.continuation.autodiff"], "crosses", lambda *_: next(found))
+    x, statuses = batch(CHI)
+    assert statuses[:, :2].tolist() == [[jaxgel.Status.CONVERGED, jaxgel.Status.CROSSED]] * len(CHI)
+    assert np.isnan(x[:, 1]).all() and np.isfinite(x[:, 0]).all()

@@ -1,0 +1,92 @@
+"""Random gels and ranges of mu on a tiny cloud end as a path that obeys mechanics, or as one clear line.
+
+tests/random_cases.py draws everything at random, clouds too, for as many cases as one likes.
+"""
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+import jaxgel
+from jaxgel.cases import case as cases
+from jaxgel.continuation import SweepFailed
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from random_cases import faults, random_table
+
+GELS = st.builds(lambda power, chi: jaxgel.Gel(10**power, chi), st.floats(-5, -1), st.floats(1e-9, 1.2))
+
+
+EASY = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SWEEPS = given(
+    gel=GELS,
+    ends=st.tuples(st.floats(-8, -1), st.floats(-1, 0)).filter(lambda ends: ends[0] < ends[1]),
+    chosen=st.booleans(),
+    branch=st.sampled_from(["stable", "symmetric"]),
+    contact=st.sampled_from(["on", "off", "stop"]),
+)
+
+
+@settings(EASY, max_examples=3)
+@SWEEPS
+def test_a_random_sweep_obeys_mechanics_or_says_why_not(tiny_model, gel, ends, chosen, branch, contact):
+    obeys(tiny_model, gel, ends, chosen, branch, contact)
+
+
+@pytest.mark.slow
+@settings(EASY, max_examples=30)
+@SWEEPS
+@example(gel=jaxgel.Gel(1e-5, 1e-9), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
+@example(gel=jaxgel.Gel(1e-1, 1e-9), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
+@example(gel=jaxgel.Gel(1e-5, 1.2), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
+@example(gel=jaxgel.Gel(1e-1, 1.2), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
+def test_more_random_sweeps_obey_mechanics_or_say_why_not(tiny_model, gel, ends, chosen, branch, contact):
+    obeys(tiny_model, gel, ends, chosen, branch, contact)
+
+
+def obeys(tiny_model, gel, ends, chosen, branch, contact):
+    """The sweep has no faults, and its reason is one line."""
+    mu = ends if chosen else np.linspace(*ends, 3).tolist()
+    try:
+        path = jaxgel.sweep(tiny_model, gel, mu=mu, branch=branch, contact=contact, max_steps=8)
+    except SweepFailed as failed:
+        reason = str(failed)
+    else:
+        reason = path.stop_text
+        check(path, mu)
+    assert "\n" not in reason
+
+
+def check(path, mu):
+    """The path has no faults and says where it ended."""
+    assert faults(path) == []
+    assert path.stop.ok == (path.mu[-1] == mu[-1])
+    assert path.stop.ok or path.stop_text.startswith(f"stopped after mu = {path.mu[-1]:.6g}: ")
+
+
+def test_the_faults_of_a_broken_path_are_found(coarse_path):
+    """A path with its states exchanged, and one that is pulled by a hair."""
+    assert faults(coarse_path) == []
+    mixed = dataclasses.replace(coarse_path, x=coarse_path.x[::-1])
+    assert len(faults(mixed)) >= len(coarse_path) - 1
+    hair = np.array(coarse_path.x)
+    hair[3, 150] += 1e-6
+    (fault, *_) = faults(dataclasses.replace(coarse_path, x=hair))
+    assert fault.startswith(f"mu = {coarse_path.mu[3]:.4g}: imbalance")
+
+
+@pytest.mark.parametrize("number", range(0, 300, 10))
+def test_a_random_table_is_a_case_or_one_line(number):
+    try:
+        case = cases.from_table(random_table(np.random.default_rng(number)), "random")
+    except ValueError as refused:
+        line = str(refused)
+    else:
+        line = ""
+        assert cases.from_table(case.table(), "again").table() == case.table()
+    assert "\n" not in line

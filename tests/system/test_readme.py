@@ -1,0 +1,66 @@
+"""What the README shows can be typed."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from jaxgel.cases import case as cases
+from jaxgel.cli import command_line as cli
+from jaxgel.io import load_run
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    """The README's code blocks in a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+
+
+def test_the_quick_start_runs_and_draws(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    quick_start, design = blocks("python")
+    assert len([line for line in quick_start.splitlines() if line.strip()]) <= 10
+    names = {}
+    exec(compile(quick_start, "README.md", "exec"), names)
+    assert (tmp_path / "pattern.png").stat().st_size > 0
+    assert len(capsys.readouterr().out.splitlines()) == 3
+
+    exec(compile(design, "README.md", "exec"), names)
+    assert names["angle"] > names["rotation"](names["jnp"].array([5.0, 4.0]))
+
+
+def test_the_case_file_is_a_case(tmp_path):
+    (text,) = blocks("toml")
+    (tmp_path / "valve.toml").write_text(text)
+    assert cases.load_case(str(tmp_path / "valve.toml")).plate.holes
+
+
+@pytest.mark.slow
+def test_the_case_file_can_be_run(tmp_path):
+    (text,) = blocks("toml")
+    (tmp_path / "valve.toml").write_text(text)
+    changes = ["--mu-start", "-3", "--mu-end", "-2", "--steps", "2", "--spacing", "0.8", "--no-plots", "--quiet"]
+    assert cli.main(["run", str(tmp_path / "valve.toml"), "--out", str(tmp_path / "out"), *changes]) == 0
+    assert len(load_run(tmp_path / "out").mu) == 2
+
+
+@pytest.mark.parametrize("command", re.findall(r"`jaxgel ([^`\n]*)`", README) + ["run sample-1 --out out/sample-1"])
+def test_commands_in_the_text_are_commands(command):
+    words = command.split()
+    if words[-1] == "--help":
+        return
+    args = cli._parse(words)
+    if words[0] == "run" and not words[1].endswith(".toml"):
+        assert cases.load_case(args.case).name == args.case
+
+
+def test_the_installed_and_the_documented_dependencies_agree():
+    project = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
+    listed = re.search(r"^dependencies = \[(.*?)^\]", project, flags=re.MULTILINE | re.DOTALL)
+    table = re.search(r"^\| package \|.*?\n\n", README, flags=re.MULTILINE | re.DOTALL)
+    assert listed
+    assert table
+    names = {re.match(r"[\w-]+", entry).group() for entry in re.findall(r'"([^"]+)"', listed.group(1))}
+    documented = {name.strip() for row in table.group().splitlines()[2:] if row for name in row.split("|")[1].split(",")}
+    assert documented == names
