@@ -42,6 +42,7 @@ def volume_ratio_at(p, mu, gel):
     is the J of the largest pressure, at most 1 + LARGEST_SWELLING, and for p + mu below about -31 it is 1 + SMALLEST_SWELLING; the
     derivatives are then 0. Of a user's ``volumetric`` the first increasing part is inverted.
 
+    >>> from jaxgel.materials import Gel
     >>> volume_ratio_at(-0.1, -0.5, Gel(Nv=1e-3, chi=0.1)).round(6)
     Array(1.32168, dtype=float64)
     """
@@ -54,6 +55,7 @@ def free_swelling(mu, gel):
 
     The root that is connected with the dry state (see ``volume_ratio_at``); NaN from ``largest_mu`` on.
 
+    >>> from jaxgel.materials import Gel
     >>> free_swelling(-0.1688, Gel(Nv=1e-3, chi=1e-5)).round(4)
     Array(1.451, dtype=float64)
     """

@@ -272,7 +272,7 @@ def test_a_log_of_another_problem_is_refused(problem, tmp_path):
 
 def test_a_failed_sweep_shrinks_the_step_and_is_logged(problem, monkeypatch, tmp_path):
     """Sweeps of holes below the start's first semi-axis fail: adam must find the way with shorter steps, or say that it is stuck."""
-    import jaxgel.inverse as inverse
+    from jaxgel.design import problem as inverse
 
     true = inverse.sweep
 
@@ -293,7 +293,7 @@ def test_a_failed_sweep_shrinks_the_step_and_is_logged(problem, monkeypatch, tmp
 
 
 def test_a_start_that_fails_is_refused_in_one_line(problem, monkeypatch):
-    import jaxgel.inverse as inverse
+    from jaxgel.design import problem as inverse
 
     def failing(*_, **__):
         raise jaxgel.sweep.__globals__["SweepFailed"]("sweep: planted failure")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel import _parallel
 from jaxgel._threads import usable_cores
 from jaxgel.cloud import EDGE_POINTS
 from jaxgel.discretisation import interpolation as probe_module

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_info
 
 from jaxgel import Gel, sweep
 from jaxgel.linalg import SingularTangent, analyse, factor, kept_factors, remember, solve_near
-from jaxgel.linalg import factors as linear_solve
+from jaxgel.linalg import pattern as pattern_module
 from jaxgel.mechanics import constants, free_dofs, node_pairs
 
 
@@ -108,7 +108,7 @@ def test_factor_kept_in_single_precision_solves_and_counts_as_the_other(shift, p
 
 def test_solver_is_chosen_by_the_size_of_the_factor(pattern, monkeypatch):
     assert factor(pattern, diagonal(pattern)).fronts.numbers.dtype == np.float64
-    monkeypatch.setattr(linear_solve, "LARGE_BYTES", 8 * pattern.tree.fill - 1)
+    monkeypatch.setattr(pattern_module, "LARGE_BYTES", 8 * pattern.tree.fill - 1)
     assert factor(pattern, diagonal(pattern)).fronts.numbers.dtype == np.float32
     assert factor(dataclasses.replace(pattern, solver="direct"), diagonal(pattern)).fronts.numbers.dtype == np.float64
 
@@ -212,11 +212,11 @@ def test_nearest_positions_choose_the_factor(lists):
 def test_remembered_factors_fill_bounded_memory(pattern, monkeypatch):
     blocks = random_pairs(pattern, 15, shift=30.0)
     size = factor(pattern, blocks).size
-    monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 3.5 * size)
+    monkeypatch.setattr(kept_factors, "REMEMBERED_BYTES", 3.5 * size)
     for seed in range(6):
         remember(factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed)), at(seed))
     assert [x[0, 0] for _, x in kept_factors._remembered] == [3, 4, 5]
-    monkeypatch.setattr(linear_solve, "REMEMBERED_BYTES", 0)
+    monkeypatch.setattr(kept_factors, "REMEMBERED_BYTES", 0)
     remember(factor(pattern, blocks), at(6))
     assert [x[0, 0] for _, x in kept_factors._remembered] == [6]  # the latest stays, however large
 

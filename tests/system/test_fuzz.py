@@ -55,7 +55,7 @@ def bounded():
 @pytest.fixture
 def only_read(monkeypatch):
     """``jaxgel run`` stops where it would start to compute."""
-    monkeypatch.setattr(commands, "run", lambda args: 0 * len(commands.cases.load_case(args.case).table()))
+    monkeypatch.setattr(commands, "run", lambda args: 0 * len(commands.load_case(args.case).table()))
 
 
 def refused(arguments, capsys):

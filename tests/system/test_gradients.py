@@ -260,14 +260,13 @@ def test_rows_and_columns_of_a_jacobian_are_solved_together(tiny_model, without_
 def test_a_stopped_gradient_is_noticed(observables, start, jacobian, monkeypatch):
     """The check of this file has teeth: a contour that pretends not to move with the nodes gives another shape gradient."""
     from jaxgel.discretisation import consistency
-    from jaxgel.discretisation import model as discretisation
 
     correct = consistency._correct
 
     def stopped(nodes, vertices, trace, *rest):
         return correct(nodes, vertices, jax.lax.stop_gradient(trace), *rest)
 
-    monkeypatch.setattr(discretisation, "_correct", stopped)
+    monkeypatch.setattr(consistency, "_correct", stopped)
     gradient = jax.vjp(observables, start[0])[1](jnp.array([0.0, 0.0, 1.0]))[0]
     assert np.abs(gradient - jacobian[2]).max() > 1e-6 * np.abs(jacobian[2]).max()
 
