@@ -16,11 +16,11 @@ from .continuation import (  # noqa: E402
     Path,
     continue_branch,
     critical_points,
-    deflated,
+    find_states_by_deflation,
     folds,
     imperfection,
     sweep,
-    switch,
+    switch_branch,
 )
 from .design import Constraint, Design, DesignProblem, limit, misfit, optimise, reading, verify, weighted_sum  # noqa: E402
 from .discretisation import Model, discretise, make_probe, shape_functions  # noqa: E402
@@ -67,7 +67,7 @@ __all__ = [
     "continue_branch",
     "core_rotation",
     "critical_points",
-    "deflated",
+    "find_states_by_deflation",
     "discretise",
     "folds",
     "free_energy",
@@ -90,7 +90,7 @@ __all__ = [
     "shape_functions",
     "surface_ratio",
     "sweep",
-    "switch",
+    "switch_branch",
     "uniaxial_swelling",
     "verify",
     "volume_ratio",

@@ -7,7 +7,7 @@ from pathlib import Path as File
 import numpy as np
 
 from ..continuation import Path
-from ..equilibrium import Status, Step
+from ..equilibrium import Stability, State, Status
 from ..io import NUMERICAL, STEP_ARRAYS, Recorder, load_run, of_case, read_summary
 from ..mechanics import all_volumes, free_dofs
 from .case import from_table
@@ -44,11 +44,11 @@ def load_path(folder):
     """
     run = load_run(folder)
     case, model, steps = rebuilt(run)
-    return Path.from_steps(model, case.gel, steps, stop=Status[run.summary["stop"]], stop_text=run.summary["reason"])
+    return Path.from_states(model, case.gel, steps, stop=Status[run.summary["stop"]], stop_text=run.summary["reason"])
 
 
 def rebuilt(run):
-    """The `cases.Case` of a `Run`, its model with contact, and the accepted `Step`s; ValueError where they do not fit together."""
+    """The `cases.Case` of a `Run`, its model with contact, and the accepted `State`s; ValueError where they do not fit together."""
     case = from_table(run.summary["options"], run.summary["case"])
     model, states = of_case(case.model(), case), run.states
     nodes, modes = np.asarray(model.cloud.nodes), states.get("modes")
@@ -57,11 +57,14 @@ def rebuilt(run):
     if not (fits and (modes is None or len(modes) == len(free_dofs(model.lists.topology)))):
         raise ValueError(f"folder: the nodes in {str(run.folder)!r} are not those of this version of jaxgel; run the case again")
     steps = [_step(states, i) for i in range(len(run.mu))]
-    return case, model, [*steps[:-1], dataclasses.replace(steps[-1], modes=modes, rate=states.get("rate"))]
+    stability = dataclasses.replace(steps[-1].stability, vectors=modes)
+    return case, model, [*steps[:-1], dataclasses.replace(steps[-1], stability=stability, rate=states.get("rate"))]
 
 
 def _step(states, i):
     """The accepted step ``i`` of the arrays of ``states.npz``."""
     values = {name: states[name][i] if states[name].ndim > 1 else states[name][i].item() for name in STEP_ARRAYS}
-    apart = int(states["apart"][i])
-    return Step(**values, status=Status[str(states["status"][i])], apart=None if apart < 0 else bool(apart))
+    stability = Stability(np.array([values.pop("lowest_eigenvalue")]), None, values.pop("negative_pivots"))
+    apart = int(states["apart"][i])  # -1, 0, 1: not looked at, contact acts, contact does not act
+    status, active = Status[str(states["status"][i])], None if apart < 0 else not apart
+    return State(**values, stability=stability, status=status, contact_active=active)

@@ -63,7 +63,7 @@ def _sweep(recorder, quiet):
     """The path of a case, recorded and shown while it grows, from the steps on that the recorder has."""
     case, model, before = recorder.case, recorder.model, recorder.steps
     if before and before[-1].mu >= case.sweep.ends[1]:
-        return Path.from_steps(model, case.gel, before)
+        return Path.from_states(model, case.gel, before)
     mu = case.sweep.values[len(before) :] if case.sweep.given else case.sweep.values
     loads = imperfect_loads(case, model)
     with Progress(case.sweep.ends, quiet) as progress, interruptible() as stop_if_asked:

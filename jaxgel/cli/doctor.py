@@ -34,7 +34,7 @@ from ..materials import (
     paper_tangent,
     volume_ratio_at,
 )
-from ..mechanics import condensed_rhs, constants_of, linearise, node_pairs, pair_energy, tangent, total_energy
+from ..mechanics import pair_energy, total_energy
 from .uncompiled import plain
 from .versions import in_one_part
 

@@ -23,10 +23,9 @@ from tqdm import tqdm
 from ..cloud import make_cloud
 from ..continuation import sweep
 from ..discretisation import discretise
-from ..equilibrium import acting, free_rhs, linearised, prepare, solve, tangent_at
+from ..equilibrium import acting_problem, solve
 from ..io import write_atomically
-from ..linalg import factor
-from ..mechanics import spread, with_contact
+from ..mechanics import condensed_rhs, factorised_tangent, linearise, prepare, scatter, with_contact
 from ..observables import area_reduction, core_rotation, is_flat, rotation_angle
 
 DIRECTIONS, HALVINGS, STATES = 5, 4, 4
@@ -180,19 +179,19 @@ def _beside(start, model, gel, mu, loads):
     moved = model.cloud.nodes - start.model.cloud.nodes
     carried = moved @ np.array(model.cloud.plate.deformation).T  # where the constrained ones have to be
     found = [solve(problem, *state) for state in zip(mu, start.x + carried, jnp.asarray(start.pressure), strict=True)]
-    x = jnp.stack([_to_round_off(problem, at, state) for at, state in zip(mu, found, strict=True)])
+    x = jnp.stack([_to_round_off(problem, state) for state in found])
     return dataclasses.replace(start, model=problem.model, gel=gel, mu=mu, x=x, pressure=jnp.stack([state.pressure for state in found]))
 
 
-def _to_round_off(problem, mu, state):
-    """Positions (n, 2) of an ``Equilibrium`` after one more correction: what the solver's tolerance left is gone; nan for a failed one."""
+def _to_round_off(problem, state):
+    """Positions (n, 2) of a `State` after one more correction, which removes what the solver's tolerance left; nan for a failed one."""
     if not state.status.ok:
         return jnp.full_like(state.x, jnp.nan)
-    problem = acting(problem, state)
-    args, free = (problem.model, problem.gel), problem.free
-    now, _ = linearised(state.x, state.pressure, *args, mu, problem.loads, problem.fixed, free)
-    made = factor(problem.pattern, tangent_at(state.x, state.pressure, now, *args, problem.fixed))
-    return state.x + spread(made.solve(np.asarray(free_rhs(now, now, problem.model, free)))[0], state.x.shape, free)
+    problem = acting_problem(problem, state)
+    linearisation = linearise(problem, state.x, state.pressure, state.mu)
+    made = factorised_tangent(problem, state.x, state.pressure, linearisation)
+    dx = made.solve(np.asarray(condensed_rhs(problem, linearisation, linearisation)))[0]
+    return state.x + scatter(dx, state.x.shape, problem.free)
 
 
 def _round_off(judge, point, family, towards, step):

@@ -1,38 +1,40 @@
-"""continuation."""
+"""Continuation: many states along a branch, their stability, bifurcations, folds and other branches."""
 
-from .autodiff import IllPosedDerivative
-from .branches import continue_branch, imperfection, solve_from, switch
+from .autodiff import IllPosedDerivative, SweepFailed, is_traced
+from .branches import continue_branch, imperfection, solve_from, switch_branch
 from .critical import CriticalPoint, critical_points, folds
-from .deflation import deflated
+from .deflation import find_states_by_deflation
 from .eigenvalue import lowest_eigenvalue
-from .follow import SweepFailed
+from .follow import Following
 from .options import BRANCHES, CONTACT, SweepOptions, check_mu
 from .path import Path
-from .stability import ACCURACY, lowest_modes, nearby_modes, network_stiffness, oriented, tangent_products
+from .stability import ACCURACY, StabilityAnalysis, oriented
 from .sweeps import sweep
+from .symmetry import characters, symmetries
 
 __all__ = [
     "ACCURACY",
     "BRANCHES",
     "CONTACT",
     "CriticalPoint",
+    "Following",
     "IllPosedDerivative",
     "Path",
+    "StabilityAnalysis",
     "SweepFailed",
     "SweepOptions",
+    "characters",
     "check_mu",
     "continue_branch",
     "critical_points",
-    "deflated",
+    "find_states_by_deflation",
     "folds",
     "imperfection",
+    "is_traced",
     "lowest_eigenvalue",
-    "lowest_modes",
-    "nearby_modes",
-    "network_stiffness",
     "oriented",
     "solve_from",
     "sweep",
-    "switch",
-    "tangent_products",
+    "switch_branch",
+    "symmetries",
 ]

@@ -1,88 +1,174 @@
-"""Sweeps inside ``jax.jit`` and ``jax.vmap``, and warnings of states that have no derivative worth the name.
+"""A sweep as a JAX function: inside ``jit`` and ``vmap``, and its derivatives.
 
-The states are one traced loop; how each of them stands, its inertia, lowest eigenvalue and crossing outlines, is found on the host.
+Outside JAX's transformations the states are those of `follow`, and their factors serve the derivatives. Inside ``jit`` and ``vmap`` they
+are one traced loop; their inertia, lowest eigenvalue and crossing outlines are found on the host.
 """
 
+import dataclasses
 import functools
 import warnings
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 
-from ..equilibrium import Status, dry_state, overlaps, solve_traced
+from .._threads import few_threads
+from .._types import Array, Float
+from ..discretisation import Model
+from ..equilibrium import Status, dry_state, for_derivatives, remedy, solve_traced, state_tangents, with_derivatives_of
 from ..linalg import SingularTangent, extreme_eigenvalues, factor, network_matrix, remember
-from ..mechanics import constants, crosses, free_dofs, linearise, outline_loops, state_pressure, tangent, tangent_pattern, total_energy
+from ..materials import Gel, check_gel
+from ..mechanics import Problem, check_room, crosses, linearise, outline_loops, overlaps, prepare, state_pressure, tangent, total_energy
+from .follow import Followed, Following
+from .options import check_mu
+from .path import Path
 
-NEARLY_SINGULAR = 1e-3  # eigenvalue, over the network's stiffness, below which a state's derivatives are flagged
+
+class SweepFailed(ArithmeticError):
+    """Not even the first state of a sweep was found; the text says why."""
 
 
 class IllPosedDerivative(UserWarning):
-    """A sweep is differentiated at a state without a derivative worth the name: nearly singular, in self-contact, or not reached."""
+    """A sweep is differentiated at a state without a meaningful derivative: nearly singular, in self-contact, or not reached."""
 
 
-def is_traced(tree):
+def is_traced(tree) -> bool:
     """Whether any leaf of the pytree is a JAX tracer."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def scan_states(model, gel, mu, loads, contact):
-    """Equilibria (k, n, 2) and their report at the given mu (k,) as one traced loop; linear extrapolation between states.
+@dataclasses.dataclass(frozen=True)
+class _Static:
+    """What identifies a traced sweep besides its arrays; hashable."""
 
-    The report is a dict (k,) of mu, status, newton_iterations, residual, negative_pivots, lowest_eigenvalue, switched, apart (whether
-    contact is out of reach) and energy, of the pressure (k, g), and of the model's ``mixed.Constants``, fixed.
-    Statuses are those of `columns`. The branch that continues the dry state is followed whatever its stability; states that are not
-    reached are nan.
+    structure: object
+    """Tree structure of (model, gel, mu, loads)."""
+    floating: tuple
+    """Which leaves are floating-point arrays, that is differentiable."""
+    ends: tuple | None
+    """First and last mu of adaptive steps; None for given values."""
+    options: Following
+    """How the branch is followed."""
+
+    def join(self, floats, rest):
+        """(model, gel, mu, loads) from the two kinds of leaves."""
+        floats, rest = iter(floats), iter(rest)
+        return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
+
+
+def traced_sweep(model: Model, gel: Gel, mu, loads: Float[Array, "n 2"] | None, options: Following) -> Path:
+    """`sweep` under differentiation, jit or vmap; states that are not reached are nan, with their status.
+
+    Differentiation flags, and warns of, states without a meaningful derivative (`IllPosedDerivative`).
     """
-    start, pressure = dry_state(model, gel, mu[0])
+    if options.adaptive and is_traced(mu):
+        raise ValueError("mu: chosen steps need concrete numbers (first, last); differentiate with respect to a list of values instead")
+    gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
+    loads = jnp.asarray(np.zeros((model.n_nodes, 2)) if loads is None else loads, dtype=float)
+    values = jnp.zeros(0) if options.adaptive else jnp.atleast_1d(jnp.asarray(mu, dtype=float))
+    leaves, structure = jax.tree.flatten((model, gel, values, loads))
+    floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
+    static = _Static(structure, floating, tuple(map(float, mu)) if options.adaptive else None, options)
+    floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
+    x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
+    values = report["mu"] if options.adaptive else values
+    found = report.pop("energy"), report.pop("pressure")
+    energy, pressure = with_derivatives_of(_energies_and_pressures, found, x, model, gel, values, loads)
+    report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "mu")}
+    return Path(model=model, gel=gel, mu=values, x=x, pressure=pressure, energy=energy, **report)
 
-    def step(carry, mu):
-        (mu_1, x_1, p_1), (mu_2, x_2, p_2), count = carry
-        ratio = jnp.where(count > 1, (mu - mu_1) / jnp.where(count > 1, mu_1 - mu_2, 1.0), 0.0)
-        x, p, report = solve_traced(model, gel, mu, loads, x_1 + ratio * (x_1 - x_2), p_1 + ratio * (p_1 - p_2))
-        report |= _judged(model, gel, mu, loads, x, p, report["status"], contact)
-        x = jnp.where(report["status"] == Status.CROSSED, jnp.nan, x)
-        return ((mu, x, p), (mu_1, x_1, p_1), count + 1), (x, report)
 
-    _, (x, report) = jax.lax.scan(step, ((mu[0], start, pressure),) * 2 + (0,), mu)
-    report |= dict(zip(("energy", "pressure"), energies_and_pressures(x, model, gel, mu, loads), strict=True))
-    return x, dict(report, mu=mu, fixed=constants(model), **dict.fromkeys(("switched", "apart"), jnp.zeros(mu.shape, dtype=bool)))
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _states(static, floats, rest):
+    """Equilibria (k, n, 2) and their report, a dict (k,) of mu, status, newton_iterations, residual, negative_pivots, lowest_eigenvalue,
+    switched, contact_active and energy, of the pressure (k, g), and of the `mechanics.Operators` of the model."""
+    inputs = static.join(floats, rest)
+    if is_traced(inputs):
+        if static.ends is not None:
+            raise ValueError("mu: chosen steps cannot be found inside jit or vmap; give a list of values")
+        return _scanned(*inputs, static.options)
+    model, gel, mu, loads = inputs
+    values, _ = check_mu(static.ends or list(np.asarray(mu)))
+    check_gel(gel)
+    check_room(model.lists.topology.plate)
+    problem, states = prepare(model, gel, loads), []
+    with few_threads(2 * model.n_nodes):
+        followed = Followed(problem, values.tolist(), static.options)
+        for state in followed:
+            remember(state.factor, state.x)
+            states.append(state.light)
+            del state
+    if not states:
+        raise first_state_failed(model, values[0], followed.stop)
+    return _columns(problem, states, followed.stop, values if static.ends is None else np.array([s.mu for s in states]), static.options)
 
 
-def columns(path, mu, apart, fixed, contact):
-    """States (k, n, 2) and report, those of ``scan_states``, of a path that was asked for the ``mu`` (k,); nan where it did not get.
+@functools.partial(_states.defjvp, symbolic_zeros=True)
+def _states_jvp(static, primals, tangents):
+    """The rule of `equilibrium.state_tangents` at every state; the report has no derivative."""
+    floats, rest = primals
+    x, report = _states(static, floats, rest)
+    _warn_of_ill_posed(report, static.options.branch)
+    model, gel, mu, loads = static.join(floats, rest)
+    zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
+    none = jnp.zeros if is_traced(primals) else np.zeros  # NumPy's need no program each
+    floats_dot = [none(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
+    model_dot, gel_dot, mu_dot, loads_dot = static.join(floats_dot, zeros)
+    if static.ends is not None:
+        mu, mu_dot = report["mu"], jnp.zeros_like(report["mu"])
+    problem, problem_dot = Problem(model, gel, loads, report["operators"]), Problem(model_dot, gel_dot, loads_dot, None)
+    if problem.has_contact and not is_traced(report) and not np.any(report["contact_active"]):
+        problem, problem_dot = problem.without_contact, problem_dot.without_contact  # no energy and no derivative, but a cost
+    x_dot = state_tangents(x, report["pressure"], problem, mu, problem_dot, mu_dot)
+    return (x, report), (x_dot, jax.tree.map(SymbolicZero.from_primal_value, report))
 
-    The statuses of states that have no good derivative say so.
+
+def first_state_failed(model: Model, mu: float, status: Status) -> SweepFailed:
+    """The error of a sweep whose first state was not found."""
+    return SweepFailed(f"sweep: no equilibrium at mu = {mu:.6g}: {status.text}{remedy(model, status)}")
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, None, None, 0, None))
+def _energies_and_pressures(x, model, gel, mu, loads):
+    """Total energy (k,) and pressures (k, g) of the states ``x`` (k, n, 2) at ``mu`` (k,), in one program."""
+    return total_energy(x, model, gel, mu, loads), state_pressure(x, model, gel, mu)
+
+
+# --- outside jit -------------------------------------------------------------------------------------------------------------
+
+
+def _columns(problem, states, stop, mu, options):
+    """States (k, n, 2) and report of `_states` that were asked for at ``mu`` (k,); nan where they were not reached.
+
+    The statuses of states without a meaningful derivative say so.
     """
-    missing = len(mu) - len(path)
+    path, missing = Path.from_states(problem.model, problem.gel, states), len(mu) - len(states)
+    eigenvalues = zip(path.status, path.lowest_eigenvalue, path.x, strict=True)
+    contact = options.contact == "on"
+    status = [for_derivatives(s, e, crossing=not contact and overlaps(x, problem.model), contact=contact) for s, e, x in eigenvalues]
 
     def pad(values, fill):  # in NumPy: nothing is compiled
         return jnp.asarray(np.concatenate([values, np.full((missing, *np.shape(values)[1:]), fill)]))
 
     return pad(path.x, jnp.nan), dict(
         mu=jnp.asarray(mu),
-        status=pad(_flagged(path, contact), int(path.stop)),
+        status=pad(np.array(status, dtype=int), int(stop)),
         newton_iterations=pad(path.newton_iterations, 0),
         residual=pad(path.residual, jnp.nan),
         negative_pivots=pad(path.negative_pivots, -1),
         lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
         switched=pad(path.switched, False),
-        apart=pad(apart, True),
-        fixed=fixed,
+        contact_active=pad(np.array([state.contact_active is not False for state in states]), False),
+        operators=problem.operators,
         energy=pad(path.energy, jnp.nan),
         pressure=pad(path.pressure, jnp.nan),
     )
 
 
-def _flagged(path, contact):
-    """Statuses (k,), as integers, of the states of a path that is differentiated: also those that have no good derivative."""
-    near = np.abs(path.lowest_eigenvalue) < NEARLY_SINGULAR
-    crossed = [contact != "on" and overlaps(path.model, x) for x in path.x]
-    return np.where(crossed, Status.SELF_CONTACT, np.where(near, Status.NEARLY_SINGULAR, np.array(path.status, dtype=int)))
-
-
-def warn(report, branch):
-    """Warn (``IllPosedDerivative``) of every state whose derivative is ill-posed; inside jit when the program runs."""
+def _warn_of_ill_posed(report, branch):
+    """Warn (`IllPosedDerivative`) of every state whose derivative is ill-posed; inside jit when the program runs."""
     asked = {name: report[name] for name in ("mu", "status", "negative_pivots")}
     if is_traced(asked):
         jax.debug.callback(functools.partial(_warn, branch=branch), **asked)
@@ -100,39 +186,53 @@ def _warn(mu, status, negative_pivots, branch):
             warnings.warn(f"sweep: ill-posed derivative at mu = {at}: {text}", IllPosedDerivative, stacklevel=3)
 
 
-@jax.jit
-@functools.partial(jax.vmap, in_axes=(0, None, None, 0, None))
-def energies_and_pressures(x, model, gel, mu, loads):
-    """Total energy (k,) and pressures (k, g) of the states ``x`` (k, n, 2) at ``mu`` (k,), in one program."""
-    return total_energy(x, model, gel, mu, loads), state_pressure(x, model, gel, mu)
+# --- inside jit and vmap -----------------------------------------------------------------------------------------------------
 
 
-def _judged(model, gel, mu, loads, x, p, status, contact):
+def _scanned(model, gel, mu, loads, options):
+    """States and report of `_states` as one traced loop; linear extrapolation between states.
+
+    The branch that continues the dry state is followed whatever its stability; states that are not reached are nan.
+    """
+    problem = prepare(model, gel, loads)
+    start, pressure = dry_state(problem, mu[0])
+
+    def step(carry, mu):
+        (mu_1, x_1, p_1), (mu_2, x_2, p_2), count = carry
+        ratio = jnp.where(count > 1, (mu - mu_1) / jnp.where(count > 1, mu_1 - mu_2, 1.0), 0.0)
+        x, p, report = solve_traced(problem, mu, x_1 + ratio * (x_1 - x_2), p_1 + ratio * (p_1 - p_2))
+        report |= _examined(problem, mu, x, p, report["status"], options.contact)
+        x = jnp.where(report["status"] == Status.CROSSED, jnp.nan, x)
+        return ((mu, x, p), (mu_1, x_1, p_1), count + 1), (x, report)
+
+    _, (x, report) = jax.lax.scan(step, ((mu[0], start, pressure),) * 2 + (0,), mu)
+    report |= dict(zip(("energy", "pressure"), _energies_and_pressures(x, model, gel, mu, loads), strict=True))
+    flags = dict(switched=jnp.zeros(mu.shape, dtype=bool), contact_active=jnp.ones(mu.shape, dtype=bool))
+    return x, dict(report, mu=mu, operators=problem.operators, **flags)
+
+
+def _examined(problem, mu, x, p, status, contact):
     """Status, negative_pivots and lowest_eigenvalue of one traced state (n, 2), by a factor of its own tangent on the host."""
-    topology, fixed = model.lists.topology, constants(model)
-    pattern = tangent_pattern(model.lists, free_dofs(topology), model.contact, model.solver)
-    apart = tangent_pattern(model.lists, free_dofs(topology), solver=model.solver)
-    pairs = tangent(x, p, linearise(x, p, model, gel, mu, loads, fixed)[0], model, gel, fixed)
-    judge = functools.partial(_judge, pattern, apart, topology.plate, contact)
+    pairs = tangent(problem, x, p, linearise(problem, x, p, mu))
+    patterns = problem.pattern, problem.without_contact.pattern
+    examine = functools.partial(_examine, patterns, problem.model.lists.topology.plate, contact)
     shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))
-    arrays = status, x, pairs, gel.Nv * fixed.laplacian, outline_loops(x, model)
-    found = jax.pure_callback(judge, shapes, *arrays, vmap_method="sequential")
+    arrays = status, x, pairs, problem.gel.Nv * problem.operators.laplacian, outline_loops(x, problem.model)
+    found = jax.pure_callback(examine, shapes, *arrays, vmap_method="sequential")
     return dict(zip(("status", "negative_pivots", "lowest_eigenvalue"), found, strict=True))
 
 
-def _judge(pattern, apart, plate, contact, status, x, pairs, network, loops):
-    """``_judged`` on the host; the factor serves the derivatives of the state, see ``linear_solve.solve_near``."""
+def _examine(patterns, plate, contact, status, x, pairs, network, loops):
+    """`_examined` on the host; the factor serves the derivatives of the state, see `linalg.solve_near`."""
     if status != Status.CONVERGED:
         return status, np.asarray(-1), np.asarray(np.nan)
     try:
-        made = factor(pattern, pairs)
+        made = factor(patterns[0], pairs)
         remember(made, x)
-        lowest, nearest = extreme_eigenvalues(made, network_matrix(apart, network))
+        lowest, nearest = extreme_eigenvalues(made, network_matrix(patterns[1], network))
         negative = made.negative_pivots
     except SingularTangent:
         negative, lowest, nearest = -1, 0.0, 0.0
-    if crosses([np.asarray(loop) for loop in loops], plate):
-        status = np.asarray(Status.SELF_CONTACT if contact != "on" else Status.CROSSED, dtype=status.dtype)
-    elif abs(nearest) < NEARLY_SINGULAR:
-        status = np.asarray(Status.NEARLY_SINGULAR, dtype=status.dtype)
-    return status, np.asarray(negative), np.asarray(lowest)
+    crossing = crosses([np.asarray(loop) for loop in loops], plate)
+    flagged = for_derivatives(Status.CONVERGED, nearest, crossing=crossing, contact=contact == "on")
+    return np.asarray(int(flagged), dtype=status.dtype), np.asarray(negative), np.asarray(lowest)

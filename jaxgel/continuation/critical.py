@@ -18,12 +18,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..equilibrium import Conditions, mu_force, only_first, prepare, solve, solve_bordered
+from ..equilibrium import Conditions, Stability, first_order_only, mu_force, solve, solve_bordered
 from ..linalg import Bordered, nearest_modes
-from ..mechanics import carried, curvature, free_dofs, picked, reduced, residual, spread
+from ..mechanics import Problem, curvature, free_dofs, gather, prepare, prescribed_motion, residual, restrict, scatter
 from .autodiff import is_traced
 from .options import check_mu
-from .stability import network_stiffness, oriented, tangent_products
+from .stability import StabilityAnalysis, oriented
 from .sweeps import sweep
 from .symmetry import characters, symmetries
 
@@ -102,9 +102,8 @@ def critical_points(model, gel, *, mu, loads=None, most=4):
 
 def folds(path, loads=None):
     """``CriticalPoint``s of kind "fold" where mu turns along a ``Path`` of `switch` or `continue_branch`; not differentiable."""
-    problem = prepare(path.model, path.gel, loads)
-    frame, rise = _Frame(problem, network_stiffness(problem), symmetries(path.model)), np.diff(path.mu)
-    states = [_State(*state) for state in zip(path.mu, path.x, path.pressure, path.negative_pivots, strict=True)]
+    frame, rise = _Frame.of(prepare(path.model, path.gel, loads)), np.diff(path.mu)
+    states = [path[k] for k in range(len(path))]
     turns = np.flatnonzero(rise[1:] * rise[:-1] < 0)
     return [point for k in turns for point in _fold(frame, states[k], states[k + 1])]
 
@@ -130,7 +129,7 @@ def _located(search, structure, leaves):
 
 @_located.defjvp
 def _located_jvp(search, structure, primals, tangents):
-    mu = only_first(_located(search, structure, *primals), "critical_points")
+    mu = first_order_only(_located(search, structure, *primals), "critical_points")
     inputs, dots = jax.tree.unflatten(structure, primals[0]), jax.tree.unflatten(structure, tangents[0])
     found = [_onset_tangent(p.x, p.modes, p.correction, p.mu, inputs, dots, fold=p.kind == "fold") for p in search.points]
     return mu, jnp.stack(found) if found else jnp.zeros(0)
@@ -144,7 +143,7 @@ def _onset_tangent(x, modes, correction, mu, inputs, dots, *, fold):
 
     def onset(model, gel, loads, mu):
         nodes = model.cloud.nodes
-        at = x + carried(nodes - jax.lax.stop_gradient(nodes), topology.plate, free)
+        at = x + prescribed_motion(nodes - jax.lax.stop_gradient(nodes), topology.plate, free)
         r = residual(at, model, gel, mu, loads)
         if fold:
             return jnp.sum(modes[0] * r)
@@ -156,9 +155,8 @@ def _onset_tangent(x, modes, correction, mu, inputs, dots, *, fold):
 
 def _locate_all(model, gel, mu, loads, most):
     steps = []
-    path = sweep(model, gel, mu=tuple(map(float, mu)), branch="symmetric", loads=loads, on_step=steps.append)
-    problem = prepare(model, gel, loads)
-    frame = _Frame(problem, network_stiffness(problem), symmetries(model))
+    path = sweep(model, gel, mu=tuple(map(float, mu)), branch="symmetric", loads=loads, on_step=lambda state: steps.append(state.light))
+    frame = _Frame.of(prepare(model, gel, loads))
     points = []
     for earlier, (before, after) in zip([None, *steps], itertools.pairwise(steps), strict=False):
         if len(points) == most:
@@ -184,19 +182,17 @@ def _ends_before(earlier, before, mu):
 class _Frame:
     """What the search of all points shares."""
 
-    problem: object
-    stiffness: object
+    problem: Problem
+    analysis: StabilityAnalysis
     permutations: dict
 
+    @classmethod
+    def of(cls, problem):
+        return cls(problem, StabilityAnalysis(problem), symmetries(problem.model))
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _State:
-    """An end of an interval of mu; a ``Step`` will do."""
-
-    mu: float
-    x: np.ndarray
-    pressure: np.ndarray
-    negative_pivots: int
+    @property
+    def stiffness(self):
+        return self.analysis.stiffness
 
 
 def _between(frame, before, low, high):
@@ -212,11 +208,12 @@ def _between(frame, before, low, high):
     if point is not None:
         return [point]
     mu = 0.5 * (low.mu + high.mu)
-    middle = None if close else solve(frame.problem, mu, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), fresh=True)
+    middle = None if close else solve(frame.problem, mu, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), own_factor=True)
     if middle is None or not middle.status.ok:
         found = _fold(frame, before, low) if before is not None else []
         return [fold for fold in found if low.mu - TOGETHER < fold.mu < high.mu + TOGETHER]
-    middle = _State(mu, middle.x, middle.pressure, middle.factor.negative_pivots)
+    count = Stability(np.array([np.nan]), None, middle.factor.negative_pivots)
+    middle = dataclasses.replace(middle.light, stability=count)
     return _between(frame, before, low, middle) + _between(frame, low, middle, high)
 
 
@@ -232,7 +229,7 @@ def _bifurcation(frame, low, high, multiplicity):
     for _ in range(ITERATIONS):
         x, pressure = between(mu)
         if modes is None:
-            state = solve(problem, mu, x, pressure, fresh=True)
+            state = solve(problem, mu, x, pressure, own_factor=True)
             if not state.status.ok:
                 return None
             _, modes = nearest_modes(state.factor, frame.stiffness, multiplicity)
@@ -241,11 +238,11 @@ def _bifurcation(frame, low, high, multiplicity):
                 _, modes = nearest_modes(state.factor, frame.stiffness, 2)
         held = frame.stiffness @ modes
         pins = Conditions(held, np.zeros(multiplicity), x, mu, amplitude)
-        state, _, forces = solve_bordered(problem, mu, x, pressure, held, pins)
+        state, forces = solve_bordered(problem, mu, x, pressure, held, pins)
         if not state.status.ok:
             return None
         eigenvalues, modes = nearest_modes(state.factor, frame.stiffness, multiplicity, modes)
-        local = _expand(frame, state, mu, modes)
+        local = _expand(frame, state, modes)
         step = -np.mean(eigenvalues) / local.slope
         if multiplicity == 1:  # to where the third derivative vanishes
             most = limit / np.abs(modes).max()
@@ -260,7 +257,7 @@ def _bifurcation(frame, low, high, multiplicity):
 
 def _alone(frame, modes, x):
     """Whether the symmetries of the cloud keep or reverse the first mode (f, m); where one turns it into another there are two."""
-    field = np.asarray(spread(modes[:, 0], x.shape, frame.problem.free))
+    field = np.asarray(scatter(modes[:, 0], x.shape, frame.problem.free))
     return all(abs(character) > KEPT for character in characters(field[None], frame.permutations).values())
 
 
@@ -278,23 +275,25 @@ class _Expansion:
     """(f,) w = K^-1 (dphi/dx) across the modes."""
 
 
-def _expand(frame, state, mu, modes):
+def _expand(frame, state, modes):
     """``_Expansion`` at a state with a factor of its own tangent; ``modes`` (f, m)."""
     problem, m = frame.problem, modes.shape[1]
-    fields = jnp.stack([spread(v, state.x.shape, problem.free) for v in modes.T])
-    slope, gradient, cubic, quartic = _derivatives(state.x, fields, problem.model, problem.gel, jnp.asarray(mu), problem.loads)
-    gradient = np.asarray(reduced(gradient, problem.free))
+    fields = jnp.stack([scatter(v, state.x.shape, problem.free) for v in modes.T])
+    slope, gradient, cubic, quartic = _derivatives(problem, state.x, fields, jnp.asarray(state.mu))
+    gradient = np.asarray(gather(gradient, problem.free))
     held = frame.stiffness @ modes
     system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, held, held, np.zeros((m, m)))
     correction, _ = system.solve(gradient, np.zeros(m))
-    slope = (float(slope) - correction @ mu_force(problem, state.x, mu)) / m
+    slope = (float(slope) - correction @ mu_force(problem, state.x, state.mu)) / m
     relaxed = float(quartic) - 3 * gradient @ correction if m == 1 else float("nan")
     return _Expansion(slope, float(cubic), relaxed, correction)
 
 
 @jax.jit
-def _derivatives(x, modes, model, gel, mu, loads):
+def _derivatives(problem, x, modes, mu):
     """D phi / d mu, d phi / dx (n, 2), and the third and fourth derivative of the energy along the first mode."""
+
+    model, gel, loads = problem.model, problem.gel, problem.loads
 
     def phi(x, mu):
         return sum(curvature(x, v, model, gel, mu, loads) for v in modes)
@@ -314,7 +313,7 @@ def _derivatives(x, modes, model, gel, mu, loads):
 def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="bifurcation"):
     problem, shape = frame.problem, state.x.shape
     signed = oriented(modes, problem)
-    fields = np.stack([np.asarray(spread(v, shape, problem.free)) for v in signed.T])
+    fields = np.stack([np.asarray(scatter(v, shape, problem.free)) for v in signed.T])
     spacing = problem.model.cloud.spacing
     return CriticalPoint(
         mu=float(mu),
@@ -328,41 +327,41 @@ def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="
         imperfection=float(np.linalg.norm(forces) * np.abs(fields).max() / spacing),
         symmetries=characters(fields, frame.permutations),
         unstable=int(unstable),
-        correction=np.asarray(spread(local.correction, shape, problem.free)),
+        correction=np.asarray(scatter(local.correction, shape, problem.free)),
     )
 
 
 def _fold(frame, before, last):
     """The fold next to two states of a branch: where mu is stationary along it, by the secant method; [] where there is none."""
     problem, free = frame.problem, frame.problem.free
-    along = picked(np.asarray(last.x) - np.asarray(before.x), free)
+    along = restrict(np.asarray(last.x) - np.asarray(before.x), free)
     between = np.sqrt(along @ (frame.stiffness @ along))
     row, nothing = frame.stiffness @ along[:, None] / between, np.zeros((len(free), 0))
 
-    def rise(state, mu):
+    def rise(state):
         """Tangent (f,) of the branch per unit of the row, and that of mu."""
-        column = mu_force(problem, state.x, mu)[:, None]
+        column = mu_force(problem, state.x, state.mu)[:, None]
         system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, column, row, np.zeros((1, 1)))
         dx, dmu = system.solve(np.zeros(len(free)), np.ones(1))
         return dx, float(dmu[0])
 
-    ends = [solve(problem, end.mu, end.x, end.pressure, fresh=True) for end in (before, last)]
-    state, mu, at, earlier = ends[1], last.mu, 0.0, -between
-    slope_before, (dx, slope) = rise(ends[0], before.mu)[1], rise(ends[1], last.mu)
+    ends = [solve(problem, end.mu, end.x, end.pressure, own_factor=True) for end in (before, last)]
+    state, at, earlier = ends[1], 0.0, -between
+    slope_before, (dx, slope) = rise(ends[0])[1], rise(ends[1])
     for _ in range(ITERATIONS):
         if slope == slope_before:
             return []
         step = np.clip(-slope * (at - earlier) / (slope - slope_before), -5 * between, 5 * between)
         earlier, slope_before, at = at, slope, at + step
-        start = state.x + step * spread(dx, state.x.shape, free)
-        there = Conditions(row, np.zeros(1), np.asarray(last.x), mu, np.array([at]))
-        state, mu, _ = solve_bordered(problem, mu, start, state.pressure, nothing, there)
+        start = state.x + step * scatter(dx, state.x.shape, free)
+        there = Conditions(row, np.zeros(1), np.asarray(last.x), state.mu, np.array([at]))
+        state, _ = solve_bordered(problem, state.mu, start, state.pressure, nothing, there)
         if not state.status.ok:
             return []
-        dx, slope = rise(state, mu)
+        dx, slope = rise(state)
         if abs(slope * step) < TOLERANCE:
             mode = dx[:, None] / np.sqrt(dx @ (frame.stiffness @ dx))
-            local = _Expansion(-float(mode[:, 0] @ mu_force(problem, state.x, mu)), 0.0, float("nan"), np.zeros(len(free)))
-            eigenvalue = [float(mode[:, 0] @ tangent_products(problem, state, mu, mode, frame.stiffness @ mode)[:, 0])]
-            return [_point(frame, state, mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
+            local = _Expansion(-float(mode[:, 0] @ mu_force(problem, state.x, state.mu)), 0.0, float("nan"), np.zeros(len(free)))
+            eigenvalue = [float(mode[:, 0] @ frame.analysis.product(state)(mode)[:, 0])]
+            return [_point(frame, state, state.mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
     return []

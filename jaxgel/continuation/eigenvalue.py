@@ -6,14 +6,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..equilibrium import Equilibrium, Status, only_first, prepare, with_own_factor
+from .._types import Array, Float
+from ..equilibrium import State, first_order_only, with_own_factor
 from ..linalg import lowest_mode
-from ..mechanics import curvature, deformation_gradients, spread, state_pressure
+from ..mechanics import curvature, deformation_gradients, prepare, scatter, state_pressure
 from .autodiff import is_traced
-from .stability import network_stiffness
+from .path import Path
+from .stability import StabilityAnalysis
 
 
-def lowest_eigenvalue(path):
+def lowest_eigenvalue(path: Path) -> Float[Array, " k"]:
     """Lowest eigenvalue (k,) of the tangent at every state of a ``path.Path``, over the network's stiffness, with first derivatives.
 
     It is that of `stability`, dimensionless, to the accuracy of Lanczos' iteration. v . K v / v . N v is stationary in the mode v, so that
@@ -31,20 +33,19 @@ def _lowest(structure, leaves):
     if is_traced(leaves):
         raise ValueError("lowest_eigenvalue: is not available inside jit or vmap")
     x, model, gel, mu = jax.tree.unflatten(structure, leaves)
-    problem = prepare(model, gel)
-    stiffness, values, modes = network_stiffness(problem), [], []
+    problem, values, modes = prepare(model, gel), [], []
+    stiffness = StabilityAnalysis(problem).stiffness
     for x_k, mu_k in zip(x, mu, strict=True):
-        state = Equilibrium(x_k, state_pressure(x_k, model, gel, mu_k), Status.CONVERGED, 0, 0.0, None)
-        factor = with_own_factor(problem, float(mu_k), state).factor
+        factor = with_own_factor(problem, State(float(mu_k), x_k, state_pressure(x_k, model, gel, mu_k))).factor
         value, mode = (np.nan, np.zeros(len(problem.free))) if factor is None else lowest_mode(factor, stiffness)
         values.append(value)
-        modes.append(spread(mode, x_k.shape, problem.free))
+        modes.append(scatter(mode, x_k.shape, problem.free))
     return jnp.array(values), jnp.stack(modes)
 
 
 @_lowest.defjvp
 def _lowest_jvp(structure, primals, tangents):
-    values, modes = only_first(_lowest(structure, *primals), "lowest_eigenvalue")
+    values, modes = first_order_only(_lowest(structure, *primals), "lowest_eigenvalue")
     inputs, dots = jax.tree.unflatten(structure, primals[0]), jax.tree.unflatten(structure, tangents[0])
     return (values, modes), (_change(modes, inputs, dots), jnp.zeros_like(modes))
 

@@ -1,103 +1,177 @@
-"""One state of a sweep after another, with contact and branches."""
+"""A branch followed in the chemical potential, one state after another, with contact and changes of branch.
+
+A state knows nothing of the sweep: it is a prediction and Newton's method. `follow` yields accepted states; the public `sweep` and the
+derivative rule of a sweep both take them from here.
+"""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
-from ..equilibrium import Equilibrium, Status, Step, dry_state, incremental_step, overlaps, relax, relax_along, solve, touches, wall_step
-from .predictor import _predict, _rate, _same_branch
-from .stability import lowest_modes, nearby_modes, stable_state
+from .._validation import one_of
+from ..equilibrium import (
+    State,
+    Status,
+    accepted,
+    dry_state,
+    of_outlines,
+    prepare_incremental,
+    prepare_weak,
+    relax,
+    relax_along,
+    solve,
+    solve_incremental,
+    solve_weak,
+)
+from ..mechanics import Problem, free_dofs, touches
+from .options import BRANCHES, CONTACT, FORMULATIONS, MAX_STEPS
+from .predictor import predict, rate_of_change, same_branch
+from .stability import StabilityAnalysis
+from .steps import Steps, adaptive, given_values
+from .switching import stable_state
 
 SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
 LEAST_RAMP = 1 / 200  # of the motion of a plate's edges, which may come in steps before the first state
 
 
-class SweepFailed(ArithmeticError):
-    """Not even the first state of a sweep was found; the text says why."""
+@dataclasses.dataclass(frozen=True)
+class Following:
+    """How a branch is followed; ValueError for a value that is not accepted."""
+
+    branch: str = "stable"
+    """Branch to follow where the plate is symmetric, "stable" or "symmetric"."""
+    contact: str = "on"
+    """Where hole boundaries meet, keep them apart ("on"), let them overlap ("off"), or "stop"."""
+    formulation: str = "total"
+    """"total" energy, or "incremental": the paper's algorithm."""
+    adaptive: bool = False
+    """Whether the values of mu are the two ends of adaptive steps."""
+    max_steps: int = MAX_STEPS
+    """Most accepted states of adaptive steps."""
+
+    def __post_init__(self):
+        for name, choices in (("branch", BRANCHES), ("contact", CONTACT), ("formulation", FORMULATIONS)):
+            one_of(name, getattr(self, name), choices)
 
 
-def _weak_attempt(problem, mu, done):
-    """``Step`` at ``mu`` of a model whose essential conditions are imposed weakly."""
-    return wall_step(problem, mu, *_predict(problem, mu, _same_branch(done)))
+class Followed:
+    """Accepted states of `follow`, one after another; once they are exhausted ``stop`` and ``mu`` say how the sweep ended."""
+
+    def __init__(self, problem: Problem, values: list[float], options: Following, before: list[State] | tuple = ()):
+        self._steps = follow(problem, values, options, before)
+        self.stop, self.mu = Status.INTERRUPTED, float("nan")
+
+    def __iter__(self):
+        self.stop, self.mu = yield from self._steps
 
 
-def _incremental_attempt(problem, mu, done):
-    """``Step`` at ``mu`` by the paper's algorithm."""
-    return incremental_step(problem, mu, _predict(problem, mu, _same_branch(done))[0] if done else None)
+def follow(problem: Problem, values: list[float], options: Following, before: list[State] | tuple = ()) -> Steps:
+    """Yield the accepted states at the ``values`` of mu after those ``before``, each with its factor; returns how it ended, see `steps`."""
+    attempt = _attempt_of(problem, options)
+    if options.contact == "stop":
+        attempt = _until_contact(attempt, problem.model)
+    if options.adaptive:
+        return adaptive(attempt, (values[0], values[-1]), list(before), options.max_steps)
+    return given_values(attempt, values, list(before))
 
 
-def _until_contact(attempt, model, mu, done):
+def _attempt_of(problem, options) -> Callable:
+    """Function of a mu and the states before it that gives the `State` there, whatever its status."""
+    model, free = problem.model, free_dofs(problem.model.lists.topology)
+    if options.formulation == "incremental":
+        own = prepare_incremental(model, problem.gel, problem.loads, free)
+        return lambda mu, states: solve_incremental(own, mu, predict(problem, mu, same_branch(states))[0] if states else None)
+    if model.conditions != "nodes":
+        own = prepare_weak(model, problem.gel, problem.loads, free)
+        return lambda mu, states: solve_weak(own, mu, *predict(problem, mu, same_branch(states)))
+    return _Attempt(problem, options.branch == "stable", StabilityAnalysis(problem))
+
+
+def _until_contact(attempt, model):
     """``attempt`` that ends the sweep where hole boundaries overlap."""
-    step = attempt(mu, done)
-    return dataclasses.replace(step, status=Status.SELF_CONTACT) if step.status.ok and overlaps(model, step.x) else step
+
+    def stopping(mu, states):
+        found = attempt(mu, states)
+        return dataclasses.replace(found, status=of_outlines(found.x, model, contact=False)) if found.status.ok else found
+
+    return stopping
 
 
-def _attempt(problem, stiffness, stable, mu, done):
-    """``Step`` at ``mu`` (whatever its status) from the state extrapolated from those before on its branch."""
-    history = _same_branch(done)
-    (found, switched), modes = _reached(problem, stable, mu, history), None
-    if found.status.ok:
-        modes, start = nearby_modes(problem, stiffness, found, mu, history[-1].modes if history else None)
-        if modes is None:
-            found = dataclasses.replace(found, factor=None)  # its memory is wanted
-            modes, found = lowest_modes(problem, stiffness, found, mu, start)
-        other = _stable(problem, stiffness, mu, found, modes) if stable and modes.negative > 0 else None
+@dataclasses.dataclass(frozen=True)
+class _Attempt:
+    """The `State` at ``mu`` after ``states``, with its stability; with ``stable`` an unstable branch is left."""
+
+    problem: Problem
+    stable: bool
+    analysis: StabilityAnalysis
+
+    def __call__(self, mu, states):
+        history = same_branch(states)
+        found, switched = self._reach(mu, history)
+        if not found.status.ok:
+            return found
+        stability, found = self.analysis.check(found, history[-1].modes if history else None)
+        other = self._stable(found, stability) if self.stable and stability.negative > 0 else None
         if other is not None:
-            found, modes, switched = dataclasses.replace(other[0], iterations=found.iterations + other[0].iterations), other[1], True
-    step = Step.at(problem, mu, found, modes, switched=switched)
-    return step if done or not found.status.ok else dataclasses.replace(step, rate=_rate(problem, mu, found))
+            spent = found.newton_iterations + other[0].newton_iterations
+            found, stability, switched = dataclasses.replace(other[0], newton_iterations=spent), other[1], True
+        found = accepted(self.problem, found, stability, switched=switched)
+        return found if states else dataclasses.replace(found, rate=rate_of_change(self.problem, found))
 
+    def _reach(self, mu, history):
+        """`State` at ``mu`` from the one that ``history`` predicts, and whether it lies on another branch.
 
-def _reached(problem, stable, mu, history):
-    """``Equilibrium`` at ``mu`` from the state that ``history`` predicts, and whether it lies on another branch.
+        Where holes touch, a step that moves the gel farther than the range of contact is refused, and a short one that fails relaxes.
+        """
+        problem = self.problem
+        x, pressure = predict(problem, mu, history)
+        if not history:
+            found = solve(problem, mu, x, pressure)
+            return found if found.status.ok or not problem.model.cloud.plate.moved else _ramped(problem, mu, found), False
+        if not problem.has_contact:
+            return solve(problem, mu, x, pressure), False
+        last, most = history[-1], float(problem.model.contact.range)
+        far = not np.abs(x - last.x).max() < most
+        was_active = touches(last.x, problem.model) if last.contact_active is None else last.contact_active
+        near = bool((was_active or far) and touches(x, problem.model))
+        if far and (was_active or near):
+            return State(mu, x, pressure), False
+        found = solve(problem, mu, x, pressure, near_contact=near)
+        if found.status.ok and found.contact_active and not np.abs(found.x - last.x).max() < most:
+            found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
+        if found.status.ok or not self.stable or mu - last.mu > SNAP:
+            return found, False
+        relaxed = relax(problem, mu, last.x, last.pressure)
+        spent = found.newton_iterations + relaxed.newton_iterations
+        return dataclasses.replace(relaxed, newton_iterations=spent), relaxed.status.ok
 
-    Where holes touch, a step that moves the gel farther than the range of contact is refused, and a short one that fails relaxes.
-    """
-    x, pressure = _predict(problem, mu, history)
-    if not history:
-        found = solve(problem, mu, x, pressure)
-        return found if found.status.ok or not problem.model.cloud.plate.moved else _ramped(problem, mu, found), False
-    if problem.apart is None:
-        return solve(problem, mu, x, pressure), False
-    last, most = history[-1], float(problem.model.contact.range)
-    far = not np.abs(x - last.x).max() < most
-    acted = touches(problem.model, last.x) if last.apart is None else not last.apart
-    near = (acted or far) and touches(problem.model, x)
-    if far and (acted or near):
-        return Equilibrium(x, pressure, Status.NOT_CONVERGED, 0, float("nan"), None), False
-    found = solve(problem, mu, x, pressure, near=near)
-    if found.status.ok and not found.apart and not np.abs(found.x - last.x).max() < most:
-        found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
-    if found.status.ok or not stable or mu - last.mu > SNAP:
-        return found, False
-    relaxed = relax(problem, mu, last.x, last.pressure)
-    return dataclasses.replace(relaxed, iterations=found.iterations + relaxed.iterations), relaxed.status.ok
+    def _stable(self, found, stability):
+        """Stable `State` and its `Stability` from an unstable one: next to it on a branch that leaves there, or by relaxation."""
+        problem = self.problem
+        touching = problem.has_contact and touches(found.x, problem.model)
+        other = None if touching else stable_state(self.analysis, found, stability)
+        if other is None and problem.has_contact:
+            state = relax_along(problem, found, stability.vectors[:, 0])
+            if state.status.ok:
+                stability, state = self.analysis.by_own_factor(state)
+                other = (state, stability) if stability.negative == 0 else None
+        return other
 
 
 def _ramped(problem, mu, failed):
-    """First ``Equilibrium`` of a plate whose edges are moved step by step, where moving them at once ``failed``."""
-    model, (x, pressure) = problem.model, dry_state(problem.model, problem.gel)
+    """First `State` of a plate whose edges are moved step by step, where moving them at once ``failed``."""
+    model, (x, pressure) = problem.model, dry_state(problem)
     whole, x = x - model.cloud.nodes, model.cloud.nodes
-    share, step, iterations = 0.0, 1 / 8, failed.iterations
+    share, step, iterations = 0.0, 1 / 8, failed.newton_iterations
     while share < 1:
         more = min(step, 1 - share)
         found = solve(problem, mu, x + more * whole, pressure)
-        iterations += found.iterations
+        iterations += found.newton_iterations
         if found.status.ok:
             x, pressure, share = found.x, found.pressure, share + more
         elif step < LEAST_RAMP:
             break
         else:
             step /= 2
-    return dataclasses.replace(found, iterations=iterations)
-
-
-def _stable(problem, stiffness, mu, found, modes):
-    """Stable ``Equilibrium`` and its ``Modes`` from an unstable one: next to it on a branch that leaves there, or by relaxation."""
-    other = None if problem.apart is not None and touches(problem.model, found.x) else stable_state(problem, mu, found, modes)
-    if other is None and problem.apart is not None:
-        state = relax_along(problem, mu, found, modes.vectors[:, 0])
-        if state.status.ok:
-            modes, state = lowest_modes(problem, stiffness, state, mu)
-            other = (state, modes) if modes.negative == 0 else None
-    return other
+    return dataclasses.replace(found, newton_iterations=iterations)

@@ -1,69 +1,91 @@
-"""What a sweep leaves: its accepted states, one ``Step`` each, together a ``Path``."""
+"""What a sweep leaves: its accepted states, together an equilibrium path."""
 
 import dataclasses
 
+import jax
 import numpy as np
-from jax.core import Tracer
 
-from ..equilibrium import Status
+from .._types import Array, Bool, Float, Int
+from ..discretisation import Model
+from ..equilibrium import Stability, State, Status
+from ..materials import Gel
+
+_SCALARS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Path:
-    """Accepted states of a sweep in the order of mu; k of them."""
+    """Accepted states of a sweep in the order of mu; k of them. ``path[i]`` is the `State` number i."""
 
-    model: object
-    """The ``Model``."""
-    gel: object
-    """The ``Gel``."""
-    mu: np.ndarray
-    """(k,) chemical potentials, kT."""
-    x: np.ndarray
-    """(k, n, 2) nodal positions, mm."""
-    pressure: np.ndarray
-    """(k, g) pressure of the volume groups, kT/v."""
-    status: list
-    """(k,) ``Status`` of each state."""
-    newton_iterations: np.ndarray
-    """(k,) linear solves spent on each state."""
-    residual: np.ndarray
-    """(k,) relative residuals."""
-    energy: np.ndarray
-    """(k,) total energies, kT/v mm^2."""
-    negative_pivots: np.ndarray
-    """(k,) negative eigenvalues of the tangent."""
-    lowest_eigenvalue: np.ndarray
-    """(k,) lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where not computed."""
-    switched: np.ndarray
-    """(k,) whether the state left an unstable branch for a stable one."""
-    stop: Status
-    """``CONVERGED`` where the sweep reached its end, otherwise why it stopped."""
-    stop_text: str
+    model: Model
+    """The discretised plate."""
+    gel: Gel
+    """Material."""
+    mu: Float[Array, " k"]
+    """Chemical potentials, kT."""
+    x: Float[Array, "k n 2"]
+    """Nodal positions, mm."""
+    pressure: Float[Array, "k g"]
+    """Pressure of the volume groups, kT/v."""
+    status: list[Status] | Int[Array, " k"]
+    """`Status` of each state."""
+    newton_iterations: Int[Array, " k"]
+    """Linear solves spent on each state."""
+    residual: Float[Array, " k"]
+    """Relative residuals."""
+    energy: Float[Array, " k"]
+    """Total energies, kT/v mm^2."""
+    negative_pivots: Int[Array, " k"]
+    """Negative eigenvalues of the tangent."""
+    lowest_eigenvalue: Float[Array, " k"]
+    """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where not computed."""
+    switched: Bool[Array, " k"]
+    """Whether the state left an unstable branch for a stable one."""
+    stop: Status | None = None
+    """``CONVERGED`` where the sweep reached its end, otherwise why it stopped; None inside JAX's transformations."""
+    stop_text: str = ""
     """The reason in one line, with mu."""
 
     @classmethod
-    def from_steps(cls, model, gel, steps, *, stop=Status.CONVERGED, stop_text=""):
-        """Path of the given steps (at least one)."""
-        columns = {name: [getattr(step, name) for step in steps] for name in _COLUMNS}
+    def from_states(cls, model: Model, gel: Gel, states: list[State], *, stop: Status = Status.CONVERGED, stop_text: str = "") -> "Path":
+        """Path of the given states (at least one)."""
+        columns = {name: [getattr(state, name) for state in states] for name in _SCALARS}
         return cls(
             model=model,
             gel=gel,
-            x=np.stack([step.x for step in steps]),
-            pressure=np.stack([step.pressure for step in steps]),
+            x=np.stack([state.x for state in states]),
+            pressure=np.stack([state.pressure for state in states]),
             status=columns.pop("status"),
             stop=stop,
             stop_text=stop_text or stop.text,
             **{name: np.array(column) for name, column in columns.items()},
         )
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.mu)
 
-    def _repr_html_(self):
-        """How a notebook shows the path: its last pattern and a small table; None, for the plain text, inside JAX's transformations."""
-        from ..cases import notebook_html  # a figure is drawn only where one is looked at
+    def __getitem__(self, i: int) -> State:
+        """State number ``i``, without modes and factor."""
+        stability = Stability(np.array([self.lowest_eigenvalue[i]]), None, int(self.negative_pivots[i]))
+        return State(
+            mu=float(self.mu[i]),
+            x=self.x[i],
+            pressure=self.pressure[i],
+            status=Status(int(self.status[i])),
+            newton_iterations=int(self.newton_iterations[i]),
+            residual=float(self.residual[i]),
+            energy=float(self.energy[i]),
+            stability=stability,
+            switched=bool(self.switched[i]),
+        )
 
-        return None if isinstance(self.x, Tracer) else notebook_html(self)
-
-
-_COLUMNS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
+    def __repr__(self) -> str:
+        """States, range of mu, stability and how the sweep ended; `plotting` draws it."""
+        if isinstance(self.x, jax.core.Tracer):
+            return f"Path of {self.x.shape[0]} traced states of {self.model.n_nodes} nodes"
+        unstable = int(np.sum(np.asarray(self.negative_pivots) > 0))
+        ended = self.stop_text or (self.stop.text if self.stop is not None else "differentiated")
+        return (
+            f"Path of {len(self)} states of {self.model.n_nodes} nodes, mu = {float(self.mu[0]):.4f} ... {float(self.mu[-1]):.4f} kT, "
+            f"{unstable} unstable: {ended}"
+        )

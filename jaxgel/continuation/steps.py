@@ -1,37 +1,44 @@
-"""Step control in the chemical potential: given values with cuts, adaptive steps."""
+"""Step control in the chemical potential: given values with cuts, adaptive steps.
+
+Both yield accepted states one after another, each with its factor, and return how they ended: a `Status` and the mu it belongs to.
+``attempt(mu, states)`` gives the state at ``mu``, whatever its status, after the accepted ``states``.
+"""
 
 import dataclasses
+from collections.abc import Callable, Generator
 
 import numpy as np
 
-from ..equilibrium import Status
+from ..equilibrium import State, Status
 
 MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
-GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of a chosen step after so many corrections; 0.6 after more
+GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of an adaptive step after so many corrections; 0.6 after more
+Steps = Generator[State, None, tuple[Status, float]]
 
 
-def _given(attempt, targets, on_step, before):
-    """The states ``before`` and those at the given values; a failed step is cut, its intermediate states are not kept."""
-    done = list(before)
-    for target in targets:
-        step, status = _reach(attempt, target, done)
-        if step is None:
-            return done, status, done[-1].mu if done else target
-        step = step.told(on_step)
-        done.append(step)
-    return done, Status.CONVERGED, targets[-1]
+def given_values(attempt: Callable, values: list[float], before: list[State]) -> Steps:
+    """States at the given values of mu, after those ``before``; a failed step is cut, its intermediate states are not kept."""
+    states = list(before)
+    for mu in values:
+        state, status = _reach(attempt, mu, states)
+        if state is None:
+            return status, states[-1].mu if states else mu
+        states.append(state.light)
+        yield state
+        del state  # its factor is freed before the next factorisation
+    return Status.CONVERGED, values[-1]
 
 
-def _reach(attempt, target, done):
-    """Step at ``target`` from the states done, by way of intermediate states where the direct one fails; or None and a status."""
-    history, spent, cuts, goal = list(done), 0, 0, target
+def _reach(attempt, target, states):
+    """State at ``target``, by way of intermediate states where the direct step fails, and its status; or None and the reason."""
+    history, spent, cuts, goal = list(states), 0, 0, target
     while True:
         found = attempt(goal, history)
         spent += found.newton_iterations
         if found.status.ok:
             if goal == target:
                 return dataclasses.replace(found, newton_iterations=spent), found.status
-            history.append(found)
+            history.append(found.light)
             goal = target if cuts <= 1 else min(target, 2 * goal - history[-2].mu)
             cuts = max(0, cuts - 1)
         elif not history or cuts >= MAX_CUTS or found.status is Status.SELF_CONTACT:
@@ -41,29 +48,31 @@ def _reach(attempt, target, done):
             goal = history[-1].mu + 0.5 * (goal - history[-1].mu)
 
 
-def _chosen(attempt, targets, on_step, before, max_steps):
-    """The states ``before`` and those up to the last value, the step set by the number of Newton iterations the last one took."""
-    first, last = targets
-    done, least, spent = list(before), 1e-5 * (last - first), 0
-    step = done[-1].stride if done and np.isfinite(done[-1].stride) else (last - first) / 8
-    goal = _ahead(done[-1].mu, step, last) if done else first
-    while len(done) < max_steps:
-        found = attempt(goal, done)
+def adaptive(attempt: Callable, ends: tuple[float, float], before: list[State], max_steps: int) -> Steps:
+    """States from the first to the last value, at most ``max_steps``; the number of Newton iterations of a state sets the next step."""
+    first, last = ends
+    states, least, spent = list(before), 1e-5 * (last - first), 0
+    step = states[-1].stride if states and np.isfinite(states[-1].stride) else (last - first) / 8
+    goal = _ahead(states[-1].mu, step, last) if states else first
+    while len(states) < max_steps:
+        found = attempt(goal, states)
         spent += found.newton_iterations
         if found.status.ok:
             step *= 2.0 if found.newton_iterations < 4 else GROWTH.get(found.newton_iterations, 0.6)
-            found, spent = dataclasses.replace(found, newton_iterations=spent, stride=step).told(on_step), 0
-            done.append(found)
+            found, spent = dataclasses.replace(found, newton_iterations=spent, stride=step), 0
+            states.append(found.light)
+            yield found
             if goal >= last:
-                return done, Status.CONVERGED, last
-        elif not done or found.status is Status.SELF_CONTACT:
-            return done, found.status, done[-1].mu if done else goal
+                return Status.CONVERGED, last
+        elif not states or found.status is Status.SELF_CONTACT:
+            return found.status, states[-1].mu if states else goal
         else:
-            step = 0.4 * (goal - done[-1].mu)
+            step = 0.4 * (goal - states[-1].mu)
             if step < least:
-                return done, Status.STEP_TOO_SMALL, done[-1].mu
-        goal = _ahead(done[-1].mu, step, last)
-    return done, Status.TOO_MANY_STEPS, done[-1].mu
+                return Status.STEP_TOO_SMALL, states[-1].mu
+        del found  # its factor is freed before the next factorisation
+        goal = _ahead(states[-1].mu, step, last)
+    return Status.TOO_MANY_STEPS, states[-1].mu
 
 
 def _ahead(mu, step, last):

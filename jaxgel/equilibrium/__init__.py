@@ -1,45 +1,60 @@
-"""equilibrium."""
+"""Equilibrium: one state at one chemical potential, its status, and its derivative."""
 
-from .bordered_newton import Conditions, mu_force, solve_bordered
-from .implicit import known, only_first, state_tangents
-from .incremental import incremental_step, prepare_incremental
-from .newton import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, free_rhs, linearised, solve, solve_traced, tangent_at, with_own_factor
-from .pinned import solve_pinned
-from .problem import acting, dry_state, overlaps, prepare, touches
+from .bordered_newton import Conditions, mu_force, solve_bordered, solve_pinned
+from .implicit import first_order_only, state_tangents, with_derivatives_of
+from .incremental import prepare_incremental, solve_incremental, strain_matrices
+from .newton import (
+    CONSTRAINT_TOLERANCE,
+    MAX_ITERATIONS,
+    TOLERANCE,
+    advanced,
+    assess_equilibrium,
+    iterate,
+    solve,
+    solve_traced,
+    starting,
+    with_own_factor,
+)
 from .relaxation import relax, relax_along
-from .state import Equilibrium, Status, Step, advice
-from .weak import prepare_walls, wall_step
+from .state import Stability, State, accepted, acting_problem, dry_state
+from .status import NEARLY_SINGULAR, Status, for_derivatives, of_outlines, remedy
+from .weak import negative_eigenvalues, prepare_weak, solve_weak, strain_operators
 
 __all__ = [
     "CONSTRAINT_TOLERANCE",
     "MAX_ITERATIONS",
+    "NEARLY_SINGULAR",
     "TOLERANCE",
     "Conditions",
-    "Equilibrium",
+    "Stability",
+    "State",
     "Status",
-    "Step",
-    "acting",
-    "advice",
+    "accepted",
+    "acting_problem",
+    "advanced",
+    "assess_equilibrium",
     "dry_state",
-    "free_rhs",
-    "incremental_step",
-    "known",
-    "linearised",
+    "first_order_only",
+    "for_derivatives",
+    "iterate",
     "mu_force",
-    "only_first",
-    "overlaps",
-    "prepare",
+    "negative_eigenvalues",
+    "of_outlines",
     "prepare_incremental",
-    "prepare_walls",
+    "prepare_weak",
     "relax",
     "relax_along",
+    "remedy",
     "solve",
     "solve_bordered",
+    "solve_incremental",
     "solve_pinned",
     "solve_traced",
+    "solve_weak",
+    "starting",
     "state_tangents",
-    "tangent_at",
-    "touches",
-    "wall_step",
+    "strain_matrices",
+    "strain_operators",
+    "with_derivatives_of",
     "with_own_factor",
 ]

@@ -2,7 +2,7 @@
 
 The unknowns are the positions x and pressures p, forces s along given columns C and, where there is one condition more than columns,
 mu. The conditions are R (x - origin) + slope (mu - mu_origin) = target. Newton's method factorises the tangent with these rows and columns
-around it, which is regular where the tangent itself is singular. In the mixed form dp carries -dmu, as the osmotic pressure at a
+around it, which is regular where the tangent itself is singular. In the mixed form dp contains -dmu, as the osmotic pressure at a
 given volume ratio falls by what mu rises.
 """
 
@@ -12,81 +12,149 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..linalg import Bordered, SingularTangent, factor
-from ..mechanics import picked, pressure_step, reduced, residual, spread
-from .newton import CONSTRAINT_TOLERANCE, TOLERANCE, free_rhs, linearised, tangent_at
-from .state import Equilibrium, Status
+from .._types import Array, Float, Scalar
+from ..linalg import Bordered
+from ..mechanics import Problem, condensed_rhs, factorised_tangent, gather, residual, restrict, tangent
+from .newton import CONSTRAINT_TOLERANCE, TOLERANCE, advanced, iterate, starting
+from .state import State
 
 MAX_ITERATIONS = 15
 MISS = 1e-10  # largest error of a condition, relative to its target
 ROUND_OFF = 1e-13  # and relative to the positions
+MAX_PINNED_ITERATIONS = 30
+PINNED_MISS = 1e-9  # largest error of a held amplitude, relative to it
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Conditions:
     """b conditions on a state: rows . (x - origin) + slopes (mu - mu_origin) = targets."""
 
-    rows: np.ndarray
-    """(f, b) on the free degrees of freedom."""
-    slopes: np.ndarray
-    """(b,) on mu."""
-    origin: np.ndarray
-    """(n, 2) positions."""
+    rows: Float[np.ndarray, "f b"]
+    """On the free degrees of freedom."""
+    slopes: Float[np.ndarray, " b"]
+    """On mu."""
+    origin: Float[Array, "n 2"]
+    """Positions, mm."""
     mu_origin: float
     """Chemical potential, kT."""
-    targets: np.ndarray
-    """(b,) values."""
+    targets: Float[np.ndarray, " b"]
+    """Values."""
 
 
-def solve_bordered(problem, mu, x, pressure, columns, conditions):
-    """``Equilibrium`` under forces along ``columns`` (f, m) that meets m or m + 1 ``Conditions``, its mu (), and the forces (m,).
+def solve_bordered(
+    problem: Problem,
+    mu: Scalar,
+    x: Float[Array, "n 2"],
+    pressure: Float[Array, " g"],
+    columns: Float[np.ndarray, "f m"],
+    conditions: Conditions,
+) -> tuple[State, Float[np.ndarray, " m"]]:
+    """`State` under forces along ``columns`` that meets m or m + 1 ``conditions``, and the forces, kT/v mm.
 
     With m + 1 conditions mu is unknown too. The state has a factor of its own tangent.
     """
-    free, model, gel = problem.free, problem.model, problem.gel
-    forces, mu, origin = np.zeros(columns.shape[1]), float(mu), picked(np.asarray(conditions.origin), free)
-    b, m = conditions.rows.shape[1], columns.shape[1]
-    for iterations in range(MAX_ITERATIONS + 1):
-        args = model, gel, jnp.asarray(mu), problem.loads, problem.fixed
-        now, measures = linearised(x, pressure, *args, free)
-        with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
-            size = float(np.linalg.norm(np.asarray(reduced(now.rhs, free)) + columns @ forces) * float(measures[2]))
-        at = picked(np.asarray(x), free)
-        miss = conditions.targets - (at - origin) @ conditions.rows - conditions.slopes * (mu - conditions.mu_origin)
+    correction = _Bordered(columns, conditions, restrict(np.asarray(conditions.origin), problem.free), np.zeros(columns.shape[1]))
+    return iterate(problem, starting(problem, mu, x, pressure), correction), correction.forces
+
+
+def solve_pinned(
+    problem: Problem,
+    mu: Scalar,
+    x: Float[Array, "n 2"],
+    pressure: Float[Array, " g"],
+    mode: Float[np.ndarray, " f"],
+    origin: Float[Array, "n 2"],
+    amplitude: float,
+) -> tuple[State, float]:
+    """`State` under a force along ``mode`` that holds mode . (x - origin) at ``amplitude``, and the force, kT/v mm.
+
+    One condition by two solves with the factor of the tangent itself, which may be indefinite but must not be singular.
+    """
+    correction = _Pinned(mode, restrict(np.asarray(origin), problem.free), amplitude)
+    return iterate(problem, starting(problem, mu, x, pressure), correction), correction.force
+
+
+def _norm_with(forces, problem, state):
+    """Relative norm of the residual with additional forces (f,); nan where a part of the iterate is not finite."""
+    linearisation = state.linearisation
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
+        size = float(np.linalg.norm(np.asarray(gather(linearisation.rhs, problem.free)) + forces) * float(linearisation.per_force))
+    return size if np.isfinite(float(linearisation.violation)) else np.nan
+
+
+@dataclasses.dataclass
+class _Bordered:
+    columns: np.ndarray
+    conditions: Conditions
+    origin: np.ndarray
+    forces: np.ndarray
+    miss: np.ndarray | None = None
+
+    def assess(self, problem, state):
+        conditions, at = self.conditions, restrict(np.asarray(state.x), problem.free)
+        size = _norm_with(self.columns @ self.forces, problem, state)
+        change = (at - self.origin) @ conditions.rows + conditions.slopes * (state.mu - conditions.mu_origin)
+        self.miss = conditions.targets - change
         allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(at) + MISS * np.abs(conditions.targets)
-        met = size < TOLERANCE and float(measures[1]) < CONSTRAINT_TOLERANCE and np.all(np.abs(miss) <= allowed)
-        if not np.isfinite(size + float(measures[1])) or (iterations == MAX_ITERATIONS and not met):
-            status = Status.NOT_CONVERGED if np.isfinite(size) else Status.NOT_FINITE
-            return Equilibrium(x, pressure, status, iterations, size, None), mu, forces
-        try:
-            pairs = tangent_at(x, pressure, now, model, gel, problem.fixed)
-            if met:
-                return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, factor(problem.pattern, pairs)), mu, forces
-            pattern = problem.pattern.fitting(pairs)
-            sides = np.concatenate([columns, -mu_force(problem, x, mu)[:, None]], axis=1)[:, :b]
-            corner = np.concatenate([np.zeros((b, m)), conditions.slopes[:, None]], axis=1)[:, :b]
-            system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, conditions.rows, corner)
-            dx, change = system.solve(np.asarray(free_rhs(now, now, model, free)) + columns @ forces, miss)
-        except SingularTangent:
-            return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None), mu, forces
-        forces, change_mu = forces + change[:m], float(change[m:].sum())
-        x, pressure = _moved(x, pressure, dx, change_mu, now, model, free)
-        mu += change_mu
-    raise AssertionError("unreachable")
+        solved = size < TOLERANCE and float(state.linearisation.violation) < CONSTRAINT_TOLERANCE
+        return size, solved and bool(np.all(np.abs(self.miss) <= allowed))
+
+    def exhausted(self, state):
+        return state.newton_iterations >= MAX_ITERATIONS
+
+    def __call__(self, problem, state):
+        (b, m), slopes = (self.conditions.rows.shape[1], self.columns.shape[1]), self.conditions.slopes
+        pairs = tangent(problem, state.x, state.pressure, state.linearisation)
+        pattern = problem.pattern.fitting(pairs)
+        sides = np.concatenate([self.columns, -mu_force(problem, state.x, state.mu)[:, None]], axis=1)[:, :b]
+        corner = np.concatenate([np.zeros((b, m)), slopes[:, None]], axis=1)[:, :b]
+        system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner)
+        rhs = np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation))
+        dx, change = system.solve(rhs + self.columns @ self.forces, self.miss)
+        self.forces = self.forces + change[:m]
+        return advanced(problem, state, dx, state.linearisation, dmu=float(change[m:].sum()), limited=False)
+
+    def finish(self, problem, state):
+        return dataclasses.replace(state, factor=factorised_tangent(problem, state.x, state.pressure, state.linearisation))
+
+
+@dataclasses.dataclass
+class _Pinned:
+    mode: np.ndarray
+    origin: np.ndarray
+    amplitude: float
+    force: float = 0.0
+    miss: float = 0.0
+    factor: object = None
+
+    def assess(self, problem, state):
+        self.miss = self.amplitude - self.mode @ (restrict(np.asarray(state.x), problem.free) - self.origin)
+        size = _norm_with(self.force * self.mode, problem, state)
+        solved = size < TOLERANCE and float(state.linearisation.violation) < CONSTRAINT_TOLERANCE
+        return size, solved and abs(self.miss) < PINNED_MISS * abs(self.amplitude)
+
+    def exhausted(self, state):
+        return state.newton_iterations >= MAX_PINNED_ITERATIONS
+
+    def __call__(self, problem, state):
+        self.factor = None
+        self.factor = factorised_tangent(problem, state.x, state.pressure, state.linearisation)
+        rhs = np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation)) + self.force * self.mode
+        both, _ = self.factor.solve(np.stack([rhs, self.mode], axis=1))
+        more = (self.miss - self.mode @ both[:, 0]) / (self.mode @ both[:, 1])
+        self.force += more
+        return advanced(problem, state, both[:, 0] + more * both[:, 1], state.linearisation)
+
+    def finish(self, problem, state):  # noqa: ARG002
+        return dataclasses.replace(state, factor=self.factor)
+
+
+def mu_force(problem: Problem, x: Float[Array, "n 2"], mu: Scalar) -> Float[np.ndarray, " f"]:
+    """Derivative of the residual with respect to mu at the positions ``x``, mm."""
+    return np.asarray(_mu_force(problem, x, jnp.asarray(mu, dtype=float)))
 
 
 @jax.jit
-def _moved(x, p, correction, change_mu, now, model, free):
-    dx = spread(correction, x.shape, free)
-    return x + dx, p + pressure_step(dx, now, now, model) - change_mu
-
-
-def mu_force(problem, x, mu):
-    """Derivative (f,) of the residual with respect to mu at the positions ``x`` (n, 2), mm."""
-    force = _mu_force(x, problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads)
-    return np.asarray(reduced(force, problem.free))
-
-
-@jax.jit
-def _mu_force(x, model, gel, mu, loads):
-    return jax.jvp(lambda mu: residual(x, model, gel, mu, loads), (mu,), (1.0,))[1]
+def _mu_force(problem, x, mu):
+    force = jax.jvp(lambda mu: residual(x, problem.model, problem.gel, mu, problem.loads), (mu,), (1.0,))[1]
+    return gather(force, problem.free)

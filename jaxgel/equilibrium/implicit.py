@@ -9,6 +9,7 @@ that calls the host, and would leave the whole of the rule to be compiled by eve
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -20,49 +21,71 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from scipy.spatial import cKDTree
 
+from .._memo import once_per_owner
 from .._parallel import Tangent, over_parts
 from .._threads import ONE_THREAD, few_threads, usable_threads
+from .._types import Array, Float
 from ..linalg import solve_near
-from ..mechanics import Products, carried, crossed_entries, deformation_gradients, has_products, picked, reduced, residual, spread
-from .newton import linearised, tangent_at
+from ..mechanics import (
+    Problem,
+    TangentOperator,
+    area_form_entries,
+    deformation_gradients,
+    free_dofs,
+    gather,
+    is_sparse,
+    linearise,
+    prescribed_motion,
+    residual,
+    restrict,
+    scatter,
+    tangent,
+    tangent_product,
+)
 
-TOGETHER = 4  # states that are differentiated together: per cell that is one product of small matrices, and more leave the cache
-TOGETHER_BYTES = 2**28  # most that their positions gathered cell by cell may fill
+STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
+BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill
 
 
-def state_tangents(x, pressure, inputs, inputs_dot, pattern, fixed):
-    """Tangents (k, n, 2) of the equilibria ``x`` (k, n, 2) with ``pressure`` (k, g) for tangents of their ``inputs``.
+def state_tangents(
+    x: Float[Array, "k n 2"],
+    pressure: Float[Array, "k g"],
+    problem: Problem,
+    mu: Float[Array, " k"],
+    problem_dot: Problem,
+    mu_dot: jax.Array,
+) -> Float[Array, "k n 2"]:
+    """Tangents of the equilibria ``x`` with ``pressure`` at ``mu`` for tangents of the ``problem`` and of mu.
 
-    These are (model, gel, mu (k,), loads). Constrained degrees of freedom move with the nodes of the dry plate. ``fixed`` are the
-    ``mixed.Constants`` of the model, whose own derivatives are not needed. nan where a tangent is singular.
+    Constrained degrees of freedom move with the nodes of the dry plate. The ``operators`` of the problem need no tangents: they follow from
+    the model. nan where a tangent is singular.
     """
-    crossed = crossed_entries(fixed) if _is_small(pattern) and has_products(*inputs[:2]) else None  # runs while the rest is traced
-    carried, rhs = _imbalances(x, pressure, inputs, inputs_dot, pattern)
-    leaves, structure = jax.tree.flatten((x, pressure, inputs, fixed, crossed))
-    return _moved(carried, _solutions.bind(rhs, *leaves, structure=structure, pattern=pattern), pattern)
+    entries = area_form_entries(problem.operators) if is_sparse(problem) else None  # runs while the rest is traced
+    motion, rhs = _residual_changes(x, pressure, problem, mu, problem_dot, mu_dot)
+    leaves, structure = jax.tree.flatten((x, pressure, mu, problem, entries))
+    return _moved(motion, _solutions.bind(rhs, *leaves, structure=structure), problem.free)
 
 
-def _imbalances(x, pressure, inputs, inputs_dot, pattern):
-    """Motions (k, n, 2) that the states are carried with, and -dr (k, f) left by them and the tangents of the inputs."""
-    (model, gel, mu, loads), (model_dot, gel_dot, mu_dot, loads_dot) = inputs, inputs_dot
-    model, model_dot = map(_without_probes, (model, model_dot))
-    leaves, structure = jax.tree.flatten((model, gel, loads))
-    dots = jax.tree.leaves((model_dot, gel_dot, loads_dot))
+def _residual_changes(x, pressure, problem, mu, problem_dot, mu_dot):
+    """Prescribed motions (k, n, 2) of the states, and -dr (k, f) left by them and the tangents of the inputs."""
+    inputs, dots = ((_without_observation_points(q.model), q.gel, q.loads) for q in (problem, problem_dot))
+    leaves, structure = jax.tree.flatten(inputs)
+    dots = jax.tree.leaves(dots)
     floating = tuple(jnp.issubdtype(leaf.dtype, jnp.floating) for leaf in leaves)
-    count, size = len(x), _together(len(x), model)
+    count, size = len(x), _together(len(x), problem.model)
 
     def grouped(values):
         return _in_groups(values, -(-count // size), size)
 
     rows, linear = (grouped(x), grouped(pressure), grouped(mu)), (grouped(mu_dot),)
     dots = [dot for dot, f in zip(dots, floating, strict=True) if f]
-    found = over_parts(_Imbalances(structure, floating, pattern), rows, leaves, linear=linear, shared_linear=dots)
+    found = over_parts(_ResidualChange(structure, floating), rows, leaves, linear=linear, shared_linear=dots)
     return _ungrouped(found, count)
 
 
-def _without_probes(model):
-    """The model without the points at which states are only looked at: no residual depends on them."""
-    return dataclasses.replace(model, midline=None, core=None, outline=model.outline if model.contact is not None else None)
+def _without_observation_points(model):
+    """The model without the outline where only contact would need it: no residual depends on points at which states are observed."""
+    return model if model.contact is not None else dataclasses.replace(model, outline=None)
 
 
 @functools.partial(jax.jit, static_argnames=("number", "size"))
@@ -78,20 +101,18 @@ def _ungrouped(values, count):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Imbalances:
-    """`_imbalances` of states ``x`` (k, n, 2) with ``pressure`` (k, g) at ``mu`` (k,).
+class _ResidualChange:
+    """`_residual_changes` of states ``x`` (k, n, 2) with ``pressure`` (k, g) at ``mu`` (k,).
 
-    Nodes are carried by F times the motion of the dry ones, which leaves the volume ratios nearly as they are: what these change by is
-    multiplied by the bulk stiffness, and its round-off by that over the stiffness of the softest mode. F itself needs no derivative: the
-    tangents of the states do not depend on what carries them.
+    Nodes move by F times the motion of the dry ones, which leaves the volume ratios nearly as they are: their change is multiplied by the
+    bulk stiffness, and its round-off by that over the stiffness of the softest mode. F itself needs no derivative: the tangents of the
+    states do not depend on the motion that is prescribed.
     """
 
     structure: object
     """Tree structure of (model, gel, loads), the leaves of which follow the states; then tangents of mu and of the leaves."""
     floating: tuple
     """Which leaves are of floating type and have a tangent."""
-    pattern: object
-    """``linear_solve.Pattern`` of the tangent."""
 
     def __call__(self, x, pressure, mu, *args):
         leaves, mu_dot, dots = args[: len(self.floating)], args[len(self.floating)], iter(args[len(self.floating) + 1 :])
@@ -99,17 +120,18 @@ class _Imbalances:
         dots = [next(dots) if f else np.zeros(leaf.shape, jax.dtypes.float0) for leaf, f in pairs]
         model, gel, loads = jax.tree.unflatten(self.structure, leaves)
         model_dot, gel_dot, loads_dot = jax.tree.unflatten(self.structure, dots)
-        free, plate = self.pattern.free, model.lists.topology.plate
-        moved = jax.jvp(lambda cloud: cloud.nodes, (model.cloud,), (model_dot.cloud,))[1]
-        prescribed = carried(moved, plate, free)
+        topology = model.lists.topology
+        free = free_dofs(topology)
+        dry_motion = jax.jvp(lambda cloud: cloud.nodes, (model.cloud,), (model_dot.cloud,))[1]
+        prescribed = prescribed_motion(dry_motion, topology.plate, free)
 
         def one(state):
             x, pressure, mu, mu_dot = state
-            along = jnp.einsum("nij,nj->ni", lax.stop_gradient(_nodal_gradients(x, model)), moved)
-            carried = prescribed + spread(picked(along, free), along.shape, free)
+            along = jnp.einsum("nij,nj->ni", lax.stop_gradient(_nodal_gradients(x, model)), dry_motion)
+            motion = prescribed + scatter(restrict(along, free), along.shape, free)
             forces = functools.partial(residual, pressure=pressure)
-            change = jax.jvp(forces, (x, model, gel, mu, loads), (carried, model_dot, gel_dot, mu_dot, loads_dot))[1]
-            return [carried, -reduced(change, free)]
+            change = jax.jvp(forces, (x, model, gel, mu, loads), (motion, model_dot, gel_dot, mu_dot, loads_dot))[1]
+            return [motion, -gather(change, free)]
 
         return jax.vmap(one)((x, pressure, mu, mu_dot))
 
@@ -123,42 +145,41 @@ def _nodal_gradients(x, model):
     return jnp.concatenate(means)[_nearest_cells(model.lists), 0]
 
 
+@once_per_owner
 def _nearest_cells(lists):
-    """The cell (n,), counted block after block, nearest each node of the reference cloud; host, kept with the lists."""
-    if "nearest cells" not in lists.cache:
-        points = lists.topology.partition.vertices[lists.topology.node_vertices]
-        cells = np.concatenate(lists.cells)
-        real = lists.support[cells, :, None] > 0
-        centres = np.sum(np.where(real, points[lists.nodes[cells]], 0.0), axis=1) / real.sum(axis=1)
-        lists.cache["nearest cells"] = cKDTree(centres).query(points)[1]
-    return lists.cache["nearest cells"]
+    """The cell (n,), counted block after block, nearest each node of the reference cloud; host."""
+    points = lists.topology.partition.vertices[lists.topology.node_vertices]
+    cells = np.concatenate(lists.cells)
+    real = lists.support[cells, :, None] > 0
+    centres = np.sum(np.where(real, points[lists.nodes[cells]], 0.0), axis=1) / real.sum(axis=1)
+    return cKDTree(centres).query(points)[1]
 
 
-@functools.partial(jax.jit, static_argnames="pattern")
-def _moved(carried, correction, pattern):
-    """Nodal motions (k, n, 2): those carried and the corrections (k, f) of the free degrees of freedom."""
-    return carried + jax.vmap(lambda dx: spread(dx, carried.shape[1:], pattern.free))(correction)
+@jax.jit
+def _moved(motion, correction, free):
+    """Nodal motions (k, n, 2): the prescribed ones and the corrections (k, f) of the free degrees of freedom."""
+    return motion + jax.vmap(lambda dx: scatter(dx, motion.shape[1:], free))(correction)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(1,))
-def only_first(values, what):  # noqa: ARG001
+def first_order_only(values, what: str):  # noqa: ARG001
     """The ``values`` of ``what``; used in a rule for tangents, ValueError where that is differentiated once more."""
     return values
 
 
-@only_first.defjvp
+@first_order_only.defjvp
 def _refuse(what, *_):
     raise ValueError(f"{what}: has first derivatives only")
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def known(function, values, *inputs):  # noqa: ARG001
+def with_derivatives_of(function: Callable, values, *inputs):  # noqa: ARG001
     """The ``values`` of ``function(*inputs)``, found otherwise; what their derivatives need is computed where these are asked for."""
     return values
 
 
-@functools.partial(known.defjvp, symbolic_zeros=True)
-def _known_jvp(function, primals, tangents):
+@functools.partial(with_derivatives_of.defjvp, symbolic_zeros=True)
+def _with_derivatives_jvp(function, primals, tangents):
     (values, *inputs), (_, *inputs_dot) = primals, tangents
     leaves, structure = jax.tree.flatten(inputs)
     dots = jax.tree.leaves(inputs_dot)
@@ -188,98 +209,94 @@ def _remade(function, *args):
 
 def _together(count, model):
     """Number of states, of ``count``, that are differentiated together."""
-    return min(count, TOGETHER, max(1, TOGETHER_BYTES // (16 * sum(block.nodes.size for block in model.blocks))))
+    return min(count, STATES_TOGETHER, max(1, BYTES_TOGETHER // (16 * sum(block.nodes.size for block in model.blocks))))
 
+
+# --- linear solves: outside jit by products, or one compiled assembly per state, inside by a callback --------------------------
 
 _solutions = Primitive("equilibrium_solutions")
 """Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
-(x (k, n, 2), pressure (k, g), inputs, ``mixed.Constants``, entries for ``Products`` or None) with the tree ``structure``."""
+(x (k, n, 2), pressure (k, g), mu (k,), `Problem`, area form entries for `TangentOperator` or None) with the tree ``structure``."""
 
 
 @dataclasses.dataclass(frozen=True)
 class _Products:
-    """Products like ``v`` (k, f) or (k, f, r) of the free-free tangents with ``v``, of the leaves that `_solutions` has."""
+    """Products like ``v`` (k, f) or (k, f, r) of the tangents with ``v``, of the leaves that `_solutions` has."""
 
     structure: object
     """Tree structure of the leaves."""
-    pattern: object
-    """``linear_solve.Pattern`` of the tangents."""
 
     def __call__(self, v, *leaves):
-        x, pressure, (model, gel, mu, loads), *_ = jax.tree.unflatten(self.structure, leaves)
+        x, pressure, mu, problem, _ = jax.tree.unflatten(self.structure, leaves)
 
         def product(state):
             v, x, pressure, mu = state
-            direction = spread(v, x.shape, self.pattern.free)
-            return reduced(jax.jvp(lambda x: residual(x, model, gel, mu, loads, pressure), (x,), (direction,))[1], self.pattern.free)
+            return tangent_product(problem, x, pressure, mu, v)
 
         def of_all(v):
-            return lax.map(product, (v, x, pressure, mu), batch_size=_together(len(x), model))
+            return lax.map(product, (v, x, pressure, mu), batch_size=_together(len(x), problem.model))
 
         return of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)
 
 
-def _pairs(x, pressure, mu, model, gel, loads, fixed, pattern):
+def _pairs(problem, x, pressure, mu):
     """The tangent (p, 2, 2) at the state ``x`` (n, 2) with ``pressure`` (g,), by the programs of the sweep."""
-    now = linearised(x, pressure, model, gel, mu, loads, fixed, pattern.free)[0]
-    return tangent_at(x, pressure, now, model, gel, fixed)
+    return tangent(problem, x, pressure, linearise(problem, x, pressure, mu))
 
 
-def _solutions_jvp(primals, tangents, *, structure, pattern):
-    """K x = b gives K dx = db - dK x, the latter by the energy: the leaves know more of it than the constants."""
+def _solutions_jvp(primals, tangents, *, structure):
+    """K x = b gives K dx = db - dK x, the latter by the energy, whose arguments the leaves are."""
     (rhs, *leaves), (change, *dots) = primals, tangents
-    solution = _solutions.bind(rhs, *leaves, structure=structure, pattern=pattern)
+    solution = _solutions.bind(rhs, *leaves, structure=structure)
     moving = tuple(i + 1 for i, dot in enumerate(dots) if type(dot) is not ad.Zero)
     if moving:
-        moved = _remade(Tangent(_Products(structure, pattern), moving), solution, *leaves, *(dots[i - 1] for i in moving))
+        moved = _remade(Tangent(_Products(structure), moving), solution, *leaves, *(dots[i - 1] for i in moving))
         change = -moved if type(change) is ad.Zero else change - moved
-    return solution, change if type(change) is ad.Zero else _solutions.bind(change, *leaves, structure=structure, pattern=pattern)
+    return solution, change if type(change) is ad.Zero else _solutions.bind(change, *leaves, structure=structure)
 
 
-def _solutions_transpose(cotangent, rhs, *leaves, **static):  # noqa: ARG001
+def _solutions_transpose(cotangent, rhs, *leaves, structure):  # noqa: ARG001
     """Tangents are symmetric."""
-    found = cotangent if type(cotangent) is ad.Zero else _solutions.bind(cotangent, *leaves, **static)
+    found = cotangent if type(cotangent) is ad.Zero else _solutions.bind(cotangent, *leaves, structure=structure)
     return [found, *(None for _ in leaves)]
 
 
 @_solutions.def_impl
-def _solved(rhs, *leaves, structure, pattern):
+def _solved(rhs, *leaves, structure):
     """On the host, with values; 0 for 0 at no cost.
 
-    Small tangents of the default kind are not assembled, unless no known factor will do; other small ones side by side in threads.
+    Tangents with sparse products are not assembled, unless no recent factor will do; other small ones are solved side by side in threads.
     """
-    x, pressure, (model, gel, mu, loads), fixed, crossed = jax.tree.unflatten(structure, leaves)
+    x, pressure, mu, problem, entries = jax.tree.unflatten(structure, leaves)
+    pattern = problem.pattern
     rhs, x, pressure, mu = map(np.asarray, (rhs, x, pressure, mu))
     wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
 
     def solve(k, product=None):
-        pairs = functools.cache(lambda: _pairs(x[k], pressure[k], mu[k], model, gel, loads, fixed, pattern))
+        pairs = functools.cache(lambda: _pairs(problem, x[k], pressure[k], mu[k]))
         solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or pattern.matrix(pairs()).__matmul__, pairs)
 
     with few_threads(len(pattern.free)):
-        if crossed is not None and len(wanted):
-            products = Products(model, gel, fixed, crossed, pattern.free)
-            for k, product in zip(wanted, products.at(x[wanted], pressure[wanted]), strict=True):
+        if entries is not None and len(wanted):
+            products = TangentOperator(problem, entries).at(x[wanted], pressure[wanted], mu[wanted])
+            for k, product in zip(wanted, products, strict=True):
                 solve(k, product)
         else:
-            with ThreadPoolExecutor(usable_threads() if _is_small(pattern) else 1) as pool:
+            with ThreadPoolExecutor(usable_threads() if len(pattern.free) <= ONE_THREAD else 1) as pool:
                 list(pool.map(solve, wanted))
     return jnp.asarray(solutions)
 
 
-def _is_small(pattern):
-    return len(pattern.free) <= ONE_THREAD
-
-
-def _solved_traced(rhs, *leaves, structure, pattern):
+def _solved_traced(rhs, *leaves, structure):
     """Inside jit and vmap, by one callback for each state."""
-    x, pressure, (model, gel, mu, loads), fixed, _ = jax.tree.unflatten(structure, leaves)
+    x, pressure, mu, problem, _ = jax.tree.unflatten(structure, leaves)
+    pattern = problem.pattern
 
     def on_host(x, rhs, pairs):
         return _solve_columns(pattern, np.asarray(x), rhs, pattern.matrix(pairs).__matmul__, lambda: pairs)
 
     def solution(rhs, x, pressure, mu):
-        pairs = _pairs(x, pressure, mu, model, gel, loads, fixed, pattern)
+        pairs = _pairs(problem, x, pressure, mu)
         return jax.pure_callback(on_host, jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), x, rhs, pairs, vmap_method="sequential")
 
     def one(state):
@@ -295,13 +312,13 @@ def _solve_columns(pattern, x, rhs, product, pairs):
     return np.stack([solve_near(pattern, x, b, product, pairs) if np.any(b != 0) else b for b in columns], axis=1).reshape(rhs.shape)
 
 
-def _solved_batch(args, axes, *, structure, pattern):
+def _solved_batch(args, axes, *, structure):
     """Right-hand sides (b, k, f) for the same states are columns."""
     (rhs, *states), (axis, *others) = args, axes
     if any(other is not batching.not_mapped for other in others):
-        return jax.vmap(functools.partial(_solved_traced, structure=structure, pattern=pattern), axes)(*args), 0
+        return jax.vmap(functools.partial(_solved_traced, structure=structure), axes)(*args), 0
     columns = jnp.moveaxis(rhs, axis, -1)
-    found = _solutions.bind(columns.reshape(*columns.shape[:2], -1), *states, structure=structure, pattern=pattern)
+    found = _solutions.bind(columns.reshape(*columns.shape[:2], -1), *states, structure=structure)
     return found.reshape(columns.shape), columns.ndim - 1
 
 

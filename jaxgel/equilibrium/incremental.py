@@ -15,10 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..materials import flory_rehner, free_swelling, neo_hookean, paper_stress, paper_tangent, voigt
+from .._types import Array, Float, Int, Scalar
+from ..discretisation import Model
+from ..linalg import SingularTangent
+from ..materials import Gel, flory_rehner, free_swelling, neo_hookean, paper_stress, paper_tangent, voigt
 from ..mechanics import energy_at, state_pressure, volume_ratios
-from .newton import MAX_ITERATIONS, TOLERANCE
-from .state import Equilibrium, Status, Step
+from .newton import MAX_ITERATIONS, TOLERANCE, iterate
+from .state import Stability, State
 from .weak import dense, negative_eigenvalues
 
 MARGIN = 0.2  # share of the least swelling J - 1 that an increment leaves
@@ -29,17 +32,17 @@ LEAST_SHARE = 1 / 64  # of an increment, or of the way of the rollers
 class IncrementalProblem:
     """A model prepared for the paper's algorithm."""
 
-    model: object
-    """The ``Model``, of method "displacement"."""
-    gel: object
-    """The ``Gel``."""
-    loads: jax.Array
-    """(n, 2) dead nodal loads, kT/v mm: f_1."""
-    free: np.ndarray
-    """(f,) numbers of the free degrees of freedom."""
+    model: Model
+    """Of method "displacement"."""
+    gel: Gel
+    """Material."""
+    loads: Float[Array, "n 2"]
+    """Dead nodal loads, kT/v mm: f_1."""
+    free: Int[np.ndarray, " f"]
+    """Numbers of the free degrees of freedom."""
 
 
-def prepare_incremental(model, gel, loads, free):
+def prepare_incremental(model: Model, gel: Gel, loads: Float[Array, "n 2"] | None, free: Int[np.ndarray, " f"]) -> IncrementalProblem:
     """``IncrementalProblem``; ValueError for a model or gel whose equations the paper does not give."""
     if model.method != "displacement" or model.conditions != "nodes":
         given = f"{model.method!r} and {model.conditions!r}"
@@ -51,73 +54,96 @@ def prepare_incremental(model, gel, loads, free):
     return IncrementalProblem(model, gel, loads, free)
 
 
-def incremental_step(problem, mu, start):
-    """``Step`` at ``mu`` from nodal positions ``start`` (n, 2) of another state, or from free swelling where that is None."""
+def solve_incremental(problem: IncrementalProblem, mu: Scalar, start: Float[Array, "n 2"] | None) -> State:
+    """`State` at ``mu`` from nodal positions ``start`` of another state, or from free swelling where that is None."""
     dry, stretch = np.asarray(problem.model.cloud.nodes), float(free_swelling(mu, problem.gel))
     if start is None:
-        state, matrix = _pushed_back(problem, mu, stretch)
+        found, matrix = _pushed_back(problem, mu, stretch)
     else:
-        state, matrix = _newton(problem, mu, stretch, np.asarray(start) - stretch * dry, 1.0)
-    x = stretch * dry + state.x
+        found, matrix = _incremented(problem, mu, stretch, np.asarray(start) - stretch * dry, 1.0)
+    x = stretch * dry + found.x
     model, gel = problem.model, problem.gel
-    return Step(
-        mu=float(mu),
+    return dataclasses.replace(
+        found,
         x=x,
         pressure=np.asarray(state_pressure(jnp.asarray(x), model, gel, mu)),
-        status=state.status,
-        newton_iterations=state.iterations,
-        residual=state.residual,
         energy=float(energy_at(jnp.asarray(x), model, gel, mu, problem.loads)),
-        negative_pivots=negative_eigenvalues(matrix) if state.status.ok else -1,
+        stability=Stability(np.array([np.nan]), None, negative_eigenvalues(matrix)) if found.status.ok else None,
     )
 
 
 def _pushed_back(problem, mu, stretch):
-    """``_newton`` with rollers that return from the freely swollen plate's edges to their place, in one go or in parts."""
+    """`_incremented` with rollers that return from the freely swollen plate's edges to their place, in one go or in parts."""
     u, share, part, spent = np.zeros((problem.model.n_nodes, 2)), 0.0, 1.0, 0
     while True:
-        state, matrix = _newton(problem, mu, stretch, u, min(1.0, share + part))
-        spent += state.iterations
-        if state.status.ok:
-            u, share = state.x, min(1.0, share + part)
+        found, matrix = _incremented(problem, mu, stretch, u, min(1.0, share + part))
+        spent += found.newton_iterations
+        if found.status.ok:
+            u, share = found.x, min(1.0, share + part)
         else:
             part /= 2
         if share == 1.0 or part < LEAST_SHARE:
-            return dataclasses.replace(state, iterations=spent), matrix
+            return dataclasses.replace(found, newton_iterations=spent), matrix
 
 
-def _newton(problem, mu, stretch, u, share):
-    """``Equilibrium`` whose ``x`` is u' (n, 2), with u' = share (1 - l) X on the rollers, and the last free-free matrix (f, f)."""
-    model, free = problem.model, problem.free
-    dry = np.asarray(model.cloud.nodes)
-    held = np.setdiff1d(np.arange(dry.size), free)
-    there = share * (1 - stretch) * dry.ravel()[held]
-    least = _least_swelling(u, stretch, model)
-    matrix, iterations, u = None, 0, np.array(u, dtype=float)
-    while True:
-        matrices, force, network = _matrices(jnp.asarray(u), stretch, mu, model, problem.gel)
-        imbalance = (np.asarray(problem.loads) - np.asarray(force)).ravel()
-        missing = there - u.ravel()[held]
+def _incremented(problem, mu, stretch, u, share):
+    """`State` whose ``x`` is u' (n, 2), with u' = share (1 - l) X on the rollers, and the last free-free matrix (f, f)."""
+    dry = np.asarray(problem.model.cloud.nodes)
+    held = np.setdiff1d(np.arange(dry.size), problem.free)
+    target = share * (1 - stretch) * dry.ravel()[held]
+    correction = _Increment(stretch, held, target, _least_swelling(u, stretch, problem.model))
+    found = iterate(problem, State(float(mu), np.array(u, dtype=float), np.zeros(0)), correction)
+    return found, correction.matrix
+
+
+@dataclasses.dataclass
+class _Increment:
+    """The paper's increments du', Eq. (57), shortened so that every volume ratio stays above 1."""
+
+    stretch: float
+    held: np.ndarray
+    target: np.ndarray
+    """u' of the held degrees of freedom."""
+    least: float
+    """Smallest J - 1 of the iterate."""
+    matrix: np.ndarray | None = None
+    terms: tuple = ()
+    """Matrices of the cells, residual (N,) and what the held degrees of freedom miss of their target."""
+
+    def assess(self, problem, state):
+        matrices, force, network = _matrices(jnp.asarray(state.x), self.stretch, state.mu, problem.model, problem.gel)
+        residual = (np.asarray(problem.loads) - np.asarray(force)).ravel()
+        missing = self.target - state.x.ravel()[self.held]
+        self.terms = matrices, residual, missing
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
-            size = float(np.linalg.norm(imbalance[free]) / float(network))
-        if not np.isfinite(size) or not least > 0:
-            return Equilibrium(u, None, Status.NOT_FINITE, iterations, size, None), matrix
-        if size < TOLERANCE and np.abs(missing).max(initial=0.0) < 1e-14 * np.abs(dry).max() and matrix is not None:
-            return Equilibrium(u, None, Status.CONVERGED, iterations, size, None), matrix
-        if iterations == MAX_ITERATIONS:
-            return Equilibrium(u, None, Status.NOT_CONVERGED, iterations, size, None), matrix
-        K = dense(model, matrices)
-        matrix = K[np.ix_(free, free)]
+            size = float(np.linalg.norm(residual[problem.free]) / float(network))
+        met = np.abs(missing).max(initial=0.0) < 1e-14 * np.abs(np.asarray(problem.model.cloud.nodes)).max()
+        return size if self.least > 0 else np.nan, size < TOLERANCE and bool(met) and self.matrix is not None
+
+    def exhausted(self, state):
+        return state.newton_iterations >= MAX_ITERATIONS
+
+    def __call__(self, problem, state):
+        free, held, u = problem.free, self.held, state.x
+        matrices, residual, missing = self.terms
+        K = dense(problem.model, matrices)
+        self.matrix = K[np.ix_(free, free)]
         du = np.zeros(u.size)
         du[held] = missing
         try:
-            du[free] = np.linalg.solve(matrix, imbalance[free] - K[np.ix_(free, held)] @ missing)
-        except np.linalg.LinAlgError:
-            return Equilibrium(u, None, Status.SINGULAR, iterations, size, None), matrix
-        part, before = 1.0, least
-        while not (least := _least_swelling(u + part * du.reshape(u.shape), stretch, model)) > MARGIN * before and part > LEAST_SHARE:
+            du[free] = np.linalg.solve(self.matrix, residual[free] - K[np.ix_(free, held)] @ missing)
+        except np.linalg.LinAlgError as error:
+            raise SingularTangent(str(error)) from error
+        du, part, before = du.reshape(u.shape), 1.0, self.least
+        while True:
+            self.least = _least_swelling(u + part * du, self.stretch, problem.model)
+            if self.least > MARGIN * before or part <= LEAST_SHARE:
+                break
             part /= 2
-        u, iterations = u + part * du.reshape(u.shape), iterations + 1
+        return dataclasses.replace(state, x=u + part * du, newton_iterations=state.newton_iterations + 1)
+
+    def finish(self, problem, state):  # noqa: ARG002
+        return state
 
 
 def _least_swelling(u, stretch, model):

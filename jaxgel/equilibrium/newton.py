@@ -1,4 +1,4 @@
-"""Equilibrium at one chemical potential: Newton's method on the mixed form, with a status that says how it ended.
+"""Newton's method: one iteration for all corrections, and the equilibrium at one chemical potential.
 
 The loop runs on the host, so that a person sees each step; its kernels are compiled once per model shape, with everything that
 changes along a sweep traced.
@@ -6,163 +6,234 @@ changes along a sweep traced.
 
 import dataclasses
 import functools
+from typing import Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..linalg import SingularTangent, factor
-from ..mechanics import condensed_rhs, constants, free_dofs, linearise, pressure_step, reduced, spread, step_limit, tangent, tangent_pattern
-from .problem import acting, overlaps, touches
-from .state import Equilibrium, Status
+from .._types import Array, Float, Scalar
+from ..linalg import Factor, SingularTangent, factor
+from ..mechanics import (
+    Linearisation,
+    Problem,
+    condensed_rhs,
+    factorised_tangent,
+    linearise,
+    pressure_step,
+    scatter,
+    step_limit,
+    tangent,
+    touches,
+)
+from .state import State, acting_problem
+from .status import Status, of_iterate, of_outlines
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-10  # of the residual, relative to the forces of the network
-CONSTRAINT_TOLERANCE = 1e-11  # of J - J*(p), see ``mixed.linearise``
-FINE = 50  # spacings across the plate up to which round-off leaves less than a fifth of that; it grows with their number
-SLOW = 0.1  # a step that leaves more than this of the imbalance makes a new factor worth its cost
-LARGEST_RISE = 3.0  # of the imbalance in an iteration with contact: more is a pair of points thrown deep into each other, again and again
+CONSTRAINT_TOLERANCE = 1e-11  # of J - J*(p), see ``mechanics.mixed``
+SLOW = 0.1  # a step that leaves more than this of the error makes a new factor worth its cost
+LARGEST_RISE = 3.0  # of the error in an iteration with contact: a larger rise means a point pair was pushed far into the contact barrier
 MAX_HALVINGS = 6  # of such a correction
 
 
-def solve(problem, mu, x, pressure, *, fresh=False, near=None):
-    """``Equilibrium`` at the chemical potential ``mu`` (kT), from positions ``x`` (n, 2) and pressures (g,).
+class Correction(Protocol):
+    """One kind of Newton correction, used for one solve."""
 
-    Newton's method on the mixed form (see ``mixed``): every p is feasible, so no line search guards J > 1. A factor serves for as
-    long as each correction leaves less than ``SLOW`` of the imbalance; the last one is kept. With ``fresh`` every correction gets its
-    own factor, and so does the solution. Contact is left out until an outline comes near itself: at the start, where ``near`` does not
-    already say so, and in the solution. A state in which one crosses itself is not accepted.
-    """
-    if problem.apart is not None and not (touches(problem.model, x) if near is None else near):
-        found = solve(problem.apart, mu, x, pressure, fresh=fresh)
-        if not (found.status.ok and touches(problem.model, found.x)):
-            return dataclasses.replace(found, apart=True)
-    found = _newton(problem, mu, x, pressure, fresh=fresh or problem.apart is not None)
-    if problem.apart is not None and found.status.ok and overlaps(problem.model, found.x):
-        return dataclasses.replace(found, status=Status.CROSSED)
-    return found
+    def assess(self, problem: Problem, state: State) -> tuple[float, bool]:
+        """Residual norm of the iterate, nan or inf where a part is not finite, and whether it solves all equations."""
+        ...
 
+    def exhausted(self, state: State) -> bool:
+        """Whether the iteration ends here without a solution."""
+        ...
 
-def with_own_factor(problem, mu, state):
-    """The ``Equilibrium`` at ``mu`` (kT) with a factor of its own tangent."""
-    if state.linearisation is None:
-        return dataclasses.replace(solve(problem, mu, state.x, state.pressure, fresh=True), iterations=state.iterations)
-    problem = acting(problem, state)
-    pairs = tangent_at(state.x, state.pressure, state.linearisation, problem.model, problem.gel, problem.fixed)
-    return dataclasses.replace(state, factor=factor(problem.pattern, pairs))
+    def __call__(self, problem: Problem, state: State) -> State:
+        """The next iterate; raises `linalg.SingularTangent`."""
+        ...
+
+    def finish(self, problem: Problem, state: State) -> State:
+        """The solution with its factor; raises `linalg.SingularTangent`."""
+        ...
 
 
-def _newton(problem, mu, x, pressure, *, fresh):
-    args = problem.model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads, problem.fixed
-    now, measures = linearised(x, pressure, *args, problem.free)
-    kept, basis, iterations, before = None, None, 0, np.inf
+def iterate(problem: Problem, state: State, correction: Correction) -> State:
+    """The `State` in which the iteration from ``state`` with a kind of ``correction`` ends; its status says how."""
     while True:
-        size, constraint = float(measures[0]), float(measures[1])
-        if not np.isfinite(size + constraint):
-            return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, kept)
-        if size < TOLERANCE and constraint < CONSTRAINT_TOLERANCE:
-            if fresh:
-                kept = None  # its memory is wanted
-                kept = factor(problem.pattern, tangent_at(x, pressure, now, *args[:2], problem.fixed))
-            return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, kept, linearisation=now)
-        if iterations == MAX_ITERATIONS:
-            return Equilibrium(x, pressure, Status.NOT_CONVERGED, iterations, size, kept)
-        imbalance = _imbalance(measures)
+        residual, solved = correction.assess(problem, state)
+        status = of_iterate(residual, solved, correction.exhausted(state))
         try:
-            if fresh or kept is None or imbalance > SLOW * before:
-                basis, kept = now, None  # the memory of the last factor is wanted
-                kept = factor(problem.pattern, tangent_at(x, pressure, basis, *args[:2], problem.fixed))
-            rhs = free_rhs(now, basis, problem.model, problem.free)
-            correction, _ = kept.solve(np.asarray(rhs), refine=False)
+            if status is Status.CONVERGED:
+                return correction.finish(problem, dataclasses.replace(state, status=status, residual=residual))
+            if status is not None:
+                return dataclasses.replace(state, status=status, residual=residual)
+            state = correction(problem, state)
         except SingularTangent:
-            return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, kept)
-        x, pressure, now, measures = _advanced(problem, x, pressure, correction, now, basis, imbalance, args)
-        iterations, before = iterations + 1, imbalance
+            return dataclasses.replace(state, status=Status.SINGULAR, residual=residual, factor=None)
 
 
-def _imbalance(measures):
-    """The measures of `linearised` over their tolerances, the larger one."""
-    return max(float(measures[0]) / TOLERANCE, float(measures[1]) / CONSTRAINT_TOLERANCE)
+@dataclasses.dataclass
+class Chord:
+    """Newton's corrections with a factor that is kept for as long as each leaves less than ``SLOW`` of the error.
 
-
-def _advanced(problem, x, pressure, correction, now, basis, imbalance, args):
-    """``_advance`` by the whole correction, or where contact then multiplies the ``imbalance``, by half of it and so on."""
-    whole = x, pressure, correction, now, basis, *args, problem.free
-    found = _advance(*whole, 1.0)
-    for halvings in range(1, MAX_HALVINGS + 1 if problem.apart is not None else 0):
-        if _imbalance(found[3]) < max(LARGEST_RISE * imbalance, 1.0):
-            break
-        found = _advance(*whole, 0.5**halvings)
-    return found
-
-
-@jax.jit
-def linearised(x, p, model, gel, mu, loads, fixed, free):
-    """``mixed.linearise``, and the measures (relative residual, constraint, 1 / scale of the residual).
-
-    The constraint is that of ``mixed.linearise`` over what a cloud as fine as this can reach: positions differ by a share spacing / size.
+    With ``own_factor`` every correction gets its own factor, and so does the solution. The factor is kept here and not in the iterates:
+    it is freed before the next factorisation.
     """
-    now, (network, constraint) = linearise(x, p, model, gel, mu, loads, fixed)
-    topology = model.lists.topology
-    across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
-    constraint = constraint / max(1.0, across / FINE)
-    per_force = 1 / (network + jnp.linalg.norm(loads))
-    return now, (jnp.linalg.norm(reduced(now.rhs, free)) * per_force, constraint, per_force)
+
+    own_factor: bool = False
+    factor: Factor | None = None
+    factorised_at: Linearisation | None = None
+    error_before: float = np.inf
+
+    def assess(self, problem: Problem, state: State) -> tuple[float, bool]:  # noqa: ARG002
+        """See `Correction`."""
+        return assess_equilibrium(state)
+
+    def exhausted(self, state: State) -> bool:
+        """See `Correction`."""
+        return state.newton_iterations >= MAX_ITERATIONS
+
+    def __call__(self, problem: Problem, state: State) -> State:
+        """The next iterate, damped where contact multiplies the error."""
+        error = relative_error(state)
+        if self.own_factor or self.factor is None or error > SLOW * self.error_before:
+            self.factor, self.factorised_at = None, state.linearisation  # free the last factor before the next factorisation
+            self.factor = factorised_tangent(problem, state.x, state.pressure, state.linearisation)
+        rhs = condensed_rhs(problem, state.linearisation, self.factorised_at)
+        dx, _ = self.factor.solve(np.asarray(rhs), refine=False)
+        self.error_before = error
+        found = advanced(problem, state, dx, self.factorised_at)
+        for halvings in range(1, MAX_HALVINGS + 1 if problem.has_contact else 0):
+            if relative_error(found) < max(LARGEST_RISE * error, 1.0):
+                break
+            found = advanced(problem, state, dx, self.factorised_at, share=0.5**halvings)
+        return found
+
+    def finish(self, problem: Problem, state: State) -> State:
+        """The solution with the last factor, or its own."""
+        if self.own_factor:
+            self.factor = None
+            self.factor = factorised_tangent(problem, state.x, state.pressure, state.linearisation)
+        return dataclasses.replace(state, factor=self.factor)
 
 
-@jax.jit
-def free_rhs(now, basis, model, free):
-    """``mixed.condensed_rhs`` on the free degrees of freedom (f,)."""
-    return reduced(condensed_rhs(now, basis, model), free)
+def starting(problem: Problem, mu: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
+    """Iterate at the given positions and pressures, linearised there."""
+    mu = float(mu)
+    return State(mu, x, pressure, linearisation=linearise(problem, x, pressure, jnp.asarray(mu)))
 
 
-tangent_at = jax.jit(tangent)
-"""Compiled ``mixed.tangent``."""
+def assess_equilibrium(state: State) -> tuple[float, bool]:
+    """Residual norm of a linearised iterate, nan where it is not finite, and whether it is an equilibrium."""
+    residual, violation = float(state.linearisation.residual_norm), float(state.linearisation.violation)
+    return residual if np.isfinite(violation) else np.nan, residual < TOLERANCE and violation < CONSTRAINT_TOLERANCE
 
 
-@jax.jit
-def _advance(x, p, correction, now, basis, model, gel, mu, loads, fixed, free, share):
-    """Positions and pressures after a ``share`` of a correction (f,) of the free degrees of freedom, linearised there."""
-    dx = spread(correction, x.shape, free)
-    share = share * step_limit(x, dx, model) if model.contact is not None else share
-    x, p = x + share * dx, p + share * pressure_step(dx, now, basis, model)
-    return x, p, *linearised(x, p, model, gel, mu, loads, fixed, free)
+def relative_error(state: State) -> float:
+    """Residual norm and constraint violation of a linearised iterate over their tolerances, the larger one."""
+    return max(float(state.linearisation.residual_norm) / TOLERANCE, float(state.linearisation.violation) / CONSTRAINT_TOLERANCE)
 
 
-def solve_traced(model, gel, mu, loads, x, pressure):
-    """``solve`` inside jit or vmap: positions (n, 2), pressures (g,) and a dict of status, iterations, residual, negative pivots.
+def advanced(
+    problem: Problem,
+    state: State,
+    dx: Float[Array, " f"],
+    factorised_at: Linearisation,
+    *,
+    share: float = 1.0,
+    dmu: float = 0.0,
+    limited: bool = True,
+) -> State:
+    """The iterate after a ``share`` of the correction ``dx`` of the free degrees of freedom, and of ``dmu``, linearised there.
+
+    Where the problem has contact and the step is ``limited``, it leaves every pair of points a part of its distance.
+    """
+    mu = state.mu + share * dmu
+    args = problem, state.x, state.pressure, jnp.asarray(mu), jnp.asarray(dx), state.linearisation, factorised_at, share, dmu
+    x, pressure, linearisation = _advanced(*args, limited=limited)
+    return State(mu, x, pressure, newton_iterations=state.newton_iterations + 1, linearisation=linearisation)
+
+
+@functools.partial(jax.jit, static_argnames="limited")
+def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share, dmu, *, limited=True):
+    dx = scatter(correction, x.shape, problem.free)
+    share = share * step_limit(x, dx, problem.model) if problem.has_contact and limited else share
+    x, p = x + share * dx, p + share * (pressure_step(dx, linearisation, factorised_at, problem.model) - dmu)
+    return x, p, linearise(problem, x, p, mu)
+
+
+def solve(
+    problem: Problem,
+    mu: Scalar,
+    x: Float[Array, "n 2"],
+    pressure: Float[Array, " g"],
+    *,
+    own_factor: bool = False,
+    near_contact: bool | None = None,
+) -> State:
+    """`State` of equilibrium at the chemical potential ``mu`` (kT), from positions ``x``, mm, and pressures, kT/v.
+
+    Newton's method on the mixed form (see ``mechanics.mixed``): every p is feasible, so no line search guards J > 1. With ``own_factor``
+    the state has a factor of its own tangent. Contact is left out until an outline comes near itself: at the start, where
+    ``near_contact`` does not already say so, and in the solution. A state in which an outline crosses itself is not accepted.
+    """
+    if not problem.has_contact:
+        return iterate(problem, starting(problem, mu, x, pressure), Chord(own_factor))
+    if not (touches(x, problem.model) if near_contact is None else near_contact):
+        free = problem.without_contact
+        found = iterate(free, starting(free, mu, x, pressure), Chord(own_factor))
+        if not (found.status.ok and touches(found.x, problem.model)):
+            return dataclasses.replace(found, contact_active=False)
+    found = dataclasses.replace(iterate(problem, starting(problem, mu, x, pressure), Chord(own_factor=True)), contact_active=True)
+    return dataclasses.replace(found, status=of_outlines(found.x, problem.model, contact=True)) if found.status.ok else found
+
+
+def with_own_factor(problem: Problem, state: State) -> State:
+    """The state with a factor of its own tangent."""
+    if state.linearisation is None:
+        found = solve(problem, state.mu, state.x, state.pressure, own_factor=True)
+        return dataclasses.replace(found, newton_iterations=state.newton_iterations)
+    acting = acting_problem(problem, state)
+    return dataclasses.replace(state, factor=factorised_tangent(acting, state.x, state.pressure, state.linearisation))
+
+
+# --- inside jit and vmap -----------------------------------------------------------------------------------------------------
+
+
+def solve_traced(problem: Problem, mu: jax.Array, x: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array, dict]:
+    """`solve` inside jit or vmap: positions (n, 2), pressures (g,) and a dict of status, newton_iterations and residual.
 
     The loop is a ``while_loop``; only the sparse solves leave for the host. Positions are nan where it did not converge.
     """
-    pattern = tangent_pattern(model.lists, free_dofs(model.lists.topology), model.contact, model.solver)
-    free, fixed = pattern.free, constants(model)
-    args = model, gel, mu, loads, fixed, free
+    free, pattern = problem.free, problem.pattern
 
-    def going(state):
-        _, _, _, (size, constraint, _), iterations, _ = state
-        done = (size < TOLERANCE) & (constraint < CONSTRAINT_TOLERANCE)
-        return ~done & jnp.isfinite(size + constraint) & (iterations < MAX_ITERATIONS)
+    def solved(linearisation):
+        return (linearisation.residual_norm < TOLERANCE) & (linearisation.violation < CONSTRAINT_TOLERANCE)
 
-    def step(state):
-        x, p, now, _, iterations, _ = state
-        shapes = (jax.ShapeDtypeStruct(free.shape[:1], x.dtype), jax.ShapeDtypeStruct((), int))
-        system = tangent(x, p, now, model, gel, fixed), free_rhs(now, now, model, free)
-        correction, negative = jax.pure_callback(functools.partial(_host_step, pattern), shapes, *system, vmap_method="sequential")
-        return *_advance(x, p, correction, now, now, *args, 1.0), iterations + 1, negative
+    def going(iterate):
+        _, _, linearisation, iterations = iterate
+        finite = jnp.isfinite(linearisation.residual_norm + linearisation.violation)
+        return ~solved(linearisation) & finite & (iterations < MAX_ITERATIONS)
 
-    state = (x, pressure, *linearised(x, pressure, *args), jnp.asarray(0), jnp.asarray(0))
-    x, p, _, (size, constraint, _), iterations, negative = jax.lax.while_loop(going, step, state)
-    done = (size < TOLERANCE) & (constraint < CONSTRAINT_TOLERANCE)
-    failed = jnp.where(jnp.isfinite(size + constraint), int(Status.NOT_CONVERGED), int(Status.NOT_FINITE))
-    status = jnp.where(done, int(Status.CONVERGED), failed)
-    report = dict(status=status, newton_iterations=iterations, residual=size, negative_pivots=negative)
+    def step(iterate):
+        x, p, linearisation, iterations = iterate
+        system = tangent(problem, x, p, linearisation), condensed_rhs(problem, linearisation, linearisation)
+        shape = jax.ShapeDtypeStruct(free.shape[:1], x.dtype)
+        dx = jax.pure_callback(functools.partial(_host_step, pattern), shape, *system, vmap_method="sequential")
+        return *_advanced(problem, x, p, mu, dx, linearisation, linearisation, 1.0, 0.0), iterations + 1
+
+    start = (x, pressure, linearise(problem, x, pressure, mu), jnp.asarray(0))
+    x, p, linearisation, iterations = jax.lax.while_loop(going, step, start)
+    finite = jnp.isfinite(linearisation.residual_norm + linearisation.violation)
+    failed = jnp.where(finite, int(Status.NOT_CONVERGED), int(Status.NOT_FINITE))
+    done = solved(linearisation)
+    report = dict(status=jnp.where(done, int(Status.CONVERGED), failed), newton_iterations=iterations, residual=linearisation.residual_norm)
     return jnp.where(done, x, jnp.nan), p, report
 
 
 def _host_step(pattern, pairs, rhs):
-    """Newton correction (f,) and number of negative pivots; nan and -1 where the tangent is singular."""
+    """Newton correction (f,); nan where the tangent is singular."""
     try:
-        made = factor(pattern, pairs)
-        return made.solve(rhs)[0], np.asarray(made.negative_pivots)
+        return factor(pattern, pairs).solve(rhs)[0]
     except SingularTangent:
-        return np.full(rhs.shape, np.nan), np.asarray(-1)
+        return np.full(rhs.shape, np.nan)

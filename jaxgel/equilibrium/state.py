@@ -1,149 +1,107 @@
-"""The state of a gel at one chemical potential, and how its computation ended."""
+"""The state of a gel at one chemical potential: from Newton's method to a path."""
 
 import dataclasses
-import enum
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from ..mechanics import energy_at
-from .problem import acting
-
-
-class Status(enum.IntEnum):
-    """How a solve or a sweep ended."""
-
-    CONVERGED = 0
-    NOT_CONVERGED = 1
-    SINGULAR = 2
-    NOT_FINITE = 3
-    STEP_TOO_SMALL = 4
-    TOO_MANY_STEPS = 5
-    INTERRUPTED = 6
-    SELF_CONTACT = 7
-    CROSSED = 8
-    NEARLY_SINGULAR = 9
-
-    @property
-    def ok(self):
-        """Whether the state satisfies equilibrium."""
-        return self is Status.CONVERGED
-
-    @property
-    def text(self):
-        """One line that says what happened and what to try."""
-        return _TEXTS[self]
-
-
-_TEXTS = {
-    Status.CONVERGED: "converged",
-    Status.NOT_CONVERGED: "Newton did not converge: the step in mu was too large, or the tangent is nearly singular; use smaller steps",
-    Status.SINGULAR: "the tangent is singular: a fold or bifurcation; look at the lowest eigenvalue",
-    Status.NOT_FINITE: "Newton left the numbers: the start is too far from equilibrium; use smaller steps",
-    Status.STEP_TOO_SMALL: "the step in mu fell below its least value: the branch folds back or creases here (see surface_ratio), "
-    "or the cloud is too coarse for the deformation",
-    Status.TOO_MANY_STEPS: "the largest number of steps was reached; raise max_steps",
-    Status.INTERRUPTED: "interrupted by the user; the states so far are kept",
-    Status.SELF_CONTACT: "hole boundaries touch or overlap; without contact the states from here on are invalid",
-    Status.CROSSED: "a hole's boundary passed through itself: use smaller steps in mu, or stiffer contact (see with_contact)",
-    Status.NEARLY_SINGULAR: "converged, but a fold or bifurcation is near: derivatives grow like 1 / lowest_eigenvalue and hold for tiny "
-    "changes only",
-}
-
-
-def advice(model, stop):
-    """What to change where not even the first state of a sweep was found, after the text of its `Status`."""
-    if stop is Status.SELF_CONTACT:
-        return "; sweep with contact = 'on'"
-    return (
-        "; method = 'displacement' locks where the edges leave little room: take 'mixed'"
-        if model.method == "displacement"
-        else "; start at a lower mu"
-    )
+from .._types import Array, Float, Scalar
+from ..linalg import Factor
+from ..materials import osmotic
+from ..mechanics import Linearisation, Problem, all_volumes, energy_at, start_positions, volume_ratios
+from .status import Status
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Equilibrium:
-    """Result of Newton's method at one mu."""
+class Stability:
+    """The lowest eigenvalues of the tangent of a state, m of them, over the network's stiffness."""
 
-    x: jax.Array
-    """(n, 2) nodal positions, mm."""
-    pressure: jax.Array
-    """(g,) pressure of the volume groups, kT/v."""
-    status: Status
-    """How the iteration ended."""
-    iterations: int
-    """Number of linear solves."""
-    residual: float
-    """Norm of the residual over the norm of the network's nodal forces."""
-    factor: object
-    """The last ``linear_solve.Factor``, of a tangent near the state; None where the start was the solution, or a factor failed."""
-    apart: bool = False
-    """Whether contact was left out, as no outline is near itself."""
-    linearisation: object = None
-    """The ``mixed.Linearisation`` about the state; None where the last one made is about another."""
+    eigenvalues: Float[np.ndarray, " m"]
+    """Ascending, dimensionless; the first is as accurate as asked for."""
+    vectors: Float[np.ndarray, "f m"] | None
+    """Modes on the free degrees of freedom, 1 / sqrt(kT/v), of either sign; None where they were not kept."""
+    negative: int
+    """Number of negative eigenvalues of the tangent, tracked or not."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Step:
-    """One accepted state of a sweep; scalars are Python numbers."""
+class State:
+    """A state at one chemical potential, converged or not."""
 
     mu: float
     """Chemical potential, kT."""
-    x: np.ndarray
-    """(n, 2) nodal positions, mm."""
-    pressure: np.ndarray
-    """(g,) pressure of the volume groups, kT/v."""
-    status: Status
-    """Always ``Status.CONVERGED`` for an accepted state."""
-    newton_iterations: int
+    x: Float[Array, "n 2"]
+    """Nodal positions, mm."""
+    pressure: Float[Array, " g"]
+    """Pressure of the volume groups, kT/v."""
+    status: Status = Status.NOT_CONVERGED
+    """How the iteration ended; ``CONVERGED`` for an accepted state."""
+    newton_iterations: int = 0
     """Linear solves spent on it, including those of intermediate and failed attempts."""
-    residual: float
-    """Norm of the residual over that of the network's nodal forces."""
-    energy: float
-    """Total energy, kT/v mm^2."""
-    negative_pivots: int
-    """Negative eigenvalues of the tangent: 0 on a stable branch."""
-    lowest_eigenvalue: float = float("nan")
-    """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where it was not computed."""
-    modes: object = None
-    """(f, m) lowest modes, where the next state's are looked for; None for all but the last state read from a file."""
-    rate: object = None
-    """(n, 2) dx/dmu, mm/kT, from which a sweep's second state is predicted; of its first state only."""
-    factor: object = None
-    """Factor of the tangent next to the state, for ``on_step`` only; None once the sweep goes on, and for a state read from a file."""
-    fixed: object = None
-    """``mixed.Constants`` of the model, for ``on_step`` only, likewise."""
+    residual: float = float("nan")
+    """Norm of the residual over that of the network's nodal forces and the loads."""
+    energy: float = float("nan")
+    """Total energy, kT/v mm^2; nan until the state is accepted."""
+    stability: Stability | None = None
+    """Lowest eigenvalues and modes; None where they were not computed."""
     switched: bool = False
     """Whether the state left an unstable branch: it does not continue the states before it."""
-    apart: bool | None = None
-    """Whether no outline is so near itself that contact acts; None where that was not looked at."""
+    contact_active: bool | None = None
+    """Whether an outline is so near itself that contact acts; None where that was not looked at."""
     stride: float = float("nan")
-    """Step in mu that a sweep with chosen steps tries next, kT; nan for given values."""
+    """Step in mu that an adaptive sweep tries next, kT; nan for given values."""
+    rate: Float[Array, "n 2"] | None = None
+    """dx/dmu, mm/kT, from which a sweep's second state is predicted; of its first state only."""
+    factor: Factor | None = None
+    """Factor of a tangent near the state; None once a sweep goes on, where a factorisation failed, and for a state read from a file."""
+    linearisation: Linearisation | None = None
+    """The mixed form about the state; None where it was not computed or kept."""
 
-    @classmethod
-    def at(cls, problem, mu, state, modes, *, switched=False):
-        """Step of an ``Equilibrium`` at ``mu`` with its ``stability.Modes``; None for a state that was not reached."""
-        model = acting(problem, state).model
-        return cls(
-            mu=float(mu),
-            x=state.x,
-            pressure=state.pressure,
-            status=state.status,
-            newton_iterations=state.iterations,
-            residual=state.residual,
-            energy=float(energy_at(state.x, model, problem.gel, mu, problem.loads)) if modes else float("nan"),
-            negative_pivots=modes.negative if modes else -1,
-            lowest_eigenvalue=float(modes.eigenvalues[0]) if modes else float("nan"),
-            modes=modes.vectors if modes else None,
-            factor=state.factor,
-            fixed=problem.fixed,
-            switched=switched,
-            apart=state.apart if problem.apart is not None else None,
-        )
+    @property
+    def negative_pivots(self) -> int:
+        """Negative eigenvalues of the tangent: 0 on a stable branch; -1 where they were not counted."""
+        return self.stability.negative if self.stability is not None else -1
 
-    def told(self, on_step):
-        """The step without its factor and constants, which are large, once ``on_step`` (or None) was told of it."""
-        if on_step is not None:
-            on_step(self)
-        return dataclasses.replace(self, factor=None, fixed=None)
+    @property
+    def lowest_eigenvalue(self) -> float:
+        """Lowest eigenvalue of the tangent over the network's stiffness; nan where it was not computed."""
+        return float(self.stability.eigenvalues[0]) if self.stability is not None else float("nan")
+
+    @property
+    def modes(self) -> Float[np.ndarray, "f m"] | None:
+        """Lowest modes, where those of the next state are looked for; None where they were not kept."""
+        return self.stability.vectors if self.stability is not None else None
+
+    @property
+    def light(self) -> "State":
+        """The state without its factor and linearisation, which are large."""
+        return dataclasses.replace(self, factor=None, linearisation=None)
+
+
+def accepted(problem: Problem, state: State, stability: Stability | None, *, switched: bool = False) -> State:
+    """A converged state with its energy and stability."""
+    acting = acting_problem(problem, state)
+    energy = float(energy_at(state.x, acting.model, problem.gel, state.mu, problem.loads))
+    return dataclasses.replace(state, energy=energy, stability=stability, switched=switched)
+
+
+def acting_problem(problem: Problem, state: State) -> Problem:
+    """The problem that a state solves: the one without contact where contact does not act."""
+    return problem.without_contact if state.contact_active is False else problem
+
+
+@jax.jit
+def dry_state(problem: Problem, mu: Scalar | None = None) -> tuple[Float[Array, "n 2"], Float[Array, " g"]]:
+    """Positions (n, 2), mm, and pressures (g,), kT/v, to start from without a previous state: the dry nodes, moved as the edges are,
+    and p = -Nv.
+
+    With ``mu`` (kT) the pressures are higher where the moved edges leave the gel more room than that.
+    """
+    model, gel = problem.model, problem.gel
+    plate = model.lists.topology.plate
+    x, pressure = start_positions(model.lists.topology, model.cloud.nodes), -gel.Nv * jnp.ones_like(all_volumes(model))
+    if mu is None or not plate.moved:
+        return x, pressure
+    J = volume_ratios(x, model)
+    return x, jnp.where(J > 1, jnp.maximum(osmotic(jnp.where(J > 1, J, 2.0), mu, gel), pressure), pressure)

@@ -17,12 +17,14 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
-from ..discretisation import make_probe
+from .._types import Array, Float, Int, Scalar
+from ..discretisation import Model, make_probe
 from ..geometry import edge_lines
-from ..materials import bulk_stiffness, volume_ratio_at
+from ..linalg import SingularTangent
+from ..materials import Gel, bulk_stiffness, volume_ratio_at
 from ..mechanics import ROTATION, ROUND_OFF, all_volumes, by_block, deformation_gradients, energy_at, volume_ratios
-from .newton import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE
-from .state import Equilibrium, Status, Step
+from .newton import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, iterate
+from .state import Stability, State
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)  # on each stretch of wall between two nodes
 EPS = np.finfo(float).eps
@@ -31,25 +33,25 @@ STILL = 1e-14  # largest correction over the plate's size that is round-off
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class WallProblem:
+class WeakProblem:
     """A model prepared for Newton's method with conditions of any kind; N = 2 n degrees of freedom, m multipliers."""
 
-    model: object
-    """The ``Model``; all that come from a cloud with one ``method`` are alike to the compiler, whatever their conditions."""
-    gel: object
-    """The ``Gel``."""
-    loads: jax.Array
-    """(n, 2) dead nodal loads, kT/v mm."""
-    free: np.ndarray
-    """(f,) unknown degrees of freedom: all of them where no condition is imposed at nodes."""
-    stiffness: np.ndarray
-    """(N, N) of the penalty, kT/v; zero without."""
-    rows: np.ndarray
-    """(m, N) int lambda_i u_n ds of the multipliers, mm; none without."""
+    model: Model
+    """The model; all that come from a cloud with one ``method`` are alike to the compiler, whatever their conditions."""
+    gel: Gel
+    """Material."""
+    loads: Float[Array, "n 2"]
+    """Dead nodal loads, kT/v mm."""
+    free: Int[np.ndarray, " f"]
+    """Unknown degrees of freedom: all of them where no condition is imposed at nodes."""
+    stiffness: Float[np.ndarray, "N N"]
+    """Of the penalty, kT/v; zero without."""
+    rows: Float[np.ndarray, "m N"]
+    """int lambda_i u_n ds of the multipliers, mm; none without."""
 
 
-def prepare_walls(model, gel, loads, free):
-    """``WallProblem`` of a model; ``free`` (f,) are the degrees of freedom that conditions at the nodes would leave."""
+def prepare_weak(model: Model, gel: Gel, loads: Float[Array, "n 2"] | None, free: Int[np.ndarray, " f"]) -> WeakProblem:
+    """`WeakProblem` of a model; ``free`` are the degrees of freedom that conditions at the nodes would leave."""
     size = 2 * model.n_nodes
     normal, weight, hat = _traces(model)
     stiffness, rows = np.zeros((size, size)), np.zeros((0, size))
@@ -61,66 +63,76 @@ def prepare_walls(model, gel, loads, free):
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads, dtype=float)
     model = dataclasses.replace(model, kind="mls", conditions="nodes", penalty=0.0)  # what is left to compute does not depend on them
-    return WallProblem(model, gel, loads, free, stiffness, rows)
+    return WeakProblem(model, gel, loads, free, stiffness, rows)
 
 
-def wall_step(problem, mu, x, pressure):
-    """``Step`` at ``mu`` (whatever its status) from positions ``x`` (n, 2) and pressures (g,); stability is that within the walls."""
-    state, matrix = _newton(problem, mu, x, pressure)
-    model = problem.model
-    return Step(
-        mu=float(mu),
-        x=np.asarray(state.x),
-        pressure=np.asarray(state.pressure),
-        status=state.status,
-        newton_iterations=state.iterations,
-        residual=state.residual,
-        energy=float(energy_at(state.x, model, problem.gel, mu, problem.loads)),
-        negative_pivots=negative_eigenvalues(matrix) - len(problem.rows) if state.status.ok else -1,
-    )
+def solve_weak(problem: WeakProblem, mu: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
+    """`State` at ``mu`` (whatever its status) from positions ``x`` and pressures; its stability is that within the edges."""
+    correction = _WeakCorrection(np.zeros(len(problem.rows)))
+    found = iterate(problem, State(float(mu), jnp.asarray(x), jnp.asarray(pressure)), correction)
+    energy = float(energy_at(found.x, problem.model, problem.gel, mu, problem.loads))
+    found = dataclasses.replace(found, x=np.asarray(found.x), pressure=np.asarray(found.pressure), energy=energy)
+    if not found.status.ok:
+        return found
+    negative = negative_eigenvalues(correction.matrix) - len(problem.rows)
+    return dataclasses.replace(found, stability=Stability(np.array([np.nan]), None, negative))
 
 
-def _newton(problem, mu, x, pressure):
-    """``Equilibrium`` and the matrix (f + m, f + m) of its last Newton step."""
-    model, free, m = problem.model, problem.free, len(problem.rows)
-    dry, multipliers, iterations, moved, matrix = np.asarray(model.cloud.nodes), np.zeros(m), 0, np.inf, None
-    x, pressure, stiff = jnp.asarray(x), jnp.asarray(pressure), np.abs(problem.stiffness)
-    best, improved = np.inf, 0
-    args = model, problem.gel, jnp.asarray(mu, dtype=float), problem.loads
-    while True:
-        rhs, condensed, now = _residual(x, pressure, *args)
-        u = (np.asarray(x) - dry).ravel()
-        wall = problem.stiffness @ u + problem.rows.T @ multipliers
-        missing = np.asarray(rhs).ravel() - wall
+@dataclasses.dataclass
+class _WeakCorrection:
+    """Newton's corrections with a dense matrix of the displacements and multipliers."""
+
+    multipliers: np.ndarray
+    matrix: np.ndarray | None = None
+    """(f + m, f + m) of the last correction."""
+    moved: float = np.inf
+    best: float = np.inf
+    improved: int = 0
+    terms: tuple = ()
+    """Condensed right-hand side (n, 2), reactions of the edges (N,), displacements (N,) and `_residual`'s last value at the iterate."""
+
+    def assess(self, problem, state):
+        rhs, condensed, parts = _residual(state.x, state.pressure, problem.model, problem.gel, jnp.asarray(state.mu), problem.loads)
+        dry, x = np.asarray(problem.model.cloud.nodes), np.asarray(state.x)
+        u = (x - dry).ravel()
+        reaction = problem.stiffness @ u + problem.rows.T @ self.multipliers
+        missing = np.asarray(rhs).ravel() - reaction
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
-            scale = float(now["network"]) + np.linalg.norm(wall)
-            rounded = EPS * np.linalg.norm(stiff @ np.abs(np.asarray(x)).ravel()) / scale  # the large terms of a stiff penalty cancel
-            size = max(np.linalg.norm(missing[free]) / scale, np.linalg.norm(problem.rows @ u) / np.linalg.norm(dry))
-        error = float(now["error"])
-        if not np.isfinite(size + error):
-            return Equilibrium(x, pressure, Status.NOT_FINITE, iterations, size, None), matrix
-        allowed = max(TOLERANCE, rounded)
-        done = size < allowed and error < CONSTRAINT_TOLERANCE
-        if (done and iterations) or moved < STILL:
-            return Equilibrium(x, pressure, Status.CONVERGED, iterations, size, None), matrix
-        imbalance = max(size / allowed, error / CONSTRAINT_TOLERANCE)
-        best, improved = (imbalance, iterations) if imbalance < 0.5 * best else (best, improved)
-        if iterations == MAX_ITERATIONS or iterations > improved + PATIENCE:
-            return Equilibrium(x, pressure, Status.NOT_CONVERGED, iterations, size, None), matrix
-        K = dense(model, _cells(x, pressure, now["stiffness"], model, problem.gel)) + problem.stiffness
+            scale = float(parts["network"]) + np.linalg.norm(reaction)
+            rounded = EPS * np.linalg.norm(np.abs(problem.stiffness) @ np.abs(x).ravel()) / scale  # large terms of a stiff penalty cancel
+            size = max(np.linalg.norm(missing[problem.free]) / scale, np.linalg.norm(problem.rows @ u) / np.linalg.norm(dry))
+        self.terms = condensed, reaction, u, parts
+        error, allowed = float(parts["error"]), max(TOLERANCE, rounded)
+        total = max(size / allowed, error / CONSTRAINT_TOLERANCE)
+        if total < 0.5 * self.best:
+            self.best, self.improved = total, state.newton_iterations
+        solved = size < allowed and error < CONSTRAINT_TOLERANCE and state.newton_iterations > 0
+        return size if np.isfinite(error) else np.nan, solved or self.moved < STILL
+
+    def exhausted(self, state):
+        return state.newton_iterations >= MAX_ITERATIONS or state.newton_iterations > self.improved + PATIENCE
+
+    def __call__(self, problem, state):
+        model, free, m = problem.model, problem.free, len(problem.rows)
+        condensed, reaction, u, parts = self.terms
+        K = dense(model, _cells(state.x, state.pressure, parts["stiffness"], model, problem.gel)) + problem.stiffness
         matrix = np.block([[K, problem.rows.T], [problem.rows, np.zeros((m, m))]])
         kept = np.append(free, 2 * model.n_nodes + np.arange(m))
-        matrix = matrix[np.ix_(kept, kept)]
-        right = np.concatenate([(np.asarray(condensed).ravel() - wall)[free], -problem.rows @ u])
+        self.matrix = matrix[np.ix_(kept, kept)]
+        right = np.concatenate([(np.asarray(condensed).ravel() - reaction)[free], -problem.rows @ u])
         try:
-            solution = np.linalg.solve(matrix, right)
-        except np.linalg.LinAlgError:
-            return Equilibrium(x, pressure, Status.SINGULAR, iterations, size, None), matrix
+            solution = np.linalg.solve(self.matrix, right)
+        except np.linalg.LinAlgError as error:
+            raise SingularTangent(str(error)) from error
         dx = np.zeros(2 * model.n_nodes)
         dx[free] = solution[: len(free)]
-        x, pressure = _advance(x, pressure, dx.reshape(-1, 2), now, model)
-        multipliers = multipliers + solution[len(free) :]
-        iterations, moved = iterations + 1, np.abs(dx).max() / np.abs(dry).max()
+        x, pressure = _advance(state.x, state.pressure, dx.reshape(-1, 2), parts, model)
+        self.multipliers = self.multipliers + solution[len(free) :]
+        self.moved = np.abs(dx).max() / np.abs(np.asarray(model.cloud.nodes)).max()
+        return State(state.mu, x, pressure, newton_iterations=state.newton_iterations + 1)
+
+    def finish(self, problem, state):  # noqa: ARG002
+        return state
 
 
 def _traces(model):

@@ -70,7 +70,7 @@ class Recorder:
 
     def _take(self, step):
         """The row of a step, which joins the records."""
-        one = Path.from_steps(self.model, self.gel, [step], stop=step.status)
+        one = Path.from_states(self.model, self.gel, [step], stop=step.status)
         row = {name: column[0] for name, column in history(one).items()}
         if self.records and self.records[-1][1]["status"] == SELF_CONTACT:
             row["status"] = SELF_CONTACT
@@ -92,7 +92,7 @@ class Recorder:
         steps = self.steps
         arrays = {name: np.array([getattr(step, name) for step in steps]) for name in STEP_ARRAYS}
         arrays["status"] = np.array([step.status.name for step in steps])
-        arrays["apart"] = np.array([-1 if step.apart is None else step.apart for step in steps], dtype=np.int8)
+        arrays["apart"] = np.array([-1 if step.contact_active is None else not step.contact_active for step in steps], dtype=np.int8)
         arrays |= {name: np.asarray(own) for name in OF_LAST if (own := getattr(steps[-1], name)) is not None}
         arrays["nodes"] = np.asarray(self.model.cloud.nodes)
         for i, loops in enumerate(zip(*(loops for _, _, loops in self.records), strict=True)):

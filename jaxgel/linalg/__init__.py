@@ -12,12 +12,14 @@ from .eigen import (
     network_matrix,
     rayleigh_ritz,
 )
-from .factors import SingularTangent, factor
+from .factors import Factor, SingularTangent, factor
 from .kept_factors import remember, solve_near
 from .multifrontal import factorise
-from .pattern import SOLVERS, analyse
+from .pattern import Pattern, SOLVERS, analyse
 
 __all__ = [
+    "Factor",
+    "Pattern",
     "SOLVERS",
     "Bordered",
     "SingularTangent",

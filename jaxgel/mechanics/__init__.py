@@ -1,8 +1,8 @@
-"""mechanics."""
+"""Mechanics: the energy of a swollen gel, its contact and loads, its degrees of freedom, and its tangent."""
 
-from .assembly import constants, constants_of, contact_pairs, crossed_entries, node_pairs, tangent, tangent_pattern
-from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, with_contact
-from .dofs import carried, check_edges, check_room, free_dofs, lift, picked, reduced, spread, start_positions
+from .assembly import factorised_tangent, tangent
+from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, touches, with_contact
+from .dofs import check_edges, check_room, free_dofs, gather, prescribed_motion, restrict, scatter, start_positions, with_free_values
 from .energy import (
     all_volumes,
     by_block,
@@ -15,56 +15,65 @@ from .energy import (
     volume_ratios,
 )
 from .loads import Loads, load_vector
-from .mixed import ROTATION, ROUND_OFF, condensed_rhs, linearise, pressure_step, state_pressure, volume_product
-from .outlines import crosses, outline_loops
-from .tangent_operator import TOGETHER, Products, has_products
+from .mixed import ROUND_OFF, Linearisation, condensed_rhs, linearise, pressure_step, state_pressure
+from .node_pairs import contact_pairs, node_pairs, tangent_pattern
+from .operators import ROTATION, Operators, area_form_entries, precomputed_operators
+from .outlines import crosses, outline_loops, overlaps
+from .problem import Problem, prepare
+from .tangent_operator import STATES_TOGETHER, TangentOperator, is_sparse, tangent_product
 
 __all__ = [
     "RANGE",
     "ROTATION",
     "ROUND_OFF",
+    "STATES_TOGETHER",
     "STIFFNESS",
-    "TOGETHER",
+    "Linearisation",
     "Loads",
-    "Products",
+    "Operators",
+    "Problem",
+    "TangentOperator",
     "all_volumes",
+    "area_form_entries",
     "by_block",
-    "carried",
     "check_edges",
     "check_room",
     "closest",
     "condensed_rhs",
-    "constants",
-    "constants_of",
     "contact_energy",
     "contact_force",
     "contact_pairs",
-    "crossed_entries",
     "crosses",
     "curvature",
     "deformation_gradients",
     "energy_at",
+    "factorised_tangent",
     "free_dofs",
-    "has_products",
-    "lift",
+    "gather",
+    "is_sparse",
     "linearise",
     "load_vector",
     "network_energy",
     "node_pairs",
     "outline_loops",
+    "overlaps",
     "pair_energy",
-    "picked",
+    "precomputed_operators",
+    "prepare",
+    "prescribed_motion",
     "pressure_step",
-    "reduced",
     "residual",
-    "spread",
+    "restrict",
+    "scatter",
     "start_positions",
     "state_pressure",
     "step_limit",
     "tangent",
     "tangent_pattern",
+    "tangent_product",
     "total_energy",
-    "volume_product",
+    "touches",
     "volume_ratios",
     "with_contact",
+    "with_free_values",
 ]

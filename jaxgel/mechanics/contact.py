@@ -20,7 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..discretisation import reaching_nodes
+from .._memo import once_per_owner
+from .._types import Array, Bool, Float
+from ..cloud import Topology
+from ..discretisation import Model, reaching_nodes
 from ..geometry import edge_lines
 
 RANGE = 0.5  # of the node spacing
@@ -42,7 +45,7 @@ class Contact:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Holes:
+class ContactGroup:
     """Holes with equally many points and images; NumPy arrays."""
 
     points: np.ndarray
@@ -66,8 +69,6 @@ def with_contact(model, gel, *, range=None, stiffness=None):  # noqa: A002
         return model
     range = RANGE * model.cloud.spacing if range is None else range  # noqa: A001
     stiffness = STIFFNESS * gel.Nv if stiffness is None else stiffness
-    if "contact" not in model.lists.cache:
-        model.lists.cache["contact"] = _layout(model.lists.topology, model.dmax)
     return dataclasses.replace(model, contact=Contact(jnp.asarray(range, dtype=float), jnp.asarray(stiffness, dtype=float)))
 
 
@@ -76,12 +77,18 @@ def contact_energy(x, model):
     return model.contact.stiffness * sum(jnp.sum(parts) for parts in _over_holes(_hole_energy, model, x))
 
 
+@jax.jit
+def touches(x: Float[Array, "n 2"], model: Model) -> Bool[Array, ""]:
+    """Whether an outline comes so near itself that contact acts."""
+    return ~(closest(x, model) >= 1.0)
+
+
 contact_force = jax.grad(contact_energy)
 """Gradient (n, 2) of ``contact_energy`` with respect to the nodal positions, kT/v mm."""
 
 
 def contact_tangents(x, model):
-    """Hessian of ``contact_energy``: for each of `layout`'s groups the blocks (h, n, n, 2, 2) of its nodes, kT/v."""
+    """Hessian of ``contact_energy``: for each of `contact_groups` the blocks (h, n, n, 2, 2) of its nodes, kT/v."""
     return [model.contact.stiffness * blocks for blocks in _over_holes(_hole_tangent, model, x)]
 
 
@@ -114,9 +121,9 @@ def _over_holes(function, model, *fields):
     def one(arrays):
         points, joined, nodes, sign, shift = arrays
         weight, reach = _weights_and_ranges(dry[points], joined, sign, shift, model.contact.range)
-        return function(_Hole(model, points, nodes, sign, shift, weight, reach), *(value[points] for value in values))
+        return function(_HoleState(model, points, nodes, sign, shift, weight, reach), *(value[points] for value in values))
 
-    for group in layout(model.lists):
+    for group in contact_groups(model.lists.topology, model.dmax):
         yield lax.map(jax.checkpoint(one), (group.points, group.joined, group.nodes, group.sign, group.shift))
 
 
@@ -133,7 +140,9 @@ def _root(square):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Hole:
+class _HoleState:
+    """One hole's contact points with the model."""
+
     model: object
     points: jax.Array
     nodes: jax.Array
@@ -202,12 +211,9 @@ def _hole_limit(hole, points, step):
     return jnp.min(jnp.where(tight, room / jnp.where(tight, approach, 1.0), 1.0))
 
 
-def layout(lists):
-    """List of ``Holes`` of a model that went through ``with_contact``."""
-    return lists.cache["contact"]
-
-
-def _layout(topology, dmax):
+@once_per_owner
+def contact_groups(topology: Topology, dmax: float) -> "list[ContactGroup]":
+    """`ContactGroup`s of the holes of a topology, for shape functions of the support radius ``dmax`` over the spacing."""
     stops = np.cumsum([0] + [len(o.s) for o in topology.outlines])
     support, room = dmax * topology.node_spacing, 0.25 * topology.spacing + topology.plate.width / 300  # as for a moved cloud's probes
     found = {}
@@ -227,11 +233,11 @@ def _layout(topology, dmax):
 
 
 def _group(holes, n_nodes):
-    """``Holes`` from tuples in the order of its fields."""
+    """`ContactGroup` from tuples in the order of its fields."""
     points, joined, nodes, sign, shift = zip(*holes, strict=True)
     most = max(map(len, nodes))
     padded = [np.append(numbers, np.full(most - len(numbers), n_nodes)) for numbers in nodes]
-    return Holes(*map(np.stack, (points, joined, padded, sign, shift)))
+    return ContactGroup(*map(np.stack, (points, joined, padded, sign, shift)))
 
 
 def _images(plate, arcs):

@@ -9,11 +9,14 @@ each other: a roller holds the component normal to its edge, a fixed edge both.
 import jax.numpy as jnp
 import numpy as np
 
-from ..cloud import thin_plate_matrix
+from .._memo import once_per_owner
+from .._types import Array, Int
+from ..cloud import Topology, thin_plate_matrix
 from ..geometry import EDGES, held_components
 
 
-def free_dofs(topology):
+@once_per_owner
+def free_dofs(topology: Topology) -> Int[Array, "f ..."]:
     """The unknowns ``free`` (f,) or (f, k), see above; ValueError as `check_edges`."""
     plate, walls, n = topology.plate, topology.wall_nodes, len(topology.node_vertices)
     free, held = np.ones((n, 2), dtype=bool), np.zeros(2, dtype=int)
@@ -80,32 +83,32 @@ def _tied(first, free):
     return np.minimum(rows, 2 * len(first))[unknown]
 
 
-def reduced(forces, free):
+def gather(forces, free):
     """Generalised forces (f,) on the unknowns for nodal forces (n, 2): the sums over what moves together."""
     forces = jnp.asarray(forces).ravel()
     return forces[free] if free.ndim == 1 else forces.at[free].get(mode="fill", fill_value=0.0).sum(axis=1)
 
 
-def spread(vector, shape, free):
+def scatter(vector, shape, free):
     """Nodal field (n, 2) of a vector (f,) of the unknowns, zero where nothing is free."""
     vector = vector if free.ndim == 1 else vector[:, None]
     return jnp.zeros(shape).ravel().at[free].add(vector, mode="drop").reshape(shape)
 
 
-def picked(field, free):
+def restrict(field, free):
     """Values (f,) of a nodal field (n, 2) at the degrees of freedom that stand for the unknowns."""
     return field.ravel()[free if free.ndim == 1 else free[:, 0]]
 
 
-def lift(values, positions, free):
+def with_free_values(values, positions, free):
     """Nodal positions (n, 2) with the unknowns at ``values`` (f,) and the rest as in ``positions`` (n, 2), which satisfy the conditions."""
-    return positions + spread(values - picked(positions, free), positions.shape, free)
+    return positions + scatter(values - restrict(positions, free), positions.shape, free)
 
 
-def carried(moved, plate, free):
+def prescribed_motion(moved, plate, free):
     """The nodal field (n, 2) that a motion (n, 2) of the dry nodes gives the deformed ones with the unknowns at rest."""
     field = moved @ np.array(plate.deformation).T
-    return field - spread(picked(field, free), field.shape, free)
+    return field - scatter(restrict(field, free), field.shape, free)
 
 
 def start_positions(topology, nodes):

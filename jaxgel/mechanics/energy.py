@@ -66,17 +66,17 @@ def total_energy(x, model, gel, mu, loads, pressure=None):
 
     It includes the self-contact of a model that has it.
     The weak form of Deng et al. (2020), Eqs. (3) and (10), is its first variation. NaN where a volume ratio is not above 1.
-    For derivatives at an equilibrium, its ``pressure`` (g,) says more of the volume ratios than ``x``: see `_carrying`.
+    For derivatives at an equilibrium, its ``pressure`` (g,) says more of the volume ratios than ``x``: see `_with_pressure_of`.
     """
     gradients = _gradients(x, model)
     J = _volume_ratios(gradients, model)
-    J = J if pressure is None else _carrying(J, pressure, model, gel, mu)
+    J = J if pressure is None else _with_pressure_of(J, pressure, model, gel, mu)
     swelling = jax.vmap(lambda J: gel.volumetric(J, gel) - mu * (J - 1))(J)
     touch = contact_energy(x, model) if model.contact is not None else 0.0
     return _network_energy(gradients, model, gel) + jnp.sum(all_volumes(model) * swelling) - jnp.sum(loads * x) + touch
 
 
-def _carrying(J, pressure, model, gel, mu):
+def _with_pressure_of(J, pressure, model, gel, mu):
     """The volume ratios (g,) that carry the ``pressure`` (g,), with the derivatives of those near them, ``J`` (g,).
 
     Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,
@@ -109,4 +109,4 @@ def _network_energy(gradients, model, gel):
 residual = jax.grad(total_energy)
 """Residual (n, 2) of the total energy, kT/v mm: zero on the free degrees of freedom at equilibrium."""
 energy_at = jax.jit(total_energy)
-"""Compiled ``energy.total_energy``."""
+"""Compiled `total_energy`."""

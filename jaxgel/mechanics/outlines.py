@@ -1,11 +1,13 @@
 """Deformed outlines of the holes as closed loops."""
 
-import functools
-
+import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
 
+from .._memo import once_per_owner
+from .._types import Array, Float
+from ..discretisation import Model
 from ..geometry import edge_lines, held_components
 
 _ANTICLOCKWISE = ("bottom", "right", "top", "left")
@@ -20,7 +22,7 @@ def outline_loops(x, model):
     return loops
 
 
-@functools.lru_cache(maxsize=8)  # no more: a topology holds megabytes
+@once_per_owner
 def _loop_layout(topology):
     """Per hole the slices of outline points and the plate's corners (j, 2) that make its closed loop, anticlockwise."""
     stops = np.cumsum([0] + [len(o.s) for o in topology.outlines])
@@ -61,3 +63,11 @@ def crosses(loops, plate, tolerance=1e-9):
         return False
     first, second = shapely.STRtree(rings).query(rings, predicate="intersects")
     return bool(np.any(first != second))
+
+
+_compiled_loops = jax.jit(outline_loops)
+
+
+def overlaps(x: Float[Array, "n 2"], model: Model) -> bool:
+    """Whether a hole's outline crosses itself, another one or an edge of the plate."""
+    return crosses([np.asarray(loop) for loop in _compiled_loops(x, model)], model.lists.topology.plate)

@@ -11,10 +11,8 @@ import pytest
 from jax import lax
 
 from jaxgel.cli import command_line as cli
-from jaxgel.cli import commands
-from jaxgel.cli import doctor
+from jaxgel.cli import commands, doctor, versions
 from jaxgel.cli.uncompiled import plain
-from jaxgel.cli import versions
 
 
 def test_compiled_kernels_agree_with_the_same_operations_one_by_one():

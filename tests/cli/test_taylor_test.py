@@ -9,14 +9,9 @@ import pytest
 
 import jaxgel
 from jaxgel.cases import from_table
-from jaxgel.cli.taylor_test import FILE
-from jaxgel.cli.taylor_test import OBJECTIVES
-from jaxgel.cli.taylor_test import RATE
-from jaxgel.cli.taylor_test import check_gradient
-from jaxgel.cli.taylor_test import differentiable
-from jaxgel.cli.taylor_test import failures
 from jaxgel.cli import command_line as cli
 from jaxgel.cli import taylor_test as module
+from jaxgel.cli.taylor_test import FILE, OBJECTIVES, RATE, check_gradient, differentiable, failures
 
 HOLE = dict(kind="ellipse", centre=[0.3, -0.2], semi_axes=[2.4, 1.6], angle=0.4)
 TABLE = dict(

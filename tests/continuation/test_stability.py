@@ -13,7 +13,7 @@ import jaxgel
 from jaxgel.continuation import ACCURACY, lowest_eigenvalue, lowest_modes, nearby_modes, network_stiffness, oriented, tangent_products
 from jaxgel.equilibrium import Equilibrium, Status, prepare, solve
 from jaxgel.linalg import nearest_modes
-from jaxgel.mechanics import residual, spread, state_pressure, total_energy
+from jaxgel.mechanics import residual, scatter, state_pressure, total_energy
 
 MU = np.linspace(-4.9678, -0.9178, 10)
 
@@ -143,7 +143,7 @@ def test_products_of_the_tangent_are_those_of_the_energys_hessian(cloud_of, meth
     vectors = np.random.default_rng(3).normal(size=(len(problem.free), 2))
 
     def force(v):
-        return residual(spread(v, x.shape, problem.free) + x, model, problem.gel, mu, problem.loads).ravel()[problem.free]
+        return residual(scatter(v, x.shape, problem.free) + x, model, problem.gel, mu, problem.loads).ravel()[problem.free]
 
     _, product = jax.linearize(jax.jit(force), np.zeros(len(problem.free)))
     expected = np.stack([product(v) for v in vectors.T], axis=1)

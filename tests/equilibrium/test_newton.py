@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 import jaxgel
 from jaxgel.equilibrium import MAX_ITERATIONS, TOLERANCE, Status, advice, dry_state, linearised, prepare, solve, tangent_at
 from jaxgel.materials import Gel
-from jaxgel.mechanics import check_room, energy_at, free_dofs, lift, residual, state_pressure, total_energy
+from jaxgel.mechanics import check_room, energy_at, free_dofs, residual, state_pressure, total_energy, with_free_values
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_scipys_minimiser_of_the_energy_finds_the_same_state(problem):
 
     @jax.jit
     def energy(values):
-        return total_energy(lift(values, nodes, free), model, gel, -1.0, problem.loads)
+        return total_energy(with_free_values(values, nodes, free), model, gel, -1.0, problem.loads)
 
     def value(values):
         result = float(energy(values))

@@ -9,7 +9,7 @@ import scipy.linalg
 from threadpoolctl import threadpool_info
 
 from jaxgel import Gel, sweep
-from jaxgel.linalg import SingularTangent, analyse, factor, kept_factors, remember, solve_near
+from jaxgel.linalg import SingularTangent, analyse, factor, factors, kept_factors, remember, solve_near
 from jaxgel.linalg import pattern as pattern_module
 from jaxgel.mechanics import constants, free_dofs, node_pairs
 
@@ -162,7 +162,7 @@ def test_iterations_converge_as_those_of_conjugate_gradients(pattern):
         return near @ v
 
     factor(pattern, blocks).solve_other(np.ones(len(pattern.free)), product)
-    assert len(calls) <= np.ceil(np.log(linear_solve.NEGLIGIBLE / 2 / 2e-2) / np.log(1e-2))
+    assert len(calls) <= np.ceil(np.log(factors.NEGLIGIBLE / 2 / 2e-2) / np.log(1e-2))
 
 
 def test_factor_refuses_a_matrix_that_is_not_near(pattern):

@@ -12,7 +12,7 @@ import jaxgel
 from jaxgel.continuation import tangent_products
 from jaxgel.continuation.follow import _reached
 from jaxgel.equilibrium import Equilibrium, Status, linearised, overlaps, prepare, tangent_at, touches
-from jaxgel.mechanics import contact, contact_pairs, node_pairs, pair_energy, reduced, spread, state_pressure, with_contact
+from jaxgel.mechanics import contact, contact_pairs, gather, node_pairs, pair_energy, scatter, state_pressure, with_contact
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 contact_energy, contact_force = jax.jit(contact.contact_energy), jax.jit(contact.contact_force)
@@ -92,8 +92,8 @@ def test_products_of_the_tangent_include_contact(squeezed):
     state = Equilibrium(x, state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0), Status.CONVERGED, 0, 0.0, None)
     vectors = np.random.default_rng(2).normal(size=(len(problem.free), 2))
     found = np.subtract(*(tangent_products(p, state, -1.0, vectors, 0 * vectors) for p in (problem, problem.apart)))
-    directions = [spread(v, x.shape, problem.free) for v in vectors.T]
-    expected = [reduced(jax.jvp(lambda x: contact_force(x, model), (x,), (d,))[1], problem.free) for d in directions]
+    directions = [scatter(v, x.shape, problem.free) for v in vectors.T]
+    expected = [gather(jax.jvp(lambda x: contact_force(x, model), (x,), (d,))[1], problem.free) for d in directions]
     np.testing.assert_allclose(found.T, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
 
 

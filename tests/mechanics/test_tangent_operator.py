@@ -15,10 +15,10 @@ from jaxgel.mechanics import (
     constants,
     crossed_entries,
     free_dofs,
+    gather,
     has_products,
-    reduced,
     residual,
-    spread,
+    scatter,
     state_pressure,
 )
 
@@ -54,7 +54,7 @@ def test_products_are_those_of_the_hessian_of_the_energy(edges, tiny_plate):
         def forces(x):
             return residual(x, model, plate.gel, mu, jnp.zeros_like(x))
 
-        return reduced(jax.jvp(forces, (x,), (spread(jnp.asarray(v), x.shape, free),))[1], free)
+        return gather(jax.jvp(forces, (x,), (scatter(jnp.asarray(v), x.shape, free),))[1], free)
 
     fixed = constants(model)
     pressure = np.stack([state_pressure(jnp.asarray(x), model, plate.gel, mu) for x, mu in zip(x, MU, strict=True)])

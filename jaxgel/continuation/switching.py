@@ -1,0 +1,52 @@
+"""The way from an unstable state to the stable branch that leaves it."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._types import Array, Float
+from ..equilibrium import Stability, State, Status, solve, solve_pinned
+from ..mechanics import Problem, gather, scatter
+from .stability import StabilityAnalysis, oriented
+
+FIRST_AMPLITUDE = 0.02  # of the spacing: largest displacement of the first pinned state
+GROWTH = 1.5  # of the amplitude from one pinned state to the next
+MAX_PINNED = 24  # pinned states before the search for another branch gives up
+MAX_SWITCHES = 6  # branches tried one after the other until one is stable
+
+
+def stable_state(analysis: StabilityAnalysis, state: State, stability: Stability, *, sign: int = 1) -> tuple[State, Stability] | None:
+    """`State` without negative eigenvalues and its `Stability`, reached from an unstable state at the same mu; None if none is found.
+
+    Along ``sign`` times the mode of the lowest eigenvalue the state is pinned at growing amplitudes. The force that holds it points
+    outwards at first; where it changes sign lies an equilibrium of another branch, and Newton's method without the pin finds it.
+    """
+    problem = analysis.problem
+    for _ in range(MAX_SWITCHES):
+        mode = sign * oriented(stability.vectors[:, :1], problem)[:, 0]
+        against = np.asarray(gather(problem.loads, problem.free)) @ mode < 0  # loads that push choose the side
+        found = _across(problem, state, -mode if against else mode)
+        if found is None:
+            return None
+        stability, state = analysis.by_own_factor(found)
+        if stability.negative == 0:
+            return state, stability
+    return None
+
+
+def _across(problem: Problem, state: State, mode: Float[Array, " f"]) -> State | None:
+    """The next `State` along ``mode``, with a factor of its own tangent, or None."""
+    mode = mode / np.linalg.norm(mode)
+    start, pressure = jnp.asarray(state.x), state.pressure
+    amplitude, force_before = FIRST_AMPLITUDE * problem.model.cloud.spacing / np.abs(mode).max(), None
+    x = start + amplitude * scatter(mode, start.shape, problem.free)
+    for _ in range(MAX_PINNED):
+        pinned, force = solve_pinned(problem, state.mu, x, pressure, mode, start, amplitude)
+        if not pinned.status.ok:
+            return None
+        if force_before is not None and np.sign(force) != np.sign(force_before):
+            found = solve(problem, state.mu, pinned.x, pinned.pressure, own_factor=True)
+            moved = float(jnp.linalg.norm(found.x - start))
+            return found if found.status is Status.CONVERGED and moved > 0.5 * amplitude / GROWTH else None
+        x = pinned.x + (GROWTH - 1) * (pinned.x - start)
+        pressure, amplitude, force_before = pinned.pressure, GROWTH * amplitude, force
+    return None

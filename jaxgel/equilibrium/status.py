@@ -1,0 +1,91 @@
+"""How a solve or a sweep ended: every `Status` is decided here."""
+
+import enum
+
+import numpy as np
+
+from .._types import Array, Float
+from ..discretisation import Model
+from ..mechanics import overlaps
+
+NEARLY_SINGULAR = 1e-3  # eigenvalue, over the network's stiffness, below which a state's derivatives are flagged
+
+
+class Status(enum.IntEnum):
+    """How a solve or a sweep ended."""
+
+    CONVERGED = 0
+    NOT_CONVERGED = 1
+    SINGULAR = 2
+    NOT_FINITE = 3
+    STEP_TOO_SMALL = 4
+    TOO_MANY_STEPS = 5
+    INTERRUPTED = 6
+    SELF_CONTACT = 7
+    CROSSED = 8
+    NEARLY_SINGULAR = 9
+
+    @property
+    def ok(self) -> bool:
+        """Whether the state satisfies equilibrium."""
+        return self is Status.CONVERGED
+
+    @property
+    def text(self) -> str:
+        """One line that says what happened and what to try."""
+        return _TEXTS[self]
+
+
+_TEXTS = {
+    Status.CONVERGED: "converged",
+    Status.NOT_CONVERGED: "Newton did not converge: the step in mu was too large, or the tangent is nearly singular; use smaller steps",
+    Status.SINGULAR: "the tangent is singular: a fold or bifurcation; look at the lowest eigenvalue",
+    Status.NOT_FINITE: "Newton produced a non-finite iterate: the start is too far from equilibrium; use smaller steps",
+    Status.STEP_TOO_SMALL: "the step in mu fell below its least value: the branch folds back or creases here (see surface_ratio), "
+    "or the cloud is too coarse for the deformation",
+    Status.TOO_MANY_STEPS: "the largest number of steps was reached; raise max_steps",
+    Status.INTERRUPTED: "interrupted by the user; the states so far are kept",
+    Status.SELF_CONTACT: "hole boundaries touch or overlap; without contact the states from here on are invalid",
+    Status.CROSSED: "a hole's boundary passed through itself: use smaller steps in mu, or stiffer contact (see with_contact)",
+    Status.NEARLY_SINGULAR: "converged, but a fold or bifurcation is near: derivatives grow like 1 / lowest_eigenvalue and hold for tiny "
+    "changes only",
+}
+
+
+def remedy(model: Model, status: Status) -> str:
+    """What to change where not even the first state of a sweep was found, to follow the text of its `Status`."""
+    if status is Status.SELF_CONTACT:
+        return "; sweep with contact = 'on'"
+    return (
+        "; method = 'displacement' locks where the edges leave little room: take 'mixed'"
+        if model.method == "displacement"
+        else "; start at a lower mu"
+    )
+
+
+def of_iterate(residual: float, solved: bool, exhausted: bool) -> Status | None:
+    """Status of an iterate with this residual norm; None where the iteration goes on."""
+    if not np.isfinite(residual):
+        return Status.NOT_FINITE
+    if solved:
+        return Status.CONVERGED
+    return Status.NOT_CONVERGED if exhausted else None
+
+
+def of_outlines(x: Float[Array, "n 2"], model: Model, *, contact: bool) -> Status:
+    """Status of an equilibrium by its outlines: one that crosses itself passed through the contact, or there is none."""
+    if not overlaps(x, model):
+        return Status.CONVERGED
+    return Status.CROSSED if contact else Status.SELF_CONTACT
+
+
+def for_derivatives(status: Status, eigenvalue: float, *, crossing: bool, contact: bool) -> Status:
+    """Status of a state whose derivatives are asked for, from that of its solve: what makes them meaningless takes precedence.
+
+    ``eigenvalue`` is the one nearest zero, over the network's stiffness; ``crossing`` says whether an outline crosses itself.
+    """
+    if status is not Status.CONVERGED:
+        return Status(status)
+    if crossing:
+        return Status.CROSSED if contact else Status.SELF_CONTACT
+    return Status.NEARLY_SINGULAR if abs(eigenvalue) < NEARLY_SINGULAR else Status.CONVERGED

@@ -1,0 +1,67 @@
+"""Which nodes interact: the node pairs of a model's cells and hole outlines, and the pattern of its tangent; NumPy on the host."""
+
+import dataclasses
+
+import numpy as np
+
+from .._memo import once_per_owner
+from .._types import Array, Int
+from ..linalg import Pattern, analyse
+from .contact import contact_groups
+from .dofs import free_dofs
+
+CELLS_TOGETHER = 1024  # cells whose node pairs are listed together
+
+
+@once_per_owner
+def node_pairs(lists) -> tuple[Int[Array, "p 2"], tuple]:
+    """Node pairs (p, 2), i <= j, that share a cell, and per block of cells the slots (c, t) of `operators.Operators`.
+
+    ``lists`` are the model's ``lists``.
+    """
+    n, slots, parts = len(lists.topology.node_vertices), [], []
+    for cells in lists.cells:
+        a, b = np.triu_indices(int((lists.support[cells] > 0).sum(axis=1).max()))
+        slots.append(np.empty((len(cells), len(a)), np.int32))
+        for first in range(0, len(cells), CELLS_TOGETHER):  # neighbouring cells share most of their pairs, so their list is short
+            some, slot = cells[first : first + CELLS_TOGETHER], slots[-1][first : first + CELLS_TOGETHER]
+            nodes, real = lists.nodes[some].astype(np.int64), lists.support[some] > 0
+            keys, index = np.unique(np.where(real[:, a] & real[:, b], nodes[:, a] * n + nodes[:, b], n * n), return_inverse=True)
+            slot[:] = index.reshape(slot.shape)
+            parts.append((keys, slot))
+    unique = np.unique(np.concatenate([keys for keys, _ in parts]))
+    unique = unique[unique < n * n]
+    for keys, slot in parts:
+        slot[:] = np.searchsorted(unique, keys)[slot]
+    return np.stack([unique // n, unique % n], axis=1), tuple(slots)
+
+
+@once_per_owner
+def contact_pairs(lists, dmax: float) -> tuple[Int[Array, "e 2"], list]:
+    """Node pairs (e, 2), i <= j, that share a hole's outline but no cell, and for each of `contact.contact_groups` the slots (h, t).
+
+    The slots count the pairs that share a cell first; padding has the number after the last pair.
+    """
+    n = len(lists.topology.node_vertices)
+    cell_keys, keys = node_pairs(lists)[0] @ [n, 1], []
+    for group in contact_groups(lists.topology, dmax):
+        a, b = np.triu_indices(group.nodes.shape[1])
+        i, j = group.nodes[:, a], group.nodes[:, b]
+        keys.append(np.where((i < n) & (j < n), i * n + j, n * n))
+    new = np.setdiff1d(np.concatenate([key.ravel() for key in keys]), [*cell_keys, n * n])
+    every, end = np.concatenate([cell_keys, new]), len(cell_keys) + len(new)
+    order = np.argsort(every)
+    slots = [np.append(order, end)[np.searchsorted(every[order], key)].astype(np.int32) for key in keys]
+    return np.stack([new // n, new % n], axis=1), slots
+
+
+@once_per_owner
+def tangent_pattern(lists, solver: str = "auto", contact_dmax: float | None = None) -> Pattern:
+    """`linalg.Pattern` of the tangent on the free degrees of freedom; with the pairs of self-contact where ``contact_dmax``, the model's
+    ``dmax``, is given."""
+    topology, pairs = lists.topology, node_pairs(lists)[0]
+    points, free = topology.partition.vertices[topology.node_vertices], free_dofs(topology)
+    if contact_dmax is None:
+        return analyse(pairs, points, free, solver)
+    wider = analyse(np.concatenate([pairs, contact_pairs(lists, contact_dmax)[0]]), points, free, solver)
+    return dataclasses.replace(wider, narrower=tangent_pattern(lists, solver))
