@@ -9,6 +9,7 @@ must stay below 1e-9 mm.
 """  # fmt: skip
 
 import argparse
+import dataclasses
 import json
 import os
 import statistics
@@ -21,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxgel
-from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, dry_state, free_rhs, linearised, prepare, tangent_at
-from jaxgel.mechanics import pressure_step
+from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, dry_state
+from jaxgel.mechanics import condensed_rhs, linearise, prepare, pressure_step, tangent
 
 AGREEMENT = 1e-9  # mm
 
@@ -63,28 +64,28 @@ def main():
 
 def dense_sweep(problem, gel, mu):
     """Equilibria (k, n, 2) at the values ``mu`` (k,), nan where not reached, each from the line through the two before; traceable."""
-    model, free, fixed = problem.model, problem.free, problem.fixed
+    problem = dataclasses.replace(problem, gel=gel)
+    model, free = problem.model, problem.free
     rows, columns, source = _places(problem.pattern)
 
     def newton(mu, x, p):
-        args = model, gel, mu, problem.loads, fixed, free
+        def solved(now):
+            return (now.residual_norm < TOLERANCE) & (now.violation < CONSTRAINT_TOLERANCE)
 
         def going(state):
-            size, constraint, _ = state[3]
-            return (
-                ~((size < TOLERANCE) & (constraint < CONSTRAINT_TOLERANCE)) & jnp.isfinite(size + constraint) & (state[4] < MAX_ITERATIONS)
-            )
+            _, _, now, count = state
+            return ~solved(now) & jnp.isfinite(now.residual_norm + now.violation) & (count < MAX_ITERATIONS)
 
         def step(state):
-            x, p, now, _, count = state
-            entries = tangent_at(x, p, now, model, gel, fixed).ravel()[source]
+            x, p, now, count = state
+            entries = tangent(problem, x, p, now).ravel()[source]
             K = jnp.zeros((len(free),) * 2).at[rows, columns].set(entries)
-            dx = jnp.zeros(x.size).at[free].set(jnp.linalg.solve(K, free_rhs(now, now, model, free))).reshape(x.shape)
+            dx = jnp.zeros(x.size).at[free].set(jnp.linalg.solve(K, condensed_rhs(problem, now, now))).reshape(x.shape)
             x, p = x + dx, p + pressure_step(dx, now, now, model)
-            return x, p, *linearised(x, p, *args), count + 1
+            return x, p, linearise(problem, x, p, mu), count + 1
 
-        x, p, _, (size, constraint, _), _ = jax.lax.while_loop(going, step, (x, p, *linearised(x, p, *args), 0))
-        return jnp.where((size < TOLERANCE) & (constraint < CONSTRAINT_TOLERANCE), x, jnp.nan), p
+        x, p, now, _ = jax.lax.while_loop(going, step, (x, p, linearise(problem, x, p, mu), 0))
+        return jnp.where(solved(now), x, jnp.nan), p
 
     def advance(carry, mu):
         (mu_1, x_1, p_1), (mu_2, x_2, p_2) = carry
@@ -92,7 +93,7 @@ def dense_sweep(problem, gel, mu):
         x, p = newton(mu, x_1 + ratio * (x_1 - x_2), p_1 + ratio * (p_1 - p_2))
         return ((mu, x, p), (mu_1, x_1, p_1)), x
 
-    start = mu[0], *dry_state(model, gel)
+    start = mu[0], *dry_state(problem)
     return jax.lax.scan(advance, (start, start), mu)[1]
 
 

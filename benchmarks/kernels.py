@@ -8,9 +8,7 @@ what its eigenvalues and pivots add to that. BLAS and SuperLU use one thread, XL
 """  # fmt: skip
 
 import argparse
-import functools
 import statistics
-import sys
 import time
 
 import jax
@@ -18,8 +16,9 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 import jaxgel
-from jaxgel.equilibrium import linearised, prepare, tangent_at
+from jaxgel.continuation import StabilityAnalysis
 from jaxgel.linalg import factor
+from jaxgel.mechanics import linearise, prepare, tangent
 
 MU = np.linspace(-4.9678, -0.9178, 30)  # kT
 SUPERLU = dict(permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
@@ -46,17 +45,16 @@ def newton_step(model, gel, repeats):
     """Number of free degrees of freedom, and median seconds of each part of a Newton step at mu = -3."""
     path = jaxgel.sweep(model, gel, mu=[-3.5, -3.0], contact="off")
     problem, x, pressure = prepare(model, gel), path.x[-1], path.pressure[-1]
-    args, pattern = (problem.model, problem.gel, -3.0, problem.loads, problem.fixed), problem.pattern
-    now, _ = linearised(x, pressure, *args, pattern.free)
-    pairs = tangent_at(x, pressure, now, problem.model, problem.gel, problem.fixed)
+    pattern, now = problem.pattern, linearise(problem, x, pressure, -3.0)
+    pairs = tangent(problem, x, pressure, now)
     made, matrix, rhs = factor(pattern, pairs), pattern.matrix(pairs), np.ones(len(pattern.free))
     order = np.argsort(splu(matrix, **SUPERLU).perm_c)  # its analysis, once, as in a sweep
     permuted = matrix[order][:, order].tocsc()
     ordered = SUPERLU | dict(permc_spec="NATURAL")
     lu = splu(permuted, **ordered)
     return len(rhs), {
-        "linearise": median(lambda: linearised(x, pressure, *args, pattern.free), repeats),
-        "tangent": median(lambda: tangent_at(x, pressure, now, problem.model, problem.gel, problem.fixed), repeats),
+        "linearise": median(lambda: linearise(problem, x, pressure, -3.0), repeats),
+        "tangent": median(lambda: tangent(problem, x, pressure, now), repeats),
         "factor": median(lambda: factor(pattern, pairs), repeats),
         "solve": median(lambda: made.apply(rhs), repeats),
         "SuperLU": median(lambda: splu(permuted, **ordered), repeats),
@@ -66,25 +64,22 @@ def newton_step(model, gel, repeats):
 
 def stability(model, gel, repeats):
     """Median seconds of a sweep on the stable branch without what its eigenvalues take, and the median of that over the rest."""
-    module, spent, rows = sys.modules["jaxgel.sweep"], [], []
-    own = {name: getattr(module, name) for name in ("nearby_modes", "lowest_modes")}
+    spent, rows, own = [], [], StabilityAnalysis.check
 
-    def timed(function, *args, **options):
+    def timed(*args):
         begin = time.perf_counter()
-        found = function(*args, **options)
+        found = own(*args)
         spent.append(time.perf_counter() - begin)
         return found
 
-    for name, function in own.items():
-        setattr(module, name, functools.partial(timed, function))
+    StabilityAnalysis.check = timed
     for _ in range(repeats + 1):
         spent.clear()
         begin = time.perf_counter()
         jaxgel.sweep(model, gel, mu=MU)
         rest = time.perf_counter() - begin - sum(spent)
         rows.append((rest, sum(spent) / rest))
-    for name, function in own.items():
-        setattr(module, name, function)
+    StabilityAnalysis.check = own
     return (statistics.median(column) for column in zip(*rows[1:], strict=True))
 
 

@@ -112,8 +112,9 @@ def child(wanted, threads, solver):
     import numpy as np
 
     import jaxgel
-    from jaxgel.equilibrium import dry_state, linearised, prepare, tangent_at
+    from jaxgel.equilibrium import dry_state
     from jaxgel.linalg import factor
+    from jaxgel.mechanics import linearise, prepare, tangent
 
     plate = jaxgel.sample("sample-1")
     spacing = plate.width * 0.961 / (math.sqrt(36 + 1.922 * wanted) - 6)  # 0.48 n^2 + 6 n nodes for n intervals a side
@@ -135,21 +136,20 @@ def child(wanted, threads, solver):
     cloud = timed("cloud", lambda: jaxgel.make_cloud(plate, spacing=spacing))
     model = timed("discretise", lambda: jaxgel.discretise(cloud, solver=solver))
     problem = timed("prepare", prepare, model, plate.gel)
-    timed("prepare", lambda: (problem.pattern, problem.fixed.laplacian.block_until_ready()))
+    timed("prepare", lambda: (problem.pattern, problem.operators.laplacian.block_until_ready()))
     seconds["prepare"] = [sum(seconds["prepare"])]
-    (x, pressure), free = dry_state(model, plate.gel), problem.free
-    args = problem.model, problem.gel, MU[0], problem.loads, problem.fixed
+    (x, pressure), free = dry_state(problem), problem.free
     for _ in range(4):
         made = None  # one factor is in memory at a time
-        now, _ = timed("linearise", linearised, x, pressure, *args, free)
-        pairs = timed("tangent", tangent_at, x, pressure, now, problem.model, problem.gel, problem.fixed)
+        now = timed("linearise", linearise, problem, x, pressure, MU[0])
+        pairs = timed("tangent", tangent, problem, x, pressure, now)
         made = timed("factor", factor, problem.pattern, pairs)
         timed("solve", made.solve, np.ones(len(free)))
     row = {name: statistics.median(values[1:] or values) for name, values in seconds.items()}
     unit = 2**30 if sys.platform == "darwin" else 2**20
     factor_gib, step_gib, cells = made.size / 2**30, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, model.n_cells
     n_pairs = len(pairs)
-    made = pairs = now = problem = args = None  # their memory is that of one step, not of the sweep
+    made = pairs = now = problem = None  # their memory is that of one step, not of the sweep
     begin, before = time.perf_counter(), compiled[0]
     path = jaxgel.sweep(model, plate.gel, mu=list(MU))
     row["sweep"] = time.perf_counter() - begin - (compiled[0] - before)

@@ -22,8 +22,8 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
 import jaxgel
-from jaxgel.equilibrium import linearised, prepare, tangent_at
 from jaxgel.linalg import factor, factorise
+from jaxgel.mechanics import linearise, prepare, tangent
 
 SOFT = 10  # Nv: bulk stiffness at which the network's shear decides, and multigrid works
 
@@ -39,7 +39,7 @@ def main():
     problem = prepare(model, plate.gel)
     path = jaxgel.sweep(model, plate.gel, mu=options.mu)
     for mu, x, pressure in zip(path.mu, path.x, path.pressure, strict=True):
-        now, _ = linearised(x, pressure, model, problem.gel, mu, problem.loads, problem.fixed, problem.free)
+        now = linearise(problem, x, pressure, mu)
         print(f"mu = {mu:g}: {len(problem.free)} unknowns, stiffest cell {float(now.stiffness.max() / plate.gel.Nv):.0f} Nv")
         print(f"{'':42} {'setup':>8} {'solve':>8} {'iterations':>10} {'residual':>9} {'negative':>8}")
         for name, (setup, seconds, iterations, residual, negative) in ways(problem, x, pressure, now):
@@ -51,7 +51,7 @@ def ways(problem, x, pressure, now):
 
     def blocks(stiffness):
         basis = dataclasses.replace(now, stiffness=stiffness)
-        return np.asarray(tangent_at(x, pressure, basis, problem.model, problem.gel, problem.fixed))
+        return np.asarray(tangent(problem, x, pressure, basis))
 
     pattern, pairs, stiffness = problem.pattern, blocks(now.stiffness), np.asarray(now.stiffness)
     K, b = sp.csr_matrix(pattern.matrix(pairs)), np.random.default_rng(0).normal(size=len(pattern.free))

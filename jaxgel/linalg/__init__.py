@@ -15,7 +15,7 @@ from .eigen import (
 from .factors import Factor, SingularTangent, factor
 from .kept_factors import remember, solve_near
 from .multifrontal import factorise
-from .pattern import Pattern, SOLVERS, analyse
+from .pattern import SOLVERS, Pattern, analyse
 
 __all__ = [
     "Factor",

@@ -21,7 +21,7 @@ def gel(buckling_model):
 @pytest.fixture(scope="module")
 def buckled(buckling_model, gel, point):
     """Both sides of the pitchfork, to mu = -1.3."""
-    return [jaxgel.switch(buckling_model, gel, point, sign=sign, mu_end=-1.3) for sign in (1, -1)]
+    return [jaxgel.switch_branch(buckling_model, gel, point, sign=sign, mu_end=-1.3) for sign in (1, -1)]
 
 
 def test_both_sides_are_mirror_images(buckled):
@@ -41,12 +41,12 @@ def test_buckled_states_are_stable_and_cost_less_energy(buckled, buckling_model,
 
 def test_the_branch_opens_with_the_curvature_of_the_critical_point(buckled, point, buckling_model):
     """mu - mu_c = curvature a^2 / 2 with the amplitude a in the network's norm; the next term is of order a^4."""
-    from jaxgel.continuation import network_stiffness
-    from jaxgel.equilibrium import prepare
+    from jaxgel.continuation import StabilityAnalysis
+    from jaxgel.mechanics import prepare
 
     problem = prepare(buckling_model, buckling_model.cloud.plate.gel)
     free = problem.pattern.free
-    weighted = network_stiffness(problem) @ point.modes[0].ravel()[free]
+    weighted = StabilityAnalysis(problem).stiffness @ point.modes[0].ravel()[free]
     amplitude = (buckled[0].x[:2] - point.x).reshape(2, -1)[:, free] @ weighted
     np.testing.assert_allclose(buckled[0].mu[:2] - point.mu, point.curvature * amplitude**2 / 2, rtol=0.02)
 
@@ -62,7 +62,7 @@ def test_the_stable_sweep_is_on_the_switched_branch(buckled, buckling_model, gel
 def test_deflation_finds_both_sides_from_next_to_the_symmetric_state(buckling_model, gel, buckled, point):
     symmetric = jaxgel.sweep(buckling_model, gel, mu=[-2.2, -1.3], branch="symmetric").x[-1]
     push = 0.05 * point.modes[0] / np.abs(point.modes[0]).max()
-    found = jaxgel.deflated(buckling_model, gel, mu=-1.3, known=[symmetric], starts=[symmetric + push, symmetric - push])
+    found = jaxgel.find_states_by_deflation(buckling_model, gel, mu=-1.3, known=[symmetric], starts=[symmetric + push, symmetric - push])
     assert len(found) == 2
     for side in buckled:
         assert min(np.abs(np.asarray(state.x) - side.x[-1]).max() for state in found) < 1e-6
@@ -98,7 +98,7 @@ def test_what_cannot_be_continued_is_refused(buckled, point):
     import dataclasses
 
     with pytest.raises(ValueError, match=r"^point: the fold at mu = "):
-        jaxgel.switch(buckled[0].model, buckled[0].gel, dataclasses.replace(point, kind="fold"))
+        jaxgel.switch_branch(buckled[0].model, buckled[0].gel, dataclasses.replace(point, kind="fold"))
     one = jaxgel.sweep(buckled[0].model, buckled[0].gel, mu=[-3.0])
     with pytest.raises(ValueError, match=r"^path: 1 states do not give a direction"):
         jaxgel.continue_branch(one)

@@ -160,7 +160,7 @@ def test_derivative_of_a_fold_is_the_difference_of_relocated_ones(end):
 def test_a_subcritical_branch_turns_at_a_fold(subcritical):
     """The branch that leaves towards lower mu: where a polynomial through five of its states has its minimum."""
     model, gel, point, _ = subcritical
-    path = jaxgel.switch(model, gel, point, max_step=0.025, max_states=24)
+    path = jaxgel.switch_branch(model, gel, point, max_step=0.025, max_states=24)
     (fold,) = jaxgel.folds(path)
     assert fold.kind == "fold" and abs(fold.eigenvalues[0]) < 1e-6
     assert fold.mu < path.mu.min()

@@ -10,10 +10,10 @@ import pytest
 import scipy.linalg
 
 import jaxgel
-from jaxgel.continuation import ACCURACY, lowest_eigenvalue, lowest_modes, nearby_modes, network_stiffness, oriented, tangent_products
-from jaxgel.equilibrium import Equilibrium, Status, prepare, solve
+from jaxgel.continuation import ACCURACY, StabilityAnalysis, lowest_eigenvalue, oriented
+from jaxgel.equilibrium import State, solve
 from jaxgel.linalg import nearest_modes
-from jaxgel.mechanics import residual, scatter, state_pressure, total_energy
+from jaxgel.mechanics import prepare, residual, scatter, state_pressure, total_energy
 
 MU = np.linspace(-4.9678, -0.9178, 10)
 
@@ -21,7 +21,7 @@ MU = np.linspace(-4.9678, -0.9178, 10)
 def dense_eigenvalues(path):
     """All eigenvalues (k, f) of the dense Hessian of the total energy over the network's stiffness, at every state."""
     problem = prepare(path.model, path.gel)
-    free, stiffness = problem.pattern.free, network_stiffness(problem).toarray()
+    free, stiffness = problem.pattern.free, StabilityAnalysis(problem).stiffness.toarray()
 
     @jax.jit
     def hessian(x, mu):
@@ -40,7 +40,7 @@ def tiny_path(tiny_model):
 
 
 def test_lowest_eigenvalues_along_a_sweep_are_those_of_the_hessian(tiny_path):
-    """To the accuracy that lowest_modes asks for, 1e-3; a factor of two for the estimate of the last gain."""
+    """To the accuracy that the analysis asks for, 1e-3; a factor of two for the estimate of the last gain."""
     np.testing.assert_allclose(tiny_path.lowest_eigenvalue, dense_eigenvalues(tiny_path)[:, 0], rtol=2e-3)
 
 
@@ -48,8 +48,8 @@ def test_large_steps_leave_the_lowest_eigenvalue_as_accurate(coarse_model):
     """There the factor at hand is that of a tangent far away, with which 40 iterations missed it by half a percent."""
     path = jaxgel.sweep(coarse_model, coarse_model.cloud.plate.gel, mu=[-4.9678, -4.5, -4.0, -3.0])
     problem = prepare(path.model, path.gel)
-    states = [solve(problem, mu, x, p, fresh=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
-    exact = [nearest_modes(state.factor, network_stiffness(problem), 1)[0][0] for state in states]
+    states = [solve(problem, mu, x, p, own_factor=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
+    exact = [nearest_modes(state.factor, StabilityAnalysis(problem).stiffness, 1)[0][0] for state in states]
     np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
 
 
@@ -64,7 +64,7 @@ def test_the_network_stiffness_is_the_hessian_of_the_networks_energy(tiny_model)
         return network_energy(x.ravel().at[free].set(v).reshape(-1, 2), tiny_model, problem.gel)
 
     hessian = jax.jit(jax.jacfwd(jax.grad(energy)))(x.ravel()[free])
-    np.testing.assert_allclose(np.asarray(hessian), network_stiffness(problem).toarray(), atol=1e-15)
+    np.testing.assert_allclose(np.asarray(hessian), StabilityAnalysis(problem).stiffness.toarray(), atol=1e-15)
 
 
 @pytest.fixture(scope="module")
@@ -75,11 +75,11 @@ def unstable_path(buckling_model):
 def test_a_negative_eigenvalue_is_found_from_modes_that_are_blind_to_it(unstable_path):
     """Modes that were followed so far may all have another symmetry than the one that becomes unstable."""
     problem = prepare(unstable_path.model, unstable_path.gel)
-    stiffness, mu = network_stiffness(problem), unstable_path.mu[-1]
-    state = solve(problem, mu, unstable_path.x[-1], unstable_path.pressure[-1], fresh=True)
+    stiffness, mu = StabilityAnalysis(problem).stiffness, unstable_path.mu[-1]
+    state = solve(problem, mu, unstable_path.x[-1], unstable_path.pressure[-1], own_factor=True)
     eigenvalues, modes = nearest_modes(state.factor, stiffness, 6)
     assert eigenvalues[0] < 0 < eigenvalues[-1]
-    found, _ = lowest_modes(problem, stiffness, state, mu, modes[:, eigenvalues > 0][:, :2])
+    found, _ = StabilityAnalysis(problem).by_own_factor(state, modes[:, eigenvalues > 0][:, :2])
     np.testing.assert_allclose(found.eigenvalues[0], eigenvalues[0], rtol=2e-3)
     assert found.negative == np.sum(eigenvalues < 0)
 
@@ -90,20 +90,19 @@ def test_the_lowest_eigenvalue_is_found_where_modes_change_their_order(cloud_of)
     model = jaxgel.discretise(cloud_of("lattice"))
     path = jaxgel.sweep(model, model.cloud.plate.gel, mu=np.linspace(-3.5, -1.6, 14), contact="off")
     problem = prepare(path.model, path.gel)
-    states = [solve(problem, mu, x, p, fresh=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
-    exact = [nearest_modes(state.factor, network_stiffness(problem), 1)[0][0] for state in states]
+    states = [solve(problem, mu, x, p, own_factor=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
+    exact = [nearest_modes(state.factor, StabilityAnalysis(problem).stiffness, 1)[0][0] for state in states]
     np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
 
 
 def test_modes_that_were_followed_may_have_become_the_same(unstable_path):
     problem = prepare(unstable_path.model, unstable_path.gel)
-    stiffness, mu = network_stiffness(problem), unstable_path.mu[0]
-    state = solve(problem, mu, unstable_path.x[0], unstable_path.pressure[0], fresh=True)
+    stiffness, mu = StabilityAnalysis(problem).stiffness, unstable_path.mu[0]
+    state = solve(problem, mu, unstable_path.x[0], unstable_path.pressure[0], own_factor=True)
     eigenvalues, modes = nearest_modes(state.factor, stiffness, 4)
     round_off = 1e-12 * np.random.default_rng(6).normal(size=modes.shape)
     for followed in (some for some in itertools.product(range(4), repeat=4) if 0 in some):
-        found, start = nearby_modes(problem, stiffness, state, mu, modes[:, followed] + round_off)
-        found = found or lowest_modes(problem, stiffness, state, mu, start)[0]
+        found, _ = StabilityAnalysis(problem).check(state, modes[:, followed] + round_off)
         np.testing.assert_allclose(found.eigenvalues[0], eigenvalues[0], rtol=1e-8)
 
 
@@ -139,7 +138,7 @@ def test_products_of_the_tangent_are_those_of_the_energys_hessian(cloud_of, meth
     gel = jaxgel.Gel() if network is None else jaxgel.Gel(network=network)
     x = model.cloud.nodes * jax.numpy.array([1.2, 1.3]) + 0.02 * jax.numpy.sin(model.cloud.nodes[:, ::-1])
     problem, mu = prepare(model, gel), -1.0
-    state = Equilibrium(x, state_pressure(x, model, gel, mu), Status.CONVERGED, 0, 0.0, None)
+    state = State(mu, x, state_pressure(x, model, gel, mu))
     vectors = np.random.default_rng(3).normal(size=(len(problem.free), 2))
 
     def force(v):
@@ -147,7 +146,7 @@ def test_products_of_the_tangent_are_those_of_the_energys_hessian(cloud_of, meth
 
     _, product = jax.linearize(jax.jit(force), np.zeros(len(problem.free)))
     expected = np.stack([product(v) for v in vectors.T], axis=1)
-    found = tangent_products(problem, state, mu, vectors, network_stiffness(problem) @ vectors)
+    found = StabilityAnalysis(problem).product(state)(vectors)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 

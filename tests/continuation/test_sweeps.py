@@ -9,11 +9,12 @@ import pytest
 
 import jaxgel
 from jaxgel.continuation import SweepFailed, check_mu
-from jaxgel.continuation.predictor import _predict
-from jaxgel.equilibrium import Status, Step, prepare
+from jaxgel.continuation.predictor import predict
+from jaxgel.equilibrium import State, Status
 from jaxgel.linalg import factors as linear_solve
 from jaxgel.linalg import multifrontal
 from jaxgel.materials import Gel, largest_mu
+from jaxgel.mechanics import prepare
 
 
 @pytest.fixture(scope="module")
@@ -179,16 +180,16 @@ def test_unknown_branch_is_refused(tiny_model):
 
 def states(values, at):
     """Steps at the given mu with one node whose position and one pressure are the given ``values`` (k,)."""
-    rest = dict(status=jaxgel.Status.CONVERGED, newton_iterations=1, residual=0.0, energy=0.0, negative_pivots=0)
-    return [Step(mu=mu, x=np.full((1, 2), v), pressure=np.full(1, -v), **rest) for mu, v in zip(at, values, strict=True)]
+    rest = dict(status=jaxgel.Status.CONVERGED, newton_iterations=1, residual=0.0, energy=0.0)
+    return [State(mu=mu, x=np.full((1, 2), v), pressure=np.full(1, -v), **rest) for mu, v in zip(at, values, strict=True)]
 
 
 def test_prediction_is_exact_on_a_polynomial_and_cautious_after_a_turn(tiny_model):
     problem, at = prepare(tiny_model, tiny_model.cloud.plate.gel), np.array([-3.0, -2.8, -2.5, -2.3, -2.2])
-    x, pressure = _predict(problem, -2.0, states(at**4 - at, at))
+    x, pressure = predict(problem, -2.0, states(at**4 - at, at))
     np.testing.assert_allclose(x, 18.0, rtol=1e-11)
     np.testing.assert_allclose(pressure, -18.0, rtol=1e-11)
-    x, _ = _predict(problem, -2.0, states([1.0, 1.0, 1.0, 1.0, 1.5], at))  # constant, until it turned: so the last state is best
+    x, _ = predict(problem, -2.0, states([1.0, 1.0, 1.0, 1.0, 1.5], at))  # constant, until it turned: so the last state is best
     np.testing.assert_allclose(x, 1.5)
 
 
@@ -199,7 +200,7 @@ def test_a_first_state_predicts_the_second_to_second_order(tiny_model, method):
     for step in steps:
         seen = []
         jaxgel.sweep(model, model.cloud.plate.gel, mu=[-3.0, -3.0 + step], on_step=seen.append)
-        x, pressure = _predict(problem, seen[1].mu, seen[:1])
+        x, pressure = predict(problem, seen[1].mu, seen[:1])
         misses.append([np.abs(x - seen[1].x).max(), np.abs(pressure - seen[1].pressure).max()])
     np.testing.assert_allclose(np.log2(np.divide(misses[:-1], misses[1:])), 2, atol=0.15)
 

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.equilibrium import Status, dry_state, prepare_walls, wall_step
-from jaxgel.equilibrium.weak import _newton
-from jaxgel.mechanics import free_dofs, total_energy
+from jaxgel.equilibrium import Status, dry_state, prepare_weak, solve_weak
+from jaxgel.equilibrium.newton import iterate
+from jaxgel.equilibrium.state import State
+from jaxgel.equilibrium.weak import _WeakCorrection
+from jaxgel.mechanics import free_dofs, prepare, total_energy
 
 MU = [-3.0, -2.0, -1.0]
 
@@ -34,12 +36,12 @@ def slip(path):
 
 
 def test_the_second_solver_finds_what_the_first_does(tiny_displacement_model):
-    """The dense Newton method of `walls` on a plate with a hole and conditions at its nodes against the sweep's own solver."""
+    """The dense Newton method of `weak` on a plate with a hole and conditions at its nodes against the sweep's own solver."""
     model = tiny_displacement_model
     gel = model.cloud.plate.gel
     path = jaxgel.sweep(model, gel, mu=[-3.0])
-    problem = prepare_walls(model, gel, None, free_dofs(model.lists.topology))
-    step = wall_step(problem, -3.0, *dry_state(model, gel))
+    problem = prepare_weak(model, gel, None, free_dofs(model.lists.topology))
+    step = solve_weak(problem, -3.0, *dry_state(prepare(model, gel)))
     assert step.status is Status.CONVERGED and step.negative_pivots == path.negative_pivots[0] == 0
     np.testing.assert_allclose(step.x, path.x[0], atol=1e-10)  # both stop at a relative residual of 1e-10; 4 mm wide
     np.testing.assert_allclose(step.energy, path.energy[0], rtol=1e-12)
@@ -68,9 +70,11 @@ def test_multipliers_hold_the_walls_better_than_a_penalty(path_of):
 def test_newtons_matrix_is_the_hessian_of_the_energy_for_complex_shape_functions(path_of):
     path = path_of(kind="icvmls", conditions="penalty", method="displacement", quadrature="paper")
     model, gel, mu = path.model, path.gel, float(path.mu[-1])
-    problem = prepare_walls(model, gel, None, None)
+    problem = prepare_weak(model, gel, None, None)
     x = jnp.asarray(path.x[-1]).ravel()
-    state, matrix = _newton(problem, mu, path.x[-1] + 1e-9, path.pressure[-1])  # a step, to have a matrix
+    correction = _WeakCorrection(np.zeros(0))
+    start = State(mu, jnp.asarray(path.x[-1] + 1e-9), jnp.asarray(path.pressure[-1]))
+    state = iterate(problem, start, correction)  # a step, to have a matrix
     assert state.status.ok
     u = x - model.cloud.nodes.ravel()
 
@@ -80,7 +84,7 @@ def test_newtons_matrix_is_the_hessian_of_the_energy_for_complex_shape_functions
 
     slope, hessian = jax.jit(jax.grad(energy))(u), jax.jit(jax.hessian(energy))(u)
     assert np.abs(slope).max() < 1e-9 * np.abs(problem.stiffness @ u).max()
-    np.testing.assert_allclose(matrix, hessian, atol=1e-5 * np.abs(hessian).max())  # 1e-9 mm apart, and dp/dJ ~ 1 / (J - 1)
+    np.testing.assert_allclose(correction.matrix, hessian, atol=1e-5 * np.abs(hessian).max())  # 1e-9 mm apart, and dp/dJ ~ 1 / (J - 1)
 
 
 @pytest.mark.parametrize("kind", ["mls", "icvmls"])

@@ -1,6 +1,7 @@
 """A run's folder says what the sweep found, survives whatever stops the run, and damaged files give one clear error."""
 
 import csv
+import dataclasses
 import json
 import shutil
 
@@ -9,8 +10,7 @@ import pytest
 
 from jaxgel.cases import case as cases
 from jaxgel.cases import load_path
-from jaxgel.equilibrium import Step
-from jaxgel.io import Recorder, files, load_run, run, write_atomically
+from jaxgel.io import Recorder, files, load_run, write_atomically
 from jaxgel.observables import COLUMNS, SELF_CONTACT, area_reduction, events, history, min_gap, outlines, rotation_angle
 from jaxgel.observables import table as results
 
@@ -39,8 +39,7 @@ def table(**columns):
 
 def steps_of(path, switched=None):
     """The steps that the path was made from; number ``switched`` went over to another branch."""
-    names = [name for name in ("status", *run.STEP_ARRAYS) if name not in ("switched", "stride")]
-    return [Step(**{name: getattr(path, name)[k] for name in names}, switched=k == switched) for k in range(len(path.mu))]
+    return [dataclasses.replace(path[k], switched=k == switched) for k in range(len(path))]
 
 
 def test_history_has_exactly_the_columns_of_the_interface_and_a_row_per_state(run_folder, path):

@@ -9,10 +9,25 @@ import pytest
 from scipy.integrate import quad
 
 import jaxgel
-from jaxgel.continuation import tangent_products
-from jaxgel.continuation.follow import _reached
-from jaxgel.equilibrium import Equilibrium, Status, linearised, overlaps, prepare, tangent_at, touches
-from jaxgel.mechanics import contact, contact_pairs, gather, node_pairs, pair_energy, scatter, state_pressure, with_contact
+from jaxgel.continuation import StabilityAnalysis
+from jaxgel.continuation.follow import _Attempt
+from jaxgel.equilibrium import Status
+from jaxgel.mechanics import (
+    TangentOperator,
+    contact,
+    contact_pairs,
+    gather,
+    linearise,
+    node_pairs,
+    overlaps,
+    pair_energy,
+    prepare,
+    scatter,
+    state_pressure,
+    tangent,
+    touches,
+    with_contact,
+)
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 contact_energy, contact_force = jax.jit(contact.contact_energy), jax.jit(contact.contact_force)
@@ -56,7 +71,7 @@ def test_energy_is_zero_where_nothing_is_near(slit):
     x = model.cloud.nodes
     assert float(contact_energy(x, model)) == 0.0
     assert np.all(np.asarray(contact_force(x, model)) == 0.0)
-    assert not touches(model, x)
+    assert not touches(x, model)
 
 
 def test_force_is_the_difference_of_energies(squeezed):
@@ -72,11 +87,11 @@ def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
     """The tangent with contact less that without, over all node pairs, against the derivative of the force along a direction."""
     model, x = squeezed
     problem, p = prepare(model, GEL), state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0)
-    now = linearised(x, p, model, problem.gel, -1.0, problem.loads, problem.fixed, problem.free)[0]
-    blocks = np.array(tangent_at(x, p, now, model, problem.gel, problem.fixed))
+    linearisation = linearise(problem, x, p, -1.0)
+    blocks = np.array(tangent(problem, x, p, linearisation))
     base = node_pairs(model.lists)[0]
-    blocks[: len(base)] -= np.asarray(tangent_at(x, p, now, problem.apart.model, problem.gel, problem.fixed))
-    i, j = np.concatenate([base, contact_pairs(model.lists)[0]]).T
+    blocks[: len(base)] -= np.asarray(tangent(problem.without_contact, x, p, linearisation))
+    i, j = np.concatenate([base, contact_pairs(model.lists, model.dmax)[0]]).T
     direction = np.random.default_rng(1).normal(size=x.shape)
     product, other = np.zeros_like(direction), i != j
     np.add.at(product, i, np.einsum("pkl,pl->pk", blocks, direction[j]))
@@ -89,9 +104,10 @@ def test_products_of_the_tangent_include_contact(squeezed):
     """Those with contact less those without, of a state whose other forces do not matter."""
     model, x = squeezed
     problem = prepare(model, GEL)
-    state = Equilibrium(x, state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0), Status.CONVERGED, 0, 0.0, None)
+    state = np.asarray(x)[None], np.asarray(state_pressure(x, model, GEL, -1.0))[None], np.array([-1.0])
     vectors = np.random.default_rng(2).normal(size=(len(problem.free), 2))
-    found = np.subtract(*(tangent_products(p, state, -1.0, vectors, 0 * vectors) for p in (problem, problem.apart)))
+    products = [next(TangentOperator(p).at(*state)) for p in (problem, problem.without_contact)]
+    found = np.subtract(*(np.stack([product(v) for v in vectors.T], axis=1) for product in products))
     directions = [scatter(v, x.shape, problem.free) for v in vectors.T]
     expected = [gather(jax.jvp(lambda x: contact_force(x, model), (x,), (d,))[1], problem.free) for d in directions]
     np.testing.assert_allclose(found.T, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
@@ -150,19 +166,20 @@ def test_contact_changes_nothing_before_holes_touch(slit):
 
 
 def test_sides_that_touch_do_not_overlap_and_are_in_equilibrium(closed):
-    assert touches(closed.model, closed.x[-1]) and not overlaps(closed.model, closed.x[-1])
+    assert touches(closed.x[-1], closed.model) and not overlaps(closed.x[-1], closed.model)
     assert closed.negative_pivots[-1] == 0 and closed.residual.max() < 1e-10
     apart = jaxgel.sweep(closed.model, GEL, mu=MU, contact="off")
-    assert overlaps(apart.model, apart.x[-1])
+    assert overlaps(apart.x[-1], apart.model)
 
 
 def test_a_leap_into_contact_is_refused(slit):
     """Prediction and last state are apart; where Newton's method closes the slit from there is not where a gel that swells slowly would."""
     steps, model = [], with_contact(jaxgel.discretise(slit), GEL)
     jaxgel.sweep(model, GEL, mu=MU[:1], on_step=steps.append)
-    found, _ = _reached(prepare(model, GEL), True, MU[-1], steps)
+    problem = prepare(model, GEL)
+    found, _ = _Attempt(problem, True, StabilityAnalysis(problem))._reach(MU[-1], steps)
     assert found.status is Status.NOT_CONVERGED
-    assert np.abs(found.x - steps[0].x).max() > float(model.contact.range) and not touches(model, steps[0].x)
+    assert np.abs(found.x - steps[0].x).max() > float(model.contact.range) and not touches(steps[0].x, model)
 
 
 def test_a_sweep_told_to_stop_ends_before_the_overlap(slit):
@@ -177,8 +194,8 @@ def test_squares_close_without_crossing(cloud_of):
     """Sample 7, on the symmetric branch: the sides meet from the corners; without contact they overlap."""
     model, mu = jaxgel.discretise(cloud_of("sample-7")), [-2.0, -1.0, -0.55, -0.4]
     path = jaxgel.sweep(model, GEL, mu=mu, branch="symmetric", contact="on")
-    assert path.stop.ok and touches(path.model, path.x[-1])
-    assert not any(overlaps(path.model, x) for x in path.x)
+    assert path.stop.ok and touches(path.x[-1], path.model)
+    assert not any(overlaps(x, path.model) for x in path.x)
     volumes = np.asarray(jaxgel.observables.cell_volumes(model))
     phi = 1 - volumes.sum() / 22.0**2
     mean = np.asarray(jaxgel.volume_ratio(path)) @ volumes / volumes.sum()
@@ -200,7 +217,7 @@ def test_gradient_through_contact_is_that_of_the_resolved_problem(moved, slit, c
     _, slope = jax.jvp(height, (jnp.asarray(at),), (jnp.asarray(direction),))
     difference = (float(height(at + 1e-5 * direction)) - float(height(at - 1e-5 * direction))) / 2e-5
     assert float(slope) == pytest.approx(difference, rel=1e-5)  # states to 1e-11 over a step of 1e-5
-    assert touches(closed.model, closed.x[-1])
+    assert touches(closed.x[-1], closed.model)
 
 
 def test_unknown_contact_is_refused(slit):

@@ -9,25 +9,14 @@ import pytest
 
 import jaxgel
 from jaxgel.materials import Gent
-from jaxgel.mechanics import (
-    TOGETHER,
-    Products,
-    constants,
-    crossed_entries,
-    free_dofs,
-    gather,
-    has_products,
-    residual,
-    scatter,
-    state_pressure,
-)
+from jaxgel.mechanics import STATES_TOGETHER, TangentOperator, free_dofs, gather, is_sparse, prepare, residual, scatter, state_pressure
 
 MU = np.array([-2.0, -1.5, -1.2, -1.0, -0.95])  # more than are made together
 
 
 def states(model, number):
     """Positions (number, n, 2) of rough states."""
-    assert number > TOGETHER
+    assert number > STATES_TOGETHER
     random = np.random.default_rng(0)
     nodes = np.asarray(model.cloud.nodes)
     return nodes @ np.array([[1.25, 0.1], [-0.2, 1.2]]).T + 0.02 * random.normal(size=(number, *nodes.shape))
@@ -56,9 +45,9 @@ def test_products_are_those_of_the_hessian_of_the_energy(edges, tiny_plate):
 
         return gather(jax.jvp(forces, (x,), (scatter(jnp.asarray(v), x.shape, free),))[1], free)
 
-    fixed = constants(model)
+    problem = prepare(model, plate.gel)
     pressure = np.stack([state_pressure(jnp.asarray(x), model, plate.gel, mu) for x, mu in zip(x, MU, strict=True)])
-    products = Products(model, plate.gel, fixed, crossed_entries(fixed), free).at(x, pressure)
+    products = TangentOperator(problem).at(x, pressure, np.array(MU))
     for of_state, product in zip(zip(x, MU, strict=True), products, strict=True):
         wanted = exact(*of_state)
         assert np.linalg.norm(product(v) - wanted) < 1e-12 * np.linalg.norm(wanted)
@@ -66,7 +55,8 @@ def test_products_are_those_of_the_hessian_of_the_energy(edges, tiny_plate):
 
 def test_only_the_default_kind_of_tangent_has_products(tiny_model):
     gel = jaxgel.Gel()
-    assert has_products(tiny_model, gel)
-    assert not has_products(tiny_model, jaxgel.Gel(network=Gent(30.0)))
-    assert not has_products(dataclasses.replace(tiny_model, method="displacement"), gel)
-    assert not has_products(dataclasses.replace(tiny_model, contact=object()), gel)
+    assert is_sparse(prepare(tiny_model, gel))
+    assert not is_sparse(prepare(tiny_model, jaxgel.Gel(network=Gent(30.0))))
+    problem = prepare(tiny_model, gel)
+    for other in (dict(method="displacement"), dict(contact=object())):
+        assert not is_sparse(dataclasses.replace(problem, model=dataclasses.replace(tiny_model, **other)))

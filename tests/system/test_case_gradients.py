@@ -8,8 +8,9 @@ import scipy.sparse as sp
 from jax.flatten_util import ravel_pytree
 
 import jaxgel
-from jaxgel.equilibrium import Equilibrium, Status, prepare, with_own_factor
+from jaxgel.equilibrium import State, with_own_factor
 from jaxgel.linalg import nearest_modes
+from jaxgel.mechanics import prepare
 
 PERTURBED = np.array([0.02, -0.02, 0.01, -0.01])  # of the radii of sample 4, relative: without any symmetry
 CASES = {
@@ -49,8 +50,7 @@ def round_off(path):
     """Relative difference that double precision allows two solutions with the tangent of the last state, each with a rounded matrix and
     right-hand side: four times its condition number times the unit round-off."""
     x, pressure, mu = jnp.asarray(path.x[-1]), jnp.asarray(path.pressure[-1]), float(path.mu[-1])
-    state = Equilibrium(x, pressure, Status.CONVERGED, 0, 0.0, None)
-    factor = with_own_factor(prepare(path.model, path.gel), mu, state).factor
+    factor = with_own_factor(prepare(path.model, path.gel), State(mu, x, pressure)).factor
     (softest,), _ = nearest_modes(factor, sp.identity(factor.matrix.shape[0], format="csr"), 1)
     return 4 * np.finfo(float).eps * factor.norm / abs(softest)
 
