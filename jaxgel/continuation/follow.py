@@ -111,7 +111,10 @@ class _Attempt:
         found, switched = self._reach(mu, history)
         if not found.status.ok:
             return found
-        stability, found = self.analysis.check(found, history[-1].modes if history else None)
+        stability, start = self.analysis.by_nearby_factor(found, history[-1].modes if history else None)
+        if stability is None:
+            found = dataclasses.replace(found, factor=None)  # free it before the next factorisation
+            stability, found = self.analysis.by_own_factor(found, start)
         other = self._stable(found, stability) if self.stable and stability.negative > 0 else None
         if other is not None:
             spent = found.newton_iterations + other[0].newton_iterations

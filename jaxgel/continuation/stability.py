@@ -38,14 +38,9 @@ class StabilityAnalysis:
         return network_matrix(free.pattern, float(free.gel.Nv) * np.asarray(free.operators.laplacian))
 
     def check(self, state: State, start: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
-        """`Stability` of a converged state, and the state with the factor that was used; ``start`` are modes of a nearby state.
-
-        The factor of a nearby tangent that the solution of the state left will do for as long as the modes converge with it.
-        """
-        stability, start = self._by_nearby_factor(state, start)
-        if stability is not None:
-            return stability, state
-        return self.by_own_factor(dataclasses.replace(state, factor=None), start)  # free it before the next factorisation
+        """`Stability` of a converged state, and the state with the factor that was used; ``start`` are modes of a nearby state."""
+        stability, start = self.by_nearby_factor(state, start)
+        return (stability, state) if stability is not None else self.by_own_factor(state, start)
 
     def by_own_factor(
         self, state: State, start: Float[np.ndarray, "f m"] | None = None, *, accuracy: float = ACCURACY
@@ -66,7 +61,9 @@ class StabilityAnalysis:
         eigenvalues, vectors, _ = self._davidson(state, *lowest, accuracy, own=True)
         return Stability(eigenvalues, np.concatenate([vectors, followed[:, TRACKED:]], axis=1), state.factor.negative_pivots)
 
-    def _by_nearby_factor(self, state, start, accuracy=ACCURACY):
+    def by_nearby_factor(
+        self, state: State, start: Float[np.ndarray, "f m"] | None, *, accuracy: float = ACCURACY
+    ) -> tuple[Stability | None, Float[np.ndarray, "f m"] | None]:
         """`Stability` by the factor of a nearby tangent that the solution of a state left, from modes ``start`` (f, m) of a nearby state.
 
         It will do as long as they converge and fewer than all are unstable, by its pivots and by their eigenvalues alike, which are Rayleigh

@@ -59,7 +59,7 @@ def sweep(
         raise ValueError(f"mu: {values[-1 if options.adaptive else 0]:g} is not above the start's mu = {before[-1].mu:g}")
     states = [] if isinstance(start, State) else list(before)
     with few_threads(2 * model.n_nodes):
-        followed = Followed(prepare(model, gel, loads), values.tolist(), options, before)
+        followed = Followed(prepare(model, gel, loads, operators=by_energy), values.tolist(), options, before)
         for state in followed:
             if on_step is not None:
                 on_step(state)

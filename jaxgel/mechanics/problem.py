@@ -25,7 +25,7 @@ class Problem:
     """Material."""
     loads: Float[Array, "n 2"]
     """Dead nodal loads, kT/v mm."""
-    operators: Operators
+    operators: Operators | None
     """Precomputed operators of the model."""
 
     @property
@@ -49,8 +49,11 @@ class Problem:
         return tangent_pattern(self.model.lists, self.model.solver, self.model.dmax if self.has_contact else None)
 
 
-def prepare(model: Model, gel: Gel, loads: Float[Array, "n 2"] | None = None) -> Problem:
-    """`Problem` of a model and a gel; ``loads`` (n, 2) are dead nodal forces in kT/v mm, none by default."""
+def prepare(model: Model, gel: Gel, loads: Float[Array, "n 2"] | None = None, *, operators: bool = True) -> Problem:
+    """`Problem` of a model and a gel; ``loads`` (n, 2) are dead nodal forces in kT/v mm, none by default.
+
+    Without ``operators`` it has none, for formulations that assemble dense matrices.
+    """
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
-    return Problem(model, gel, loads, precomputed_operators(model))
+    return Problem(model, gel, loads, precomputed_operators(model) if operators else None)

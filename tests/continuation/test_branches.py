@@ -87,7 +87,7 @@ def test_continuation_turns_at_the_fold_of_an_imperfect_bifurcation(buckled, buc
     loads = jaxgel.imperfection(buckling_model, gel, point, -1e-3)
     start = buckled[0]
     found = [jaxgel.continuation.solve_from(start, k, loads) for k in (-1, -2)]
-    path = jaxgel.continue_branch(jaxgel.Path.from_steps(buckling_model, gel, found), loads=loads, max_step=0.15, max_states=14)
+    path = jaxgel.continue_branch(jaxgel.Path.from_states(buckling_model, gel, found), loads=loads, max_step=0.15, max_states=14)
     turn = int(np.argmin(path.mu))
     assert 0 < turn < len(path) - 1
     assert path.mu[turn] > point.mu
