@@ -33,7 +33,7 @@ class IllPosedDerivative(UserWarning):
     """A sweep is differentiated at a state without a meaningful derivative: nearly singular, in self-contact, or not reached."""
 
 
-def is_traced(tree) -> bool:
+def is_traced(tree: object) -> bool:
     """Whether any leaf of the pytree is a JAX tracer."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
@@ -57,7 +57,7 @@ class _Static:
         return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
 
 
-def traced_sweep(model: Model, gel: Gel, mu, loads: Float[Array, "n 2"] | None, options: Following) -> Path:
+def traced_sweep(model: Model, gel: Gel, mu: object, loads: Float[Array, "n 2"] | None, options: Following) -> Path:
     """`sweep` under differentiation, jit or vmap; states that are not reached are nan, with their status.
 
     Differentiation flags, and warns of, states without a meaningful derivative (`IllPosedDerivative`).

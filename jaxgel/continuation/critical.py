@@ -18,11 +18,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._types import Array, Float
+from ..discretisation import Model
 from ..equilibrium import Conditions, Stability, first_order_only, mu_force, solve, solve_bordered
 from ..linalg import Bordered, nearest_modes
+from ..materials import Gel
 from ..mechanics import Problem, curvature, free_dofs, gather, prepare, prescribed_motion, residual, restrict, scatter
 from .autodiff import is_traced
 from .options import check_mu
+from .path import Path
 from .stability import StabilityAnalysis, oriented
 from .sweeps import sweep
 from .symmetry import characters, symmetries
@@ -79,7 +83,9 @@ class CriticalPoint:
         return f"{('', 'simple', 'double')[min(self.multiplicity, 2)]} bifurcation{side}" + (f"; the mode {said}" if said else "")
 
 
-def critical_points(model, gel, *, mu, loads=None, most=4):
+def critical_points(
+    model: Model, gel: Gel, *, mu: tuple[float, float], loads: Float[Array, "n 2"] | None = None, most: int = 4
+) -> list["CriticalPoint"]:
     """``CriticalPoint``s of the branch that continues the dry state, in the order of mu in ``mu = (first, last)``; at most ``most``.
 
     They are located to ``TOLERANCE``; a fold where the branch turns back, if it does (on other branches: see ``folds``).
@@ -100,7 +106,7 @@ def critical_points(model, gel, *, mu, loads=None, most=4):
     return [dataclasses.replace(point, mu=value) for point, value in zip(search.points, values, strict=True)]
 
 
-def folds(path, loads=None):
+def folds(path: Path, loads: Float[Array, "n 2"] | None = None) -> list["CriticalPoint"]:
     """``CriticalPoint``s of kind "fold" where mu turns along a ``Path`` of `switch` or `continue_branch`; not differentiable."""
     frame, rise = _Frame.of(prepare(path.model, path.gel, loads)), np.diff(path.mu)
     states = [path[k] for k in range(len(path))]

@@ -5,7 +5,6 @@ stiffness against the mode v in units of the network's, dimensionless and nearly
 neutral state 0. Modes have v . N v = 1.
 """
 
-import dataclasses
 import functools
 
 import numpy as np

@@ -3,6 +3,9 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .._types import Float
+from ..discretisation import Model
+
 SYMMETRIES = {
     "x -> -x": ((-1, 0), (0, 1)),
     "y -> -y": ((1, 0), (0, -1)),
@@ -13,7 +16,7 @@ SYMMETRIES = {
 }
 
 
-def symmetries(model):
+def symmetries(model: Model) -> dict[str, tuple]:
     """Name of each of ``SYMMETRIES`` that the cloud has -> (matrix (2, 2), number (n,) of the node where each node goes)."""
     nodes, plate = np.asarray(model.cloud.nodes), model.cloud.plate
     tree, found = cKDTree(nodes), {}
@@ -35,7 +38,7 @@ def _edges_after(values, matrix):
     return {names[tuple(int(c) for c in matrix @ normals[edge])]: value for edge, value in dict(values).items()}
 
 
-def characters(modes, permutations):
+def characters(modes: Float[np.ndarray, "m n 2"], permutations: dict[str, tuple]) -> dict[str, float]:
     """Name -> trace of the symmetry in the space of the modes (m, n, 2), orthonormalised."""
     flat = np.linalg.qr(modes.reshape(len(modes), -1).T)[0]
     traces = {}

@@ -162,7 +162,7 @@ def _moved(motion, correction, free):
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(1,))
-def first_order_only(values, what: str):  # noqa: ARG001
+def first_order_only(values: object, what: str):  # noqa: ARG001
     """The ``values`` of ``what``; used in a rule for tangents, ValueError where that is differentiated once more."""
     return values
 
@@ -173,7 +173,7 @@ def _refuse(what, *_):
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def with_derivatives_of(function: Callable, values, *inputs):  # noqa: ARG001
+def with_derivatives_of(function: Callable, values: object, *inputs):  # noqa: ARG001
     """The ``values`` of ``function(*inputs)``, found otherwise; what their derivatives need is computed where these are asked for."""
     return values
 

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float, Int, Scalar
+from .._types import Array, Float, Inexact, Int, Scalar
 from ..discretisation import Model
 from ..linalg import SingularTangent
 from ..materials import Gel, flory_rehner, free_swelling, neo_hookean, paper_stress, paper_tangent, voigt
@@ -186,7 +186,7 @@ def _point(phi, L, mu, gel):
     return K_L + K_NL, (B_L0 + B_L1).T @ S_vector, (B_L0 + B_L1).T @ (gel.Nv * jnp.array([1.0, 1.0, 0.0]))
 
 
-def strain_matrices(phi, L):
+def strain_matrices(phi: Inexact[Array, "a 2"], L: Float[Array, "2 2"]) -> tuple[jax.Array, jax.Array, jax.Array]:
     """B_L0 (3, 2 a), B_L1 (3, 2 a) and B (4, 2 a), Eqs. (52)-(54), of shape function gradients (a, 2), real or complex, and L (2, 2)."""
     r1, r2, i1, i2 = phi[:, 0].real, phi[:, 1].real, phi[:, 0].imag, phi[:, 1].imag
 

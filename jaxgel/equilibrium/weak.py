@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 
 from .._types import Array, Float, Int, Scalar
-from ..discretisation import Model, make_probe
+from ..discretisation import CellBlock, Model, make_probe
 from ..geometry import edge_lines
 from ..linalg import SingularTangent
 from ..materials import Gel, bulk_stiffness, volume_ratio_at
@@ -161,7 +161,7 @@ def _traces(model):
     return normal.reshape(len(phi), -1), np.concatenate(weight), scipy.linalg.block_diag(*hats)
 
 
-def strain_operators(block):
+def strain_operators(block: CellBlock) -> Float[Array, "c q 2 2 a 2"]:
     """Matrices (c, q, 2, 2, a, 2) that take the values of a cell's nodes to F_ij; complex shape functions mix the components."""
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     return jnp.einsum("cqaj,ik->cqijak", block.dphi.real, np.eye(2)) + jnp.einsum("cqaj,ik->cqijak", block.dphi.imag, turn)
@@ -230,7 +230,7 @@ def _advance(x, p, dx, now, model):
     return x + dx, p + now["stiffness"] * (dJ + now["error_by_group"])
 
 
-def dense(model, matrices, chunk=256):
+def dense(model: Model, matrices: list, chunk: int = 256) -> Float[np.ndarray, "N N"]:
     """The sum (N, N) of cell matrices (c, 2 a, 2 a), block by block."""
     size = 2 * model.n_nodes
     total = np.zeros(size * size)
@@ -243,7 +243,7 @@ def dense(model, matrices, chunk=256):
     return total.reshape(size, size)
 
 
-def negative_eigenvalues(matrix):
+def negative_eigenvalues(matrix: Float[np.ndarray, "f f"]) -> int:
     """Number of negative eigenvalues of a symmetric matrix, from the blocks of its LDL^T."""
     blocks = scipy.linalg.ldl(matrix)[1]
     return int(np.sum(scipy.linalg.eigvalsh_tridiagonal(np.diagonal(blocks), np.diagonal(blocks, 1)) < 0))

@@ -21,10 +21,11 @@ import numpy as np
 from jax import lax
 
 from .._memo import once_per_owner
-from .._types import Array, Bool, Float
+from .._types import Array, Bool, Float, Int, Scalar
 from ..cloud import Topology
 from ..discretisation import Model, reaching_nodes
 from ..geometry import edge_lines
+from ..materials import Gel
 
 RANGE = 0.5  # of the node spacing
 STIFFNESS = 10.0  # of the network's Nv
@@ -38,29 +39,29 @@ APPROACH = 0.5  # of a pair's distance, or range, that one Newton iteration leav
 class Contact:
     """How hole boundaries repel each other."""
 
-    range: jax.Array
-    """() largest distance at which two points do, mm."""
-    stiffness: jax.Array
-    """() kappa, kT/v."""
+    range: Float[Array, ""]
+    """Largest distance at which two points do, mm."""
+    stiffness: Float[Array, ""]
+    """kappa, kT/v."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ContactGroup:
     """Holes with equally many points and images; NumPy arrays."""
 
-    points: np.ndarray
+    points: Int[np.ndarray, "h m"]
     """(h, m) numbers of the contact points in ``model.outline``, along each outline."""
-    joined: np.ndarray
+    joined: Bool[np.ndarray, "h m"]
     """(h, m) whether the outline goes on from a point to the next one."""
-    nodes: np.ndarray
+    nodes: Int[np.ndarray, "h n"]
     """(h, n) node numbers that the points depend on, ascending; padded with the number of nodes."""
-    sign: np.ndarray
+    sign: Float[np.ndarray, "h g 2"]
     """(h, g, 2) images sign * y + shift of a point y, the first of which is itself."""
-    shift: np.ndarray
+    shift: Float[np.ndarray, "h g 2"]
     """(h, g, 2) see ``sign``; mm."""
 
 
-def with_contact(model, gel, *, range=None, stiffness=None):  # noqa: A002
+def with_contact(model: Model, gel: Gel, *, range: Scalar | None = None, stiffness: Scalar | None = None) -> Model:  # noqa: A002
     """The model with self-contact of ``range`` (mm, half the node spacing by default) and ``stiffness`` kappa (kT/v, 10 Nv).
 
     It is returned as it is if it has no hole, or contact already and nothing is given.
@@ -72,7 +73,7 @@ def with_contact(model, gel, *, range=None, stiffness=None):  # noqa: A002
     return dataclasses.replace(model, contact=Contact(jnp.asarray(range, dtype=float), jnp.asarray(stiffness, dtype=float)))
 
 
-def contact_energy(x, model):
+def contact_energy(x: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
     """Energy () of self-contact at nodal positions ``x`` (n, 2), kT/v mm^2; 0 where no outline comes close to itself."""
     return model.contact.stiffness * sum(jnp.sum(parts) for parts in _over_holes(_hole_energy, model, x))
 
@@ -87,22 +88,22 @@ contact_force = jax.grad(contact_energy)
 """Gradient (n, 2) of ``contact_energy`` with respect to the nodal positions, kT/v mm."""
 
 
-def contact_tangents(x, model):
+def contact_tangents(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
     """Hessian of ``contact_energy``: for each of `contact_groups` the blocks (h, n, n, 2, 2) of its nodes, kT/v."""
     return [model.contact.stiffness * blocks for blocks in _over_holes(_hole_tangent, model, x)]
 
 
-def closest(x, model):
+def closest(x: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
     """Smallest distance over range () among all pairs; contact acts below 1."""
     return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_closest, model, x)]))
 
 
-def step_limit(x, dx, model):
+def step_limit(x: Float[Array, "n 2"], dx: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
     """Share () of the step ``dx`` (n, 2), at most 1, that leaves every pair ``APPROACH`` times its distance, or its range if less."""
     return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_limit, model, x, dx)]))
 
 
-def pair_energy(delta, reach):
+def pair_energy(delta: Float[Array, " 2"], reach: Scalar) -> Float[Array, ""]:
     """psi(|delta| / reach) () of a pair with separation ``delta`` (2,) and range ``reach`` ()."""
     square = jnp.sum(delta**2)
     acts = (square < reach**2) & (square > 0)

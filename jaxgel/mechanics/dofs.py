@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._types import Array, Int
+from .._types import Array, Float, Int
 from ..cloud import Topology, thin_plate_matrix
-from ..geometry import EDGES, held_components
+from ..geometry import EDGES, Plate, held_components
 
 
 @once_per_owner
@@ -33,14 +33,14 @@ def free_dofs(topology: Topology) -> Int[Array, "f ..."]:
     return np.flatnonzero(free.ravel())
 
 
-def check_edges(plate):
+def check_edges(plate: Plate) -> None:
     """Raise ValueError, one line, for edges that leave the plate free to slide."""
     held = {component for edge in EDGES for component in held_components(plate.edges, edge)}
     if len(held) < 2 and "periodic" not in plate.edges.values():
         raise ValueError(f"edges: {_named(plate)} leave the plate free to slide; hold at least one edge normal to each direction")
 
 
-def check_room(plate):
+def check_room(plate: Plate) -> None:
     """Raise ValueError, one line, for a plate that fills a closed box: no state has a volume ratio above 1 everywhere."""
     if not plate.holes and "free" not in plate.edges.values() and not _box_area(plate) > plate.width * plate.height * (1 + 1e-12):
         raise ValueError(f"edges: {_named(plate)} leave no room to swell in; add a hole, free an edge or move one outwards")
@@ -58,7 +58,7 @@ def _box_area(plate):
     return float(np.linalg.det([at[1] - at[0], at[2] - at[0]]))
 
 
-def periodic_images(topology):
+def periodic_images(topology: Topology) -> Int[np.ndarray, " n"]:
     """For each node the node (n,) that stands for it: itself, or its image on the left or bottom edge; ValueError where there is none."""
     plate, first = topology.plate, np.arange(len(topology.node_vertices))
     nodes = topology.partition.vertices[topology.node_vertices]
@@ -83,35 +83,35 @@ def _tied(first, free):
     return np.minimum(rows, 2 * len(first))[unknown]
 
 
-def gather(forces, free):
+def gather(forces: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, " f"]:
     """Generalised forces (f,) on the unknowns for nodal forces (n, 2): the sums over what moves together."""
     forces = jnp.asarray(forces).ravel()
     return forces[free] if free.ndim == 1 else forces.at[free].get(mode="fill", fill_value=0.0).sum(axis=1)
 
 
-def scatter(vector, shape, free):
+def scatter(vector: Float[Array, " f"], shape: tuple[int, int], free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
     """Nodal field (n, 2) of a vector (f,) of the unknowns, zero where nothing is free."""
     vector = vector if free.ndim == 1 else vector[:, None]
     return jnp.zeros(shape).ravel().at[free].add(vector, mode="drop").reshape(shape)
 
 
-def restrict(field, free):
+def restrict(field: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, " f"]:
     """Values (f,) of a nodal field (n, 2) at the degrees of freedom that stand for the unknowns."""
     return field.ravel()[free if free.ndim == 1 else free[:, 0]]
 
 
-def with_free_values(values, positions, free):
+def with_free_values(values: Float[Array, " f"], positions: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
     """Nodal positions (n, 2) with the unknowns at ``values`` (f,) and the rest as in ``positions`` (n, 2), which satisfy the conditions."""
     return positions + scatter(values - restrict(positions, free), positions.shape, free)
 
 
-def prescribed_motion(moved, plate, free):
+def prescribed_motion(moved: Float[Array, "n 2"], plate: Plate, free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
     """The nodal field (n, 2) that a motion (n, 2) of the dry nodes gives the deformed ones with the unknowns at rest."""
     field = moved @ np.array(plate.deformation).T
     return field - scatter(restrict(field, free), field.shape, free)
 
 
-def start_positions(topology, nodes):
+def start_positions(topology: Topology, nodes: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
     """Nodal positions (n, 2), mm, that satisfy the conditions: the dry ``nodes`` (n, 2) deformed as the plate's edges are."""
     return nodes @ np.array(topology.plate.deformation).T + _edge_displacement(topology)
 

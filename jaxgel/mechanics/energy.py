@@ -9,22 +9,23 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..discretisation import in_plane
-from ..materials import bulk_stiffness, osmotic
+from .._types import Array, Float, Scalar
+from ..discretisation import CellBlock, Model, in_plane
+from ..materials import Gel, bulk_stiffness, osmotic
 from .contact import contact_energy
 
 
-def deformation_gradients(x, block):
+def deformation_gradients(x: Float[Array, "n 2"], block: CellBlock) -> jax.Array:
     """Deformation gradients (c, q, 2, 2) at the quadrature points of a block for nodal positions ``x`` (n, 2)."""
     return in_plane(jnp.einsum("cai,cqaj->cqij", x[block.nodes], block.dphi), axis=2)
 
 
-def group_volumes(block, method):
+def group_volumes(block: CellBlock, method: str) -> Float[Array, "c g"]:
     """Dry volumes (c, g) of a block's volume groups, mm^2; 0 for padding."""
     return jnp.sum(block.weight, axis=1, keepdims=True) if method == "mixed" else block.weight
 
 
-def volume_ratios(x, model):
+def volume_ratios(x: Float[Array, "n 2"], model: Model) -> Float[Array, " g"]:
     """Mean volume ratios (g,) of all volume groups; 2 for padding."""
     return _volume_ratios(_gradients(x, model), model)
 
@@ -49,19 +50,21 @@ def _cofactors(F):
     return jnp.array([[1.0, -1.0], [-1.0, 1.0]]) * F[..., ::-1, ::-1]
 
 
-def all_volumes(model):
+def all_volumes(model: Model) -> Float[Array, " g"]:
     """Dry volumes (g,) of all volume groups, mm^2; 0 for padding."""
     return jnp.concatenate([group_volumes(block, model.method).ravel() for block in model.blocks])
 
 
-def by_block(values, model):
+def by_block(values: Float[Array, " g"], model: Model) -> list[jax.Array]:
     """Values (g,) of all volume groups as arrays (c, g) per block."""
     shapes = [(len(b.weight), 1) if model.method == "mixed" else b.weight.shape for b in model.blocks]
     cuts = np.cumsum([rows * columns for rows, columns in shapes])[:-1]
     return [part.reshape(shape) for part, shape in zip(jnp.split(values, cuts), shapes, strict=True)]
 
 
-def total_energy(x, model, gel, mu, loads, pressure=None):
+def total_energy(
+    x: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar, loads: Float[Array, "n 2"], pressure: Float[Array, " g"] | None = None
+) -> Float[Array, ""]:
     """Total energy (), kT/v mm^2, at nodal positions ``x`` (n, 2): free energy of the gel less the work of dead ``loads`` (n, 2).
 
     It includes the self-contact of a model that has it.
@@ -87,7 +90,7 @@ def _with_pressure_of(J, pressure, model, gel, mu):
     return J + lax.stop_gradient(jnp.where(real, (pressure - osmotic(J, mu, gel)) / jnp.where(real, stiffness, 1.0), 0.0))
 
 
-def curvature(x, v, model, gel, mu, loads):
+def curvature(x: Float[Array, "n 2"], v: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar, loads: Float[Array, "n 2"]) -> Float[Array, ""]:
     """Second derivative () of the total energy along the field ``v`` (n, 2), at ``x`` (n, 2): v . K v."""
 
     def along(t):
@@ -96,7 +99,7 @@ def curvature(x, v, model, gel, mu, loads):
     return jax.jvp(lambda t: jax.jvp(along, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
 
 
-def network_energy(x, model, gel):
+def network_energy(x: Float[Array, "n 2"], model: Model, gel: Gel) -> Float[Array, ""]:
     """Energy () of the network alone, kT/v mm^2."""
     return _network_energy(_gradients(x, model), model, gel)
 

@@ -5,15 +5,16 @@ model's own quadrature is. So the sum of the nodal forces is the total load, and
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._types import Array, Float
 from .._validation import PAIR, did_you_mean, finite_numbers, tabled
 from ..cloud import edge_points
-from ..discretisation import make_probe, wall_ends
+from ..discretisation import Model, make_probe, wall_ends
 from ..geometry import EDGES, edge_lines, held_components
 
 BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that counts as none
@@ -23,7 +24,7 @@ BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that cou
 class Loads:
     """Constant dead loads, as a case file gives them; ValueError for what is not two numbers or an unknown edge."""
 
-    body_force: tuple | None = dataclasses.field(default=None, metadata={"schema": PAIR})
+    body_force: tuple[float, float] | None = dataclasses.field(default=None, metadata={"schema": PAIR})
     """(2,) force per dry area, kT/v per mm; None for none."""
     traction: Mapping = dataclasses.field(default_factory=dict, metadata={"schema": tabled(dict.fromkeys(EDGES, PAIR))})
     """Edge -> force (2,) per dry length, kT/v."""
@@ -39,12 +40,12 @@ class Loads:
         traction = {edge: finite_numbers(force, (2,), f"loads.traction.{edge}") for edge, force in self.traction.items()}
         object.__setattr__(self, "traction", traction)
 
-    def of(self, model):
+    def of(self, model: Model) -> Float[Array, "n 2"] | None:
         """``load_vector`` (n, 2) of a model; None where there is no load."""
         return load_vector(model, body_force=self.body_force, traction=self.traction) if self.body_force or self.traction else None
 
 
-def load_vector(model, *, body_force=None, traction=None):
+def load_vector(model: Model, *, body_force: tuple | Callable | None = None, traction: Mapping | None = None) -> Float[Array, "n 2"]:
     """Nodal forces (n, 2), kT/v mm, of dead loads: the ``loads`` of ``sweep``. Their work is sum(loads * x).
 
     ``body_force`` is a constant (2,) or a function from a dry point (2,), mm, to (2,): force per dry area in kT/v per mm. ``traction``

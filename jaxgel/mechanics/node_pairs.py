@@ -6,6 +6,7 @@ import numpy as np
 
 from .._memo import once_per_owner
 from .._types import Array, Int
+from ..discretisation import Connectivity
 from ..linalg import Pattern, analyse
 from .contact import contact_groups
 from .dofs import free_dofs
@@ -14,7 +15,7 @@ CELLS_TOGETHER = 1024  # cells whose node pairs are listed together
 
 
 @once_per_owner
-def node_pairs(lists) -> tuple[Int[Array, "p 2"], tuple]:
+def node_pairs(lists: Connectivity) -> tuple[Int[Array, "p 2"], tuple]:
     """Node pairs (p, 2), i <= j, that share a cell, and per block of cells the slots (c, t) of `operators.Operators`.
 
     ``lists`` are the model's ``lists``.
@@ -37,7 +38,7 @@ def node_pairs(lists) -> tuple[Int[Array, "p 2"], tuple]:
 
 
 @once_per_owner
-def contact_pairs(lists, dmax: float) -> tuple[Int[Array, "e 2"], list]:
+def contact_pairs(lists: Connectivity, dmax: float) -> tuple[Int[Array, "e 2"], list]:
     """Node pairs (e, 2), i <= j, that share a hole's outline but no cell, and for each of `contact.contact_groups` the slots (h, t).
 
     The slots count the pairs that share a cell first; padding has the number after the last pair.
@@ -56,7 +57,7 @@ def contact_pairs(lists, dmax: float) -> tuple[Int[Array, "e 2"], list]:
 
 
 @once_per_owner
-def tangent_pattern(lists, solver: str = "auto", contact_dmax: float | None = None) -> Pattern:
+def tangent_pattern(lists: Connectivity, solver: str = "auto", contact_dmax: float | None = None) -> Pattern:
     """`linalg.Pattern` of the tangent on the free degrees of freedom; with the pairs of self-contact where ``contact_dmax``, the model's
     ``dmax``, is given."""
     topology, pairs = lists.topology, node_pairs(lists)[0]

@@ -8,12 +8,12 @@ import shapely
 from .._memo import once_per_owner
 from .._types import Array, Float
 from ..discretisation import Model
-from ..geometry import edge_lines, held_components
+from ..geometry import Plate, edge_lines, held_components
 
 _ANTICLOCKWISE = ("bottom", "right", "top", "left")
 
 
-def outline_loops(x, model):
+def outline_loops(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
     """Outline of each hole at nodal positions ``x`` (n, 2): a list over holes of closed loops (m, 2), mm; along the plate's edge if cut."""
     points = model.outline.position(x)
     loops = []
@@ -48,7 +48,7 @@ def _corners_between(topology, outline, following):
     return np.array([corner_after[edge] for edge in passed]).reshape(-1, 2)
 
 
-def crosses(loops, plate, tolerance=1e-9):
+def crosses(loops: list[np.ndarray], plate: Plate, tolerance: float = 1e-9) -> bool:
     """Whether a hole's deformed outline, one of the closed ``loops`` (m, 2), crosses itself, another one or a wall; host."""
     rings = [shapely.LinearRing(loop) for loop in loops]
     if not all(ring.is_simple for ring in rings):
