@@ -2,6 +2,7 @@
 
 from .consistency import wall_ends
 from .interpolation import NEIGHBOURS, in_plane, make_probe
+from .midline import core_probe, midline_probe
 from .model import Block, Lists, Model, discretise
 from .moving_least_squares import KINDS, cubic_spline_weight, n_monomials, shape_functions, shape_functions_and_gradients, singular_weight
 from .neighbours import reaching_nodes
@@ -21,10 +22,12 @@ __all__ = [
     "Model",
     "Quality",
     "cell_sizes",
+    "core_probe",
     "cubic_spline_weight",
     "discretise",
     "in_plane",
     "make_probe",
+    "midline_probe",
     "n_monomials",
     "quality",
     "reaching_nodes",

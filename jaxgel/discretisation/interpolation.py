@@ -50,7 +50,8 @@ class Probe:
 def make_probe(model, points, reference_points=None):
     """``Probe`` at material points (p, 2) of the dry plate, mm; ``points`` may be traced if their values on the reference are given."""
     reference_points = np.asarray(points if reference_points is None else reference_points)
-    neighbours = probe_lists(model.cloud, model.dmax, reference_points)
+    topology = model.cloud.topology
+    neighbours = probe_lists(topology, model.dmax, reference_points, SKIN * topology.spacing * is_moved(model.cloud))
     return probe_at(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
 
 
@@ -61,11 +62,10 @@ def probe_at(cloud, points, neighbours, basis, kind):
     return Probe(points, lists, supports, phi, dphi)
 
 
-def probe_lists(cloud, dmax, reference_points, room=0.0):
+def probe_lists(topology, dmax, reference_points, room=0.0):
     """Padded node lists (p, a) and supports (p, a) of material points (p, 2) and all points within ``room`` mm of them."""
-    topology = cloud.topology
-    support, skin = dmax * topology.node_spacing, room + SKIN * topology.spacing * is_moved(cloud)
-    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, skin)
+    support = dmax * topology.node_spacing
+    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, room)
     return pad_nodes(*reaching, support)
 
 

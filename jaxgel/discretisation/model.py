@@ -192,7 +192,8 @@ def _observed(cloud, lists, basis, dmax, kind):
     key = ("observed", is_moved(cloud))
     if key not in lists.cache:
         reference = np.concatenate([topology.partition.vertices[outline], fixed])
-        lists.cache[key] = probe_lists(cloud, dmax, reference, plate.width / (MIDLINE_POINTS - 1))
+        room = SKIN * topology.spacing * is_moved(cloud) + plate.width / (MIDLINE_POINTS - 1)
+        lists.cache[key] = probe_lists(topology, dmax, reference, room)
     probe = probe_at(cloud, _followed(cloud.vertices, outline, fixed), lists.cache[key], basis, kind)
     outline, midline, core = _cut(probe, (len(outline), len(outline) + len(midline)))
     if in_hole:
