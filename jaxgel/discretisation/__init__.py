@@ -1,9 +1,10 @@
-"""discretisation."""
+"""Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
-from .consistency import wall_ends
-from .interpolation import NEIGHBOURS, in_plane, make_probe
+from .connectivity import Connectivity
+from .consistency import plate_edge_ends
+from .interpolation import NEIGHBOURS, Interpolation, in_plane, make_probe
 from .midline import core_probe, midline_probe
-from .model import Block, Lists, Model, discretise
+from .model import CellBlock, Model, discretise
 from .moving_least_squares import KINDS, cubic_spline_weight, n_monomials, shape_functions, shape_functions_and_gradients, singular_weight
 from .neighbours import reaching_nodes
 from .options import BASES, METHODS, QUADRATURES, DiscretisationOptions
@@ -16,9 +17,10 @@ __all__ = [
     "NEIGHBOURS",
     "QUADRATURES",
     "SPENT",
-    "Block",
+    "CellBlock",
+    "Connectivity",
     "DiscretisationOptions",
-    "Lists",
+    "Interpolation",
     "Model",
     "Quality",
     "cell_sizes",
@@ -29,11 +31,11 @@ __all__ = [
     "make_probe",
     "midline_probe",
     "n_monomials",
+    "plate_edge_ends",
     "quality",
     "reaching_nodes",
     "refreshed",
     "shape_functions",
     "shape_functions_and_gradients",
     "singular_weight",
-    "wall_ends",
 ]
