@@ -20,7 +20,7 @@ from jax.extend.core import jaxpr_as_fun
 from threadpoolctl import threadpool_info
 
 from .._threads import usable_cores
-from ..discretisation import Block, Lists, Model, shape_functions
+from ..discretisation import CellBlock, Connectivity, Model, shape_functions
 from ..materials import (
     ArrudaBoyce,
     Gel,
@@ -234,7 +234,8 @@ def _square():
     weight = np.exp(-np.sum(offset**2, axis=-1, keepdims=True))
     offset -= np.sum(weight * offset, axis=2, keepdims=True) / np.sum(weight, axis=2, keepdims=True)
     dphi = np.linalg.solve(np.swapaxes(offset, 2, 3) @ (weight * offset), np.swapaxes(weight * offset, 2, 3))
-    block = Block(np.arange(36), listed, np.swapaxes(dphi, 2, 3), np.full((36, 4), 0.25))
-    lists = Lists(SimpleNamespace(node_vertices=np.arange(49)), listed, np.ones(listed.shape), (), (np.arange(36),), np.zeros((0, 2)))
-    model = Model(None, (block,), None, None, None, lists, "linear", 2.95, "mixed", "conforming", "imls")
+    block = CellBlock(np.arange(36), listed, np.swapaxes(dphi, 2, 3), np.full((36, 4), 0.25))
+    topology = SimpleNamespace(node_vertices=np.arange(49))
+    lists = Connectivity(topology, listed, np.ones(listed.shape), (), (np.arange(36),), np.zeros((0, 2)))
+    model = Model(None, (block,), None, lists, "linear", 2.95, "mixed", "conforming", "imls")
     return model, 1.1 * nodes + 0.05 * np.sin(nodes[:, ::-1]), 0.2 + 0.05 * np.sin(np.arange(36.0))

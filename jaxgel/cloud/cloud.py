@@ -16,10 +16,22 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from ..geometry import arc_points, arcs, check_plate, edge_lines, equal_arc_length, inside_holes, outline_points, reference_plate
-from .cells import partition
-from .morph import make_morph
-from .quadrature import cell_quadrature
+from .._types import Array, Float, Int
+from ..geometry import (
+    Arc,
+    Plate,
+    arc_points,
+    arcs,
+    check_plate,
+    edge_lines,
+    equal_arc_length,
+    inside_holes,
+    outline_points,
+    reference_plate,
+)
+from .cells import Partition, partition
+from .morph import Morph, make_morph
+from .quadrature import Quadrature, cell_quadrature
 from .quadtree import find_ligaments, make_background
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
@@ -30,15 +42,15 @@ GRADING = 0.75  # slope of the node spacing between large squares and small ones
 class Outline:
     """One arc of a hole's boundary in the cloud; hashed by identity."""
 
-    arc: object
-    """The ``geometry.Arc``."""
-    s: np.ndarray
-    """(m,) position of the fine outline vertices along the arc, 0 ... 1."""
-    vertices: np.ndarray
-    """(m,) their vertex numbers; every ``OUTLINE_SEGMENTS``-th one is a node."""
+    arc: Arc
+    """The arc."""
+    s: Float[np.ndarray, " m"]
+    """Position of the fine outline vertices along the arc, 0 ... 1."""
+    vertices: Int[np.ndarray, " m"]
+    """Their vertex numbers; every ``OUTLINE_SEGMENTS``-th one is a node."""
 
     @property
-    def closed(self):
+    def closed(self) -> bool:
         """Whether the arc is a whole hole."""
         return self.arc.closed
 
@@ -47,7 +59,7 @@ class Outline:
 class Topology:
     """What does not move with the holes; NumPy arrays, hashed by identity."""
 
-    plate: object
+    plate: Plate
     """The reference plate."""
     spacing: float
     """Distance of the background nodes, mm."""
@@ -57,26 +69,29 @@ class Topology:
     """Nodes asked for across every ligament; None for no refinement."""
     n_background: int
     """Number of background vertices; outline vertices follow them, cut points come last."""
-    partition: object
-    """Cells of the reference plate, ``partition.Partition``."""
-    outlines: tuple
+    partition: Partition
+    """Cells of the reference plate."""
+    outlines: tuple[Outline, ...]
     """The ``Outline`` of every arc."""
-    node_vertices: np.ndarray
-    """(n,) vertex number of each node."""
-    node_spacing: np.ndarray
-    """(n,) local distance of the nodes, mm; a node's support is dmax times this."""
-    wall_nodes: dict
-    """Edge name -> (k,) node numbers on that edge of the plate, in order along it."""
-    cache: dict = dataclasses.field(default_factory=dict)
-    """Neighbour lists and the like, filled by later stages."""
+    node_vertices: Int[np.ndarray, " n"]
+    """Vertex number of each node."""
+    node_spacing: Float[np.ndarray, " n"]
+    """Local distance of the nodes, mm; a node's support is dmax times this."""
+    edge_nodes: dict[str, Int[np.ndarray, " k"]]
+    """Edge of the plate -> numbers of the nodes on it, in order along it."""
+
+    @property
+    def wall_nodes(self) -> dict[str, Int[np.ndarray, " k"]]:
+        """Former name of ``edge_nodes``."""
+        return self.edge_nodes
 
     @functools.cached_property
-    def quadrature(self):
+    def quadrature(self) -> Quadrature:
         """Quadrature points of the cells, ``quadrature.Quadrature``."""
         return cell_quadrature(self.partition, self.n_background)
 
     @functools.cached_property
-    def morph(self):
+    def morph(self) -> Morph:
         """How the background follows the outlines, ``morph.Morph``."""
         n, ends = self.n_background, []
         for o in self.outlines:
@@ -91,47 +106,47 @@ class Topology:
 class Cloud:
     """Nodes and cell vertices of one plate."""
 
-    plate: object
+    plate: Plate
     """The plate on which the cloud is placed."""
-    vertices: jax.Array
-    """(v, 2) positions of all cell vertices, mm."""
+    vertices: Float[Array, "v 2"]
+    """Positions of all cell vertices, mm."""
     topology: Topology
     """Lists and the reference, static."""
 
     @property
-    def nodes(self):
-        """(n, 2) node positions, mm."""
+    def nodes(self) -> Float[Array, "n 2"]:
+        """Node positions, mm."""
         return _nodes(self.vertices, self.topology.node_vertices)
 
     @property
-    def spacing(self):
-        """Distance of the background nodes (float), mm."""
+    def spacing(self) -> float:
+        """Distance of the background nodes, mm."""
         return self.topology.spacing
 
     @property
-    def triangles(self):
-        """(t, 3) vertex numbers of triangles that partition the dry gel."""
+    def triangles(self) -> Int[np.ndarray, "t 3"]:
+        """Vertex numbers of triangles that partition the dry gel."""
         return self.topology.partition.triangles
 
     @property
-    def cell_of_triangle(self):
-        """(t,) cell number of each triangle."""
+    def cell_of_triangle(self) -> Int[np.ndarray, " t"]:
+        """Cell number of each triangle."""
         return self.topology.partition.cell_of_triangle
 
-    def at(self, plate):
+    def at(self, plate: Plate) -> "Cloud":
         """The same cloud placed on ``plate``, whose hole parameters may be traced; its holes correspond one to one."""
         return Cloud(plate, place(self.topology, plate), self.topology)
 
 
-def make_cloud(plate, *, spacing=None, nodes_per_hole=None, across=None):
+def make_cloud(plate: Plate, *, spacing: float | None = None, nodes_per_hole: int | None = None, across: int | None = None) -> Cloud:
     """Node cloud of a plate: grid points ``spacing`` apart (mm) outside the holes, and ``nodes_per_hole`` on each whole hole.
 
     Both default to the plate's own; a new spacing scales the number of nodes on the holes with it. ``across`` refines ligaments,
-    between holes and between a hole and a wall, until at least that many nodes lie across, those on the two outlines (or on the
-    wall) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate made by
-    ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Raises ValueError for an
-    unusable plate, a spacing that is not positive or leaves a ligament without a node, and an ``across`` that is not at least 2 or
-    takes more than ``background.MAX_HALVINGS`` halvings.
+    between holes and between a hole and an edge of the plate, until at least that many nodes lie across, those on the two outlines
+    (or on the edge) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate
+    made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Raises ValueError for
+    an unusable plate, a spacing that is not positive or leaves a ligament without a node, and an ``across`` that is not at least 2
+    or takes more than ``quadtree.MAX_HALVINGS`` halvings.
     """
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
@@ -140,8 +155,8 @@ def make_cloud(plate, *, spacing=None, nodes_per_hole=None, across=None):
     return cloud if reference is plate else cloud.at(plate)
 
 
-def place(topology, plate):
-    """Positions (v, 2) of all vertices for the holes of ``plate``; a pure function, smooth in every hole parameter."""
+def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
+    """Positions of all vertices for the holes of ``plate``; a pure function, smooth in every hole parameter."""
     part, n = topology.partition, topology.n_background
     on_outlines = [arc_points(plate, o.arc, o.s) for o in topology.outlines]
     return _carried(on_outlines, part.vertices, topology.morph if on_outlines else None, part.cut_ends, part.cut_fractions, n)
@@ -171,7 +186,7 @@ def _make_topology(plate, spacing, nodes_per_hole, across):
     if across is not None and outlines:
         curves = [points[_loop(o) - len(background.vertices)] for o in outlines]
         gel = _gel_polygon(plate, outlines, points, len(background.vertices))
-        ligaments = find_ligaments(_walls(plate), curves, [o.arc for o in outlines], gel)
+        ligaments = find_ligaments(_edge_lines_of(plate), curves, [o.arc for o in outlines], gel)
         background = make_background(plate, spacing, ligaments, across - 2)
         outlines, points = _outlines(plate, nodes_per_hole, background)
     topology = assemble(plate, spacing, background, outlines, points, nodes_per_hole, across)
@@ -198,7 +213,7 @@ def assemble(plate, spacing, background, outlines, points, nodes_per_hole=0, acr
         outlines=outlines,
         node_vertices=node_vertices,
         node_spacing=_graded(nodes, spacing / 2.0 ** background.fewest_halvings(nodes)),
-        wall_nodes=_wall_nodes(plate, nodes, 1e-9 * spacing),
+        edge_nodes=_edge_nodes(plate, nodes, 1e-9 * spacing),
     )
 
 
@@ -284,7 +299,7 @@ def _gel_polygon(plate, outlines, outline_vertices, offset):
     return shapely.difference(box, shapely.union_all(rings))
 
 
-def _wall_nodes(plate, nodes, tolerance):
+def _edge_nodes(plate, nodes, tolerance):
     """Node numbers on each edge of the plate, ordered along the edge."""
     found = {}
     for edge, (axis, coordinate) in edge_lines(plate).items():
@@ -299,7 +314,7 @@ def _check_ligaments(topology):
     free = topology.node_vertices[topology.node_vertices < n]
     tree = cKDTree(part.vertices[free]) if len(free) else None
     boundaries = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(part.vertices[_loop(o)])) for o in topology.outlines]
-    boundaries += [("the plate's edge", False, wall) for wall in _walls(topology.plate)]
+    boundaries += [("the plate's edge", False, line) for line in _edge_lines_of(topology.plate)]
     for (name, closed, curve), (other_name, _, other) in itertools.combinations(boundaries, 2):
         cut = not closed and other_name == "the plate's edge"
         line = shapely.shortest_line(curve, other)
@@ -313,7 +328,7 @@ def _check_ligaments(topology):
             )
 
 
-def _walls(plate):
+def _edge_lines_of(plate):
     """The sides of the plate, shapely LineStrings in the order of ``geometry.EDGES``."""
     w, h = plate.width / 2, plate.height / 2
     left, right, bottom, top = [(-w, -h), (-w, h)], [(w, -h), (w, h)], [(-w, -h), (w, -h)], [(-w, h), (w, h)]

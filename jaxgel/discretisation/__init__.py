@@ -1,8 +1,10 @@
-"""discretisation."""
+"""Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
-from .consistency import wall_ends
-from .interpolation import NEIGHBOURS, in_plane, make_probe
-from .model import Block, Lists, Model, discretise
+from .connectivity import Connectivity
+from .consistency import plate_edge_ends
+from .interpolation import NEIGHBOURS, Interpolation, in_plane, make_probe
+from .midline import core_probe, midline_probe
+from .model import CellBlock, Model, discretise
 from .moving_least_squares import KINDS, cubic_spline_weight, n_monomials, shape_functions, shape_functions_and_gradients, singular_weight
 from .neighbours import reaching_nodes
 from .options import BASES, METHODS, QUADRATURES, DiscretisationOptions
@@ -15,22 +17,25 @@ __all__ = [
     "NEIGHBOURS",
     "QUADRATURES",
     "SPENT",
-    "Block",
+    "CellBlock",
+    "Connectivity",
     "DiscretisationOptions",
-    "Lists",
+    "Interpolation",
     "Model",
     "Quality",
     "cell_sizes",
+    "core_probe",
     "cubic_spline_weight",
     "discretise",
     "in_plane",
     "make_probe",
+    "midline_probe",
     "n_monomials",
+    "plate_edge_ends",
     "quality",
     "reaching_nodes",
     "refreshed",
     "shape_functions",
     "shape_functions_and_gradients",
     "singular_weight",
-    "wall_ends",
 ]

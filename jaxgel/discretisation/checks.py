@@ -1,18 +1,54 @@
-"""Checks of a discretisation: enough neighbours, reproduction of linear fields."""
+"""Checks of a discretisation: its options, enough neighbours, reproduction of linear fields."""
+
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .._types import Float
+from ..cloud import Topology
+from ..linalg import SOLVERS
 from .interpolation import in_plane
-from .moving_least_squares import n_monomials
+from .moving_least_squares import KINDS, n_monomials
+from .options import METHODS, QUADRATURES
 
-STEEPEST = 100.0  # largest gradient of a shape function in an accepted model, over 1 / spacing; 1 to 15 is usual
+if TYPE_CHECKING:
+    from .model import Model
+
+STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
 REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
+CONDITIONS = ("nodes", "penalty", "lagrange")
+INTERPOLATING = ("imls", "iicvmls")
 
 
-def _check_support(topology, points, support, basis):
-    """Refuse, naming the first point, points within the supports of fewer nodes than the basis needs."""
+def check_options(basis: str, method: str, quadrature: str, kind: str, solver: str) -> None:
+    """Raise ValueError, which names the option and what is accepted, for an unknown one."""
+    n_monomials(basis)
+    if method not in METHODS:
+        raise ValueError(f"method: {method!r} is not 'mixed' or 'displacement'")
+    if quadrature not in QUADRATURES:
+        raise ValueError(f"quadrature: {quadrature!r} is not 'conforming' or 'paper'")
+    if kind not in KINDS:
+        raise ValueError(f"kind: {kind!r} is not one of {', '.join(KINDS)}")
+    if solver not in SOLVERS:
+        raise ValueError(f"solver: {solver!r} is not one of {', '.join(SOLVERS)}")
+
+
+def check_conditions(kind: str, conditions: str, penalty: float) -> None:
+    """Raise ValueError for unknown ``conditions``, for ones that this ``kind`` of shape functions cannot fulfil, and a bad penalty."""
+    if conditions not in CONDITIONS:
+        raise ValueError(f"conditions: {conditions!r} is not one of {', '.join(CONDITIONS)}")
+    if conditions == "nodes" and kind not in INTERPOLATING:
+        raise ValueError(
+            f"kind: {kind!r} does not interpolate, so conditions at the nodes need 'imls' or 'iicvmls'; or use 'penalty', 'lagrange'"
+        )
+    if not 0 < penalty < np.inf:
+        raise ValueError(f"penalty: {penalty!r} is not a finite number above 0 (kT/v per mm)")
+
+
+def check_support(topology: Topology, points: Float[np.ndarray, "p 2"], support: Float[np.ndarray, " n"], basis: str) -> None:
+    """Raise ValueError, which names the first point, for points within the supports of fewer nodes than the basis needs."""
     nodes = topology.partition.vertices[topology.node_vertices]
     need = n_monomials(basis) + 1
     distance, index = cKDTree(nodes).query(points, k=need)
@@ -27,11 +63,11 @@ def _check_support(topology, points, support, basis):
         )
 
 
-def _check_reproduction(model):
-    """Refuse, outside traces, a model whose gradients do not reproduce the coordinates: neighbours on too few lines."""
+def check_reproduction(model: "Model") -> None:
+    """Raise ValueError, outside traces, for a model whose gradients do not reproduce the coordinates: neighbours on too few lines."""
     if isinstance(model.cloud.vertices, jax.core.Tracer):
         return
-    nodes, steepest = np.asarray(model.cloud.nodes), STEEPEST / model.cloud.topology.node_spacing.min()
+    nodes, steepest = np.asarray(model.cloud.nodes), STEEPEST_ACCEPTED / model.cloud.topology.node_spacing.min()
     for block in model.blocks:
         dphi = np.asarray(block.dphi)
         F = np.asarray(in_plane(np.einsum("cai,cqaj->cqij", nodes[block.nodes], dphi), axis=2))

@@ -1,39 +1,53 @@
 """Corrected shape function gradients: linear fields are integrated exactly (patch test)."""
 
+from typing import TYPE_CHECKING
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..cloud import EDGE_POINTS, edge_points
+from .._types import Array, Float, Int
+from ..cloud import EDGE_POINTS, Topology, edge_points
 from ..geometry import edge_lines
 from .interpolation import evaluate_points
 
+if TYPE_CHECKING:
+    from .connectivity import Connectivity
 
-def _corrected_gradients(nodes, vertices, lists, basis, kind, wall):
-    """Gradients (p, a, 2) at the points of all cells, corrected cell by cell, and weights (p,).
+
+def corrected_gradients(
+    nodes: Float[Array, "n 2"],
+    vertices: Float[Array, "v 2"],
+    connectivity: "Connectivity",
+    basis: str,
+    kind: str,
+    edge_ends: Int[np.ndarray, "e 2"],
+) -> tuple[Float[Array, "p a 2"], Float[Array, " p"]]:
+    """Shape function gradients at the quadrature points of all cells, corrected cell by cell, and the quadrature weights.
 
     The correction adds one constant vector per cell and node so that sum_q w_q dphi_a(q) equals the contour integral of phi_a n, the
-    integration constraint of Chen et al. (2001); edges with ``wall`` nodes, see ``Lists``, carry the linear trace between the two.
+    integration constraint of Chen et al. (2001). Contour edges with ``edge_ends``, see ``Connectivity``, carry the linear trace between
+    these two nodes.
     """
-    topology = lists.topology
+    topology, lists, supports = connectivity.topology, connectivity.nodes, connectivity.support
     edges, edge_owner = topology.partition.contour_edges
     quadrature = topology.quadrature
-    shared = dict(lists=lists.nodes, supports=lists.support, basis=basis, kind=kind)
+    shared = dict(lists=lists, supports=supports, basis=basis, kind=kind)
     _, dphi = evaluate_points(nodes, quadrature.points(vertices), owner=quadrature.owner, **shared)
     on_edges = edge_points(vertices, edges)
     trace = evaluate_points(nodes, on_edges, owner=np.repeat(edge_owner, len(EDGE_POINTS)), gradients=False, **shared)
     weight = quadrature.weights(vertices)
-    corrected = _correct(nodes, vertices, trace, dphi, weight, quadrature.owner, edges, edge_owner, lists.nodes, lists.support, wall)
+    corrected = _correct(nodes, vertices, trace, dphi, weight, quadrature.owner, edges, edge_owner, lists, supports, edge_ends)
     return corrected, weight
 
 
 @jax.jit
-def _correct(nodes, vertices, trace, dphi, weight, owner, edges, edge_owner, lists, supports, wall):
+def _correct(nodes, vertices, trace, dphi, weight, owner, edges, edge_owner, lists, supports, edge_ends):
     n_cells = len(lists)
     start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
     along = end - start
-    linear = jax.vmap(_linear_trace)(start, along, nodes[lists[edge_owner]], wall)
-    trace = jnp.where(wall[:, :1, None] >= 0, linear, trace.reshape(len(edges), 2, -1))
+    linear = jax.vmap(_linear_trace)(start, along, nodes[lists[edge_owner]], edge_ends)
+    trace = jnp.where(edge_ends[:, :1, None] >= 0, linear, trace.reshape(len(edges), 2, -1))
     normal = jnp.stack([along[:, 1], -along[:, 0]], axis=1)  # outward, times the edge's length
     flux = jax.ops.segment_sum(jnp.mean(trace, axis=1)[:, :, None] * normal[:, None, :], edge_owner, n_cells)
     integral = jax.ops.segment_sum(weight[:, None, None] * dphi, owner, n_cells)
@@ -42,16 +56,16 @@ def _correct(nodes, vertices, trace, dphi, weight, owner, edges, edge_owner, lis
     return jnp.where(real, dphi + correction[owner], 0.0)
 
 
-def _linear_trace(start, along, nodes, wall):
-    """Linear interpolation (2, a) between the two wall nodes of an essential edge, at the edge's two points."""
-    first, span = nodes[wall[0]], nodes[wall[1]] - nodes[wall[0]]
-    s = (start + EDGE_POINTS[:, None] * along - first) @ span / jnp.where(wall[0] >= 0, span @ span, 1.0)
+def _linear_trace(start, along, nodes, ends):
+    """Linear interpolation (2, a) between the two nodes ``ends`` on the plate's edge, at the two points of a contour edge."""
+    first, span = nodes[ends[0]], nodes[ends[1]] - nodes[ends[0]]
+    s = (start + EDGE_POINTS[:, None] * along - first) @ span / jnp.where(ends[0] >= 0, span @ span, 1.0)
     number = jnp.arange(len(nodes))
-    return (1 - s)[:, None] * (number == wall[0]) + s[:, None] * (number == wall[1])
+    return (1 - s)[:, None] * (number == ends[0]) + s[:, None] * (number == ends[1])
 
 
-def wall_ends(topology, edges):
-    """Wall nodes (e, 2) between which each essential contour edge lies, -1 for all other edges."""
+def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, "e 2"]:
+    """The two nodes between which each contour edge on an edge of the plate lies; -1 for free edges and inside the plate."""
     plate, vertices = topology.plate, topology.partition.vertices
     nodes = vertices[topology.node_vertices]
     ends = np.full((len(edges), 2), -1)
@@ -59,8 +73,8 @@ def wall_ends(topology, edges):
         if plate.edges[edge] == "free":
             continue
         on = (np.abs(vertices[edges][:, :, axis] - coordinate) < 1e-9 * topology.spacing).all(axis=1)
-        wall = topology.wall_nodes[edge]
+        on_edge = topology.edge_nodes[edge]
         middle = vertices[edges[on]][:, :, 1 - axis].mean(axis=1)
-        k = np.clip(np.searchsorted(nodes[wall, 1 - axis], middle) - 1, 0, len(wall) - 2)
-        ends[on] = np.stack([wall[k], wall[k + 1]], axis=1)
+        k = np.clip(np.searchsorted(nodes[on_edge, 1 - axis], middle) - 1, 0, len(on_edge) - 2)
+        ends[on] = np.stack([on_edge[k], on_edge[k + 1]], axis=1)
     return ends

@@ -3,14 +3,22 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .._types import Float, Int
+from ..cloud import Cloud, Topology
 
-def is_moved(cloud):
+
+def is_moved(cloud: Cloud) -> bool:
     """Whether the cloud is placed on another plate than its reference."""
     return cloud.plate is not cloud.topology.plate
 
 
-def reaching_nodes(topology, points, owner, support, skin):
-    """Numbers of the nodes that reach each owner's points, ascending, all owners in a row, and their counts (owners,)."""
+def reaching_nodes(
+    topology: Topology, points: Float[np.ndarray, "p 2"], owner: Int[np.ndarray, " p"], support: Float[np.ndarray, " n"], skin: float
+) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " o"]]:
+    """Numbers of the nodes whose ``support`` reaches a point of each owner to within ``skin`` mm, ascending, owner after owner.
+
+    The second value is how many each owner has. ``points`` lie on the reference plate; ``owner`` numbers count from 0.
+    """
     nodes = topology.partition.vertices[topology.node_vertices]
     pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max() + skin, output_type="ndarray")
     pairs = pairs[pairs["v"] < support[pairs["j"]] + skin]
@@ -18,16 +26,18 @@ def reaching_nodes(topology, points, owner, support, skin):
     return key % len(nodes), np.bincount(key // len(nodes), minlength=owner.max() + 1)
 
 
-def pad_nodes(nodes, counts, support):
-    """Padded node lists (l, a) and supports (l, a), 0 for padding, from lists in a row."""
+def pad_nodes(
+    nodes: Int[np.ndarray, " r"], counts: Int[np.ndarray, " o"], support: Float[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, "o a"], Float[np.ndarray, "o a"]]:
+    """Node lists, padded with their first node, and its supports, 0 for padding, from the lists one after the other."""
     numbers = pad_rows(np.arange(len(nodes)), counts, np.arange(len(counts)))
     real = numbers >= 0
     padded = nodes[np.where(real, numbers, numbers[:, :1])].astype(np.int32)
     return padded, np.where(real, support[padded], 0.0)
 
 
-def pad_rows(values, counts, rows):
-    """Rows (r, m) of values that lie in a row with ``counts``, padded with -1."""
+def pad_rows(values: Int[np.ndarray, " r"], counts: Int[np.ndarray, " o"], rows: Int[np.ndarray, " s"]) -> Int[np.ndarray, "s m"]:
+    """The chosen ``rows`` of the values, which lie one row after the other with ``counts`` in each, padded with -1."""
     column = np.arange(counts[rows].max())
     start = np.concatenate([[0], np.cumsum(counts)])[rows]
     real = column < counts[rows][:, None]

@@ -10,8 +10,8 @@ import jax
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..cloud import make_cloud
-from ..geometry import reference_plate
+from ..cloud import Cloud, make_cloud
+from ..geometry import Plate, reference_plate
 from .interpolation import SKIN
 from .model import DMAX, discretise
 
@@ -19,7 +19,7 @@ SMALLEST_CELL = 0.4  # least quadrature weight over its value when the cloud was
 SPENT = 0.2  # the same for a cloud that may yet serve a single trial design
 LARGEST_CELL = 1.25  # largest area of a cell over its area when the cloud was made: beyond, its nodes are too far apart
 DEEPEST_GAP = 0.25  # most that a node without a place in a point's list may reach beyond the point, in units of its spacing
-STEEPEST = 25.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual on a new cloud
+STEEPEST_KEPT = 25.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual on a new cloud
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Quality:
     """Largest gradient of a shape function over 1 / spacing: it grows where a point's neighbours come to lie on too few lines."""
 
     @property
-    def fault(self):
+    def fault(self) -> str:
         """What is too poor about it, in one line; empty where nothing is."""
         if not self.smallest_cell > SMALLEST_CELL:
             return f"a cell has shrunk to {self.smallest_cell:.2f} of its area"
@@ -44,10 +44,12 @@ class Quality:
             return f"a cell has grown to {self.largest_cell:.2f} of its area"
         if not self.deepest_gap < DEEPEST_GAP:
             return f"a support reaches {self.deepest_gap:.2f} spacings beyond its neighbour lists"
-        return f"the neighbours of a point lie on too few lines: gradients of {self.steepest:.0f}" if not self.steepest < STEEPEST else ""
+        return (
+            f"the neighbours of a point lie on too few lines: gradients of {self.steepest:.0f}" if not self.steepest < STEEPEST_KEPT else ""
+        )
 
 
-def cell_sizes(cloud):
+def cell_sizes(cloud: Cloud) -> tuple[float, float]:
     """``smallest_cell`` and ``largest_cell`` of a cloud's `Quality`, the part of it that costs next to nothing."""
     quadrature, before, now = cloud.topology.quadrature, cloud.topology.partition.vertices, np.asarray(cloud.vertices)
     weights = [np.asarray(quadrature.weights(vertices)) for vertices in (before, now)]
@@ -55,7 +57,7 @@ def cell_sizes(cloud):
     return float((weights[1] / weights[0]).min()), float((areas[1] / areas[0]).max())
 
 
-def quality(cloud, *, basis="quadratic", dmax=None):
+def quality(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None) -> Quality:
     """``Quality`` of a cloud where it is placed now, for supports of ``dmax`` spacings (2.95); it needs concrete positions."""
     topology, sizes, dmax = cloud.topology, cell_sizes(cloud), DMAX if dmax is None else dmax
     if not sizes[0] > 0:
@@ -75,7 +77,7 @@ def quality(cloud, *, basis="quadratic", dmax=None):
     return Quality(*sizes, float(depth.max(initial=0.0)), steepest)
 
 
-def refreshed(cloud, plate, *, basis="quadratic", dmax=None):
+def refreshed(cloud: Cloud, plate: Plate, *, basis: str = "quadratic", dmax: float | None = None) -> tuple[Cloud, str]:
     """The cloud for ``plate``, and why it is a new one: ``cloud`` placed there and "", or one made for the plate and a line of text.
 
     The new cloud has the spacing and numbers of nodes with which the old one was made. ``basis`` and ``dmax`` are those of the model

@@ -22,7 +22,6 @@ from jax.interpreters import ad, batching, mlir
 from scipy.spatial import cKDTree
 
 from .._memo import once_per_owner
-from .._parallel import Tangent, over_parts
 from .._threads import ONE_THREAD, few_threads, usable_threads
 from .._types import Array, Float
 from ..linalg import solve_near
@@ -77,10 +76,16 @@ def _residual_changes(x, pressure, problem, mu, problem_dot, mu_dot):
     def grouped(values):
         return _in_groups(values, -(-count // size), size)
 
-    rows, linear = (grouped(x), grouped(pressure), grouped(mu)), (grouped(mu_dot),)
+    states = [grouped(values) for values in (x, pressure, mu, mu_dot)]
     dots = [dot for dot, f in zip(dots, floating, strict=True) if f]
-    found = over_parts(_ResidualChange(structure, floating), rows, leaves, linear=linear, shared_linear=dots)
-    return _ungrouped(found, count)
+    return _ungrouped(_mapped(_ResidualChange(structure, floating), states, leaves, dots), count)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _mapped(function, states, leaves, dots):
+    """Values of ``function`` for one group of states after the other; only its arguments are kept for the reverse."""
+    one = jax.checkpoint(lambda x, pressure, mu, mu_dot: function(x, pressure, mu, *leaves, mu_dot, *dots))
+    return lax.map(lambda state: one(*state), states)
 
 
 def _without_observation_points(model):
@@ -170,6 +175,24 @@ def first_order_only(values: object, what: str):  # noqa: ARG001
 @first_order_only.defjvp
 def _refuse(what, *_):
     raise ValueError(f"{what}: has first derivatives only")
+
+
+@dataclasses.dataclass(frozen=True)
+class Tangent:
+    """Tangents of the values of ``function`` for its arguments and the tangents of those numbered ``which``."""
+
+    function: object
+    which: tuple
+
+    def __call__(self, *args):
+        count = len(args) - len(self.which)
+        fixed = args[:count]
+
+        def values(*some):
+            given = dict(zip(self.which, some, strict=True))
+            return self.function(*(given.get(i, arg) for i, arg in enumerate(fixed)))
+
+        return jax.jvp(values, [fixed[i] for i in self.which], list(args[count:]))[1]
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))

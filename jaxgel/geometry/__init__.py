@@ -1,17 +1,19 @@
-"""geometry."""
+"""The dry plate: its holes, its edges and the pieces of hole outlines that lie inside it."""
 
 from .boundary import CONDITIONS, EDGES, edge_lines, held_components
-from .holes import KINDS, Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse
-from .outline import arc_parameter, arc_point, arc_points, arcs, equal_arc_length, inside_holes, outline_points
+from .holes import KINDS, Circle, Ellipse, Fourier, Hole, Polygon, Rectangle, Superellipse
+from .outline import Arc, arc_parameter, arc_point, arc_points, arcs, equal_arc_length, inside_holes, outline_points
 from .plate import Plate, check_plate, reference_plate
 
 __all__ = [
     "CONDITIONS",
     "EDGES",
     "KINDS",
+    "Arc",
     "Circle",
     "Ellipse",
     "Fourier",
+    "Hole",
     "Plate",
     "Polygon",
     "Rectangle",

@@ -1,4 +1,4 @@
-"""linalg."""
+"""Sparse symmetric matrices: patterns, multifrontal factors, solutions, eigenvalues."""
 
 from .bordered import Bordered
 from .dissection import dissect
@@ -13,15 +13,17 @@ from .eigen import (
     rayleigh_ritz,
 )
 from .factors import Factor, SingularTangent, factor
-from .kept_factors import remember, solve_near
+from .kept_factors import RECENT_FACTORS, FactorCache, remember, solve_near
 from .multifrontal import factorise
 from .pattern import SOLVERS, Pattern, analyse
 
 __all__ = [
-    "Factor",
-    "Pattern",
+    "RECENT_FACTORS",
     "SOLVERS",
     "Bordered",
+    "Factor",
+    "FactorCache",
+    "Pattern",
     "SingularTangent",
     "analyse",
     "columnwise_products",

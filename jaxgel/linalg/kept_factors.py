@@ -2,37 +2,79 @@
 
 import collections
 import threading
+from collections.abc import Callable
 
 import numpy as np
 
-from .factors import SingularTangent, factor
+from .._types import Array, Float
+from .factors import Factor, SingularTangent, factor
+from .pattern import Pattern
 
 REMEMBERED_BYTES = 2**29  # most that the factors kept for `solve_near` may fill, those of all patterns together
 
 
-def remember(made, x):
-    """Keep the ``Factor`` of a tangent at the nodal positions ``x`` (n, 2), or next to them, for `solve_near`.
+class FactorCache:
+    """The latest factors, each with the nodal positions of its tangent.
 
-    The oldest ones are forgotten where they fill too much memory together.
+    Together they fill at most ``bytes``, the latest one excepted: it stays however large it is. When a factor is added, the oldest ones
+    are dropped until the rest fits. `nearest` returns the factor of the pattern, or of its narrower one, whose positions have the least
+    distance from those asked for, and of several equally near ones the latest. A factor that was dropped changes no solution, only the
+    time that it takes, since `solve_near` factorises anew. Threads may add and ask at the same time.
     """
-    with _remembering:
-        _remembered.append((made, np.asarray(x)))
-        while len(_remembered) > 1 and sum(kept.size for kept, _ in _remembered) > REMEMBERED_BYTES:
-            _remembered.popleft()
+
+    def __init__(self, bytes: int):  # noqa: A002
+        self.bytes = bytes
+        self._lock = threading.Lock()
+        self._kept: collections.deque[tuple[Factor, Float[np.ndarray, "n 2"]]] = collections.deque()  # newest last
+
+    def contents(self) -> list[tuple[Factor, Float[np.ndarray, "n 2"]]]:
+        """The factors kept and their positions, oldest first."""
+        with self._lock:
+            return list(self._kept)
+
+    def add(self, made: Factor, x: Float[Array, "n 2"]) -> None:
+        """Keep a factor of a tangent at the nodal positions ``x``, or next to them."""
+        with self._lock:
+            self._kept.append((made, np.asarray(x)))
+            while len(self._kept) > 1 and sum(kept.size for kept, _ in self._kept) > self.bytes:
+                self._kept.popleft()
+
+    def nearest(self, pattern: Pattern, x: Float[Array, "n 2"]) -> Factor | None:
+        """The factor of the positions nearest ``x``; None where none of this pattern is kept."""
+        candidates = [(made, at) for made, at in reversed(self.contents()) if made.pattern in (pattern, pattern.narrower)]
+        nearest, least = None, np.inf
+        for made, at in candidates:
+            away = (at - x).ravel()
+            if (distance := away @ away) < least:
+                nearest, least = made, distance
+            if not distance:
+                break
+        return nearest
 
 
-_remembering = threading.Lock()
-_remembered = collections.deque()  # the latest factors, newest last; not kept by the patterns, which compiled programs keep alive
+RECENT_FACTORS = FactorCache(REMEMBERED_BYTES)
+"""The factors of this process; not kept by the patterns, which compiled programs keep alive."""
 
 
-def solve_near(pattern, x, rhs, product, pairs):
-    """Solution (f,) for a tangent at the nodal positions ``x`` (n, 2), with the remembered factor that is nearest if that will do.
+def remember(made: Factor, x: Float[Array, "n 2"]) -> None:
+    """Keep the factor of a tangent at the nodal positions ``x``, or next to them, for `solve_near`."""
+    RECENT_FACTORS.add(made, x)
+
+
+def solve_near(
+    pattern: Pattern,
+    x: Float[Array, "n 2"],
+    rhs: Float[np.ndarray, " f"],
+    product: Callable[[np.ndarray], np.ndarray],
+    pairs: Callable[[], Float[Array, "p 2 2"]],
+) -> Float[np.ndarray, " f"]:
+    """Solution for a tangent at the nodal positions ``x``, with the kept factor that is nearest if that will do.
 
     The factors of a differentiated sweep so serve its derivatives; the solution does not depend on which one was used. The tangent is
-    given by its ``product`` with vectors (f,) and, where it must be factorised, by the pair blocks (n_pairs, 2, 2) that ``pairs()`` makes.
+    given by its ``product`` with vectors (f,) and, where it must be factorised, by the pair blocks (p, 2, 2) that ``pairs()`` makes.
     NaN where it is singular: for use inside compiled programs, which cannot raise.
     """
-    nearest = _nearest(pattern, x)
+    nearest = RECENT_FACTORS.nearest(pattern, x)
     solution = None if nearest is None else nearest.solve_other(rhs, product)
     if solution is None:
         try:
@@ -43,17 +85,3 @@ def solve_near(pattern, x, rhs, product, pairs):
         except SingularTangent:
             return np.full(np.shape(rhs), np.nan)
     return solution
-
-
-def _nearest(pattern, x):
-    """The remembered factor, the latest one, of the positions nearest ``x``; None without."""
-    with _remembering:
-        known = [(made, at) for made, at in reversed(_remembered) if made.pattern in (pattern, pattern.narrower)]
-    nearest, least = None, np.inf
-    for made, at in known:
-        away = (at - x).ravel()
-        if (distance := away @ away) < least:
-            nearest, least = made, distance
-        if not distance:
-            break
-    return nearest

@@ -1,4 +1,4 @@
-"""materials."""
+"""The gel: free energy, stress, free and uniaxial swelling."""
 
 from .deng2020 import paper_free_energy, paper_stress, paper_tangent, voigt
 from .gel import ArrudaBoyce, Gel, Gent, bulk_stiffness, cauchy_stress, flory_huggins, flory_rehner, free_energy, neo_hookean, osmotic

@@ -14,7 +14,7 @@ import numpy as np
 from .._types import Array, Float
 from .._validation import PAIR, did_you_mean, finite_numbers, tabled
 from ..cloud import edge_points
-from ..discretisation import Model, make_probe, wall_ends
+from ..discretisation import Model, make_probe, plate_edge_ends
 from ..geometry import EDGES, edge_lines, held_components
 
 BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that counts as none
@@ -96,7 +96,7 @@ def _edge_load(model, edge, force):
     points = edge_points(model.cloud.vertices, ends)
     length = jnp.linalg.norm(jnp.diff(model.cloud.vertices[ends], axis=1)[:, 0], axis=1)
     load = jnp.repeat(length / 2, 2)[:, None] * _at_points(force, points, f"traction: {edge}")
-    wall = np.repeat(wall_ends(topology, ends), 2, axis=0)
+    wall = np.repeat(plate_edge_ends(topology, ends), 2, axis=0)
     if np.all(wall < 0):
         return _true_trace(model, points, edge_points(part.vertices, ends), load)
     return _linear_trace(model, points, wall, 1 - axis, load)

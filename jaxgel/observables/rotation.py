@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..discretisation import NEIGHBOURS, in_plane, shape_functions
-from .states import over_states
+from ..discretisation import NEIGHBOURS, core_probe, in_plane, midline_probe, shape_functions
 
 ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
 FLAT = 1e-9  # height over length up to which round-off chooses the extrema
@@ -17,27 +16,22 @@ EXTREMA = 16  # that are found together, or a multiple
 def angle_of_extrema(x, model):
     """Angle (k,) to the x axis, degrees, of the line through the midline's highest and lowest point in each state of ``x`` (k, n, 2)."""
     kind = "imls" if model.kind == "iicvmls" else model.kind  # its real twin
-    return _angle_between(_extrema(*_next_to_extrema(x, model), basis=model.basis, kind=kind), len(x))
+    samples = _next_to_extrema(x, model.cloud.nodes, midline_probe(model))
+    return _angle_between(_extrema(*samples, basis=model.basis, kind=kind), len(x))
 
 
-@jax.jit
 def is_flat(x, model):
     """Whether (k,) the midline is level, to ``FLAT`` of its length, in each state of ``x`` (k, n, 2)."""
-
-    def one(x):
-        line = model.midline.position(x)
-        return jnp.ptp(line[:, 1]) < FLAT * jnp.ptp(line[:, 0])
-
-    return jax.vmap(one)(x)
+    line = jax.vmap(midline_probe(model).position)(x)
+    return jnp.ptp(line[:, :, 1], axis=1) < FLAT * jnp.ptp(line[:, :, 0], axis=1)
 
 
 @jax.jit
-def _next_to_extrema(x, model):
+def _next_to_extrema(x, dry_nodes, line):
     """The arguments of `_extremum` for the highest and the lowest sample of the midline in each state of ``x`` (k, n, 2).
 
     They are padded with the first one and with neighbours of no support: one program of the extrema serves most paths.
     """
-    line = model.midline
     room = ((0, 0), (0, -line.nodes.shape[1] % (4 * NEIGHBOURS)))
     nodes, support = jnp.pad(line.nodes, room), jnp.pad(line.support, room)
     apart = jnp.diff(line.points[:, 0])
@@ -48,7 +42,7 @@ def _next_to_extrema(x, model):
         height = line.position(x)[:, 1]
         i = jnp.stack([jnp.argmax(height), jnp.argmin(height)])
         reach = jnp.where(end[i], 0.0, jnp.min(apart))
-        return line.points[i], reach, model.cloud.nodes[nodes[i]], support[i], x[nodes[i]]
+        return line.points[i], reach, dry_nodes[nodes[i]], support[i], x[nodes[i]]
 
     def padded(values):
         values = values.reshape(-1, *values.shape[2:])
@@ -108,9 +102,10 @@ def rotation_angle(path):
 
 def core_rotation(path):
     """Polar rotation (k,) of the gel at ``plate.core``, degrees: the angle of R in F = R U; nan where the core lies in a hole."""
-    return over_states(_core_rotation, path)
+    return _polar_rotation(jnp.asarray(path.x), core_probe(path.model))
 
 
-def _core_rotation(x, model):
-    F = model.core.deformation_gradient(x)[0]
+@jax.jit
+def _polar_rotation(x, core):
+    F = jnp.moveaxis(jax.vmap(core.deformation_gradient)(x)[:, 0], 0, -1)
     return jnp.degrees(jnp.arctan2(F[1, 0] - F[0, 1], F[0, 0] + F[1, 1]))

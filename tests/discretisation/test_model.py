@@ -1,7 +1,6 @@
 """Facts about quadrature points and gradients: the paper's counts, the patch test, consistency, and what is refused."""
 
 import functools
-from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -9,11 +8,8 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel import _parallel
-from jaxgel._threads import usable_cores
 from jaxgel.cloud import EDGE_POINTS
-from jaxgel.discretisation import interpolation as probe_module
-from jaxgel.discretisation import shape_functions
+from jaxgel.discretisation import interpolation, midline_probe, shape_functions
 from jaxgel.materials import bulk_stiffness
 from jaxgel.mechanics import energy, free_dofs
 
@@ -151,19 +147,17 @@ def test_linear_fields_have_their_gradient_at_every_point(fixture, request):
     for block in model.blocks:
         F = np.asarray(deformation_gradients(x, block))[np.asarray(block.weight) > 0]
         np.testing.assert_allclose(F, np.broadcast_to(A, F.shape), atol=1e-10)
-    for probe in (model.midline, model.outline):
+    for probe in (midline_probe(model), model.outline):
         np.testing.assert_allclose(probe.position(x), probe.position(model.cloud.nodes) @ A.T + jnp.array([3.0, -1.0]), atol=1e-11)
 
 
-@pytest.mark.parametrize(("setting", "threads"), [("1", 1), ("3", 3), ("0", 1), ("many", usable_cores())])
-def test_any_number_of_threads_gives_the_same_model(setting, threads, coarse_model, monkeypatch):
-    monkeypatch.setenv("NPROC", setting)
-    begun = []
-    monkeypatch.setattr(_parallel, "ThreadPoolExecutor", lambda number: begun.append(number) or ThreadPoolExecutor(number))
-    again = jaxgel.discretise(coarse_model.cloud)
-    assert set(begun) == {threads}
-    assert coarse_model.n_points > 2 * probe_module.CHUNK  # so there is work for more than one
-    assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(again.blocks), jax.tree.leaves(coarse_model.blocks), strict=True))
+@pytest.mark.parametrize("count", [1, 37, interpolation.SMALL, interpolation.LARGE + 1])
+def test_points_have_the_same_shape_functions_in_groups_of_any_size(count, coarse_model):
+    points = np.random.default_rng(4).uniform(-11, 11, (interpolation.LARGE + 1, 2))
+    every, some = (jaxgel.make_probe(coarse_model, points[:number]) for number in (len(points), count))
+    x = np.sin(np.asarray(coarse_model.cloud.nodes))
+    np.testing.assert_allclose(some.position(x), every.position(x)[:count], atol=1e-14)
+    np.testing.assert_allclose(some.deformation_gradient(x), every.deformation_gradient(x)[:count], atol=1e-12)
 
 
 @pytest.mark.parametrize("fixture", ["coarse_model", "tiny_model", "square_model"])
@@ -214,7 +208,7 @@ def test_probe_reproduces_quadratic_fields_between_nodes(coarse_model):
 
 
 def test_midline_lies_in_the_gel_from_wall_to_wall(coarse_model, cloud_of):
-    line = np.asarray(coarse_model.midline.position(coarse_model.cloud.nodes))
+    line = np.asarray(midline_probe(coarse_model).position(coarse_model.cloud.nodes))
     np.testing.assert_allclose(line[:, 1], 0.0, atol=1e-12)
     np.testing.assert_allclose(line[[0, -1], 0], [-11, 11], atol=1e-12)
     assert np.all(np.diff(line[:, 0]) > 0)

@@ -9,7 +9,7 @@ import scipy.linalg
 from threadpoolctl import threadpool_info
 
 from jaxgel import Gel, sweep
-from jaxgel.linalg import SingularTangent, analyse, factor, factors, kept_factors, remember, solve_near
+from jaxgel.linalg import RECENT_FACTORS, FactorCache, SingularTangent, analyse, factor, factors, remember, solve_near
 from jaxgel.linalg import pattern as pattern_module
 from jaxgel.mechanics import free_dofs, node_pairs, precomputed_operators
 
@@ -123,7 +123,7 @@ def test_states_and_gradients_are_those_of_the_direct_solver(tiny_model):
     np.testing.assert_allclose(size(halved, 1e-3), size(tiny_model, 1e-3), rtol=1e-13)  # round-off of a sum of squares
     short, long = ((size(tiny_model, 1e-3 + h) - size(tiny_model, 1e-3 - h)) / (2 * h) for h in (1e-5, 2e-5))
     np.testing.assert_allclose(jax.grad(lambda Nv: size(halved, Nv))(1e-3), (4 * short - long) / 3, rtol=1e-6)
-    assert kept_factors._remembered[-1][0].fronts.numbers.dtype == np.float32
+    assert RECENT_FACTORS.contents()[-1][0].fronts.numbers.dtype == np.float32
 
 
 def test_several_right_hand_sides_at_once(pattern):
@@ -205,20 +205,20 @@ def test_nearest_positions_choose_the_factor(lists):
     made = [factor(pattern, random_pairs(pattern, 30 + k, shift=30.0)) for k in range(3)]
     for k, one in enumerate(made):
         remember(one, at(k))
-    assert [kept_factors._nearest(pattern, at(x)) for x in (0.4, 0.6, 9)] == made
-    assert kept_factors._nearest(analyse(*arguments(lists)), at(0)) is None  # of another pattern
+    assert [RECENT_FACTORS.nearest(pattern, at(x)) for x in (0.4, 0.6, 9)] == made
+    assert RECENT_FACTORS.nearest(analyse(*arguments(lists)), at(0)) is None  # of another pattern
 
 
-def test_remembered_factors_fill_bounded_memory(pattern, monkeypatch):
+def test_remembered_factors_fill_bounded_memory(pattern):
     blocks = random_pairs(pattern, 15, shift=30.0)
     size = factor(pattern, blocks).size
-    monkeypatch.setattr(kept_factors, "REMEMBERED_BYTES", 3.5 * size)
+    cache, none = FactorCache(3.5 * size), FactorCache(0)
     for seed in range(6):
-        remember(factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed)), at(seed))
-    assert [x[0, 0] for _, x in kept_factors._remembered] == [3, 4, 5]
-    monkeypatch.setattr(kept_factors, "REMEMBERED_BYTES", 0)
-    remember(factor(pattern, blocks), at(6))
-    assert [x[0, 0] for _, x in kept_factors._remembered] == [6]  # the latest stays, however large
+        made = factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed))
+        cache.add(made, at(seed))
+        none.add(made, at(seed))
+    assert [x[0, 0] for _, x in cache.contents()] == [3, 4, 5]
+    assert [x[0, 0] for _, x in none.contents()] == [5]  # the latest stays, however large
 
 
 def no_stiffness_along_one_component(pattern):
