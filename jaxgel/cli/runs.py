@@ -56,8 +56,9 @@ def _sweep(recorder, quiet):
     with Progress(case.sweep.ends, quiet) as progress, interruptible() as stop_if_asked:
 
         def on_step(step):
+            progress.show(step.mu, step.newton_iterations)  # before the table, whose programs take a second to load
             recorder(step)
-            progress.show(recorder.records[-1][1])
+            progress.show(step.mu, step.newton_iterations, recorder.records[-1][1]["rotation_deg"])
             stop_if_asked()
 
         options = dict(branch=case.sweep.branch, contact=case.sweep.contact, loads=loads, on_step=on_step)
