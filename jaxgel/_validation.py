@@ -61,9 +61,12 @@ def word(choices):
     return {"type": "string", "enum": list(choices)}
 
 
-def whole(least):
-    """A whole number."""
-    return {"type": "integer", "minimum": least}
+MOST = 100_000  # of a whole number that says how many: more would fill the memory
+
+
+def whole(least, most=MOST):
+    """A whole number; ``most`` None is any of at least ``least``."""
+    return {"type": "integer", "minimum": least} | ({} if most is None else {"maximum": most})
 
 
 def listed(item, least=0, most=None):

@@ -59,7 +59,7 @@ GRID = {
     "then": tabled(PARAMETER | VALUES, ["of"]),
     "else": tabled(BOUNDS | NUMBER | VALUES, ["of", "number", "lower", "upper"]),
 }
-SOBOL = tabled({"samples": word(SAMPLES), "points": whole(1), "seed": whole(0)}, ["points"])
+SOBOL = tabled({"samples": word(SAMPLES), "points": whole(1), "seed": whole(0, None)}, ["points"])
 MAP, POINT, TABLE = "map.json", "point.json", "points.csv"
 FORMAT = 1  # of map.json and point.json
 TRIES = 3  # times that a point is begun, as its process may be killed
