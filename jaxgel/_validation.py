@@ -103,7 +103,7 @@ def _validator():
     from jsonschema.validators import extend
 
     kinds = {
-        "number": lambda _, v: isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= sys.float_info.max,
+        "number": lambda _, v: isinstance(v, float) and abs(v) <= sys.float_info.max or type(v) is int and abs(v) < 2**63,  # fits an array
         "integer": lambda _, v: type(v) is int,
         "array": lambda _, v: isinstance(v, list | tuple),
     }
