@@ -4,8 +4,12 @@ import dataclasses
 import difflib
 import functools
 import sys
+import tomllib
+from pathlib import Path
 
 import numpy as np
+
+MAX_TOML = 2**24  # bytes of a file that a person writes
 
 
 def did_you_mean(name, known):
@@ -24,6 +28,17 @@ def finite_numbers(value, shape, field):
     if array.shape != shape or not np.isfinite(array).all():
         raise ValueError(f"{field}: {value!r} is not {' x '.join(map(str, shape))} finite numbers")
     return tuple(map(tuple, array.tolist())) if len(shape) == 2 else tuple(array.tolist())
+
+
+def read_toml(file: Path, field: str) -> dict:
+    """The table of a TOML file; ValueError, one line that begins with ``field``, for a file that cannot be read or is not TOML."""
+    try:
+        content = file.read_bytes() if file.stat().st_size <= MAX_TOML else b"="
+        return tomllib.loads(content.decode())
+    except OSError as problem:
+        raise ValueError(f"{field}: cannot read {str(file)!r}: {problem.strerror}") from None
+    except (ValueError, RecursionError) as problem:  # also for a number of thousands of digits, or brackets within brackets
+        raise ValueError(f"{field}: {str(file)!r} is not TOML: {' '.join(str(problem).split())}") from None
 
 
 def is_number(word):
@@ -46,9 +61,12 @@ def word(choices):
     return {"type": "string", "enum": list(choices)}
 
 
-def whole(least):
-    """A whole number."""
-    return {"type": "integer", "minimum": least}
+MOST = 100_000  # of a whole number that says how many: more would fill the memory
+
+
+def whole(least, most=MOST):
+    """A whole number; ``most`` None is any of at least ``least``."""
+    return {"type": "integer", "minimum": least} | ({} if most is None else {"maximum": most})
 
 
 def listed(item, least=0, most=None):
@@ -85,7 +103,7 @@ def _validator():
     from jsonschema.validators import extend
 
     kinds = {
-        "number": lambda _, v: isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= sys.float_info.max,
+        "number": lambda _, v: isinstance(v, float) and abs(v) <= sys.float_info.max or type(v) is int and abs(v) < 2**63,  # fits an array
         "integer": lambda _, v: type(v) is int,
         "array": lambda _, v: isinstance(v, list | tuple),
     }

@@ -17,7 +17,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA mistakes its own tuning flags for missing processor features in that cache
 os.environ["MPLBACKEND"] = "Agg"
 
-from jaxgel.cli.versions import in_one_part, quick_flags  # noqa: E402
+from jaxgel.cli.environment import in_one_part, quick_flags  # noqa: E402
 
 # read when the first program is compiled: test processes leave LLVM no idle cores, and a program in parts is more work
 os.environ["XLA_FLAGS"] = " ".join([*quick_flags(), *(f"--{name}={value}" for name, value in in_one_part().items())])

@@ -7,7 +7,6 @@ import json
 from importlib import resources
 from pathlib import Path as File
 
-import matplotlib as mpl
 import numpy as np
 
 from ..cloud import boundary_edges
@@ -18,7 +17,7 @@ from .resume import load_path
 PAGE = "view.html"
 TEMPLATE = "page.html"
 RESOLUTION = 5000  # steps per plate width in which the page keeps positions
-COLOUR_MAP = mpl.colormaps["cividis"]  # reads the same with every kind of colour vision
+COLOUR_MAP = "cividis"  # reads the same with every kind of colour vision
 COLOURS = 64
 COLUMNS = {
     "area_reduction": "area reduction",
@@ -54,6 +53,8 @@ def page(path, *, table=None, title="jaxgel"):
 
 def _data(path, table, title):
     """What the page shows, as JSON can hold it; positions are whole steps of the plate's width over ``RESOLUTION``."""
+    import matplotlib as mpl
+
     cloud = path.model.cloud
     deformed = np.asarray(deformed_vertices(path))
     values = field_values(path, "stretch")
@@ -77,7 +78,7 @@ def _data(path, table, title):
             "label": FIELDS["stretch"],
             "low": float(low),
             "high": float(high),
-            "colours": [mpl.colors.to_hex(COLOUR_MAP(share)) for share in np.linspace(0, 1, COLOURS)],
+            "colours": [mpl.colors.to_hex(mpl.colormaps[COLOUR_MAP](share)) for share in np.linspace(0, 1, COLOURS)],
             "states": shades.tolist(),
         },
     }

@@ -39,7 +39,6 @@ from pathlib import Path as File
 
 import jax
 import numpy as np
-from scipy.stats import qmc
 from tqdm import tqdm
 
 from .._validation import listed, tabled, whole, word
@@ -60,7 +59,7 @@ GRID = {
     "then": tabled(PARAMETER | VALUES, ["of"]),
     "else": tabled(BOUNDS | NUMBER | VALUES, ["of", "number", "lower", "upper"]),
 }
-SOBOL = tabled({"samples": word(SAMPLES), "points": whole(1), "seed": whole(0)}, ["points"])
+SOBOL = tabled({"samples": word(SAMPLES), "points": whole(1), "seed": whole(0, None)}, ["points"])
 MAP, POINT, TABLE = "map.json", "point.json", "points.csv"
 FORMAT = 1  # of map.json and point.json
 TRIES = 3  # times that a point is begun, as its process may be killed
@@ -307,6 +306,8 @@ def _sobol(varied, parameters, options):
             raise ValueError(f"parameters[{i}]: number and values belong to a grid; Sobol samples take lower and upper")
     bounds = [_bounds(f"parameters[{i}]", e, np.shape(p["own"])) for i, (e, p) in enumerate(zip(varied, parameters, strict=True))]
     lower, upper = (np.concatenate([np.ravel(side) for side in sides]) for sides in zip(*bounds, strict=True))
+    from scipy.stats import qmc  # 0.2 s of every command otherwise
+
     more = math.ceil(math.log2(options["points"]))  # the sequence is balanced at powers of 2
     samples = lower + (upper - lower) * qmc.Sobol(len(lower), rng=options["seed"]).random_base2(more)[: options["points"]]
     cuts = np.cumsum([np.size(p["own"]) for p in parameters])[:-1]

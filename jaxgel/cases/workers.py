@@ -12,13 +12,15 @@ from threadpoolctl import threadpool_limits
 
 
 class Workers(concurrent.futures.Executor):
-    """So many processes of this machine, one thread each; one that is killed loses the call it was at, and no other.
+    """So many processes of this machine, one BLAS thread each; one that is killed loses the call it was at, and no other.
 
     That call ends with ``BrokenExecutor``; the next one finds a new process. Processes are started anew, not forked, which JAX does not
     survive. They do not hear Ctrl-C and end with this process, whatever ends it.
     """
 
-    def __init__(self, number):
+    def __init__(self, number, start=None):
+        """``start``, a function that a new process can import, is called first in each of them."""
+        self._start = start
         self._threads = concurrent.futures.ThreadPoolExecutor(number)
         self._own = threading.local()  # the pool of one process that a thread stands before
         self._pids, self._ended = {}, False
@@ -37,7 +39,7 @@ class Workers(concurrent.futures.Executor):
             raise
 
     def _new_pool(self):
-        pool = concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start)
+        pool = concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start, (self._start,))
         self._own.pool = pool
         self._pids[pool] = pool.submit(os.getpid).result()
         if self._ended:  # while it started
@@ -59,11 +61,12 @@ class Workers(concurrent.futures.Executor):
             pool.shutdown()
 
 
-def _start():
-    """What a new process does first: one thread for BLAS and for XLA, deaf to Ctrl-C, not to outlive its parent."""
+def _start(start):
+    """What a new process does first: ``start`` where given; one thread for BLAS, deaf to Ctrl-C, not to outlive its parent."""
+    if start is not None:
+        start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    os.environ["NPROC"] = "1"  # read when XLA starts, which importing it does not
     threadpool_limits(1)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # if there is a cache, everything: other processes start sooner
 

@@ -1,4 +1,4 @@
-"""cli."""
+"""The command line ``jaxgel``."""
 
 from .command_line import main
 

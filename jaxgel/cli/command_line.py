@@ -1,219 +1,57 @@
-"""The command line ``jaxgel``: run a case, draw a run's folder, design or map holes, test gradients, list the cases.
+"""The entry point ``jaxgel``: parse, check what is given, prepare the process, then import and run the command.
 
-Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the sweep stopped early; 130 interrupted; 141, without a word, where
-nobody reads the output any more, as after ``| head``. What a run had finished by then is in its folder in every case.
+Help texts, lists and refusals of unusable input come before JAX is imported, so they answer at once. The exit codes are in `exit_codes`.
+What a run has finished is in its folder, however the command ends.
 """
 
-import argparse
+import importlib
 import os
 import sys
-from importlib.metadata import version
 
-from .._validation import did_you_mean, is_number
-from ..continuation import BRANCHES, CONTACT, SweepFailed
-from ..discretisation import BASES, METHODS, QUADRATURES
-from ..linalg import SOLVERS
-from . import commands as do
-from .versions import check_jaxlib
+from .environment import check_jaxlib, prepare_environment
+from .exit_codes import STOPPED, UNREAD, UNUSABLE
+from .inputs import check_inputs
+from .parser import parse
 
 
-def main(argv=None):
+def main(argv: list[str] | None = None) -> int:
     """Run the command line on ``argv`` (by default the process's own) and return its exit code."""
     try:
         try:
-            args = _parse(sys.argv[1:] if argv is None else list(argv))
+            args = parse(sys.argv[1:] if argv is None else list(argv))
             check_jaxlib()
-            return args.command(args)
+            check_inputs(args)
+            prepare_environment(getattr(args, "cache", None))
+            module, command = args.command.split(".")
+            return getattr(importlib.import_module(f"{__package__}.{module}"), command)(args)
         finally:
             sys.stdout.flush()
     except ValueError as problem:
         print(f"jaxgel: error: {problem}", file=sys.stderr)
-        return do.UNUSABLE
-    except (SweepFailed, OSError) as problem:  # no first state; a full disk, a folder that went away, a reader who did
-        if isinstance(problem, BrokenPipeError) and _unread():
-            return do.UNREAD
+        return UNUSABLE
+    except (
+        ArithmeticError,
+        OSError,
+    ) as problem:  # a sweep without a state; a full disk, a lost folder, a closed pipe
+        if isinstance(problem, BrokenPipeError) and _output_is_closed():
+            return UNREAD
+        if isinstance(problem, ArithmeticError) and not _is_failed_sweep(problem):
+            raise
         print(f"jaxgel: error: {problem}", file=sys.stderr)
-        return do.STOPPED
+        return STOPPED
 
 
-def _unread():
-    """Whether the pipe that broke is standard output; what is left for it is dropped then, so that Python's exit finds nothing."""
+def _is_failed_sweep(problem):
+    from ..continuation import SweepFailed
+
+    return isinstance(problem, SweepFailed)
+
+
+def _output_is_closed():
+    """Whether the broken pipe is standard output; what is left for it is dropped then, so that Python's exit writes nothing."""
     try:
         print(flush=True)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return True
     return False
-
-
-def _parse(argv):
-    """The arguments, with a suggestion for an option or command that is not known; ValueError for what cannot be used."""
-    parser, known = _parser()
-    if argv and not argv[0].startswith("-") and argv[0] not in known:
-        raise ValueError(f"command: {argv[0]!r} is unknown; {did_you_mean(argv[0], known)}")
-    args, unknown = parser.parse_known_args(_joined(argv))
-    if unknown:
-        options = sorted(known[argv[0]]._option_string_actions)
-        raise ValueError(f"{unknown[0]!r} is not an option of {argv[0]}; {did_you_mean(unknown[0].split('=')[0], options)}")
-    return args
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message):
-        """One line instead of the usage."""
-        raise ValueError(f"{message}; see {self.prog} --help")
-
-
-def _parser():
-    parser = _Parser(prog="jaxgel", description="Swelling-induced pattern transformation of perforated hydrogels.", allow_abbrev=False)
-    parser.add_argument("--version", action="version", version=f"jaxgel {version('jaxgel')}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-
-    def add(command, name, text):
-        p = commands.add_parser(name, help=text, allow_abbrev=False)
-        p.set_defaults(command=command)
-        return p
-
-    _case_commands(add)
-    _study_commands(add)
-    _folder_commands(add)
-    add(do.doctor, "doctor", "show versions, float64 and threads, and audit the compiled kernels")
-    p = add(do.init, "init", "write a commented case file to start from")
-    p.add_argument("name", metavar="NAME", nargs="?", help="the file's name, without .toml (default: case, or the built-in name)")
-    p.add_argument("--from", dest="sample", metavar="SAMPLE", help="export a built-in case (see jaxgel samples) with all its numbers")
-    add(do.schema, "schema", "print the JSON schema of a case file")
-    add(do.list_samples, "samples", "list the built-in cases")
-    return parser, commands.choices
-
-
-def _case_commands(add):
-    """Commands on a case."""
-    p = _case_options(add(do.run, "run", "swell a case and write its table, states and figures"), "out/CASE")
-    p.add_argument(
-        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values of mu, both ends included (default: 40)"
-    )
-    _branch_option(p)
-    p.add_argument(
-        "--imperfection", type=_real, metavar="EPS", help="push along the first bifurcation's mode by EPS node spacings (default: 0)"
-    )
-    p.add_argument(
-        "--contact",
-        metavar="|".join(CONTACT),
-        help="where a hole's sides meet: keep them apart, let them overlap, or stop (default: on)",
-    )
-    p.add_argument("--across", type=_whole, metavar="N", help="at least N nodes across every ligament, by local refinement")
-    p.add_argument("--basis", metavar="|".join(BASES), help="basis of the shape functions (default: quadratic)")
-    p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95, paper quadrature 3.5)")
-    p.add_argument("--method", metavar="|".join(METHODS), help="one pressure per cell, or displacement only (default: mixed)")
-    p.add_argument("--quadrature", metavar="|".join(QUADRATURES), help="cells along the true outline, or the paper's (default: conforming)")
-    p.add_argument("--solver", metavar="|".join(SOLVERS), help="how linear systems are solved (default: auto, by their size)")
-    p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation")
-
-    p = _case_options(add(do.critical, "critical", "find where the symmetric branch becomes unstable or folds back"), "out/CASE-critical")
-    p.add_argument("--most", type=_whole, default=4, metavar="N", help="number of points after which the search ends (default: 4)")
-    p.add_argument("--no-plots", action="store_true", help="leave out the figure of the modes")
-
-    p = _case_options(add(do.check_grad, "check-grad", "Taylor test of a case's gradients"), "out/CASE")
-    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of mu (default: 4)")
-    _branch_option(p)
-
-
-def _study_commands(add):
-    """Commands that run many sweeps."""
-    p = _quiet_option(add(do.design, "design", "search the best holes of a study and verify them"))
-    p.add_argument("study", metavar="STUDY.toml", help="the path of a study's TOML file")
-    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
-    p.add_argument("--resume", action="store_true", help="continue the search whose log is in the folder")
-
-    p = _worker_options(add(do.map_points, "map", "sweep many points in the space of a case's parameters"))
-    p.add_argument("study", metavar="STUDY.toml", help="the path of a map's TOML file")
-    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
-    p.add_argument("--resume", action="store_true", help="run the points of the map in the folder that have not ended")
-
-    p = _quiet_option(add(do.paper, "paper", "compute the paper's table and figures again, beside what it prints"))
-    p.add_argument("items", nargs="*", metavar="ITEM", help="table-1, fig-2, ..., fig-14 or algorithm (default: all that are missing)")
-    p.add_argument("--out", metavar="DIR", default="out/paper", help="folder of the results (default: out/paper)")
-
-
-def _folder_commands(add):
-    """Commands on a folder of results."""
-    p = add(do.plot, "plot", "draw the figures of a run's folder again")
-    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
-    p.add_argument("--out", metavar="DIR", help="where the figures go (default: the same folder)")
-    p.add_argument("--mp4", action="store_true", help="the animation as pattern.mp4 too, by ffmpeg")
-
-    p = _worker_options(add(do.resume, "resume", "continue an interrupted run, design or map, to the same result"))
-    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run, design or map")
-    p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation of a run")
-
-    p = add(do.outline, "outline", "write the outline of a case or a run as DXF, SVG or STL")
-    p.add_argument("source", metavar="DIR|CASE", help="folder written by jaxgel run, a built-in name or the path of a TOML file")
-    p.add_argument("--format", default="dxf", metavar="dxf|svg|stl", help="kind of file (default: dxf)")
-    p.add_argument("--mu", type=_real, metavar="MU", help="the state of the run nearest to this mu in kT (default: the dry plate)")
-    p.add_argument("--height", type=_real, default=1.0, metavar="H", help="height in mm of the extruded STL (default: 1)")
-    p.add_argument("--out", metavar="FILE", help="the file (default: CASE.FORMAT)")
-
-    p = add(do.export, "export", "write a run's history and states as one netCDF (HDF5) file")
-    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
-    p.add_argument("--out", metavar="FILE", help="the file (default: DIR/run.nc)")
-
-    p = add(do.view, "view", "write one HTML page of a run's folder, with a slider for mu")
-    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
-    p.add_argument("--out", metavar="FILE", help="the page (default: DIR/view.html)")
-
-
-def _case_options(p, out):
-    """The parser ``p`` of a command that works on a case, with what all of these take; ``out`` is the default folder."""
-    p.add_argument("case", metavar="CASE", help="a built-in name (see jaxgel samples) or the path of a TOML file")
-    p.add_argument("--out", metavar="DIR", help=f"folder of the results (default: {out})")
-    p.add_argument("--mu-start", type=_real, metavar="A", help="first chemical potential in kT (default: the case's, or -4.9678)")
-    p.add_argument("--mu-end", type=_real, metavar="B", help="last chemical potential in kT (default: the case's, or -0.9178)")
-    p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
-    p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
-    return _quiet_option(p)
-
-
-def _worker_options(p):
-    p.add_argument("--workers", type=_whole, metavar="N", help="processes of a map on this machine (default: one for each core)")
-    p.add_argument("--scheduler", metavar="ADDRESS", help="run a map on the Dask cluster with this scheduler, tcp://HOST:PORT, instead")
-    return _quiet_option(p)
-
-
-def _quiet_option(p):
-    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    return p
-
-
-def _branch_option(p):
-    p.add_argument("--branch", metavar="|".join(BRANCHES), help="branch to follow where the plate is symmetric (default: stable)")
-
-
-def _joined(argv):
-    """``argv`` with a negative number after a long option attached to it, as argparse takes -1e-3 and -inf for options."""
-    joined = []
-    for word in argv:
-        if joined and joined[-1].startswith("--") and "=" not in joined[-1] and word.startswith("-") and is_number(word):
-            joined[-1] += f"={word}"
-        else:
-            joined.append(word)
-    return joined
-
-
-def _real(word):
-    if not is_number(word):
-        raise argparse.ArgumentTypeError(f"{word!r} is not a number")
-    return float(word)
-
-
-def _whole(word):
-    if not word.isdecimal():
-        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number")
-    return int(word)
-
-
-def _steps(word):
-    if word == "auto":
-        return word
-    if not word.isdecimal():
-        raise argparse.ArgumentTypeError(f"{word!r} is neither auto nor a whole number")
-    return int(word)

@@ -134,7 +134,7 @@ def _locate_on_segments(cuts, known, segments, lines, tolerance):
 def _triangulate(vertices, loops):
     """Triangles (t, 3) of every piece, anticlockwise, and their pieces (t,) in order: halves of rectangles, constrained Delaunay else."""
     plain = np.array([len(loop) == 1 and len(loop[0]) == 4 for loop in loops])
-    corners = np.array([loop[0] for loop, four in zip(loops, plain, strict=True) if four]).reshape(-1, 4)
+    corners = np.array([loop[0] for loop, four in zip(loops, plain, strict=True) if four], dtype=int).reshape(-1, 4)
     a, b, c, d = (vertices[corners[:, i]] for i in range(4))
     parallelogram = np.abs(a + c - b - d).sum(axis=1) < 1e-9 * np.abs(c - a).sum(axis=1)
     plain[plain] = parallelogram

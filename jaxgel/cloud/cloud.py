@@ -35,6 +35,7 @@ from .quadrature import Quadrature, cell_quadrature
 from .quadtree import find_ligaments, make_background
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
+MAX_NODES = 1_000_000  # of a cloud: a model of a million nodes takes tens of gigabytes
 GRADING = 0.75  # slope of the node spacing between large squares and small ones
 
 
@@ -234,7 +235,18 @@ def _check_sizes(plate, spacing, nodes_per_hole, across):
         raise ValueError(f"spacing: {spacing} is not in (0, {shorter / 2:g}], half the plate's shorter side")
     if across is not None and not (isinstance(across, int | np.integer) and not isinstance(across, bool) and across >= 2):
         raise ValueError(f"across: {across!r} is not a whole number of at least 2, the two nodes on the outlines included")
-    return spacing, max(8, round(plate.nodes_per_hole * own / spacing)) if nodes_per_hole is None else nodes_per_hole
+    if nodes_per_hole is not None and not (isinstance(nodes_per_hole, int | np.integer) and 3 <= nodes_per_hole <= MAX_NODES):
+        raise ValueError(f"nodes_per_hole: {nodes_per_hole!r} is not a whole number of 3 to {MAX_NODES}")
+    background = plate.width / spacing * plate.height / spacing
+    if not background <= MAX_NODES:
+        raise ValueError(f"spacing: {spacing:g} mm makes about {background:.2g} nodes, more than the {MAX_NODES} accepted; use a larger one")
+    per_hole = max(8, round(plate.nodes_per_hole * own / spacing)) if nodes_per_hole is None else nodes_per_hole
+    if per_hole * len(plate.holes) > MAX_NODES // OUTLINE_SEGMENTS:
+        raise ValueError(
+            f"nodes_per_hole: {per_hole} on each of {len(plate.holes)} holes are more than the {MAX_NODES // OUTLINE_SEGMENTS} accepted; "
+            "use fewer, or a larger spacing"
+        )
+    return spacing, per_hole
 
 
 def _outlines(plate, nodes_per_hole, background):

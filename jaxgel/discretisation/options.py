@@ -22,7 +22,7 @@ class DiscretisationOptions:
     """Least number of nodes across every ligament, by local refinement."""
     basis: str = option("quadratic", word(BASES))
     """Basis of the shape functions"""
-    dmax: float | None = option(None, POSITIVE)
+    dmax: float | None = option(None, POSITIVE | {"maximum": 10.0})
     """Support radius over spacing."""
     method: str = option("mixed", word(METHODS))
     """One pressure per cell, or displacement only"""

@@ -1,7 +1,8 @@
 """io."""
 
+from .._validation import read_toml
 from .drawings import FORMATS, OUTLINE, dry_gel, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
-from .files import open_folder, read_toml, write_atomically
+from .files import open_folder, write_atomically
 from .netcdf import QUANTITIES, export
 from .recorder import NUMERICAL, Recorder, of_case, write_points
 from .run import STEP_ARRAYS, load_run, read_summary

@@ -3,14 +3,12 @@
 import io
 import math
 import os
-import tomllib
 import zipfile
 from pathlib import Path as File
 
 import numpy as np
 
 MAX_BYTES = 2**31  # most that is read of one file
-MAX_TOML = 2**24  # and of one that a person writes
 
 
 def open_folder(folder):
@@ -49,17 +47,6 @@ def guarded(file, read, max_bytes=MAX_BYTES):
     except Exception as problem:
         text = " ".join(str(problem).split())[:200] or type(problem).__name__
         raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {text}") from None
-
-
-def read_toml(file, field):
-    """The table of a TOML file; ValueError, one line that begins with ``field``, for a file that cannot be read or is not TOML."""
-    try:
-        content = file.read_bytes() if file.stat().st_size <= MAX_TOML else b"="
-        return tomllib.loads(content.decode())
-    except OSError as problem:
-        raise ValueError(f"{field}: cannot read {str(file)!r}: {problem.strerror}") from None
-    except (ValueError, RecursionError) as problem:  # also for a number of thousands of digits, or brackets within brackets
-        raise ValueError(f"{field}: {str(file)!r} is not TOML: {' '.join(str(problem).split())}") from None
 
 
 def read_arrays(content, max_bytes=MAX_BYTES):

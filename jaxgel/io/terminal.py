@@ -8,7 +8,7 @@ from tqdm import tqdm
 
 
 class Progress:
-    """A bar over the interval of mu on the terminal, with mu, rotation and Newton iterations of the last state."""
+    """A bar over the interval of mu on the terminal, with mu, Newton iterations and rotation of the last state."""
 
     def __init__(self, ends, quiet):
         self.start = ends[0]
@@ -23,11 +23,11 @@ class Progress:
     def __exit__(self, *_):
         self.bar.close()
 
-    def show(self, row):
-        self.bar.n = min(float(row["mu"]) - self.start, self.bar.total)
-        self.bar.set_postfix_str(
-            f"mu {row['mu']:.4f}, rotation {row['rotation_deg']:.2f} deg, {row['newton_iterations']} Newton iterations", refresh=True
-        )
+    def show(self, mu: float, iterations: int, rotation: float | None = None):
+        """A state at ``mu``, in kT, that took so many Newton iterations, with its rotation in degrees where that is known yet."""
+        self.bar.n = min(float(mu) - self.start, self.bar.total)
+        turned = "" if rotation is None else f", rotation {rotation:.2f} deg"
+        self.bar.set_postfix_str(f"mu {mu:.4f}, {iterations} Newton iterations{turned}", refresh=True)
 
 
 @contextlib.contextmanager

@@ -1,0 +1,79 @@
+"""The process of the command line: releases of jaxlib that are refused, XLA's flags, threads, and the cache of compiled programs.
+
+Only this module of jaxgel sets environment variables, and only before JAX is imported: as a library jaxgel leaves the process alone.
+"""
+
+import os
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+REFUSED = {
+    "0.10.2": "sums float64 numbers wrongly on the CPU (jax issue 39103)",
+    "0.11.0": "is excluded with 0.11.1",
+    "0.11.1": "copies whole buffers in every loop",
+}  # as in pyproject.toml
+CACHE = "JAXGEL_CACHE"  # variable with the folder of compiled programs, or off
+
+
+def check_jaxlib(found: str | None = None) -> None:
+    """Raise ValueError, one line, where the jaxlib ``found`` (by default the installed one) is known to compute wrongly or too slowly."""
+    found = version("jaxlib") if found is None else found
+    if found in REFUSED:
+        excluded = ",".join(f"!={bad}" for bad in REFUSED)
+        raise ValueError(f"jaxlib: {found} {REFUSED[found]}; pip install 'jax>=0.10.1,{excluded},<0.13' 'jaxlib>=0.10.1,{excluded},<0.13'")
+
+
+def prepare_environment(cache: str | None = None) -> None:
+    """Set what JAX reads when it is imported; variables that the user has set are kept. Nothing where JAX is imported already.
+
+    ``cache`` is the folder of compiled programs or "off"; None takes ``JAXGEL_CACHE`` or else the user's cache folder.
+    """
+    if "jax" in sys.modules:
+        return
+    own = os.environ.get("XLA_FLAGS", "")
+    os.environ["XLA_FLAGS"] = " ".join([own, *(flag for flag in quick_flags() if flag.split("=")[0] not in own)]).strip()
+    if (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()) == 1:
+        os.environ.setdefault("NPROC", "2")  # XLA's threads: a host callback waits on one for its arguments, which another one copies
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA writes its machine's features for every program from the cache
+    folder = cache_folder(cache)
+    if folder is None:
+        os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "false"
+    else:
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+
+
+def cache_folder(cache: str | None = None) -> str | None:
+    """The folder of compiled programs, None for "off".
+
+    The first that is given of ``cache``, ``JAX_COMPILATION_CACHE_DIR``, ``JAXGEL_CACHE`` and the user's cache folder.
+    """
+    chosen = cache or os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.environ.get(CACHE)
+    if chosen == "off":
+        return None
+    if chosen:
+        return str(Path(chosen).expanduser())
+    from platformdirs import user_cache_path
+
+    return str(user_cache_path("jaxgel", appauthor=False) / f"jaxlib-{version('jaxlib')}")
+
+
+def one_thread() -> None:
+    """What a worker process of a map does first: one thread for XLA, which reads the variable when it starts, not when it is imported."""
+    os.environ["NPROC"] = "1"
+
+
+def quick_flags(found: str | None = None) -> list[str]:
+    """XLA's flags under which jaxgel's programs compile in half the time and run as fast, for the jaxlib ``found``.
+
+    Releases after 0.10 have no other emitters left to choose, and end the process at a flag that they do not know.
+    """
+    found = version("jaxlib") if found is None else found
+    return ["--xla_backend_optimization_level=2", *(["--xla_cpu_use_fusion_emitters=false"] if found.startswith("0.10.") else [])]
+
+
+def in_one_part(found: str | None = None) -> dict:
+    """Compiler options: LLVM compiles a program in one part, not 32: less work, but on one core; {} where unknown."""
+    found = version("jaxlib") if found is None else found
+    return {"xla_cpu_parallel_codegen_split_count": 1} if found.startswith("0.10.") else {}

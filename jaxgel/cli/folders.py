@@ -1,0 +1,68 @@
+"""Commands on a folder of results: plot, resume, outline, export and view."""
+
+from pathlib import Path as File
+
+import numpy as np
+
+from ..cases import OutputOptions, from_table, load_case, load_path, other_versions, resumed, resumed_map, resumed_study, write_page
+from ..io import dry_gel, load_run, open_folder, swollen_gel, write_outline
+from ..io import export as write_netcdf
+from .exit_codes import DONE
+from .inputs import DESIGN, MAP, kind_of_folder
+from .runs import draw, printer, run_recorded
+from .studies import run_design, run_points
+
+
+def plot(args) -> int:
+    """``jaxgel plot``: draw the figures of a run's folder again."""
+    folder = File(args.folder)
+    table = load_run(folder).history
+    path, out = load_path(folder), open_folder(args.out) if args.out else folder
+    draw(path, out, table, OutputOptions())
+    if args.mp4:
+        from ..plotting import animate_pattern
+
+        animate_pattern(path, out / "pattern.mp4")
+    return DONE
+
+
+def resume(args) -> int:
+    """``jaxgel resume``: continue what was interrupted in a folder, a run, a design or a map by the file that it holds."""
+    kind = kind_of_folder(args.folder)
+    if kind == DESIGN:
+        return run_design(resumed_study(args.folder), args.folder, args, resume=True)
+    return run_points(resumed_map(args.folder), args.folder, args, resume=True) if kind == MAP else _resume_run(args)
+
+
+def _resume_run(args):
+    say, warning, recorder = printer(args), other_versions(args.folder), resumed(args.folder)
+    say(f"{recorder.case.name}: goes on after {len(recorder.steps)} states")
+    if warning:
+        say(warning)
+    return run_recorded(recorder, args)
+
+
+def outline(args) -> int:
+    """``jaxgel outline``: write the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``."""
+    is_run = File(args.source).is_dir()
+    if args.mu is not None:
+        path = load_path(args.source)
+        name, gel = File(args.source).name, swollen_gel(path, int(np.abs(np.asarray(path.mu) - args.mu).argmin()))
+    else:
+        summary = load_run(args.source).summary if is_run else None
+        case = from_table(summary["options"], summary["case"]) if summary else load_case(args.source)
+        name, gel = case.name, dry_gel(case.plate)
+    print(write_outline(gel, args.out or f"{name}.{args.format}", args.height))
+    return DONE
+
+
+def export(args) -> int:
+    """``jaxgel export``: write a run's folder as netCDF."""
+    print(write_netcdf(args.folder, args.out))
+    return DONE
+
+
+def view(args) -> int:
+    """``jaxgel view``: write one HTML page of a run's folder."""
+    print(write_page(args.folder, args.out))
+    return DONE

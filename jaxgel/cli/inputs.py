@@ -1,0 +1,113 @@
+"""What a command is given, checked against the schema before JAX is imported; what needs geometry is checked by the packages later."""
+
+import itertools
+import math
+from pathlib import Path
+
+from .._validation import check, did_you_mean, read_toml
+from .generated import default, schema
+from .starting import sample_names
+
+OPTIONS = {
+    "sweep": ("mu_start", "mu_end", "steps", "branch", "imperfection", "contact"),
+    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature", "solver"),
+}  # sections of a case file and their entries that are options of commands
+RUN, DESIGN, MAP = "summary.json", "design.json", "map.json"
+COUNTS = {"most": 100, "states": 1000, "workers": 1024}  # options that are no entries of a case -> most that is accepted
+FORMATS = ("dxf", "svg", "stl")
+
+
+def check_inputs(args) -> None:
+    """Raise ValueError, one line, for a case, study or folder that is not there, and for a case that breaks the schema."""
+    for name, value in ((name, getattr(args, name, None)) for name in COUNTS):
+        if value is not None and not 1 <= value <= COUNTS[name]:
+            raise ValueError(f"{name}: {value} is not accepted, it must be at least 1 and at most {COUNTS[name]}")
+    if "case" in args:
+        check_case(case_table(args.case), changes(args))
+    elif "study" in args:
+        _check_study(Path(args.study))
+    elif "source" in args:
+        _check_outline(args)
+    elif "folder" in args:
+        _check_folder(args)
+
+
+def changes(args) -> dict:
+    """Sections and entries of a case that the options replace."""
+    given = vars(args)
+    changed = {section: {key: given[key] for key in keys if given.get(key) is not None} for section, keys in OPTIONS.items()}
+    return changed | ({"output": {"figures": False, "animation": False}} if given.get("no_plots") else {})
+
+
+def case_table(case: str) -> dict:
+    """The table of a case, a built-in name or the path of a TOML file; ValueError for neither."""
+    file = Path(case)
+    if file.suffix == ".toml" or file.is_file():
+        return read_toml(file, "case")
+    if case not in sample_names():
+        raise ValueError(f"case: unknown name {case!r}; {did_you_mean(case, sample_names())}")
+    return {"plate": {"sample": case}}
+
+
+def check_case(table: dict, changed: dict) -> None:
+    """Raise ValueError for a case's table that breaks the schema with some sections changed, and for values of mu that do not increase."""
+    table = dict(table)
+    for section, entries in changed.items():
+        old = table.get(section, {})
+        if isinstance(old, dict) and isinstance(entries, dict):
+            table[section] = old | entries
+        elif not isinstance(entries, dict):
+            table[section] = entries
+    check(table, schema(), "case file")
+    sweep = table.get("sweep", {})
+    mu = sweep.get("mu") or [sweep.get(key, default("sweep", key)) for key in ("mu_start", "mu_end")]
+    for first, second in itertools.pairwise(mu):
+        if first >= second:
+            raise ValueError(f"mu: {first:g} is followed by {second:g}, the values must increase")
+
+
+def _check_study(file):
+    """The sections of a case that a study or map has, and the case that it names."""
+    table = read_toml(file, "study")
+    case, sections = table.get("case"), schema()["properties"]
+    changed = {key: value for key, value in table.items() if key in sections}
+    if isinstance(case, str):
+        check_case(case_table(str(file.parent / case) if (file.parent / case).is_file() else case), changed)
+    elif case is None and "plate" in table:
+        check_case(changed, {})
+
+
+def _check_outline(args):
+    if not (math.isfinite(args.height) and args.height > 0):
+        raise ValueError(f"--height: {args.height:g} is not a height in mm above 0")
+    if args.mu is not None and not math.isfinite(args.mu):
+        raise ValueError(f"--mu: {args.mu:g} is not a finite number")
+    if args.format not in FORMATS:
+        raise ValueError(f"--format: {args.format!r} is unknown; {did_you_mean(args.format, FORMATS)}")
+    if Path(args.source).is_dir():
+        _has_run(args.source)
+    elif args.mu is not None:
+        raise ValueError(f"--mu: {args.source!r} is a case; the states at some mu are in a run's folder")
+    else:
+        check_case(case_table(args.source), {})
+
+
+def _check_folder(args):
+    if getattr(args, "resumes", False):
+        kind_of_folder(args.folder)
+    else:
+        _has_run(args.folder)
+
+
+def kind_of_folder(folder: str) -> str:
+    """The file that says what an interrupted command's folder is: ``DESIGN``, ``MAP`` or ``RUN``; ValueError for none of them."""
+    for name in (DESIGN, MAP, RUN):
+        if (Path(folder) / name).is_file():
+            return name
+    known = ", ".join((DESIGN, MAP, RUN))
+    raise ValueError(f"folder: {folder!r} holds none of {known}; expected a folder written by jaxgel run, design or map")
+
+
+def _has_run(folder):
+    if not (Path(folder) / RUN).is_file():
+        raise ValueError(f"folder: {folder!r} holds no {RUN}; expected a folder written by jaxgel run")

@@ -1,0 +1,192 @@
+"""The commands and options of the command line, as argparse reads them and prints their help; no JAX."""
+
+import argparse
+from importlib.metadata import version
+
+from .._validation import did_you_mean, is_number
+from .environment import CACHE
+from .generated import choices
+
+DIGITS = 30  # read of a whole number, far beyond all that are accepted
+
+
+def parse(argv: list[str]) -> argparse.Namespace:
+    """The arguments, with a suggestion for an option or command that is not known; ValueError for what cannot be used."""
+    whole, known = parser()
+    if argv and not argv[0].startswith("-") and argv[0] not in known:
+        raise ValueError(f"command: {argv[0]!r} is unknown; {did_you_mean(argv[0], known)}")
+    args, unknown = whole.parse_known_args(_joined(argv))
+    if unknown:
+        options = sorted(known[argv[0]]._option_string_actions)
+        raise ValueError(f"{unknown[0]!r} is not an option of {argv[0]}; {did_you_mean(unknown[0].split('=')[0], options)}")
+    return args
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        """One line instead of the usage."""
+        raise ValueError(f"{message}; see {self.prog} --help")
+
+
+def parser() -> tuple[argparse.ArgumentParser, dict]:
+    """The parser of the command line, and those of its commands by name."""
+    whole = _Parser(prog="jaxgel", description="Swelling-induced pattern transformation of perforated hydrogels.", allow_abbrev=False)
+    whole.add_argument("--version", action="version", version=f"jaxgel {version('jaxgel')}")
+    commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    def add(command, name, text):
+        p = commands.add_parser(name, help=text, allow_abbrev=False)
+        p.set_defaults(command=command)
+        return p
+
+    _case_commands(add)
+    _study_commands(add)
+    _folder_commands(add)
+    _cache_option(add("doctor.doctor", "doctor", "show versions, float64 and threads, and audit the compiled kernels"))
+    p = add("starting.init", "init", "write a commented case file to start from")
+    p.add_argument("name", metavar="NAME", nargs="?", help="the file's name, without .toml (default: case, or the built-in name)")
+    p.add_argument("--from", dest="sample", metavar="SAMPLE", help="export a built-in case (see jaxgel samples) with all its numbers")
+    add("starting.schema", "schema", "print the JSON schema of a case file")
+    add("starting.list_samples", "samples", "list the built-in cases")
+    return whole, commands.choices
+
+
+def _case_commands(add):
+    """Commands on a case."""
+    p = _case_options(add("runs.run", "run", "swell a case and write its table, states and figures"), "out/CASE")
+    p.add_argument(
+        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values of mu, both ends included (default: 40)"
+    )
+    _branch_option(p)
+    p.add_argument(
+        "--imperfection", type=_real, metavar="EPS", help="push along the first bifurcation's mode by EPS node spacings (default: 0)"
+    )
+    _choice(p, "sweep", "contact", "where a hole's sides meet: keep them apart, let them overlap, or stop (default: on)")
+    p.add_argument("--across", type=_whole, metavar="N", help="at least N nodes across every ligament, by local refinement")
+    _choice(p, "discretisation", "basis", "basis of the shape functions (default: quadratic)")
+    p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95, paper quadrature 3.5)")
+    _choice(p, "discretisation", "method", "one pressure per cell, or displacement only (default: mixed)")
+    _choice(p, "discretisation", "quadrature", "cells along the true outline, or the paper's (default: conforming)")
+    _choice(p, "discretisation", "solver", "how linear systems are solved (default: auto, by their size)")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation")
+
+    p = add("runs.critical", "critical", "find where the symmetric branch becomes unstable or folds back")
+    _case_options(p, "out/CASE-critical")
+    p.add_argument("--most", type=_whole, default=4, metavar="N", help="number of points after which the search ends (default: 4)")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figure of the modes")
+
+    p = _case_options(add("runs.check_grad", "check-grad", "Taylor test of a case's gradients"), "out/CASE")
+    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of mu (default: 4)")
+    _branch_option(p)
+
+
+def _study_commands(add):
+    """Commands that run many sweeps."""
+    p = _quiet_option(add("studies.design", "design", "search the best holes of a study and verify them"))
+    p.add_argument("study", metavar="STUDY.toml", help="the path of a study's TOML file")
+    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
+    p.add_argument("--resume", action="store_true", help="continue the search whose log is in the folder")
+
+    p = _worker_options(add("studies.map_points", "map", "sweep many points in the space of a case's parameters"))
+    p.add_argument("study", metavar="STUDY.toml", help="the path of a map's TOML file")
+    p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
+    p.add_argument("--resume", action="store_true", help="run the points of the map in the folder that have not ended")
+
+    p = _quiet_option(add("studies.paper", "paper", "compute the paper's table and figures again, beside what it prints"))
+    p.add_argument("items", nargs="*", metavar="ITEM", help="table-1, fig-2, ..., fig-14 or algorithm (default: all that are missing)")
+    p.add_argument("--out", metavar="DIR", default="out/paper", help="folder of the results (default: out/paper)")
+
+
+def _folder_commands(add):
+    """Commands on a folder of results."""
+    p = _cache_option(add("folders.plot", "plot", "draw the figures of a run's folder again"))
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
+    p.add_argument("--out", metavar="DIR", help="where the figures go (default: the same folder)")
+    p.add_argument("--mp4", action="store_true", help="the animation as pattern.mp4 too, by ffmpeg")
+
+    p = _worker_options(add("folders.resume", "resume", "continue an interrupted run, design or map, to the same result"))
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run, design or map")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation of a run")
+    p.set_defaults(resumes=True)
+
+    p = _cache_option(add("folders.outline", "outline", "write the outline of a case or a run as DXF, SVG or STL"))
+    p.add_argument("source", metavar="DIR|CASE", help="folder written by jaxgel run, a built-in name or the path of a TOML file")
+    p.add_argument("--format", default="dxf", metavar="dxf|svg|stl", help="kind of file (default: dxf)")
+    p.add_argument("--mu", type=_real, metavar="MU", help="the state of the run nearest to this mu in kT (default: the dry plate)")
+    p.add_argument("--height", type=_real, default=1.0, metavar="H", help="height in mm of the extruded STL (default: 1)")
+    p.add_argument("--out", metavar="FILE", help="the file (default: CASE.FORMAT)")
+
+    p = _cache_option(add("folders.export", "export", "write a run's history and states as one netCDF (HDF5) file"))
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
+    p.add_argument("--out", metavar="FILE", help="the file (default: DIR/run.nc)")
+
+    p = _cache_option(add("folders.view", "view", "write one HTML page of a run's folder, with a slider for mu"))
+    p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
+    p.add_argument("--out", metavar="FILE", help="the page (default: DIR/view.html)")
+
+
+def _case_options(p, out):
+    """The parser ``p`` of a command that works on a case, with what all of these take; ``out`` is the default folder."""
+    p.add_argument("case", metavar="CASE", help="a built-in name (see jaxgel samples) or the path of a TOML file")
+    p.add_argument("--out", metavar="DIR", help=f"folder of the results (default: {out})")
+    p.add_argument("--mu-start", type=_real, metavar="A", help="first chemical potential in kT (default: the case's, or -4.9678)")
+    p.add_argument("--mu-end", type=_real, metavar="B", help="last chemical potential in kT (default: the case's, or -0.9178)")
+    p.add_argument("--spacing", type=_real, metavar="H", help="distance of the nodes in mm (default: the case's own)")
+    p.add_argument("--nodes-per-hole", type=_whole, metavar="N", help="nodes on the outline of a hole (default: the case's own)")
+    return _quiet_option(p)
+
+
+def _worker_options(p):
+    p.add_argument("--workers", type=_whole, metavar="N", help="processes of a map on this machine (default: one for each core)")
+    p.add_argument("--scheduler", metavar="ADDRESS", help="run a map on the Dask cluster with this scheduler, tcp://HOST:PORT, instead")
+    return _quiet_option(p)
+
+
+def _quiet_option(p):
+    p.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    return _cache_option(p)
+
+
+def _cache_option(p):
+    p.add_argument("--cache", metavar="DIR|off", help=f"folder of compiled programs (default: {CACHE}, or the user's cache folder)")
+    return p
+
+
+def _choice(p, section, key, text):
+    """An option that is one of the words of an entry of a case file."""
+    p.add_argument(f"--{key}", metavar="|".join(choices(section, key)), help=text)
+
+
+def _branch_option(p):
+    _choice(p, "sweep", "branch", "branch to follow where the plate is symmetric (default: stable)")
+
+
+def _joined(argv):
+    """``argv`` with a negative number after a long option attached to it, as argparse takes -1e-3 and -inf for options."""
+    joined = []
+    for word in argv:
+        if joined and joined[-1].startswith("--") and "=" not in joined[-1] and word.startswith("-") and is_number(word):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
+def _real(word):
+    if not is_number(word):
+        raise argparse.ArgumentTypeError(f"{word!r} is not a number")
+    return float(word)
+
+
+def _whole(word):
+    if not word.isdecimal():
+        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number")
+    return int(word[:DIGITS])
+
+
+def _steps(word):
+    if word == "auto":
+        return word
+    if not word.isdecimal():
+        raise argparse.ArgumentTypeError(f"{word!r} is neither auto nor a whole number")
+    return int(word[:DIGITS])

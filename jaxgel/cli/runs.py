@@ -1,0 +1,168 @@
+"""Commands on a case: run, critical and check-grad."""
+
+import dataclasses
+import sys
+from pathlib import Path as File
+
+import numpy as np
+
+from ..cases import imperfect_loads, load_case
+from ..continuation import Path, critical_points, sweep
+from ..io import Progress, Recorder, interruptible, open_folder, write_points
+from ..observables import events
+from .exit_codes import DONE, INTERRUPTED, STOPPED
+from .inputs import changes
+
+
+def run(args) -> int:
+    """``jaxgel run``: sweep a case and write its folder."""
+    case = load_case(args.case, changes(args))
+    folder = open_folder(args.out or File("out") / case.name)
+    say = printer(args)
+    model, d = case.model(), case.discretisation
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {d.basis} basis, {d.method} method")
+    return run_recorded(Recorder(folder, case, model, case.gel), args)
+
+
+def run_recorded(recorder, args) -> int:
+    """Sweep what is left of a case, draw and report; the exit code."""
+    say, output = printer(args), recorder.case.output
+    output = dataclasses.replace(output, figures=False, animation=False) if args.no_plots else output
+    try:
+        path = _sweep(recorder, args.quiet)
+    except KeyboardInterrupt:
+        recorder.finish("interrupted", "stopped by the user")
+        _report(recorder, say)
+        return INTERRUPTED
+    except Exception as problem:
+        recorder.finish("failed", " ".join(str(problem).split()) or type(problem).__name__)
+        raise
+    recorder.finish("complete" if path.stop.ok else "stopped", path.stop_text, path.stop)
+    say("drawing" if output.figures else "writing", "the results")
+    draw(path, recorder.folder, recorder.table, output)
+    _report(recorder, say)
+    if not path.stop.ok:
+        print(f"jaxgel: the sweep stopped early: {path.stop_text}", file=sys.stderr)
+    return DONE if path.stop.ok else STOPPED
+
+
+def _sweep(recorder, quiet):
+    """The path of a case, recorded and shown while it grows, from the steps on that the recorder has."""
+    case, model, before = recorder.case, recorder.model, recorder.steps
+    if before and before[-1].mu >= case.sweep.ends[1]:
+        return Path.from_states(model, case.gel, before)
+    mu = case.sweep.values[len(before) :] if case.sweep.given else case.sweep.values
+    loads = imperfect_loads(case, model)
+    with Progress(case.sweep.ends, quiet) as progress, interruptible() as stop_if_asked:
+
+        def on_step(step):
+            progress.show(step.mu, step.newton_iterations)  # before the table, whose programs take a second to load
+            recorder(step)
+            progress.show(step.mu, step.newton_iterations, recorder.records[-1][1]["rotation_deg"])
+            stop_if_asked()
+
+        options = dict(branch=case.sweep.branch, contact=case.sweep.contact, loads=loads, on_step=on_step)
+        return sweep(model, case.gel, mu=mu, start=before or None, **options)
+
+
+def draw(path, folder, table, output):
+    """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")  # before pyplot, which would look for a screen
+    import matplotlib.pyplot as plt
+
+    from ..io import write_series
+    from ..plotting import animate_pattern, plot_curves, plot_patterns
+
+    if output.paraview:
+        write_series(path, folder, table=table)
+    figures = {"pattern.png": lambda: plot_patterns(path), "curves.png": lambda: plot_curves(path, table=table)} if output.figures else {}
+    for name, draw in figures.items():
+        figure = np.ravel(draw())[0].figure
+        figure.savefig(folder / name)
+        plt.close(figure)
+    if output.animation:
+        animate_pattern(path, folder / "pattern.gif")
+
+
+def _report(recorder, say, most_rows=9):
+    """Print a table of at most ``most_rows`` states, the events, and where the files are."""
+    table = recorder.table
+    k = len(recorder.records)
+    if k:
+        say(f"{'mu':>8} {'stretch':>8} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
+        say(f"{'kT':>8} {'':>8} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {recorder.model.cloud.topology.plate.unit:>7}")
+    for i in np.unique(np.linspace(0, k - 1, min(k, most_rows)).round().astype(int)) if k else ():
+        row = {name: column[i] for name, column in table.items()}
+        unstable = ", unstable" if row["negative_pivots"] else ""
+        say(
+            f"{row['mu']:8.4f} {row['free_stretch']:8.4f} {row['rotation_deg']:9.3f} {row['core_rotation_deg']:8.3f}"
+            f" {100 * row['area_reduction']:9.3f} {row['J_mean']:7.4f} {row['min_gap']:7.3f}  {row['status']}{unstable}"
+        )
+    for event in events(table):
+        say(f"{event['event']}: {event['text']}")
+    say(f"{k} states in {recorder.folder}")
+
+
+def critical(args) -> int:
+    """``jaxgel critical``: locate the bifurcations and folds of a case's symmetric branch, and draw their modes."""
+    case = load_case(args.case, changes(args))
+    folder = open_folder(args.out or File("out") / f"{case.name}-critical")
+    say, model = printer(args), case.model()
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from mu = {case.sweep.mu_start:g} to {case.sweep.mu_end:g}")
+    points = critical_points(model, case.gel, mu=(case.sweep.mu_start, case.sweep.mu_end), most=args.most, loads=case.loads.of(model))
+    write_points(points, folder, case.table())
+    for point in points:
+        say(f"mu = {point.mu:.7f}: {point.text}")
+    if not points:
+        say("the symmetric branch is stable and does not fold back")
+    elif not args.no_plots:
+        _draw_modes(model, points, folder)
+    say(f"{len(points)} critical points in {folder}")
+    return DONE
+
+
+def _draw_modes(model, points, folder):
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    from ..plotting import plot_modes
+
+    figure = plot_modes(model, points)[0].figure
+    figure.savefig(folder / "modes.png")
+    plt.close(figure)
+
+
+def check_grad(args) -> int:
+    """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
+    from .taylor_test import OBJECTIVES, STATES, check_gradient, failures, write_table
+
+    case = load_case(args.case, changes(args))
+    folder = open_folder(args.out or File("out") / case.name)
+    try:
+        rows = check_gradient(case, states=args.states or STATES, quiet=args.quiet)
+    except ArithmeticError as problem:
+        print(f"jaxgel: {problem}", file=sys.stderr)
+        return STOPPED
+    write_table(rows, folder)
+    say = printer(args)
+    say(f"{'objective':<15} {'family':<10} {'slope':>10}  {'remainder at h = 1, 1/2, 1/4 ...':<50} {'rate':>6}")
+    for row in rows:
+        remainders = " ".join(f"{r:9.2e}" for r in row.remainders)
+        say(f"{row.objective:<15} {row.family:<10} {row.slope:10.3e}  {remainders:<50} {row.rate:6.3f}")
+    left_out = [name for name in OBJECTIVES if name not in {row.objective for row in rows}]
+    if left_out:
+        say(f"left out, without a value or a derivative at the last state: {', '.join(left_out)}")
+    failed = failures(rows)
+    if failed:
+        named = ", ".join(f"{objective} by {family}" for objective, family in failed)
+        print(f"jaxgel: the remainder does not fall as h^2: {named}", file=sys.stderr)
+    return STOPPED if failed else DONE
+
+
+def printer(args):
+    """`print`, or a function that prints nothing where the command is to be quiet."""
+    return (lambda *_: None) if args.quiet else print

@@ -1,0 +1,82 @@
+"""Commands that run many sweeps: design, map and paper."""
+
+import collections
+import sys
+from pathlib import Path as File
+
+import numpy as np
+
+from .._threads import usable_cores
+from ..cases import TABLE, Workers, dask_executor, load_map, load_study, run_map, run_study
+from ..io import open_folder
+from .environment import one_thread
+from .exit_codes import DONE, INTERRUPTED, STOPPED
+from .runs import printer
+
+
+def design(args) -> int:
+    """``jaxgel design``: search the best holes of a study, verify them, and write the study's folder."""
+    study = load_study(args.study)
+    return run_design(study, args.out or File("out") / study.name, args)
+
+
+def run_design(study, folder, args, resume=False) -> int:
+    """Search, verify and report a study; the exit code."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")  # before pyplot, which would look for a screen
+
+    say = printer(args)
+    found, verified = run_study(study, open_folder(folder), resume=resume or getattr(args, "resume", False), quiet=args.quiet)
+    if verified is None:
+        print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
+        return INTERRUPTED
+    say(f"{study.name}: {len(found.history)} evaluations; {found.text}")
+    for name, value in found.parameters.items():
+        say(f"{name:<12} {np.array2string(value, precision=4, separator=', ')}")
+    for name in ("start", "best"):
+        v = verified[name]
+        say(f"{name} on a fresh cloud of {v['nodes']} nodes: objective {v['value']:.6g}; {v['reason']}")
+    say(f"results in {folder}")
+    valid = found.feasible and verified["best"]["valid"]
+    if not valid:
+        reason = verified["best"]["reason"] if found.feasible else "no design met all constraints"
+        print(f"jaxgel: the design is not usable: {reason}", file=sys.stderr)
+    return DONE if valid else STOPPED
+
+
+def map_points(args) -> int:
+    """``jaxgel map``: sweep the points of a study on the processes of this machine or of a cluster."""
+    study = load_map(args.study)
+    return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)
+
+
+def run_points(study, folder, args, resume) -> int:
+    """Run the points of a map and report; the exit code."""
+    try:
+        with dask_executor(args.scheduler) if args.scheduler else Workers(args.workers or usable_cores(), one_thread) as executor:
+            rows = run_map(study, folder, executor, resume=resume, quiet=args.quiet)
+    except KeyboardInterrupt:
+        print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
+        return INTERRUPTED
+    counts = collections.Counter(row["status"] for row in rows)
+    text = f"{len(rows)} points: {', '.join(f'{n} {status}' for status, n in counts.items())}; see {File(folder) / TABLE}"
+    complete = counts["complete"] == len(rows)
+    printer(args)(text) if complete else print(f"jaxgel: {text}", file=sys.stderr)
+    return DONE if complete else STOPPED
+
+
+def paper(args) -> int:
+    """``jaxgel paper``: the paper's table and figures, with a report."""
+    from ..paper import REPORT, run_paper
+
+    say = printer(args)
+    try:
+        failed = run_paper(args.items, args.out, quiet=args.quiet, say=say)
+    except KeyboardInterrupt:
+        print(f"jaxgel: interrupted; finished items are in {args.out}, jaxgel paper goes on", file=sys.stderr)
+        return INTERRUPTED
+    say(f"report in {File(args.out) / REPORT}")
+    if failed:
+        print(f"jaxgel: not computed: {', '.join(failed)}; the report says why", file=sys.stderr)
+    return STOPPED if failed else DONE

@@ -1,0 +1,147 @@
+"""Every number that a user can give, tiny, huge, negative or not finite, ends in a result or in one line: no traceback, bounded memory."""
+
+import copy
+import functools
+import json
+import math
+import re
+import resource
+
+import pytest
+
+from jaxgel.cases import case_schema
+from jaxgel.cli import command_line as cli
+from jaxgel.cli import parser, runs
+from jaxgel.continuation import SweepFailed
+
+NUMBERS = [1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e12, math.nan, math.inf, -math.inf, -1.0, 0.0, 10**30]
+GIBIBYTE = 2**30
+PLATE = {"width": 4.0, "height": 4.0, "spacing": 0.8, "nodes_per_hole": 12}
+HOLES = [
+    {"kind": "circle", "centre": [0.1, -0.2], "radius": 1.1},
+    {"kind": "ellipse", "centre": [0.1, 0.0], "semi_axes": [1.2, 0.9], "angle": 0.3},
+    {"kind": "rectangle", "centre": [0.1, 0.0], "sides": [1.8, 1.5], "angle": 0.3},
+    {"kind": "superellipse", "centre": [0.1, 0.0], "semi_axes": [1.2, 0.9], "angle": 0.3, "exponent": 3.0},
+    {"kind": "fourier", "centre": [0.1, 0.0], "radius": 1.0, "cos": [0.1], "sin": [0.0]},
+    {"kind": "polygon", "vertices": [[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]]},
+]
+WHOLE_PLATE = PLATE | {
+    "edges": {"top": "fixed"},
+    "deformation": [[1.1, 0.0], [0.0, 1.0]],
+    "displacement": {"top": [0.0, 0.1]},
+    "cells": 6,
+    "core": [0.5, 0.5],
+}
+CASES = {f"hole {hole['kind']}": {"plate": PLATE, "holes": [hole]} for hole in HOLES} | {
+    "plate": {"plate": WHOLE_PLATE, "discretisation": {"quadrature": "paper", "spacing": 0.8}},
+    "options": {
+        "plate": PLATE,
+        "holes": HOLES[:1],
+        "gel": {"Nv": 1e-3, "chi": 0.1},
+        "loads": {"body_force": [0.0, 1e-4], "traction": {"top": [0.0, 1e-4]}},
+        "sweep": {"mu_start": -4.9, "mu_end": -4.8, "steps": 2, "imperfection": 0.1},
+        "discretisation": {"spacing": 0.8, "nodes_per_hole": 12, "across": 2, "dmax": 2.95},
+    },
+    "given mu": {"plate": PLATE, "sweep": {"mu": [-4.9, -4.8]}},
+}
+
+
+def leaves(tree, path=()):
+    """Paths to the numbers of a table, of each list only to its first entry."""
+    if isinstance(tree, dict):
+        return [leaf for key, value in tree.items() for leaf in leaves(value, (*path, key))]
+    if isinstance(tree, list):
+        return leaves(tree[0], (*path, 0))
+    return [path] if isinstance(tree, int | float) else []
+
+
+ENTRIES = [(name, path) for name, table in CASES.items() for path in leaves(table) if not (name.startswith("hole") and path[0] == "plate")]
+COMMANDS = {"run": ["square"], "critical": ["square"], "check-grad": ["square"], "outline": ["square"], "map": ["no.toml"], "resume": ["no"]}
+NUMERIC = {parser._real, parser._whole, parser._steps}
+
+
+def options():
+    """(command, option) of every option that takes a number."""
+    return [
+        (name, action.option_strings[0])
+        for name, command in parser.parser()[1].items()
+        for action in command._actions
+        if action.type in NUMERIC
+    ]
+
+
+def toml(table):
+    """The TOML text of a case's table."""
+
+    def value(v):
+        if isinstance(v, dict):
+            return "{ " + ", ".join(f"{key} = {value(item)}" for key, item in v.items()) + " }"
+        return f"[{', '.join(map(value, v))}]" if isinstance(v, list) else json.dumps(v) if isinstance(v, str) else repr(v)
+
+    return "\n".join(f"{section} = {value(entries)}" for section, entries in table.items())
+
+
+def changed(table, path, number):
+    table = copy.deepcopy(table)
+    functools.reduce(lambda part, key: part[key], path[:-1], table)[path[-1]] = number
+    return table
+
+
+@pytest.fixture
+def ends(monkeypatch, capsys, tmp_path):
+    """Function that runs a command up to its sweep and asserts that it ends as it should."""
+
+    def stop(*_, **__):
+        raise SweepFailed("sweep: reached")
+
+    for name in ("sweep", "critical_points"):
+        monkeypatch.setattr(runs, name, stop)
+    monkeypatch.setattr("jaxgel.cases.case.critical_points", stop)
+    monkeypatch.setattr("jaxgel.cloud.cloud.MAX_NODES", 2000)  # so that what is accepted is quick
+    monkeypatch.setattr("jaxgel.cli.taylor_test.check_gradient", stop)
+    monkeypatch.chdir(tmp_path)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    def run(arguments):
+        code = cli.main(arguments)
+        error = capsys.readouterr().err
+        assert code in (0, 2, 3), error
+        assert re.fullmatch(r"(jaxgel: [^\n]*\n)?", error)
+        assert (code == 0) == (error == "")
+        return code, error
+
+    yield run
+    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 < GIBIBYTE
+
+
+@pytest.mark.parametrize(("command", "option"), options())
+def test_a_numeric_option_ends_in_a_result_or_one_line(command, option, ends):
+    for number in NUMBERS:
+        word = repr(number) if isinstance(number, float) and not number.is_integer() else f"{number:.0f}"
+        code, error = ends([command, *COMMANDS[command], f"{option}={word}"])
+        if code == 2 and command not in ("map", "resume"):
+            assert option.strip("-").replace("-", "_") in error.replace("-", "_") or "mu" in option or "dmax" in option
+
+
+@pytest.mark.parametrize(("name", "path"), ENTRIES, ids=lambda v: v if isinstance(v, str) else ".".join(map(str, v)))
+def test_a_number_of_a_case_ends_in_a_result_or_one_line(name, path, ends, tmp_path):
+    whole = isinstance(functools.reduce(lambda part, key: part[key], path, CASES[name]), int)
+    for number in NUMBERS:
+        number = int(number) if whole and math.isfinite(number) and number == int(number) else number
+        (tmp_path / "case.toml").write_text(toml(changed(CASES[name], path, number)))
+        ends(["run", "case.toml", "--no-plots", "--quiet"])
+
+
+def test_every_number_of_the_schema_is_walked():
+    def numeric(rule, name=""):
+        kinds = rule.get("type")
+        if kinds in ("number", "integer") or (kinds == "array" and numeric(rule["items"], name)):
+            return {name}
+        parts = [(part, key) for key, part in rule.get("properties", {}).items()]
+        parts += [(rule[key], name) for key in ("then", "else", "items") if key in rule]
+        parts += [(part, name) for key in ("allOf", "anyOf") for part in rule.get(key, ())]
+        return set().union(*(numeric(part, key) for part, key in parts))
+
+    walked = {key for _, path in ENTRIES for key in path if isinstance(key, str)}
+    drawings = {"number", "tolerance", "scale", "centre"}  # of a hole from a file
+    assert numeric(case_schema()) - drawings - {"left", "right", "bottom"} <= walked
