@@ -43,12 +43,10 @@ from scipy.stats import qmc
 from tqdm import tqdm
 
 from .._validation import listed, tabled, whole, word
-from ..cloud import make_cloud
-from ..continuation import sweep
 from ..io import Recorder, interruptible, open_folder, write_atomically
 from ..materials import check_gel
 from ..observables import COLUMNS
-from .case import Case, imperfect_loads
+from .case import Case
 from .parameters import PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
 
 SAMPLES = ("grid", "sobol")
@@ -96,11 +94,6 @@ class MapStudy:
         ends = [float(values[p["name"]]) for p in self.parameters if p["of"] == "mu_end"]
         options = dataclasses.replace(case.sweep, mu_end=ends[0]) if ends else case.sweep
         return dataclasses.replace(case, plate=plate, source=source, gel=gel, sweep=options)
-
-    def cloud(self):
-        """The cloud of the case's own plate, which serves all points; ValueError where it cannot be made."""
-        d, plate = self.case.discretisation, self.case.plate
-        return make_cloud(plate.reference or plate, spacing=d.spacing, nodes_per_hole=d.nodes_per_hole, across=d.across)
 
 
 def load_map(file):
@@ -151,7 +144,7 @@ def run_map(study, folder, executor, *, resume=False, quiet=True):
     the point's row says "lost". Ctrl-C (KeyboardInterrupt) ends the calls under way and leaves what has ended. ValueError for
     a study whose plate cannot be discretised, and for a folder with another map, or with this one if not resumed.
     """
-    study.cloud()
+    study.case.cloud()
     folder = open_folder(folder)
     _begin(study, folder, resume)
     rows = {k: row for k in range(len(study.points)) if (row := _ended(folder / _name(k))) is not None}
@@ -200,8 +193,7 @@ def run_point(text, values, folder):
         case = study.at(values)
         model = case.model(cloud)
         recorder = Recorder(folder, case, model, case.gel, durable=False)
-        options = dict(branch=case.sweep.branch, contact=case.sweep.contact, loads=imperfect_loads(case, model))
-        path = sweep(model, case.gel, mu=case.sweep.values, on_step=recorder, **options)
+        path = case.path(model, on_step=recorder)
         status, reason = "complete" if path.stop.ok else "stopped", path.stop_text
         if model.cloud.topology is not cloud.topology:
             jax.clear_caches()  # programs belong to a topology; those of many would fill gigabytes
@@ -221,7 +213,7 @@ def _prepared(text):
     """Study and cloud, made once in a process, so that its compiled programs serve all points."""
     record = json.loads(text)
     study = map_from_table(record["study"], record["name"])
-    return study, study.cloud()
+    return study, study.case.cloud()
 
 
 def _last_state(recorder):

@@ -22,7 +22,6 @@ import numpy as np
 from .._validation import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
 from ..design import DRY, METHODS, DesignProblem, Outcome, limit, misfit, optimise, read_log, reading, verify, weighted_sum
 from ..io import write_atomically
-from ..mechanics import Loads
 from ..observables import CURVES
 from .case import Case
 from .parameters import OF, PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
@@ -100,8 +99,6 @@ def resumed_study(folder):
 def study_from_table(table, name):
     """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
     case = study_case(table, name, SECTIONS)
-    if case.loads != Loads():
-        raise ValueError("loads: a study takes none; leave the section out")
     if case.sweep.steps == "auto" and case.sweep.mu is None:
         raise ValueError("sweep.steps: 'auto' is not accepted in a study; give a number, or mu = [list]")
     mu = list(case.sweep.values)
@@ -118,7 +115,8 @@ def study_from_table(table, name):
         maximise=alone,
         constraints=tuple(_constraint(i, entry, mu) for i, entry in enumerate(table.get("constraints", []))),
         options=case.discretisation,
-        branch=case.sweep.branch,
+        sweep=case.sweep,
+        loads=case.loads,
     )
     search = dict(method="slsqp", evaluations=60, step=0.2, tolerance=1e-5) | table.get("search", {})
     table = {key: table[key] for key in SECTIONS if key in table} | case.table()
@@ -159,8 +157,7 @@ def run_study(study, folder, *, resume=False, quiet=True):
 def _found(study, plate, gel):
     """The `cases.Case` of a concrete plate and gel, on the cloud of the verification."""
     sweep = dataclasses.replace(study.case.sweep, mu=tuple(study.problem.mu))
-    spacing = float(study.verification["spacing"])
-    cloud = dataclasses.replace(study.case.discretisation, spacing=spacing, nodes_per_hole=None, across=None)
+    cloud = study.case.discretisation.at_spacing(study.verification["spacing"])
     return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud)
 
 

@@ -2,6 +2,7 @@
 
 from .autodiff import IllPosedDerivative
 from .branches import continue_branch, imperfection, solve_from, switch
+from .by_options import imperfection_load, sweep_by_options
 from .critical import CriticalPoint, critical_points, folds
 from .deflation import deflated
 from .eigenvalue import lowest_eigenvalue
@@ -26,6 +27,7 @@ __all__ = [
     "deflated",
     "folds",
     "imperfection",
+    "imperfection_load",
     "lowest_eigenvalue",
     "lowest_modes",
     "nearby_modes",
@@ -33,6 +35,7 @@ __all__ = [
     "oriented",
     "solve_from",
     "sweep",
+    "sweep_by_options",
     "switch",
     "tangent_products",
 ]
