@@ -124,13 +124,12 @@ def study_from_table(table, name):
 
 
 def run_study(study, folder, *, resume=False, quiet=True):
-    """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png.
+    """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png
+    (unless the case wants no figures).
 
     Returns the `inverse.Design` and the content of verified.json: ``start`` and ``best``, each as `inverse.verify` gives it. An
     interrupted search leaves its log alone: None in place of the content.
     """
-    from ..plotting import draw_study
-
     folder = File(folder)
     design = study.run(folder, resume=resume, quiet=quiet)
     if design.outcome is Outcome.INTERRUPTED:
@@ -149,8 +148,11 @@ def run_study(study, folder, *, resume=False, quiet=True):
     )
     encoded = json.dumps(verified, indent=1).encode()
     write_atomically(folder / VERIFIED, lambda stream: stream.write(encoded))
-    figure = draw_study(study, design, start_path, best_path)
-    write_atomically(folder / "design.png", lambda stream: figure.savefig(stream, format="png"))
+    if study.case.output.figures:
+        from ..plotting import draw_study
+
+        figure = draw_study(study, design, start_path, best_path)
+        write_atomically(folder / "design.png", lambda stream: figure.savefig(stream, format="png"))
     return design, verified
 
 

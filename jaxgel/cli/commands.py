@@ -132,7 +132,7 @@ def critical(args):
         say(f"mu = {point.mu:.7f}: {point.text}")
     if not points:
         say("the symmetric branch is stable and does not fold back")
-    elif not args.no_plots:
+    elif case.output.figures:
         _draw_modes(model, points, folder)
     say(f"{len(points)} critical points in {folder}")
     return DONE
