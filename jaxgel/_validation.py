@@ -66,6 +66,11 @@ def exactly_one(names):
     return {"oneOf": [{"required": [name]} for name in names]}
 
 
+def not_both(names):
+    """Rule, to be joined to that of a table, that not all of some entries are given."""
+    return {"not": {"required": list(names)}}
+
+
 PAIR = listed(NUMBER, 2, 2)
 
 
@@ -106,6 +111,8 @@ def _message(error, where):
         own = rule["properties"][missing]
         wanted = f"give {' or '.join(accepted(own))}{_brackets([*path, missing], own)}"
         return f"{where}: {missing} is missing; {own.get('$comment', wanted)}"
+    if error.validator == "not":
+        return f"{where}: give one of {' and '.join(rule['not']['required'])}, not both"
     if error.validator == "oneOf":
         names = [name for choice in rule["oneOf"] for name in choice["required"]]
         found = ", ".join(name for name in names if name in value) or "none"

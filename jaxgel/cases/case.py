@@ -5,8 +5,8 @@ A table has the sections of a case file, all but ``plate`` optional:
     [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1, 0.0], [0.0, 1.0]]
                        (of held and periodic edges), displacement = {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of
                        `geometry.Plate`
-    [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample; or
-                       kind = "outline", file = "hole.dxf" (.csv, .svg), see `outline_files.hole_table`
+    [[holes]]          kind = "ellipse" and the hole's own parameters, its angle in radians or as angle_deg in degrees; as many as there
+                       are holes, none with a sample; or kind = "outline", file = "hole.dxf" (.csv, .svg), see `hole_table`
     [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
     [gel]              Nv, chi; energy = "module:function" and numbers that the function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
@@ -177,14 +177,22 @@ def _plate(table, holes, name):
 
 def _hole(i, table):
     try:
-        return HOLES[table["kind"]](**{key: value for key, value in table.items() if key != "kind"})
+        return HOLES[table["kind"]](**{key: value for key, value in _in_radians(table).items() if key != "kind"})
     except ValueError as problem:
         raise ValueError(f"holes[{i}]: {problem}") from None
 
 
+def _in_radians(table):
+    """The parameters of a hole with ``angle`` in place of ``angle_deg``."""
+    if "angle_deg" not in table:
+        return table
+    return {key: value for key, value in table.items() if key != "angle_deg"} | {"angle": np.deg2rad(table["angle_deg"])}
+
+
 def _moved(plate, moved):
     try:
-        return plate.at([{name: np.asarray(value, dtype=float) for name, value in theta.items()} for theta in moved]) if moved else plate
+        thetas = [{name: np.asarray(value, dtype=float) for name, value in _in_radians(theta).items()} for theta in moved]
+        return plate.at(thetas) if moved else plate
     except (ValueError, TypeError) as problem:
         raise ValueError(f"moved: {problem}") from None
 

@@ -2,20 +2,20 @@
 
 Besides the sections of a case (see `cases`), or ``case`` = a built-in name or the path of a case file, a map's TOML file has
 
-    [[parameters]]   of (a parameter of the holes, Nv, chi or mu_end); optional: name, holes, link, see `parameters`; and its values:
-                     lower and upper, with number for a grid, or values = [list] for a grid
+    [[parameters]]   of (a parameter of the holes, angle_deg, Nv, chi or mu_end); optional: name, holes, link, see `parameters`; and its
+                     values: lower and upper, with number for a grid, or values = [list] for a grid
     [map]            samples = "grid" (every combination, the last parameter varies first) or "sobol"; points, a number, and seed (0)
                      for "sobol"
 
 Its folder holds map.json (the study and its points), points.csv (one row for each point that has ended) and a folder for each point
-in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended. All points share the cloud of the study's own
+in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended; jaxgel plot draws one of them. All points share the cloud of the study's own
 plate, placed on their holes, and with it all compiled programs: put the case in the middle of its parameters' range. A point too far
 away for that, where outlines move by more than about a third of the spacing, gets a cloud of its own, and costs its compilation.
 
 A cluster under MPI (mpi4py) runs a map by ``mpiexec -n 65 python -m mpi4py.futures script.py`` with the script
 
     from mpi4py.futures import MPIPoolExecutor
-    from jaxgel.parameter_map import load_map, run_map
+    from jaxgel.cases import load_map, run_map
 
     if __name__ == "__main__":
         with MPIPoolExecutor() as executor:
@@ -123,9 +123,6 @@ def map_from_table(table, name):
     own = {"mu_end": case.sweep.mu_end} if case.sweep.mu is None else {}
     varied = table["parameters"]
     parameters = all_different([parameter(f"parameters[{i}]", entry, case, own) for i, entry in enumerate(varied)])
-    single = [p["of"] for p in parameters if not p["holes"]]
-    if len(set(single)) < len(single):
-        raise ValueError(f"parameters: each of {', '.join(sorted(set(single)))} can be varied once only")
     options = {"samples": "grid"} | ({"seed": 0} if sobol else {}) | table.get("map", {})
     if not sobol:
         axes = [_axis(f"parameters[{i}]", entry, p) for i, (entry, p) in enumerate(zip(varied, parameters, strict=True))]

@@ -2,14 +2,16 @@
 
 Besides the sections of a case (see `cases`), or ``case`` = a built-in name or the path of a case file, a study has
 
-    [[parameters]]   of (a parameter of the holes, Nv or chi), lower, upper; optional: name, holes (list of numbers), link, start
-    [[objective]]    of (a quantity, see `objectives.CURVES`) and one of goal = "maximise" or "minimise" with at = mu, target with at,
+    [[parameters]]   of (a parameter of the holes, Nv or chi; angle_deg is the angle in degrees), lower, upper; optional: name, holes
+                     (list of numbers), link, start
+    [[objective]]    of (a quantity, see `CURVES`) and one of goal = "maximise" or "minimise" with at = mu, target with at,
                      curve = [one value per mu], line = {slope, mu0}; optional: weight; from, to, the window of mu of curve or line
-    [[constraints]]  of (a quantity, see `objectives.CURVES` and `objectives.DRY`) and one of above, below, within (magnitude); optional: at
-    [search]         method, evaluations, step, tolerance; see `inverse.optimise`
+    [[constraints]]  of (a quantity, see `CURVES` and `DRY`) and one of above, below, within (magnitude); optional: at
+    [search]         method, evaluations, step, tolerance; see `optimise`
     [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
 
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
+A study takes all options of its case but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu a list.
 """
 
 import dataclasses

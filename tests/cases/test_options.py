@@ -76,7 +76,7 @@ spacing = 0.9
 MAP = '[[parameters]]\nof = "Nv"\nvalues = [1e-3]\n'
 
 
-class Reached(Exception):  # noqa: N818
+class Reached(Exception):
     """What a command wanted of its sweep or search was recorded; nothing is computed."""
 
 
