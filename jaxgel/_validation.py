@@ -84,6 +84,11 @@ def exactly_one(names):
     return {"oneOf": [{"required": [name]} for name in names]}
 
 
+def not_both(names):
+    """Rule, to be joined to that of a table, that not all of some entries are given."""
+    return {"not": {"required": list(names)}}
+
+
 PAIR = listed(NUMBER, 2, 2)
 
 
@@ -124,6 +129,8 @@ def _message(error, where):
         own = rule["properties"][missing]
         wanted = f"give {' or '.join(accepted(own))}{_brackets([*path, missing], own)}"
         return f"{where}: {missing} is missing; {own.get('$comment', wanted)}"
+    if error.validator == "not":
+        return f"{where}: give one of {' and '.join(rule['not']['required'])}, not both"
     if error.validator == "oneOf":
         names = [name for choice in rule["oneOf"] for name in choice["required"]]
         found = ", ".join(name for name in names if name in value) or "none"
@@ -160,13 +167,17 @@ def accepted(rule, number="a"):
 
 
 def one_of(name, value, known):
+    """Raise ValueError, one line that begins with ``name``, for a ``value`` that is not among the ``known`` ones."""
     if value not in known:
         raise ValueError(f"{name}: {value!r} is not one of {', '.join(known)}")
 
 
-def option(default, rule):
-    """Field of a section with what it accepts, a piece of JSON schema; None, where that is the default, stands for not given."""
-    return dataclasses.field(default=default, metadata={"schema": rule})
+def option(default, rule, stage=""):
+    """Field of a section of a case file: its default, the rule of its values (JSON schema), and the ``stage`` that takes it as a keyword.
+
+    None, where that is the default, stands for an entry that is not given.
+    """
+    return dataclasses.field(default=default, metadata={"schema": rule, "stage": stage})
 
 
 def check_options(section, options):
@@ -174,3 +185,8 @@ def check_options(section, options):
     fields = dataclasses.fields(options)
     given = {f.name: value for f in fields if (value := getattr(options, f.name)) is not None or f.default is not None}
     check({section: given}, tabled({section: tabled({f.name: f.metadata["schema"] for f in fields})}), section)
+
+
+def keywords_of(options, stage):
+    """Name -> value of the fields of ``options`` that a stage takes as its keywords."""
+    return {f.name: getattr(options, f.name) for f in dataclasses.fields(options) if f.metadata.get("stage") == stage}

@@ -1,6 +1,6 @@
 """cases."""
 
-from .case import from_table, imperfect_loads, load_case
+from .case import Case, from_table, load_case
 from .page import notebook_html, write_page
 from .parameter_map import POINT, TABLE, TRIES, load_map, resumed_map, run_map
 from .resume import load_path, other_versions, resumed
@@ -17,6 +17,7 @@ __all__ = [
     "TABLE",
     "TRIES",
     "VERIFIED",
+    "Case",
     "OutputOptions",
     "Workers",
     "case_schema",
@@ -25,7 +26,6 @@ __all__ = [
     "example",
     "explicit",
     "from_table",
-    "imperfect_loads",
     "load_case",
     "load_map",
     "load_path",

@@ -5,8 +5,8 @@ A table has the sections of a case file, all but ``plate`` optional:
     [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1, 0.0], [0.0, 1.0]]
                        (of held and periodic edges), displacement = {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of
                        `geometry.Plate`
-    [[holes]]          kind = "ellipse" and the hole's own parameters; as many as there are holes, none with a sample; or
-                       kind = "outline", file = "hole.dxf" (.csv, .svg), see `outline_files.hole_table`
+    [[holes]]          kind = "ellipse" and the hole's own parameters, its angle in radians or as angle_deg in degrees; as many as there
+                       are holes, none with a sample; or kind = "outline", file = "hole.dxf" (.csv, .svg), see `hole_table`
     [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
     [gel]              Nv, chi; energy = "module:function" and numbers that the function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
@@ -18,14 +18,16 @@ Every table is checked against `schema.case_schema` first.
 """
 
 import dataclasses
+from collections.abc import Callable, Sequence
 from pathlib import Path as File
 
 import numpy as np
 
 from .._validation import check
-from ..cloud import make_cloud
-from ..continuation import SweepOptions, critical_points, imperfection
-from ..discretisation import DiscretisationOptions, discretise, refreshed
+from ..cloud import Cloud
+from ..continuation import CriticalPoint, Path, SweepOptions, critical_points, sweep_by_options
+from ..discretisation import DiscretisationOptions, Model
+from ..equilibrium import Step
 from ..geometry import Plate, check_plate
 from ..io import read_toml
 from ..materials import Gel, check_gel
@@ -58,23 +60,42 @@ class Case:
     source: dict
     """The ``plate``, ``holes`` and ``moved`` sections that it was made from, and ``gel`` where that names an energy."""
 
-    def model(self, cloud=None):
+    def cloud(self) -> Cloud:
+        """The cloud of the plate, or of the plate from which it was moved; ValueError where it cannot be made."""
+        return self.discretisation.cloud(self.plate.reference or self.plate)
+
+    def model(self, cloud: Cloud | None = None) -> Model:
         """The discretised plate; ValueError for edges, a cloud or a support that the case does not allow.
 
-        A plate whose holes have moved gets the cloud that it had before, placed, where that is good enough (see `placement.refreshed`)
-        and a new one where it is not; ``cloud`` is that former one where it was made already.
+        A plate whose holes have moved gets the cloud that it had before, placed, where that is good enough (see `refreshed`) and a new
+        one where it is not; ``cloud`` is that former one where it was made already.
         """
         check_edges(self.plate)
         check_room(self.plate)
-        d = self.discretisation
-        own = dict(spacing=d.spacing, nodes_per_hole=d.nodes_per_hole, across=d.across)
-        cloud = make_cloud(self.plate.reference or self.plate, **own) if cloud is None else cloud
-        if self.plate.reference is not None and d.quadrature == "paper":  # which cannot follow
-            cloud = make_cloud(dataclasses.replace(self.plate, reference=None), **own)
-        elif self.plate.reference is not None:
+        options = self.discretisation
+        if self.plate.reference is not None and options.quadrature == "paper":  # its cells do not follow moving holes
+            return options.model(options.cloud(dataclasses.replace(self.plate, reference=None)))
+        cloud = self.cloud() if cloud is None else cloud
+        if self.plate.reference is not None:
             check_plate(self.plate)
-            cloud, _ = refreshed(cloud, self.plate, basis=d.basis, dmax=d.dmax)
-        return discretise(cloud, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature, solver=d.solver)
+            cloud, _ = options.refreshed(cloud, self.plate)
+        return options.model(cloud)
+
+    def path(self, model: Model, *, on_step: Callable[[Step], object] | None = None, before: Sequence[Step] = ()) -> Path:
+        """`Path` of the case's sweep on its ``model``; ``before`` are the accepted steps of an interrupted sweep, to go on from."""
+        return sweep_by_options(model, self.gel, self.sweep, loads=self.loads.of(model), on_step=on_step, before=before)
+
+    def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
+        """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.
+
+        The search chooses its own steps in mu. ValueError for an imperfection, under which no branch bifurcates, and for other contact
+        than "on".
+        """
+        if self.sweep.imperfection:
+            raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} removes the bifurcations that are looked for; set it to 0")
+        if self.sweep.contact != "on":
+            raise ValueError(f"sweep.contact: {self.sweep.contact!r} is not accepted here, critical points are searched with contact 'on'")
+        return critical_points(model, self.gel, mu=self.sweep.ends, most=most, loads=self.loads.of(model))
 
     def table(self):
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
@@ -94,6 +115,7 @@ def load_case(case, changes=None):
     found, name, folder = _read(case)
     for section, entries in (changes or {}).items():
         old = found.get(section, {})
+        _check_mu_used(section, old, entries)
         if not isinstance(entries, dict):  # a list of holes takes the place of the case's own
             found[section] = entries
         elif isinstance(old, dict):
@@ -115,6 +137,14 @@ def from_table(table, name, folder=None):
     source |= {"gel": gel} if "energy" in gel else {}
     options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
     return Case(name, found, _gel(gel, found.gel or Gel(), folder or "."), source=source, **options)
+
+
+def _check_mu_used(section, old, entries):
+    """Refuse ends or steps of a sweep that change nothing, because the case lists its values of mu."""
+    if section == "sweep" and isinstance(old, dict) and isinstance(entries, dict) and "mu" in old and "mu" not in entries:
+        for key in ("mu_start", "mu_end", "steps"):
+            if key in entries:
+                raise ValueError(f"sweep.{key}: {entries[key]!r} has no effect, as the case lists its values of mu; change that list")
 
 
 def _read(case):
@@ -147,14 +177,22 @@ def _plate(table, holes, name):
 
 def _hole(i, table):
     try:
-        return HOLES[table["kind"]](**{key: value for key, value in table.items() if key != "kind"})
+        return HOLES[table["kind"]](**{key: value for key, value in _in_radians(table).items() if key != "kind"})
     except ValueError as problem:
         raise ValueError(f"holes[{i}]: {problem}") from None
 
 
+def _in_radians(table):
+    """The parameters of a hole with ``angle`` in place of ``angle_deg``."""
+    if "angle_deg" not in table:
+        return table
+    return {key: value for key, value in table.items() if key != "angle_deg"} | {"angle": np.deg2rad(table["angle_deg"])}
+
+
 def _moved(plate, moved):
     try:
-        return plate.at([{name: np.asarray(value, dtype=float) for name, value in theta.items()} for theta in moved]) if moved else plate
+        thetas = [{name: np.asarray(value, dtype=float) for name, value in _in_radians(theta).items()} for theta in moved]
+        return plate.at(thetas) if moved else plate
     except (ValueError, TypeError) as problem:
         raise ValueError(f"moved: {problem}") from None
 
@@ -172,15 +210,3 @@ def _options(kind, table):
 
 def _given(options):
     return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(options).items() if v not in (None, {})}
-
-
-def imperfect_loads(case, model):
-    """Loads of a ``cases.Case``: its own and those of its imperfection along the first bifurcation, or None; ValueError without one."""
-    loads = case.loads.of(model)
-    if not case.sweep.imperfection:
-        return loads
-    points = [p for p in critical_points(model, case.gel, mu=tuple(case.sweep.ends), most=1, loads=loads) if p.kind == "bifurcation"]
-    if not points:
-        raise ValueError(f"sweep.imperfection: {case.sweep.imperfection:g} has no mode to push along, the branch does not bifurcate")
-    push = imperfection(model, case.gel, points[0], case.sweep.imperfection)
-    return push if loads is None else loads + push

@@ -2,20 +2,20 @@
 
 Besides the sections of a case (see `cases`), or ``case`` = a built-in name or the path of a case file, a map's TOML file has
 
-    [[parameters]]   of (a parameter of the holes, Nv, chi or mu_end); optional: name, holes, link, see `parameters`; and its values:
-                     lower and upper, with number for a grid, or values = [list] for a grid
+    [[parameters]]   of (a parameter of the holes, angle_deg, Nv, chi or mu_end); optional: name, holes, link, see `parameters`; and its
+                     values: lower and upper, with number for a grid, or values = [list] for a grid
     [map]            samples = "grid" (every combination, the last parameter varies first) or "sobol"; points, a number, and seed (0)
                      for "sobol"
 
 Its folder holds map.json (the study and its points), points.csv (one row for each point that has ended) and a folder for each point
-in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended. All points share the cloud of the study's own
+in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended; jaxgel plot draws one of them. All points share the cloud of the study's own
 plate, placed on their holes, and with it all compiled programs: put the case in the middle of its parameters' range. A point too far
 away for that, where outlines move by more than about a third of the spacing, gets a cloud of its own, and costs its compilation.
 
 A cluster under MPI (mpi4py) runs a map by ``mpiexec -n 65 python -m mpi4py.futures script.py`` with the script
 
     from mpi4py.futures import MPIPoolExecutor
-    from jaxgel.parameter_map import load_map, run_map
+    from jaxgel.cases import load_map, run_map
 
     if __name__ == "__main__":
         with MPIPoolExecutor() as executor:
@@ -42,12 +42,10 @@ import numpy as np
 from tqdm import tqdm
 
 from .._validation import listed, tabled, whole, word
-from ..cloud import make_cloud
-from ..continuation import sweep
 from ..io import Recorder, interruptible, open_folder, write_atomically
 from ..materials import check_gel
 from ..observables import COLUMNS
-from .case import Case, imperfect_loads
+from .case import Case
 from .parameters import PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
 
 SAMPLES = ("grid", "sobol")
@@ -96,11 +94,6 @@ class MapStudy:
         options = dataclasses.replace(case.sweep, mu_end=ends[0]) if ends else case.sweep
         return dataclasses.replace(case, plate=plate, source=source, gel=gel, sweep=options)
 
-    def cloud(self):
-        """The cloud of the case's own plate, which serves all points; ValueError where it cannot be made."""
-        d, plate = self.case.discretisation, self.case.plate
-        return make_cloud(plate.reference or plate, spacing=d.spacing, nodes_per_hole=d.nodes_per_hole, across=d.across)
-
 
 def load_map(file):
     """The `MapStudy` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
@@ -129,9 +122,6 @@ def map_from_table(table, name):
     own = {"mu_end": case.sweep.mu_end} if case.sweep.mu is None else {}
     varied = table["parameters"]
     parameters = all_different([parameter(f"parameters[{i}]", entry, case, own) for i, entry in enumerate(varied)])
-    single = [p["of"] for p in parameters if not p["holes"]]
-    if len(set(single)) < len(single):
-        raise ValueError(f"parameters: each of {', '.join(sorted(set(single)))} can be varied once only")
     options = {"samples": "grid"} | ({"seed": 0} if sobol else {}) | table.get("map", {})
     if not sobol:
         axes = [_axis(f"parameters[{i}]", entry, p) for i, (entry, p) in enumerate(zip(varied, parameters, strict=True))]
@@ -150,7 +140,7 @@ def run_map(study, folder, executor, *, resume=False, quiet=True):
     the point's row says "lost". Ctrl-C (KeyboardInterrupt) ends the calls under way and leaves what has ended. ValueError for
     a study whose plate cannot be discretised, and for a folder with another map, or with this one if not resumed.
     """
-    study.cloud()
+    study.case.cloud()
     folder = open_folder(folder)
     _begin(study, folder, resume)
     rows = {k: row for k in range(len(study.points)) if (row := _ended(folder / _name(k))) is not None}
@@ -199,8 +189,7 @@ def run_point(text, values, folder):
         case = study.at(values)
         model = case.model(cloud)
         recorder = Recorder(folder, case, model, case.gel, durable=False)
-        options = dict(branch=case.sweep.branch, contact=case.sweep.contact, loads=imperfect_loads(case, model))
-        path = sweep(model, case.gel, mu=case.sweep.values, on_step=recorder, **options)
+        path = case.path(model, on_step=recorder)
         status, reason = "complete" if path.stop.ok else "stopped", path.stop_text
         if model.cloud.topology is not cloud.topology:
             jax.clear_caches()  # programs belong to a topology; those of many would fill gigabytes
@@ -220,7 +209,7 @@ def _prepared(text):
     """Study and cloud, made once in a process, so that its compiled programs serve all points."""
     record = json.loads(text)
     study = map_from_table(record["study"], record["name"])
-    return study, study.cloud()
+    return study, study.case.cloud()
 
 
 def _last_state(recorder):

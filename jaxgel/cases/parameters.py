@@ -1,19 +1,24 @@
 """A study's case and the parameters that it varies: hole parameters, one value for several holes if need be, and the gel's.
 
-An entry ``[[parameters]]`` has ``of`` (a parameter of the holes, Nv or chi), and optionally ``name``, ``holes`` (list of numbers) and
-``link``, which says how a value serves several holes: "same"; "turned", each hole is the first one turned about the plate's middle;
-"mirrored", each is the first one's mirror image in the plate's axes.
+An entry ``[[parameters]]`` has ``of`` (a parameter of the holes, Nv or chi; "angle_deg" is the angle with values in degrees), and
+optionally ``name``, ``holes`` (list of numbers) and ``link``, which says how a value serves several holes: "same"; "turned", each hole is
+the first one turned about the plate's middle; "mirrored", each is the first one's mirror image in the plate's axes.
 """
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path as File
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
+from .._types import Float
 from .._validation import TEXT, check, did_you_mean, listed, tabled, whole, word
+from ..geometry import Plate
 from ..io import read_toml
-from .case import SECTIONS, from_table, load_case
+from ..materials import Gel
+from .case import SECTIONS, Case, from_table, load_case
 
 LINKS = ("same", "turned", "mirrored")
 GEL = ("Nv", "chi")
@@ -22,7 +27,7 @@ PARAMETER = {"of": OF, "name": TEXT, "holes": listed(whole(0), least=1), "link":
 VALUE = {"type": ["number", "array"]}
 
 
-def study_table(file):
+def study_table(file: File | str) -> tuple[dict, str]:
     """The table of a study's TOML file, and its name; ValueError for a file that cannot be read."""
     file = File(file)
     table = read_toml(file, "study")
@@ -31,7 +36,7 @@ def study_table(file):
     return table, file.stem
 
 
-def study_case(table, name, sections):
+def study_case(table: dict, name: str, sections: dict) -> Case:
     """The `Case` of a study's table: its ``case``, changed by the sections of a case that the table has; ValueError for wrong entries.
 
     ``sections`` are the rules of the study's own sections.
@@ -42,7 +47,7 @@ def study_case(table, name, sections):
     return load_case(table["case"], changes) if "case" in table else from_table(changes, name)
 
 
-def numbers(where, value, shape=()):
+def numbers(where: str, value: Any, shape: tuple = ()) -> Float[np.ndarray, "..."]:
     """``value`` as a float array of ``shape``, a single number filling it; ValueError unless it is finite."""
     try:
         array = np.broadcast_to(np.asarray(value, dtype=float), shape)
@@ -53,23 +58,31 @@ def numbers(where, value, shape=()):
     return array
 
 
-def all_different(parameters):
-    """The list of parameters; ValueError where two have one name."""
+def all_different(parameters: list[dict]) -> list[dict]:
+    """The list of parameters; ValueError where two have one name, or vary the same quantity."""
     names = [p["name"] for p in parameters]
     if len(set(names)) < len(names):
         raise ValueError(f"parameters: the names {', '.join(names)} are not all different; give each a name of its own")
+    varied = [f"{p['of']}{where}" for p in parameters for where in [f" of holes[{k}]" for k in p["holes"]] or [""]]
+    twice = next((what for what in varied if varied.count(what) > 1), None)
+    if twice is not None:
+        raise ValueError(f"parameters: {twice} is varied twice; keep one of the two")
     return parameters
 
 
-def parameter(where, entry, case, others=None):
-    """Dict of ``name``, ``of``, ``holes`` (numbers), ``link`` and ``own``, the case's value, of what an entry varies.
+def parameter(where: str, entry: dict, case: Case, others: dict[str, float] | None = None) -> dict:
+    """Dict of ``name``, ``of``, ``holes`` (numbers), ``link``, ``degrees`` and ``own``, the case's value, of what an entry varies.
 
-    ``others`` maps further parameters, which are not of the holes, to the case's values. ValueError for a wrong entry.
+    ``degrees`` says that the values of an angle, ``own`` too, are in degrees. ``others`` maps further parameters, which are not of the
+    holes, to the case's values. ValueError for a wrong entry.
     """
     of, holes, others = entry["of"], case.plate.holes, {name: getattr(case.gel, name) for name in GEL} | (others or {})
-    known = sorted({name for hole in holes for name in hole.theta} | set(others))
+    known = {name for hole in holes for name in hole.theta} | set(others)
+    known = sorted(known | ({"angle_deg"} if "angle" in known else set()))
     if of not in known:
         raise ValueError(f"{where}.of: {of!r} is unknown; {did_you_mean(of, known)}")
+    degrees = of == "angle_deg"
+    of = "angle" if degrees else of
     if of in others:
         chosen, own = [], float(others[of])
     else:
@@ -79,13 +92,14 @@ def parameter(where, entry, case, others=None):
         if any(of not in holes[k].theta for k in chosen):
             raise ValueError(f"{where}.holes: not all of {chosen} have the parameter {of!r}")
         own = np.asarray(holes[chosen[0]].theta[of])
+        own = np.rad2deg(own) if degrees else own
     link = entry.get("link", "same")
     if of == "vertices" and link != "same":
         raise ValueError(f"{where}.link: {link!r} is not accepted for vertices; give each hole its own parameter")
-    return dict(name=entry.get("name", of), of=of, holes=chosen, link=link, own=own)
+    return dict(name=entry.get("name", entry["of"]), of=of, holes=chosen, link=link, degrees=degrees, own=own)
 
 
-def plate_of(plate, parameters):
+def plate_of(plate: Plate, parameters: list[dict]) -> Callable[[dict], Plate]:
     """Function of a dict of parameters: the plate with its holes moved."""
     centres = [np.asarray(hole.theta.get("centre", (0.0, 0.0))) for hole in plate.holes]
 
@@ -94,7 +108,7 @@ def plate_of(plate, parameters):
         moved = [p for p in parameters if p["holes"]]
         for p in moved:
             for k in p["holes"] if p["link"] == "same" else p["holes"][:1]:
-                theta[k][p["of"]] = values[p["name"]]
+                theta[k][p["of"]] = jnp.deg2rad(values[p["name"]]) if p["degrees"] else values[p["name"]]
         for p in moved:
             for k in p["holes"][1:] if p["link"] != "same" else ():
                 theta[k][p["of"]] = _image(p["of"], theta[p["holes"][0]], p["link"], centres[p["holes"][0]], centres[k])
@@ -103,7 +117,7 @@ def plate_of(plate, parameters):
     return place
 
 
-def gel_of(gel, parameters):
+def gel_of(gel: Gel, parameters: list[dict]) -> Gel | Callable[[dict], Gel]:
     """The gel, or a function of a dict of parameters where Nv or chi is one."""
     varied = {p["of"]: p["name"] for p in parameters if p["of"] in GEL}
     return (lambda values: dataclasses.replace(gel, **{of: values[name] for of, name in varied.items()})) if varied else gel

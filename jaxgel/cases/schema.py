@@ -6,7 +6,7 @@ import functools
 import inspect
 import sys
 
-from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, listed, option, tabled, whole, word
+from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, listed, not_both, option, tabled, whole, word
 from ..continuation import SweepOptions
 from ..discretisation import DiscretisationOptions
 from ..geometry import CONDITIONS, EDGES, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
@@ -28,17 +28,19 @@ ENERGY = {
 
 
 @functools.cache
-def case_schema():
+def case_schema() -> dict:
     """The JSON schema (draft 2020-12) of a case file, a dict."""
     sections = {"plate": _plate(), "holes": listed(_hole()), "gel": _gel()}
-    sections["moved"] = listed({"type": "object"}) | {"description": "Parameters that replace those of each hole."}
+    sections["moved"] = listed({"type": "object"} | not_both(("angle", "angle_deg"))) | {
+        "description": "Parameters that replace those of each hole."
+    }
     sections |= {section: _options(kind) for section, kind in OPTIONS.items()}
-    title = "A jaxgel case: lengths in mm, angles in radians, mu in kT"
+    title = "A jaxgel case: lengths in mm, angle in radians or angle_deg in degrees, mu in kT"
     return {"$schema": DIALECT, "title": title} | tabled(sections, ["plate"])
 
 
 @functools.cache
-def field_texts(cls):
+def field_texts(cls: type) -> dict[str, str]:
     """Field -> what is written under it in the source of a dataclass, in one line."""
     texts, name = {}, None
     for line in _classes(cls.__module__)[cls.__name__].body:
@@ -49,6 +51,12 @@ def field_texts(cls):
         else:
             name = None
     return texts
+
+
+def hole_texts(kind: str) -> dict[str, str]:
+    """Entry of a hole of a kind -> what it means."""
+    texts = field_texts(HOLES[kind])
+    return texts | ({"angle_deg": texts["angle"].replace("rad.", "degrees.")} if "angle" in texts else {})
 
 
 @functools.cache
@@ -79,7 +87,9 @@ def _parameters(kind):
         for name, shape in cls.shapes.items()
     }
     required = [field.name for field in dataclasses.fields(cls) if field.default is dataclasses.MISSING]
-    return tabled({"kind": {"const": kind}} | properties, ["kind", *required])
+    degrees = {"angle_deg": NUMBER | {"description": hole_texts(kind)["angle_deg"]}} if "angle" in properties else {}
+    rule = tabled({"kind": {"const": kind}} | properties | degrees, ["kind", *required])
+    return rule | not_both(("angle", "angle_deg")) if degrees else rule
 
 
 def _array(shape, item):
@@ -129,7 +139,7 @@ class OutputOptions:
     paraview: bool = option(True, FLAG)
     """series.pvd with a vtu file per state."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_options("output", self)
 
 

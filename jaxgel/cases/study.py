@@ -2,14 +2,16 @@
 
 Besides the sections of a case (see `cases`), or ``case`` = a built-in name or the path of a case file, a study has
 
-    [[parameters]]   of (a parameter of the holes, Nv or chi), lower, upper; optional: name, holes (list of numbers), link, start
-    [[objective]]    of (a quantity, see `objectives.CURVES`) and one of goal = "maximise" or "minimise" with at = mu, target with at,
+    [[parameters]]   of (a parameter of the holes, Nv or chi; angle_deg is the angle in degrees), lower, upper; optional: name, holes
+                     (list of numbers), link, start
+    [[objective]]    of (a quantity, see `CURVES`) and one of goal = "maximise" or "minimise" with at = mu, target with at,
                      curve = [one value per mu], line = {slope, mu0}; optional: weight; from, to, the window of mu of curve or line
-    [[constraints]]  of (a quantity, see `objectives.CURVES` and `objectives.DRY`) and one of above, below, within (magnitude); optional: at
-    [search]         method, evaluations, step, tolerance; see `inverse.optimise`
+    [[constraints]]  of (a quantity, see `CURVES` and `DRY`) and one of above, below, within (magnitude); optional: at
+    [search]         method, evaluations, step, tolerance; see `optimise`
     [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
 
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
+A study takes all options of its case but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu a list.
 """
 
 import dataclasses
@@ -22,7 +24,6 @@ import numpy as np
 from .._validation import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
 from ..design import DRY, METHODS, DesignProblem, Outcome, limit, misfit, optimise, read_log, reading, verify, weighted_sum
 from ..io import write_atomically
-from ..mechanics import Loads
 from ..observables import CURVES
 from .case import Case
 from .parameters import OF, PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
@@ -100,8 +101,6 @@ def resumed_study(folder):
 def study_from_table(table, name):
     """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
     case = study_case(table, name, SECTIONS)
-    if case.loads != Loads():
-        raise ValueError("loads: a study takes none; leave the section out")
     if case.sweep.steps == "auto" and case.sweep.mu is None:
         raise ValueError("sweep.steps: 'auto' is not accepted in a study; give a number, or mu = [list]")
     mu = list(case.sweep.values)
@@ -118,7 +117,8 @@ def study_from_table(table, name):
         maximise=alone,
         constraints=tuple(_constraint(i, entry, mu) for i, entry in enumerate(table.get("constraints", []))),
         options=case.discretisation,
-        branch=case.sweep.branch,
+        sweep=case.sweep,
+        loads=case.loads,
     )
     search = dict(method="slsqp", evaluations=60, step=0.2, tolerance=1e-5) | table.get("search", {})
     table = {key: table[key] for key in SECTIONS if key in table} | case.table()
@@ -126,13 +126,12 @@ def study_from_table(table, name):
 
 
 def run_study(study, folder, *, resume=False, quiet=True):
-    """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png.
+    """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png
+    (unless the case wants no figures).
 
     Returns the `inverse.Design` and the content of verified.json: ``start`` and ``best``, each as `inverse.verify` gives it. An
     interrupted search leaves its log alone: None in place of the content.
     """
-    from ..plotting import draw_study
-
     folder = File(folder)
     design = study.run(folder, resume=resume, quiet=quiet)
     if design.outcome is Outcome.INTERRUPTED:
@@ -151,16 +150,18 @@ def run_study(study, folder, *, resume=False, quiet=True):
     )
     encoded = json.dumps(verified, indent=1).encode()
     write_atomically(folder / VERIFIED, lambda stream: stream.write(encoded))
-    figure = draw_study(study, design, start_path, best_path)
-    write_atomically(folder / "design.png", lambda stream: figure.savefig(stream, format="png"))
+    if study.case.output.figures:
+        from ..plotting import draw_study
+
+        figure = draw_study(study, design, start_path, best_path)
+        write_atomically(folder / "design.png", lambda stream: figure.savefig(stream, format="png"))
     return design, verified
 
 
 def _found(study, plate, gel):
     """The `cases.Case` of a concrete plate and gel, on the cloud of the verification."""
     sweep = dataclasses.replace(study.case.sweep, mu=tuple(study.problem.mu))
-    spacing = float(study.verification["spacing"])
-    cloud = dataclasses.replace(study.case.discretisation, spacing=spacing, nodes_per_hole=None, across=None)
+    cloud = study.case.discretisation.at_spacing(study.verification["spacing"])
     return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud)
 
 

@@ -6,46 +6,55 @@ import json
 import numpy as np
 
 from ..geometry import Plate
-from .case import from_table
-from .schema import GEL, HOLES, OPTIONS, PLATE, field_texts
+from .case import Case, from_table
+from .schema import GEL, OPTIONS, PLATE, field_texts, hole_texts
 
 COLUMN = 43  # where comments start
 EXAMPLE = {
     "plate": {"width": 22.0, "height": 22.0, "edges": "roller"},
     "holes": [
-        {"kind": "ellipse", "centre": [5.0 * x, 5.0 * y], "semi_axes": [5.0, 4.0], "angle": 0.0 if x * y > 0 else np.pi / 2}
+        {"kind": "ellipse", "centre": [5.0 * x, 5.0 * y], "semi_axes": [5.0, 4.0], "angle_deg": 0.0 if x * y > 0 else 90.0}
         for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))
     ],
     "gel": {"Nv": 1e-3, "chi": 1e-4},
 }
 
 
-def example():
-    """The `cases.Case` that ``jaxgel init`` writes: four ellipses that turn the plate, as in the paper's sample 1."""
+def example() -> Case:
+    """The `Case` that ``jaxgel init`` writes: four ellipses that turn the plate, as in the paper's sample 1."""
     return from_table(EXAMPLE, "example")
 
 
-def explicit(case):
-    """The `cases.Case` with its plate and holes written out in its ``source``, so that its table needs no sample and no moved hole."""
+def explicit(case: Case) -> Case:
+    """The `Case` with its plate and holes written out in its ``source``, so that its table needs no sample and no moved hole."""
     own = {key: getattr(case.plate, key) for key in PLATE}
     defaults = {field.name: field.default for field in dataclasses.fields(case.plate)}
     own["core"] = own["core"] if own["core"] == defaults["core"] else list(own["core"])
     own["displacement"] = {edge: value for edge, value in case.plate.displacement.items() if any(value)}
     plate = {key: value for key, value in own.items() if value not in ({}, defaults[key])} | {"edges": dict(case.plate.edges)}
-    holes = [{"kind": type(h).__name__.lower()} | {key: np.asarray(v).tolist() for key, v in h.theta.items()} for h in case.plate.holes]
+    holes = [_hole(hole) for hole in case.plate.holes]
     source = {"plate": plate} | ({"holes": holes} if holes else {}) | {key: case.source[key] for key in ("gel",) if key in case.source}
     return dataclasses.replace(case, source=source)
 
 
-def case_text(case):
-    """The TOML text of a `cases.Case`, with what each entry means and, as a comment, the options that it leaves to their defaults."""
+def _hole(hole):
+    """The table of a hole, with its angle in degrees where these are short and give the same angle to the bit."""
+    table = {"kind": type(hole).__name__.lower()} | {key: np.asarray(value).tolist() for key, value in hole.theta.items()}
+    degrees = round(float(np.rad2deg(table.get("angle", np.nan))), 6)
+    if np.deg2rad(degrees) != table.get("angle"):
+        return table
+    return {"angle_deg" if key == "angle" else key: degrees if key == "angle" else value for key, value in table.items()}
+
+
+def case_text(case: Case) -> str:
+    """The TOML text of a `Case`, with what each entry means and, as a comment, the options that it leaves to their defaults."""
     table = case.table()
-    lines = [f"# {case.name}: lengths in mm, angles in radians, mu in kT. jaxgel schema lists all that is accepted.", ""]
+    lines = [f"# {case.name}: lengths in mm, mu in kT. jaxgel schema lists all that is accepted.", ""]
     for section, entries in table.items():
         if section != "holes":
             lines += [f"[{section}]", *_lines(entries, _texts(section)), *_left_out(section, entries), ""]
         for hole in entries if section == "holes" else ():
-            lines += ["[[holes]]", *_lines(hole, field_texts(HOLES[hole["kind"]])), ""]
+            lines += ["[[holes]]", *_lines(hole, hole_texts(hole["kind"])), ""]
     return "\n".join(lines)
 
 

@@ -6,8 +6,7 @@ from pathlib import Path as File
 
 import numpy as np
 
-from ..cases import imperfect_loads, load_case
-from ..continuation import Path, critical_points, sweep
+from ..cases import load_case
 from ..io import Progress, Recorder, interruptible, open_folder, write_points
 from ..observables import events
 from .exit_codes import DONE, INTERRUPTED, STOPPED
@@ -48,11 +47,7 @@ def run_recorded(recorder, args) -> int:
 
 def _sweep(recorder, quiet):
     """The path of a case, recorded and shown while it grows, from the steps on that the recorder has."""
-    case, model, before = recorder.case, recorder.model, recorder.steps
-    if before and before[-1].mu >= case.sweep.ends[1]:
-        return Path.from_states(model, case.gel, before)
-    mu = case.sweep.values[len(before) :] if case.sweep.given else case.sweep.values
-    loads = imperfect_loads(case, model)
+    case = recorder.case
     with Progress(case.sweep.ends, quiet) as progress, interruptible() as stop_if_asked:
 
         def on_step(step):
@@ -61,8 +56,7 @@ def _sweep(recorder, quiet):
             progress.show(step.mu, step.newton_iterations, recorder.records[-1][1]["rotation_deg"])
             stop_if_asked()
 
-        options = dict(branch=case.sweep.branch, contact=case.sweep.contact, loads=loads, on_step=on_step)
-        return sweep(model, case.gel, mu=mu, start=before or None, **options)
+        return case.path(recorder.model, on_step=on_step, before=recorder.steps)
 
 
 def draw(path, folder, table, output):
@@ -110,14 +104,14 @@ def critical(args) -> int:
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / f"{case.name}-critical")
     say, model = printer(args), case.model()
-    say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from mu = {case.sweep.mu_start:g} to {case.sweep.mu_end:g}")
-    points = critical_points(model, case.gel, mu=(case.sweep.mu_start, case.sweep.mu_end), most=args.most, loads=case.loads.of(model))
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from mu = {case.sweep.ends[0]:g} to {case.sweep.ends[1]:g}")
+    points = case.critical_points(model, most=args.most)
     write_points(points, folder, case.table())
     for point in points:
         say(f"mu = {point.mu:.7f}: {point.text}")
     if not points:
         say("the symmetric branch is stable and does not fold back")
-    elif not args.no_plots:
+    elif case.output.figures:
         _draw_modes(model, points, folder)
     say(f"{len(points)} critical points in {folder}")
     return DONE
@@ -138,12 +132,12 @@ def _draw_modes(model, points, folder):
 
 def check_grad(args) -> int:
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
-    from .taylor_test import OBJECTIVES, STATES, check_gradient, failures, write_table
+    from .taylor_test import OBJECTIVES, check_gradient, failures, write_table
 
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / case.name)
     try:
-        rows = check_gradient(case, states=args.states or STATES, quiet=args.quiet)
+        rows = check_gradient(case, states=args.states, quiet=args.quiet)
     except ArithmeticError as problem:
         print(f"jaxgel: {problem}", file=sys.stderr)
         return STOPPED

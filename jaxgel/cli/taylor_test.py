@@ -13,6 +13,7 @@ import csv
 import dataclasses
 import io
 import math
+import pathlib
 
 import jax
 import jax.numpy as jnp
@@ -20,9 +21,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from tqdm import tqdm
 
-from ..cloud import make_cloud
-from ..continuation import sweep
-from ..discretisation import discretise
+from ..cases import Case
+from ..continuation import Path, imperfection_load, sweep_by_options
 from ..equilibrium import acting_problem, solve
 from ..io import write_atomically
 from ..mechanics import condensed_rhs, factorised_tangent, linearise, prepare, scatter, with_contact
@@ -65,39 +65,50 @@ class Row:
     """Least order with which it falls from one step to the next above round-off; inf where none is above, nan for a nan."""
 
 
-def check_gradient(case, *, directions=DIRECTIONS, halvings=HALVINGS, states=STATES, seed=0, quiet=True):
-    """List of `Row`: every objective that has a value, every family of parameters, every direction, for a `cases.Case`.
+def check_gradient(
+    case: Case, *, directions: int = DIRECTIONS, halvings: int = HALVINGS, states: int | None = None, seed: int = 0, quiet: bool = True
+) -> list[Row]:
+    """List of `Row`: every objective that has a value, every family of parameters, every direction, for a `Case`.
 
-    The sweep has ``states`` equally spaced mu between the case's ends; directions are normally distributed with the given ``seed``.
+    The sweep has ``states`` equally spaced mu between the case's ends; None takes the values of mu that the case lists, or ``STATES``.
+    Directions are normally distributed with the given ``seed``. The load of an imperfection is that of the start and stays constant.
     Raises ValueError for a case that cannot be used and ``ArithmeticError`` where its states are not found.
     """
-    plate, d = case.plate, case.discretisation
-    cloud = make_cloud(plate, spacing=d.spacing, nodes_per_hole=d.nodes_per_hole)
-    mu = np.linspace(*case.sweep.ends, states)
+    plate, cloud = case.plate, case.discretisation.cloud(case.plate)
+    mu = np.array(case.sweep.mu) if states is None and case.sweep.mu is not None else np.linspace(*case.sweep.ends, states or STATES)
     point = _point(plate, case.gel, mu)
 
     def made(tree):
+        """Model, gel and loads (n, 2) of a point."""
         placed = cloud.at(plate.at([{name: tree[name][k] for name in hole.theta} for k, hole in enumerate(plate.holes)]))
-        model = discretise(placed, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature, solver=d.solver)
-        return model, dataclasses.replace(case.gel, Nv=tree["Nv"], chi=tree["chi"])
+        model = case.discretisation.model(placed)
+        loads = case.loads.of(model)
+        loads = push if loads is None else loads if push is None else loads + push
+        return model, dataclasses.replace(case.gel, Nv=tree["Nv"], chi=tree["chi"]), loads
+
+    push = None
+    model, gel, loads = made(point)
+    push = imperfection_load(model, gel, case.sweep, loads=loads)
+    options = dataclasses.replace(case.sweep, imperfection=0.0)  # its load is among the others
 
     def path(tree):
-        model, gel = made(tree)
-        return sweep(model, gel, mu=tree["mu"], branch=case.sweep.branch, loads=case.loads.of(model))
+        model, gel, loads = made(tree)
+        return sweep_by_options(model, gel, options, mu=tree["mu"], loads=loads)
 
     def read(path, names):
         return jnp.stack([OBJECTIVES[name](path) for name in names])
 
     start = path(point)
-    if len(start) < states:
+    if len(start) < len(mu):
         raise ArithmeticError(f"check-grad: {start.stop_text}; choose another --mu-end")
     names = differentiable(start)
     _, pullback = jax.vjp(lambda tree: read(path(tree), names), point)
     gradients = [pullback(row)[0] for row in jnp.eye(len(names))]
 
     def judge(tree):
-        model, gel = made(tree)
-        return read(_beside(start, model, gel, tree["mu"], case.loads.of(model)), names)
+        model, gel, loads = made(tree)
+        model = with_contact(model, gel) if options.contact == "on" else model
+        return read(_beside(start, model, gel, tree["mu"], loads), names)
 
     values = judge(point)
     random, rows = np.random.default_rng(seed), []
@@ -113,13 +124,13 @@ def check_gradient(case, *, directions=DIRECTIONS, halvings=HALVINGS, states=STA
     return sorted(rows, key=lambda row: (list(OBJECTIVES).index(row.objective), list(point).index(row.family), row.direction))
 
 
-def differentiable(path):
+def differentiable(path: Path) -> tuple[str, ...]:
     """Names of the objectives that have a value and a derivative at the path's last state; nan would spread to the others'."""
     level = {"rotation"} if is_flat(path.x[-1:], path.model)[0] else set()
     return tuple(name for name, objective in OBJECTIVES.items() if name not in level and np.isfinite(objective(path)))
 
 
-def failures(rows):
+def failures(rows: list[Row]) -> list[tuple[str, str]]:
     """(objective, family) of all whose median rate is below ``RATE``, of those directions that leave a remainder above round-off."""
     rates = {}
     for row in rows:
@@ -127,7 +138,7 @@ def failures(rows):
     return [pair for pair, found in rates.items() if found and not np.median(found) >= RATE]  # nan is none
 
 
-def write_table(rows, folder):
+def write_table(rows: list[Row], folder: pathlib.Path) -> None:
     """The rows as ``check-grad.csv`` in a folder: one line per row, the remainders in the order of their steps."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
@@ -175,7 +186,7 @@ def _steps(halvings):
 
 def _beside(start, model, gel, mu, loads):
     """The path at ``mu`` (k,) of a moved model and gel on the branch of the path ``start``; nan where Newton's method does not find it."""
-    problem = prepare(with_contact(model, gel), gel, loads)
+    problem = prepare(model, gel, loads)
     moved = model.cloud.nodes - start.model.cloud.nodes
     carried = moved @ np.array(model.cloud.plate.deformation).T  # where the constrained ones have to be
     found = [solve(problem, *state) for state in zip(mu, start.x + carried, jnp.asarray(start.pressure), strict=True)]

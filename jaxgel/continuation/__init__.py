@@ -2,6 +2,7 @@
 
 from .autodiff import IllPosedDerivative, SweepFailed, is_traced
 from .branches import continue_branch, imperfection, solve_from, switch_branch
+from .by_options import imperfection_load, sweep_by_options
 from .critical import CriticalPoint, critical_points, folds
 from .deflation import find_states_by_deflation
 from .eigenvalue import lowest_eigenvalue
@@ -30,11 +31,13 @@ __all__ = [
     "find_states_by_deflation",
     "folds",
     "imperfection",
+    "imperfection_load",
     "is_traced",
     "lowest_eigenvalue",
     "oriented",
     "solve_from",
     "sweep",
+    "sweep_by_options",
     "switch_branch",
     "symmetries",
 ]

@@ -1,9 +1,11 @@
 """Options of a sweep."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
+from .._types import Array, Float, Scalar
 from .._validation import NUMBER, check_options, listed, option, whole, word
 
 BRANCHES = ("stable", "symmetric")
@@ -12,8 +14,8 @@ FORMULATIONS = ("total", "incremental")
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 
 
-def check_mu(mu):
-    """The values of mu as an array (k,) and whether steps are to be chosen between two; ValueError, one line, if unusable."""
+def check_mu(mu: Sequence[float] | Float[Array, " k"] | Scalar) -> tuple[Float[np.ndarray, " k"], bool]:
+    """The values of mu, and whether steps are to be chosen between two of them; ValueError, one line, if they are unusable."""
     values = np.atleast_1d(np.asarray(mu, dtype=float))
     if values.ndim != 1 or len(values) == 0 or not np.all(np.isfinite(values)):
         raise ValueError(f"mu: {mu} is not accepted, it must be a list of finite numbers (chemical potential in kT)")
@@ -25,40 +27,43 @@ def check_mu(mu):
 
 @dataclasses.dataclass(frozen=True)
 class SweepOptions:
-    """The values of mu, in kT, and the branch to follow."""
+    """Values of mu, in kT, and how a sweep follows its branch; checked when they are made.
 
-    mu_start: float = option(-4.9678, NUMBER)
+    A field's ``stage`` says what takes it: "mu" is part of `values`, "loads" of the sweep's loads, and "sweep" is a keyword of `sweep`.
+    """
+
+    mu_start: float = option(-4.9678, NUMBER, "mu")
     """First value."""
-    mu_end: float = option(-0.9178, NUMBER)
+    mu_end: float = option(-0.9178, NUMBER, "mu")
     """Last value."""
-    steps: str | int = option(40, {"anyOf": [{"const": "auto"}, whole(2)]})
+    steps: str | int = option(40, {"anyOf": [{"const": "auto"}, whole(2)]}, "mu")
     """"auto", or the number of equally spaced values with both ends included."""
-    mu: tuple | None = option(None, listed(NUMBER, least=1))
+    mu: tuple | None = option(None, listed(NUMBER, least=1), "mu")
     """The values themselves, increasing; then the three above are not used."""
-    branch: str = option("stable", word(BRANCHES))
+    branch: str = option("stable", word(BRANCHES), "sweep")
     """Branch to follow where the plate is symmetric"""
-    imperfection: float = option(0.0, NUMBER)
-    """Size of the load along the first bifurcation's mode, see `branches.imperfection`; 0 for none."""
-    contact: str = option("on", word(CONTACT))
+    imperfection: float = option(0.0, NUMBER, "loads")
+    """Size of the load along the first bifurcation's mode, as the displacement that it would cause, in spacings; 0 for none."""
+    contact: str = option("on", word(CONTACT), "sweep")
     """Where hole boundaries meet, keep them apart, let them overlap, or stop"""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_options("sweep", self)
         check_mu(self.values)
 
     @property
-    def values(self):
-        """What `sweep.sweep` takes as ``mu``: a list of values, or the two ends for chosen steps."""
+    def values(self) -> list[float] | tuple[float, float]:
+        """What `sweep` takes as ``mu``: a list of values, or the two ends for chosen steps."""
         if self.mu is not None:
             return list(self.mu)
         return (self.mu_start, self.mu_end) if self.steps == "auto" else np.linspace(self.mu_start, self.mu_end, self.steps).tolist()
 
     @property
-    def given(self):
+    def given(self) -> bool:
         """Whether all values are known beforehand."""
         return self.mu is not None or self.steps != "auto"
 
     @property
-    def ends(self):
+    def ends(self) -> tuple[float, float]:
         """First and last mu."""
         return (self.mu[0], self.mu[-1]) if self.mu is not None else (self.mu_start, self.mu_end)

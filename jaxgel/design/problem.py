@@ -1,33 +1,37 @@
 """A design problem: parameters, bounds, plate, objective and constraints."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..cloud import make_cloud
-from ..continuation import check_mu, sweep
-from ..discretisation import DiscretisationOptions, discretise
+from .._types import Array, Float
+from ..cloud import Cloud
+from ..continuation import Path, SweepOptions, check_mu, sweep_by_options
+from ..discretisation import DiscretisationOptions
+from ..geometry import Plate
+from ..materials import Gel
+from ..mechanics import Loads
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DesignProblem:
     """What is varied, what it makes, and what it is judged by.
 
-    Raises ValueError for bounds that are missing, do not contain the start or are not finite, and for an unusable mu.
+    Raises ValueError for bounds that are missing, do not contain the start or are not finite, for an unusable mu, and for an imperfection.
     """
 
     start: dict
     """Name -> start value, a number or an array, of every parameter."""
     bounds: dict
     """Name -> (lower, upper), numbers or arrays of the parameter's shape; they also set its scale."""
-    plate: Callable
+    plate: Callable[[dict], Plate]
     """Function of the parameters (a dict as ``start``) that gives the `Plate`, traceable."""
-    gel: object
+    gel: Gel | Callable[[dict], Gel]
     """The `Gel`, or a function of the parameters that gives it."""
-    mu: list
+    mu: Sequence[float]
     """(k,) increasing chemical potentials of the sweep, kT."""
     objective: Callable
     """Function of the path that gives a number, see `objectives`."""
@@ -37,13 +41,21 @@ class DesignProblem:
     """`objectives.Constraint` to be met."""
     options: DiscretisationOptions = dataclasses.field(default_factory=DiscretisationOptions)
     """Cloud and method of the search."""
-    branch: str = "stable"
-    """Branch that the sweeps follow, "stable" or "symmetric"."""
+    sweep: SweepOptions = dataclasses.field(default_factory=SweepOptions)
+    """Branch and contact of the sweeps; ``mu`` takes the place of their values."""
+    loads: Loads = dataclasses.field(default_factory=Loads)
+    """Body force and tractions."""
     allow_unstable: bool = False
     """Whether states with negative pivots count as valid."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "mu", check_mu(list(self.mu))[0].tolist())
+        object.__setattr__(self, "sweep", dataclasses.replace(self.sweep, mu=tuple(self.mu)))
+        if self.sweep.imperfection:
+            raise ValueError(
+                f"sweep.imperfection: {self.sweep.imperfection:g} is not accepted in a design, as its load along a mode has no derivative; "
+                "set it to 0, or break the symmetry by the holes"
+            )
         start = {name: jnp.asarray(value, dtype=float) for name, value in self.start.items()}
         object.__setattr__(self, "start", start)
         if start.keys() != self.bounds.keys():
@@ -52,30 +64,27 @@ class DesignProblem:
         object.__setattr__(self, "bounds", bounds)
 
     @property
-    def vector(self):
-        """The start scaled to [0, 1], NumPy (n,)."""
+    def vector(self) -> Float[np.ndarray, " d"]:
+        """The start, scaled to [0, 1] by its bounds."""
         return np.clip((np.asarray(ravel_pytree(self.start)[0]) - self._lower) / self._range, 0.0, 1.0)
 
-    def parameters(self, vector):
-        """The dict of parameters of a scaled ``vector`` (n,), which may be traced."""
+    def parameters(self, vector: Float[Array, " d"]) -> dict:
+        """The dict of parameters of a scaled ``vector``, which may be traced."""
         return ravel_pytree(self.start)[1](self._lower + self._range * vector)
 
-    def gel_at(self, parameters):
+    def gel_at(self, parameters: dict) -> Gel:
         """The gel of a dict of parameters."""
         return self.gel(parameters) if callable(self.gel) else self.gel
 
-    def make_cloud(self, plate, spacing=None):
-        """A new cloud for a concrete plate, its own reference from here on, with the search's spacing or a given one."""
-        own, plate = self.options, dataclasses.replace(plate, reference=None)
-        nodes = own.nodes_per_hole if spacing is None else None
-        return make_cloud(plate, spacing=own.spacing if spacing is None else spacing, nodes_per_hole=nodes)
+    def make_cloud(self, plate: Plate, spacing: float | None = None) -> Cloud:
+        """A new cloud for a concrete plate, its own reference from here on, with the search's spacing or a given one, mm."""
+        options = self.options if spacing is None else self.options.at_spacing(spacing)
+        return options.cloud(dataclasses.replace(plate, reference=None))
 
-    def path(self, parameters, cloud, mu=None):
+    def path(self, parameters: dict, cloud: Cloud, mu: Sequence[float] | None = None) -> Path:
         """The swollen path of a dict of parameters on a cloud placed at them; both may be traced."""
-        own = self.options
-        cloud = cloud.at(self.plate(parameters))
-        model = discretise(cloud, basis=own.basis, dmax=own.dmax, method=own.method, quadrature=own.quadrature)
-        return sweep(model, self.gel_at(parameters), mu=self.mu if mu is None else mu, branch=self.branch)
+        model, gel = self.options.model(cloud.at(self.plate(parameters))), self.gel_at(parameters)
+        return sweep_by_options(model, gel, self.sweep, mu=self.mu if mu is None else mu, loads=self.loads.of(model))
 
     @property
     def _lower(self):

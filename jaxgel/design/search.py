@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..continuation import Path, SweepFailed
-from ..discretisation import SPENT, cell_sizes, refreshed
+from ..discretisation import SPENT, cell_sizes
 from ..equilibrium import Status
 from ..geometry import check_plate
 from ..io import open_folder, write_atomically
@@ -63,7 +63,7 @@ class Search:
         """
         before = self.cloud, self.number
         try:
-            placed, fault = refreshed(self.cloud, self._plate(vector), basis=self.problem.options.basis, dmax=self.problem.options.dmax)
+            placed, fault = self.problem.options.refreshed(self.cloud, self._plate(vector))
             if fault:
                 self.cloud = placed
                 self.number, self.clouds = self.clouds, self.clouds + 1

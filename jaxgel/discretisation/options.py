@@ -2,8 +2,12 @@
 
 import dataclasses
 
-from .._validation import POSITIVE, check_options, option, whole, word
+from .._validation import POSITIVE, check_options, keywords_of, option, whole, word
+from ..cloud import Cloud, make_cloud
+from ..geometry import Plate
 from ..linalg import SOLVERS
+from .model import Model, discretise
+from .placement import refreshed
 
 BASES = ("linear", "quadratic")
 METHODS = ("mixed", "displacement")
@@ -12,24 +16,43 @@ QUADRATURES = ("conforming", "paper")
 
 @dataclasses.dataclass(frozen=True)
 class DiscretisationOptions:
-    """Choices of `cloud.make_cloud` and `discretisation.discretise`; None leaves the default of the plate or the method."""
+    """Choices of `make_cloud` and `discretise`, checked when they are made; None leaves the default of the plate or the method.
 
-    spacing: float | None = option(None, POSITIVE)
+    A field's ``stage`` says which of the two takes it as a keyword: `cloud` and `model` pass all of theirs on.
+    """
+
+    spacing: float | None = option(None, POSITIVE, "cloud")
     """Distance of the background nodes, mm."""
-    nodes_per_hole: int | None = option(None, whole(3))
+    nodes_per_hole: int | None = option(None, whole(3), "cloud")
     """Nodes on the outline of a whole hole."""
-    across: int | None = option(None, whole(2))
+    across: int | None = option(None, whole(2), "cloud")
     """Least number of nodes across every ligament, by local refinement."""
-    basis: str = option("quadratic", word(BASES))
+    basis: str = option("quadratic", word(BASES), "model")
     """Basis of the shape functions"""
-    dmax: float | None = option(None, POSITIVE | {"maximum": 10.0})
+    dmax: float | None = option(None, POSITIVE | {"maximum": 10.0}, "model")
     """Support radius over spacing."""
-    method: str = option("mixed", word(METHODS))
+    method: str = option("mixed", word(METHODS), "model")
     """One pressure per cell, or displacement only"""
-    quadrature: str = option("conforming", word(QUADRATURES))
+    quadrature: str = option("conforming", word(QUADRATURES), "model")
     """Cells along the true outline, or the paper's"""
-    solver: str = option("auto", word(SOLVERS))
-    """How linear systems are solved, see `linear_solve`"""
+    solver: str = option("auto", word(SOLVERS), "model")
+    """How linear systems are solved"""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_options("discretisation", self)
+
+    def cloud(self, plate: Plate) -> Cloud:
+        """`make_cloud` of a plate with these options."""
+        return make_cloud(plate, **keywords_of(self, "cloud"))
+
+    def model(self, cloud: Cloud) -> Model:
+        """`discretise` of a cloud with these options."""
+        return discretise(cloud, **keywords_of(self, "model"))
+
+    def refreshed(self, cloud: Cloud, plate: Plate) -> tuple[Cloud, str]:
+        """`refreshed` for models with these options: the cloud for a moved plate, and why it is a new one (empty where it is not)."""
+        return refreshed(cloud, plate, basis=self.basis, dmax=self.dmax)
+
+    def at_spacing(self, spacing: float) -> "DiscretisationOptions":
+        """These options with another spacing, mm: nodes on outlines in proportion, at least as many nodes across ligaments."""
+        return dataclasses.replace(self, spacing=float(spacing), nodes_per_hole=None)

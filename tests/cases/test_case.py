@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxgel.cases import case as cases
-from jaxgel.cases import sample
+from jaxgel.cases import case_schema, sample
 from jaxgel.discretisation import options
 
 PLATE = "[plate]\nwidth = 20.0\nheight = 10.0\n"
@@ -45,6 +45,33 @@ def test_a_built_in_name_is_the_sample_with_its_gel():
     assert case.plate.name == "lattice"
     assert case.gel.chi == sample("lattice").gel.chi == 1e-5
     assert (case.sweep.values[0], case.sweep.values[-1], len(case.sweep.values)) == (-4.9678, -0.9178, 40)
+
+
+@pytest.mark.parametrize(
+    "hole",
+    [
+        'kind = "ellipse"\ncentre = [1.0, 0.5]\nsemi_axes = [3.0, 2.0]\n',
+        'kind = "superellipse"\ncentre = [1.0, 0.5]\nsemi_axes = [3.0, 2.0]\nexponent = 3.0\n',
+        'kind = "rectangle"\ncentre = [1.0, 0.5]\nsides = [3.0, 2.0]\n',
+    ],
+)
+def test_an_angle_may_be_given_in_degrees(load, hole):
+    text = PLATE + "[[holes]]\n" + hole
+    case, radians = load(text + "angle_deg = 90\n"), load(text + f"angle = {np.pi / 2!r}\n")
+    assert case.plate.holes[0].angle == radians.plate.holes[0].angle == np.pi / 2
+    again = cases.from_table(json.loads(json.dumps(case.table())), "again")
+    assert again.plate.holes[0].angle == np.pi / 2
+    moved = cases.from_table(case.table() | {"moved": [{"angle_deg": 60.0}]}, "moved")
+    assert moved.plate.holes[0].angle == np.deg2rad(60.0)
+
+
+def test_every_kind_of_hole_with_an_angle_takes_it_in_degrees():
+    rules = {
+        rule["if"]["properties"]["kind"]["const"]: rule["then"]["properties"]
+        for rule in case_schema()["properties"]["holes"]["items"]["allOf"]
+    }
+    assert {kind for kind, properties in rules.items() if "angle_deg" in properties} == {"ellipse", "superellipse", "rectangle"}
+    assert all(("angle" in properties) == ("angle_deg" in properties) for properties in rules.values())
 
 
 def test_a_number_of_steps_includes_both_ends():
@@ -105,6 +132,9 @@ def test_the_table_of_a_case_makes_the_same_case_again(load, name):
         (PLATE + "[gel]\nchi = 2.0\n", r"gel\.chi: 2\.0 is not a finite number above 0 and below 2"),
         (PLATE + "[output]\nfigures = 1\n", r"output\.figures: 1 is neither true nor false"),
         (PLATE + "unit = 3\n", r"plate\.unit: 3 is not a text"),
+        (PLATE + HOLE + "angle = 0.1\nangle_deg = 5.0\n", r"^holes\[0\]: give one of angle and angle_deg, not both$"),
+        (PLATE + HOLE + 'angle_deg = "45"\n', r"holes\[0\]\.angle_deg: '45' is not a finite number"),
+        (PLATE + HOLE.replace("ellipse", "polygon") + "angle_deg = 5.0\n", "unknown entry"),
     ],
 )
 def test_a_wrong_entry_is_named_in_one_line(load, text, message):

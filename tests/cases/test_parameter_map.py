@@ -161,7 +161,7 @@ def test_a_point_lies_on_the_studys_cloud_placed_or_where_that_is_too_poor_on_it
     mapped, folder, _ = holes
     assert load_path(folder / "0001").model.cloud.plate.holes[0].radius == 1.15  # it refuses nodes that are not the stored ones
     nodes = [load_run(folder / f"000{k}").states["nodes"] for k in range(3)]
-    placed = [np.asarray(mapped.cloud().at(mapped.at(point).plate).nodes) for point in mapped.points[1:3]]
+    placed = [np.asarray(mapped.case.cloud().at(mapped.at(point).plate).nodes) for point in mapped.points[1:3]]
     np.testing.assert_allclose(nodes[1], placed[0], atol=1e-12)  # mm, round-off
     own = dataclasses.replace(mapped.at(mapped.points[2]).plate, reference=None)
     np.testing.assert_allclose(nodes[2], np.asarray(jaxgel.make_cloud(own, spacing=2 / 3, nodes_per_hole=12).nodes), atol=1e-12)

@@ -158,6 +158,24 @@ def test_links_turn_and_mirror_holes():
             assert nearest.max() < 0.02  # half the distance of two samples; another link is off by 0.2
 
 
+def test_a_study_may_vary_an_angle_in_degrees():
+    """The bounds scale it, so that the search sees the same numbers as in radians."""
+    table = tomllib.loads(SMALL) | {"parameters": [dict(of="angle_deg", lower=10.0, upper=40.0, start=20.0)]}
+    degrees = study_from_table(table, "degrees").problem
+    table["parameters"] = [dict(of="angle", lower=np.deg2rad(10.0), upper=np.deg2rad(40.0), start=np.deg2rad(20.0))]
+    radians = study_from_table(table, "radians").problem
+    np.testing.assert_allclose(degrees.vector, radians.vector, rtol=1e-14)
+    plates = [problem.plate(problem.parameters(jnp.array([0.7]))) for problem in (degrees, radians)]
+    np.testing.assert_allclose(*(plate.holes[0].angle for plate in plates), rtol=1e-14)
+    del table["parameters"][0]["start"]
+    table["parameters"][0] |= dict(of="angle_deg", lower=10.0, upper=40.0)
+    np.testing.assert_allclose(study_from_table(table, "own").problem.start["angle_deg"], np.rad2deg(0.4))
+    table["parameters"] *= 2
+    table["parameters"][1] = dict(of="angle", lower=0.1, upper=0.6)
+    with pytest.raises(ValueError, match=r"^parameters: angle of holes\[0\] is varied twice; keep one of the two$"):
+        study_from_table(table, "both")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Folder of ``jaxgel design`` of the small study, interrupted in its third sweep and resumed."""

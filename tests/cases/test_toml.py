@@ -65,6 +65,14 @@ def test_init_writes_a_commented_case_once(tmp_path, monkeypatch, capsys, valida
     assert (tmp_path / "case.toml").read_text() == text
 
 
+@pytest.mark.parametrize(("angle", "text"), [(np.pi / 2, "angle_deg = 90.0"), (0.4, "angle = 0.4"), (0.0, "angle_deg = 0.0")])
+def test_angles_are_written_in_degrees_where_these_are_short_and_exact(angle, text):
+    hole = {"kind": "ellipse", "centre": [1.0, 0.5], "semi_axes": [3.0, 2.0], "angle": angle}
+    written = case_text(explicit(cases.from_table({"plate": PLATE, "holes": [hole]}, "mine")))
+    assert re.search(rf"^{re.escape(text)} +# .* to the x axis, (degrees|rad)\.$", written, re.MULTILINE)
+    assert cases.from_table(tomllib.loads(written), "again").plate.holes[0].angle == angle
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"), [(["--from", "sampel-1"], "did you mean 'sample-1'"), (["no/such/folder/x"], "cannot write")]
 )
@@ -88,6 +96,7 @@ def test_the_schema_knows_every_section_and_is_printed(validator, capsys):
         {"plate": {"sample": "sample-1"}, "holes": []},
         {"holes": [CIRCLE, {"kind": "polygon", "vertices": [[0, 0], [1, 0], [0, 1]]}]},
         {"holes": [{"kind": "fourier", "centre": [0, 0], "radius": 1, "cos": [0.1], "sin": [0.0]}]},
+        {"holes": [{"kind": "rectangle", "centre": [0, 0], "sides": [2, 1], "angle_deg": 30}]},
         {"gel": {"Nv": 1e-2, "chi": 1.9}},
         {"sweep": {"mu": [-3, -2.5]}},
         {"sweep": {"steps": "auto", "branch": "symmetric", "contact": "stop", "imperfection": -0.1}},
@@ -130,6 +139,9 @@ def test_the_schema_knows_holes_from_drawings(validator):
         {"holes": [{"kind": "outline"}]},
         {"holes": [{"kind": "outline", "file": "a.csv", "fit": "spline"}]},
         {"holes": [CIRCLE | {"centre": [0.0]}]},
+        {"holes": [CIRCLE | {"angle_deg": 5.0}]},
+        {"holes": [{"kind": "rectangle", "centre": [0, 0], "sides": [2, 1], "angle_deg": 30, "angle": 0.5}]},
+        {"moved": [{"angle": 0.1, "angle_deg": 30}]},
         {"gel": {"Nv": 0.0}},
         {"gel": {"chi": 2.0}},
         {"gel": {"chi": 0.0}},

@@ -274,15 +274,15 @@ def test_a_failed_sweep_shrinks_the_step_and_is_logged(problem, monkeypatch, tmp
     """Sweeps of holes below the start's first semi-axis fail: adam must find the way with shorter steps, or say that it is stuck."""
     from jaxgel.design import problem as inverse
 
-    true = inverse.sweep
+    true = inverse.sweep_by_options
 
-    def failing(model, gel, **options):
+    def failing(model, gel, *args, **options):
         axes = jax.lax.stop_gradient(model.cloud.plate.holes[0].semi_axes)
         if not isinstance(axes, jax.core.Tracer) and axes[0] < 2.395:
             raise jaxgel.sweep.__globals__["SweepFailed"]("sweep: planted failure")
-        return true(model, gel, **options)
+        return true(model, gel, *args, **options)
 
-    monkeypatch.setattr(inverse, "sweep", failing)
+    monkeypatch.setattr(inverse, "sweep_by_options", failing)
     design = optimise(problem, method="adam", evaluations=6, folder=tmp_path)
     failed = [row for row in design.history if row["invalid"]]
     assert failed and all("planted failure" in row["invalid"] and row["value"] is None for row in failed)
@@ -298,7 +298,7 @@ def test_a_start_that_fails_is_refused_in_one_line(problem, monkeypatch):
     def failing(*_, **__):
         raise jaxgel.sweep.__globals__["SweepFailed"]("sweep: planted failure")
 
-    monkeypatch.setattr(inverse, "sweep", failing)
+    monkeypatch.setattr(inverse, "sweep_by_options", failing)
     with pytest.raises(ValueError, match=r"^start: the first design is not valid: sweep: planted failure$"):
         optimise(problem)
 
