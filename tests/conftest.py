@@ -17,6 +17,12 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA mistakes its own tuning flags for missing processor features in that cache
 os.environ["MPLBACKEND"] = "Agg"
 
+if os.environ.get("JAXGEL_CHECK_SHAPES", "0") != "0":  # before jaxgel is imported
+    sys.path.insert(0, str(Path(__file__).parent))
+    import shape_checks
+
+    shape_checks.install()
+
 from jaxgel.cli.versions import in_one_part, quick_flags  # noqa: E402
 
 # read when the first program is compiled: test processes leave LLVM no idle cores, and a program in parts is more work
