@@ -151,6 +151,12 @@ def buckling_model(cloud_of):
     return jaxgel.discretise(cloud_of("sample-4"))
 
 
+@pytest.fixture(scope="session")
+def buckling_point(buckling_model):
+    """The bifurcation of ``buckling_model``."""
+    return jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=(-1.8, -1.5))[0]
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forget_compiled_programs():
     """Programs that JAX keeps fill gigabytes over a whole run; the cache on disk has them for the next module.

@@ -87,6 +87,7 @@ def test_symmetric_branches_lose_the_area_of_finite_elements(name):
     np.testing.assert_allclose(jaxgel.core_rotation(path), 0.0, atol=0.02)
 
 
+@pytest.mark.slow
 def test_the_papers_scheme_locks():
     """J at every Gauss point with the linear basis: 0.3 degrees where the gel turns by 14, with the same loss of area."""
     plate = jaxgel.sample("sample-1")
