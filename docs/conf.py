@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from jaxgel.cli import command_line as cli
 
-project, author, copyright = "jaxgel", "the jaxgel authors", "the jaxgel authors"  # noqa: A001
+project, author, copyright = "jaxgel", "The jaxgel developers", "The jaxgel developers"  # noqa: A001
 release = version = version_of("jaxgel")
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 html_math_renderer = "mathml"

@@ -17,6 +17,12 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA mistakes its own tuning flags for missing processor features in that cache
 os.environ["MPLBACKEND"] = "Agg"
 
+if os.environ.get("JAXGEL_CHECK_SHAPES", "0") != "0":  # before jaxgel is imported
+    sys.path.insert(0, str(Path(__file__).parent))
+    import shape_checks
+
+    shape_checks.install()
+
 from jaxgel.cli.environment import in_one_part, quick_flags  # noqa: E402
 
 # read when the first program is compiled: test processes leave LLVM no idle cores, and a program in parts is more work
@@ -143,6 +149,12 @@ def square_model(cloud_of):
 def buckling_model(cloud_of):
     """Sample 4 on a coarse cloud: its symmetric state buckles."""
     return jaxgel.discretise(cloud_of("sample-4"))
+
+
+@pytest.fixture(scope="session")
+def buckling_point(buckling_model):
+    """The bifurcation of ``buckling_model``."""
+    return jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=(-1.8, -1.5))[0]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -1,5 +1,6 @@
 """Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
+from .checks import BASES, METHODS, QUADRATURES
 from .connectivity import Connectivity
 from .consistency import plate_edge_ends
 from .interpolation import NEIGHBOURS, Interpolation, in_plane, make_probe
@@ -7,7 +8,7 @@ from .midline import core_probe, midline_probe
 from .model import CellBlock, Model, discretise
 from .moving_least_squares import KINDS, cubic_spline_weight, n_monomials, shape_functions, shape_functions_and_gradients, singular_weight
 from .neighbours import reaching_nodes
-from .options import BASES, METHODS, QUADRATURES, DiscretisationOptions
+from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
 
 __all__ = [

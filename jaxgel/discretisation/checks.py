@@ -11,13 +11,15 @@ from ..cloud import Topology
 from ..linalg import SOLVERS
 from .interpolation import in_plane
 from .moving_least_squares import KINDS, n_monomials
-from .options import METHODS, QUADRATURES
 
 if TYPE_CHECKING:
     from .model import Model
 
 STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
 REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
+BASES = ("linear", "quadratic")
+METHODS = ("mixed", "displacement")
+QUADRATURES = ("conforming", "paper")
 CONDITIONS = ("nodes", "penalty", "lagrange")
 INTERPOLATING = ("imls", "iicvmls")
 

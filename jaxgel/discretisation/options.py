@@ -6,12 +6,9 @@ from .._validation import POSITIVE, check_options, keywords_of, option, whole, w
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate
 from ..linalg import SOLVERS
+from .checks import BASES, METHODS, QUADRATURES
 from .model import Model, discretise
 from .placement import refreshed
-
-BASES = ("linear", "quadratic")
-METHODS = ("mixed", "displacement")
-QUADRATURES = ("conforming", "paper")
 
 
 @dataclasses.dataclass(frozen=True)

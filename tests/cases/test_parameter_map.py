@@ -263,7 +263,8 @@ def killed_in_mid_run(folder, pid_of):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
-@pytest.mark.parametrize("number", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [1, 2])
 def test_a_killed_worker_loses_no_point(number, tmp_path, expected):
     thread, killed = killed_in_mid_run(tmp_path / "out", lambda: multiprocessing.active_children()[0].pid)
     with Workers(number) as executor:

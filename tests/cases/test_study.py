@@ -36,6 +36,7 @@ mu = [-3.0, -1.8]
 
 [discretisation]
 spacing = 1.2
+nodes_per_hole = 8
 
 [[parameters]]
 of = "semi_axes"

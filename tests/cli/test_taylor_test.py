@@ -19,7 +19,7 @@ TABLE = dict(
     holes=[HOLE],
     gel=dict(Nv=1e-2, chi=0.1),  # stiff enough for Nv to turn this plate: at 1e-3 the angle's change is lost in round-off
     sweep=dict(mu_start=-3.0, mu_end=-1.8, steps=2),
-    discretisation=dict(spacing=1.2),
+    discretisation=dict(spacing=1.2, nodes_per_hole=8),
 )
 CASE = """
 [plate]
@@ -43,6 +43,7 @@ mu_end = -1.8
 
 [discretisation]
 spacing = 1.2
+nodes_per_hole = 8
 """
 
 

@@ -5,12 +5,10 @@ import pytest
 
 import jaxgel
 
-WINDOW = (-1.8, -1.5)
-
 
 @pytest.fixture(scope="module")
-def point(buckling_model):
-    return jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=WINDOW)[0]
+def point(buckling_point):
+    return buckling_point
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +90,8 @@ def test_continuation_turns_at_the_fold_of_an_imperfect_bifurcation(buckled, buc
     assert 0 < turn < len(path) - 1
     assert path.mu[turn] > point.mu
     assert np.all(path.negative_pivots[:turn] == 0) and np.all(path.negative_pivots[turn + 2 :] >= 1)
+    (fold,) = jaxgel.folds(path, loads)
+    assert fold.kind == "fold" and abs(fold.eigenvalues[0]) < 1e-6 and fold.mu < path.mu.min()
 
 
 def test_what_cannot_be_continued_is_refused(buckled, point):

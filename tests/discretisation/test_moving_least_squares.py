@@ -204,7 +204,7 @@ def test_padding_with_a_copy_of_the_node_at_the_point_is_harmless(basis, kind):
     assert np.all(np.isfinite(gradient))
 
 
-@pytest.mark.parametrize(("basis", "kind"), [("linear", "iicvmls"), ("quadratic", "imls")])
+@pytest.mark.parametrize(("basis", "kind"), [("linear", "iicvmls"), pytest.param("quadratic", "imls", marks=pytest.mark.slow)])
 def test_compiled_and_uncompiled_values_agree(basis, kind):
     nodes, x = clouds(1, 13)
     phi, gradient = value_and_gradient(x, nodes, SUPPORT, basis=basis, kind=kind)
@@ -241,7 +241,14 @@ def test_values_are_local_and_independent_of_unit_place_and_direction(basis, kin
     np.testing.assert_allclose(scale * moved[1], gradient @ turn.T, atol=1e-10)
 
 
-@pytest.mark.parametrize(("basis", "kind"), [("linear", "iicvmls"), ("quadratic", "imls"), ("linear", "icvmls"), ("quadratic", "mls")])
+@pytest.mark.parametrize(
+    ("basis", "kind"),
+    [
+        ("linear", "iicvmls"),
+        ("quadratic", "imls"),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in (("linear", "icvmls"), ("quadratic", "mls"))),
+    ],
+)
 def test_values_and_gradients_are_those_of_automatic_differentiation(basis, kind):
     """And so are their own derivatives by the point and the neighbours, in the nodes too, forwards and backwards."""
     nodes, x = clouds(6, 18)

@@ -134,6 +134,7 @@ def test_sheared_cell_keeps_its_period_and_its_mean_deformation():
     assert np.abs(path.x[0] - X @ F.T).max() > 0.01  # the fluctuation that periodicity leaves free
 
 
+@pytest.mark.slow
 def test_two_by_two_cell_buckles_before_the_unit_cell_as_the_infinite_lattice_does():
     """The checkerboard of the lattice, with the core rotation and energy of finite elements at mu = -1.9678."""
     known = FINITE_ELEMENTS["lattice"]["buckled"]

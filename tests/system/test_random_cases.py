@@ -32,14 +32,14 @@ SWEEPS = given(
 )
 
 
-@settings(EASY, max_examples=3)
+@settings(EASY, max_examples=2)
 @SWEEPS
 def test_a_random_sweep_obeys_mechanics_or_says_why_not(tiny_model, gel, ends, chosen, branch, contact):
     obeys(tiny_model, gel, ends, chosen, branch, contact)
 
 
 @pytest.mark.slow
-@settings(EASY, max_examples=30)
+@settings(EASY, max_examples=20)
 @SWEEPS
 @example(gel=jaxgel.Gel(1e-5, 1e-9), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
 @example(gel=jaxgel.Gel(1e-1, 1e-9), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
