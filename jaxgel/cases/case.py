@@ -27,7 +27,7 @@ from .._validation import check
 from ..cloud import Cloud
 from ..continuation import CriticalPoint, Path, SweepOptions, critical_points, sweep_by_options
 from ..discretisation import DiscretisationOptions, Model
-from ..equilibrium import Step
+from ..equilibrium import State
 from ..geometry import Plate, check_plate
 from ..io import read_toml
 from ..materials import Gel, check_gel
@@ -81,7 +81,7 @@ class Case:
             cloud, _ = options.refreshed(cloud, self.plate)
         return options.model(cloud)
 
-    def path(self, model: Model, *, on_step: Callable[[Step], object] | None = None, before: Sequence[Step] = ()) -> Path:
+    def path(self, model: Model, *, on_step: Callable[[State], object] | None = None, before: Sequence[State] = ()) -> Path:
         """`Path` of the case's sweep on its ``model``; ``before`` are the accepted steps of an interrupted sweep, to go on from."""
         return sweep_by_options(model, self.gel, self.sweep, loads=self.loads.of(model), on_step=on_step, before=before)
 
