@@ -29,7 +29,7 @@ from ..discretisation import DiscretisationOptions, discretise, refreshed
 from ..geometry import Plate, check_plate
 from ..io import read_toml
 from ..materials import Gel, check_gel
-from ..mechanics import Loads, check_edges, check_room
+from ..mechanics import Loads, check_edges, check_room, with_contact
 from .samples import sample
 from .schema import HOLES, OPTIONS, OutputOptions, case_schema
 from .user_energy import user_gel
@@ -59,7 +59,7 @@ class Case:
     """The ``plate``, ``holes`` and ``moved`` sections that it was made from, and ``gel`` where that names an energy."""
 
     def model(self, cloud=None):
-        """The discretised plate; ValueError for edges, a cloud or a support that the case does not allow.
+        """The discretised plate, with the contact of the sweep; ValueError for edges, a cloud or a support that the case does not allow.
 
         A plate whose holes have moved gets the cloud that it had before, placed, where that is good enough (see `placement.refreshed`)
         and a new one where it is not; ``cloud`` is that former one where it was made already.
@@ -74,7 +74,8 @@ class Case:
         elif self.plate.reference is not None:
             check_plate(self.plate)
             cloud, _ = refreshed(cloud, self.plate, basis=d.basis, dmax=d.dmax)
-        return discretise(cloud, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature, solver=d.solver)
+        model = discretise(cloud, basis=d.basis, dmax=d.dmax, method=d.method, quadrature=d.quadrature, solver=d.solver)
+        return with_contact(model, self.gel) if self.sweep.contact == "on" else model
 
     def table(self):
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
