@@ -1,7 +1,7 @@
 """cases."""
 
 from .case import Case, from_table, load_case
-from .page import notebook_html, write_page
+from .page import write_page
 from .parameter_map import POINT, TABLE, TRIES, load_map, resumed_map, run_map
 from .resume import load_path, other_versions, resumed
 from .samples import GRID, SIDE, sample, sample_names
@@ -30,7 +30,6 @@ __all__ = [
     "load_map",
     "load_path",
     "load_study",
-    "notebook_html",
     "other_versions",
     "resumed",
     "resumed_map",

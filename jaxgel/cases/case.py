@@ -31,7 +31,7 @@ from ..equilibrium import State
 from ..geometry import Plate, check_plate
 from ..io import read_toml
 from ..materials import Gel, check_gel
-from ..mechanics import Loads, check_edges, check_room
+from ..mechanics import Loads, check_edges, check_room, with_contact
 from .samples import sample
 from .schema import HOLES, OPTIONS, OutputOptions, case_schema
 from .user_energy import user_gel
@@ -65,7 +65,7 @@ class Case:
         return self.discretisation.cloud(self.plate.reference or self.plate)
 
     def model(self, cloud: Cloud | None = None) -> Model:
-        """The discretised plate; ValueError for edges, a cloud or a support that the case does not allow.
+        """The discretised plate, with the contact of the sweep; ValueError for edges, a cloud or a support that the case does not allow.
 
         A plate whose holes have moved gets the cloud that it had before, placed, where that is good enough (see `refreshed`) and a new
         one where it is not; ``cloud`` is that former one where it was made already.
@@ -74,12 +74,14 @@ class Case:
         check_room(self.plate)
         options = self.discretisation
         if self.plate.reference is not None and options.quadrature == "paper":  # its cells do not follow moving holes
-            return options.model(options.cloud(dataclasses.replace(self.plate, reference=None)))
-        cloud = self.cloud() if cloud is None else cloud
-        if self.plate.reference is not None:
-            check_plate(self.plate)
-            cloud, _ = options.refreshed(cloud, self.plate)
-        return options.model(cloud)
+            cloud = options.cloud(dataclasses.replace(self.plate, reference=None))
+        else:
+            cloud = self.cloud() if cloud is None else cloud
+            if self.plate.reference is not None:
+                check_plate(self.plate)
+                cloud, _ = options.refreshed(cloud, self.plate)
+        model = options.model(cloud)
+        return with_contact(model, self.gel) if self.sweep.contact == "on" else model
 
     def path(self, model: Model, *, on_step: Callable[[State], object] | None = None, before: Sequence[State] = ()) -> Path:
         """`Path` of the case's sweep on its ``model``; ``before`` are the accepted steps of an interrupted sweep, to go on from."""

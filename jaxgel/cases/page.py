@@ -1,17 +1,17 @@
-"""A path for people to look at: one self-contained HTML page with a slider, and how a path shows itself in a notebook."""
+"""A path for people to look at: one self-contained HTML page with a slider."""
 
-import base64
-import html
-import io
 import json
 from importlib import resources
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 
-from ..cloud import boundary_edges
+from .._types import Array
+from ..cloud import Cloud, boundary_edges
+from ..continuation import Path
 from ..io import load_run, write_atomically
-from ..observables import FIELDS, deformed_vertices, events, field_values, history, outlines
+from ..observables import FIELDS, QUANTITIES, deformed_vertices, events, field_values, history, outlines
 from .resume import load_path
 
 PAGE = "view.html"
@@ -19,20 +19,11 @@ TEMPLATE = "page.html"
 RESOLUTION = 5000  # steps per plate width in which the page keeps positions
 COLOUR_MAP = "cividis"  # reads the same with every kind of colour vision
 COLOURS = 64
-COLUMNS = {
-    "area_reduction": "area reduction",
-    "rotation_deg": "rotation, midline (degrees)",
-    "core_rotation_deg": "rotation, core (degrees)",
-    "J_mean": "mean volume ratio J",
-    "energy": "energy (kT/v mm\u00b2)",
-    "lowest_eigenvalue": "lowest eigenvalue",
-    "surface_ratio": "surface stretch ratio",
-    "min_gap": "smallest gap (mm)",
-}
-ROWS = 8  # most states in a notebook's table
+CURVES = ("area_reduction", "rotation", "core_rotation", "J_mean", "energy", "lowest_eigenvalue", "surface_ratio", "min_gap")
+"""Quantities that the page shows."""
 
 
-def write_page(folder, out=None):
+def write_page(folder: str | File, out: str | File | None = None) -> File:
     """Write the page of a run's ``folder``, to view.html in it or to ``out``; returns the file. ValueError for what is no run's folder."""
     run, path = load_run(folder), load_path(folder)
     file = File(out) if out else File(folder) / PAGE
@@ -41,18 +32,18 @@ def write_page(folder, out=None):
     return file
 
 
-def page(path, *, table=None, title="jaxgel"):
-    """The HTML page (str) of a path: pattern, curves and events at the mu of a slider; it holds its data and asks the network for nothing.
+def page(path: Path, *, table: dict[str, Any] | None = None, title: str = "jaxgel") -> str:
+    """HTML page of a path: pattern, curves and events at the mu of a slider. It holds its data and loads nothing from the network.
 
-    ``table`` saves computing `results.history` again.
+    ``table`` saves computing `history` again.
     """
     data = json.dumps(_data(path, history(path) if table is None else table, title), separators=(",", ":"), allow_nan=False)
     template = resources.files("jaxgel.cases").joinpath(TEMPLATE).read_text(encoding="utf-8")
     return template.replace("@DATA@", data.replace("<", "\\u003c"))
 
 
-def _data(path, table, title):
-    """What the page shows, as JSON can hold it; positions are whole steps of the plate's width over ``RESOLUTION``."""
+def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
+    """Data of the page for JSON; positions are whole steps of the plate's width over ``RESOLUTION``."""
     import matplotlib as mpl
 
     cloud = path.model.cloud
@@ -66,7 +57,7 @@ def _data(path, table, title):
         "title": title,
         "about": f"{len(cloud.nodes)} nodes, Nv = {float(gel.Nv):g}, chi = {float(gel.chi):g}; open dots are unstable states",
         "mu": mu.tolist(),
-        "columns": {name: {"label": label, "values": _numbers(table[name])} for name, label in COLUMNS.items()},
+        "columns": {name: _column(name, table, cloud) for name in CURVES},
         "unstable": (np.asarray(table["negative_pivots"]) > 0).tolist(),
         "events": [{"text": event["text"], "state": int(np.abs(mu - event["mu"]).argmin())} for event in events(table)],
         "box": [*used.min(axis=(0, 1)).tolist(), *used.max(axis=(0, 1)).tolist()],
@@ -84,35 +75,15 @@ def _data(path, table, title):
     }
 
 
-def _steps(positions, cloud):
+def _column(name: str, table: dict[str, Any], cloud: Cloud) -> dict[str, Any]:
+    """Label and values of a quantity; a value that is not finite is None."""
+    quantity = QUANTITIES[name]
+    values = quantity.scale * np.asarray(table[quantity.column], dtype=float)
+    label = quantity.plain_label(cloud.topology.plate.unit)
+    return {"label": label, "values": [float(value) if np.isfinite(value) else None for value in values]}
+
+
+def _steps(positions: Array, cloud: Cloud) -> list[list[int]]:
     """Positions (k, m, 2) in mm as k flat lists of whole steps."""
-    steps = np.nan_to_num(np.asarray(positions)) * (RESOLUTION / cloud.plate.width)  # vertices in holes have no place
+    steps = np.nan_to_num(np.asarray(positions)) * (RESOLUTION / cloud.plate.width)  # vertices in holes are nan
     return np.round(steps).astype(int).reshape(len(positions), -1).tolist()
-
-
-def _numbers(values):
-    """A column as a list in which what is not finite is None."""
-    return [float(value) if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
-
-
-def notebook_html(path):
-    """HTML (str) with the last pattern as a small picture and a table of at most ``ROWS`` states, evenly spread."""
-    import matplotlib.pyplot as plt
-
-    from ..plotting import plot_pattern
-
-    figure = plot_pattern(path).figure
-    picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=90)
-    plt.close(figure)
-    table = history(path)
-    names = ("mu", "area_reduction", "rotation_deg", "core_rotation_deg", "J_mean", "negative_pivots")
-    states = np.unique(np.linspace(0, len(path) - 1, min(ROWS, len(path))).round().astype(int))
-    head = "".join(f"<th>{name}</th>" for name in names)
-    rows = "".join("<tr>" + "".join(f"<td>{float(table[name][k]):.5g}</td>" for name in names) + "</tr>" for k in states)
-    said = html.escape(f"{len(path)} states, {len(path.model.cloud.nodes)} nodes: {path.stop_text}")
-    source = base64.b64encode(picture.getvalue()).decode()
-    return (
-        f'<div><p>{said}</p><img alt="pattern of the last state" src="data:image/png;base64,{source}">'
-        f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
-    )

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..continuation import Path
 from ..equilibrium import Stability, State, Status
-from ..io import NUMERICAL, STEP_ARRAYS, Recorder, load_run, of_case, read_summary
+from ..io import NUMERICAL, STEP_ARRAYS, Recorder, load_run, read_summary
 from ..mechanics import all_volumes, free_dofs
 from .case import from_table
 
@@ -50,7 +50,7 @@ def load_path(folder):
 def rebuilt(run):
     """The `cases.Case` of a `Run`, its model with contact, and the accepted `State`s; ValueError where they do not fit together."""
     case = from_table(run.summary["options"], run.summary["case"])
-    model, states = of_case(case.model(), case), run.states
+    model, states = case.model(), run.states
     nodes, modes = np.asarray(model.cloud.nodes), states.get("modes")
     fits = nodes.shape == states["nodes"].shape and np.abs(nodes - states["nodes"]).max() <= 1e-9
     fits = fits and states["pressure"].shape[1] == len(all_volumes(model)) and len(states["x"][0]) == len(nodes)

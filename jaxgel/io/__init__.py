@@ -1,10 +1,10 @@
-"""io."""
+"""Files: a run's folder, netCDF, ParaView, drawings of outlines; and the terminal."""
 
 from .._validation import read_toml
 from .drawings import FORMATS, OUTLINE, dry_gel, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
 from .files import open_folder, write_atomically
-from .netcdf import QUANTITIES, export
-from .recorder import NUMERICAL, Recorder, of_case, write_points
+from .netcdf import export
+from .recorder import NUMERICAL, Recorder, write_points
 from .run import STEP_ARRAYS, load_run, read_summary
 from .terminal import Progress, interruptible
 from .vtk import point_fields, write_series
@@ -13,7 +13,6 @@ __all__ = [
     "FORMATS",
     "NUMERICAL",
     "OUTLINE",
-    "QUANTITIES",
     "STEP_ARRAYS",
     "Progress",
     "Recorder",
@@ -23,7 +22,6 @@ __all__ = [
     "hole_table",
     "interruptible",
     "load_run",
-    "of_case",
     "open_folder",
     "point_fields",
     "read_outlines",

@@ -1,17 +1,19 @@
-"""Files that are either whole or refused: written beside their place and moved there, read with nothing in them trusted or executed."""
+"""Atomic writes, checked reads: a file is written beside its place and moved there; nothing that is read is trusted or executed."""
 
 import io
 import math
 import os
 import zipfile
+from collections.abc import Callable
 from pathlib import Path as File
+from typing import Any, BinaryIO
 
 import numpy as np
 
 MAX_BYTES = 2**31  # most that is read of one file
 
 
-def open_folder(folder):
+def open_folder(folder: str | File) -> File:
     """The folder as a ``pathlib.Path``, made where it is missing; ValueError when it cannot be written."""
     folder = File(folder)
     try:
@@ -24,10 +26,10 @@ def open_folder(folder):
     return folder
 
 
-def write_atomically(file, write, *, durable=True):
+def write_atomically(file: File, write: Callable[[BinaryIO], Any], *, durable: bool = True) -> None:
     """Call ``write(stream)`` on a file beside ``file`` and move it there once it is on disk, so that no reader sees half of it.
 
-    Without ``durable`` it need not be on disk: the file outlives this process, but not necessarily the machine's loss of power.
+    Without ``durable`` the file is not flushed to the disk: it outlives this process, but perhaps not a loss of power.
     """
     part = file.with_name(file.name + ".part")
     with part.open("wb") as stream:
@@ -38,7 +40,7 @@ def write_atomically(file, write, *, durable=True):
     part.replace(file)
 
 
-def guarded(file, read, max_bytes=MAX_BYTES):
+def guarded(file: File, read: Callable[[bytes, int], Any], max_bytes: int = MAX_BYTES) -> Any:
     """``read(bytes, max_bytes)`` of a file, with everything that the parsers raise on damaged bytes turned into one ValueError."""
     try:
         if file.stat().st_size > max_bytes:
@@ -49,16 +51,16 @@ def guarded(file, read, max_bytes=MAX_BYTES):
         raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {text}") from None
 
 
-def read_arrays(content, max_bytes=MAX_BYTES):
-    """Name -> array of the bytes of an .npz file, their sizes checked before anything is made of them; ValueError for objects."""
+def read_arrays(content: bytes, max_bytes: int = MAX_BYTES) -> dict[str, np.ndarray]:
+    """Name -> array of the bytes of an .npz file, their sizes checked before they are read; ValueError for objects."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         if sum(member.file_size for member in archive.infolist()) > max_bytes:
             raise ValueError(f"its arrays take more than the {max_bytes} bytes allowed")
         return {m.filename.removesuffix(".npy"): read_array(archive.read(m)) for m in archive.infolist()}
 
 
-def read_array(content):
-    """The array in the bytes of an .npy file, its size checked before anything is made of it."""
+def read_array(content: bytes) -> np.ndarray:
+    """The array in the bytes of an .npy file, its size checked first."""
     stream = io.BytesIO(content)
     read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     shape, fortran, dtype = read_header[np.lib.format.read_magic(stream)](stream)

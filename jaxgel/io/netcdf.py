@@ -1,37 +1,21 @@
 """A run's folder as an xarray Dataset, and as a netCDF (HDF5) file for programs that read those; needs the extra ``[netcdf]``.
 
-Dimensions: state (an accepted state), node, group (a volume group, see `energy`), xy, and point_0 ... (of the outline of each hole).
+Dimensions: state (an accepted state), node, group (a volume group), xy, and point_0 ... (of the outline of each hole).
 """
 
 import json
+from collections.abc import Sequence
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 
+from ..observables import BY_COLUMN
 from .files import write_atomically
 from .run import load_run
 
-QUANTITIES = {
-    "mu": ("kT", "chemical potential of the solvent"),
-    "free_stretch": ("1", "in-plane stretch of the freely swelling gel"),
-    "status": ("", "what happened on the way to the state"),
-    "newton_iterations": ("1", "number of Newton corrections"),
-    "residual": ("1", "residual over the forces of the network"),
-    "energy": ("kT/v mm2", "total energy"),
-    "J_min": ("1", "smallest volume ratio of a cell"),
-    "J_max": ("1", "largest volume ratio of a cell"),
-    "J_mean": ("1", "mean volume ratio"),
-    "area_reduction": ("1", "reduction of the area of the holes"),
-    "rotation_deg": ("degree", "rotation of the midline"),
-    "core_rotation_deg": ("degree", "rotation of the core"),
-    "negative_pivots": ("1", "number of negative pivots of the tangent, 0 for a stable state"),
-    "lowest_eigenvalue": ("1", "lowest eigenvalue of the tangent over the network's stiffness"),
-    "min_gap": ("mm", "smallest gap between the sides of a hole"),
-    "surface_ratio": ("1", "largest ratio of normal to tangential stretch along the outlines"),
-}
 
-
-def dataset(folder):
+def dataset(folder: str | File) -> Any:
     """``xarray.Dataset`` of a run's folder: its history, positions (state, node, xy), pressures, outlines and dry nodes, to the bit.
 
     Raises ValueError for a folder without a readable run, and where xarray or h5netcdf is missing.
@@ -43,10 +27,12 @@ def dataset(folder):
         raise ValueError(f"export: needs {problem.name}; pip install 'jaxgel[netcdf]'") from None
     run = load_run(folder)
 
-    def variable(dimensions, values, units, text):
+    def variable(dimensions: Sequence[str], values: Any, units: str, text: str) -> tuple:
         return dimensions, values, {"long_name": text} | ({"units": units} if units else {})
 
-    columns = {name: variable(("state",), np.asarray(run.history[name]), *QUANTITIES[name]) for name in run.history}
+    columns = {
+        name: variable(("state",), np.asarray(values), BY_COLUMN[name].unit, BY_COLUMN[name].text) for name, values in run.history.items()
+    }
     fields = {
         "x": variable(("state", "node", "xy"), run.x, "mm", "position of the nodes"),
         "nodes": variable(("node", "xy"), run.states["nodes"], "mm", "position of the nodes in the dry gel"),
@@ -59,7 +45,7 @@ def dataset(folder):
     return xarray.Dataset(fields | columns, coords={"xy": ["x", "y"]}, attrs=about).set_coords("mu")
 
 
-def export(folder, out=None):
+def export(folder: str | File, out: str | File | None = None) -> File:
     """Write `dataset` as netCDF, to run.nc in the folder or to ``out``; returns the file. ValueError as `dataset`, and for a bad place."""
     file, content = File(out) if out else File(folder) / "run.nc", dataset(folder).to_netcdf(engine="h5netcdf")
     try:

@@ -1,27 +1,29 @@
-"""What the commands leave in a folder while they go: the table, states and summary of a sweep, and the critical points of a branch.
+"""Files of a run, written while the sweep goes on: table, states and summary; and those of critical points.
 
-Every file is complete at any moment: it is written beside its final place and moved there, or appended row by row. So whatever
-stops a run, Ctrl-C or a lost machine, the finished states stay readable, and `restart` goes on from them. Nothing is pickled.
+Every file is complete at any moment: it is written beside its final place and moved there, or appended row by row. Whatever stops a
+run, Ctrl-C or a loss of power, the finished states stay readable and `jaxgel resume` goes on from them. Nothing is pickled.
 """
 
 import csv
-import functools
 import io
 import json
 import os
 import platform
 import shutil
 import time
+from collections.abc import Sequence
 from importlib.metadata import version
+from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 
-from ..continuation import Path
-from ..equilibrium import Status
-from ..mechanics import with_contact
-from ..observables import COLUMNS, SELF_CONTACT, events, history, outlines
+from ..continuation import CriticalPoint, Path
+from ..discretisation import Model
+from ..equilibrium import State, Status
+from ..observables import BY_COLUMN, COLUMNS, SELF_CONTACT, events, history, outlines
 from .files import open_folder, write_atomically
-from .run import FORMAT, INTEGER_COLUMNS, OF_LAST, STEP_ARRAYS
+from .run import FORMAT, OF_LAST, STEP_ARRAYS
 
 NUMERICAL = ("jaxgel", "jax", "jaxlib", "numpy", "scipy")  # packages on which the last digits depend
 FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "pattern.mp4", "series.pvd", "run.nc")
@@ -30,13 +32,23 @@ FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png
 class Recorder:
     """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; pass it as ``on_step``.
 
-    ``case`` is the `cases.Case` behind ``model`` and ``gel``; ``steps`` are those that an interrupted run left after ``seconds``, to go
-    on from. Without them earlier results in ``folder`` are removed; other files stay. Without ``durable`` the steps wait for the disk at
-    `finish` only, for sweeps that are begun again where the machine is lost. Raises ValueError when the folder cannot be written.
+    ``case`` is the `cases.Case` of ``model``, whose contact is that of the sweep, and ``gel``; ``steps`` are those that an interrupted run
+    left after ``seconds``, to go on from. Without them earlier results in ``folder`` are removed; other files stay. With ``durable`` each
+    step is flushed to the disk, otherwise only `finish` does so. Raises ValueError when the folder cannot be written.
     """
 
-    def __init__(self, folder, case, model, gel, *, steps=(), seconds=0.0, durable=True):
-        self.folder, self.case, self.model, self.gel = open_folder(folder), case, of_case(model, case), gel
+    def __init__(
+        self,
+        folder: str | File,
+        case: Any,
+        model: Model,
+        gel: Any,
+        *,
+        steps: Sequence[State] = (),
+        seconds: float = 0.0,
+        durable: bool = True,
+    ) -> None:
+        self.folder, self.case, self.model, self.gel = open_folder(folder), case, model, gel
         self.records = []  # (step, row, outlines) of each accepted state
         self.stored = 0  # states that are on disk for good
         self.started, self.durable = time.perf_counter() - seconds, durable
@@ -48,17 +60,17 @@ class Recorder:
         self.finish("running", "the sweep has not ended")
 
     @property
-    def steps(self):
+    def steps(self) -> list[State]:
         """The accepted steps so far."""
         return [step for step, _, _ in self.records]
 
     @property
-    def table(self):
+    def table(self) -> dict[str, list]:
         """The columns of ``history.csv`` so far."""
         return {name: [row[name] for _, row, _ in self.records] for name in COLUMNS}
 
-    def __call__(self, step):
-        """Take one accepted step to disk: first its row, then all states, so that these are never ahead."""
+    def __call__(self, step: State) -> None:
+        """Write one accepted step: first its row, then all states, so that there are never more states than rows."""
         row = self._take(step)
         with (self.folder / "history.csv").open("a", newline="") as stream:
             _csv_writer(stream).writerow(_csv_row(row))
@@ -68,8 +80,8 @@ class Recorder:
         self._write_states(durable=self.durable)
         self._write_summary("running", "the sweep has not ended", Status.INTERRUPTED, durable=self.durable)
 
-    def _take(self, step):
-        """The row of a step, which joins the records."""
+    def _take(self, step: State) -> dict[str, Any]:
+        """The row of a step, which is added to the records."""
         one = Path.from_states(self.model, self.gel, [step], stop=step.status)
         row = {name: column[0] for name, column in history(one).items()}
         if self.records and self.records[-1][1]["status"] == SELF_CONTACT:
@@ -77,30 +89,30 @@ class Recorder:
         self.records.append((step, row, [np.asarray(loop)[0] for loop in outlines(one)]))
         return row
 
-    def finish(self, status, text, stop=Status.INTERRUPTED):
-        """Close the record with ``status`` "complete", "stopped", "interrupted" or "failed", the reason as ``text``, and its `Status`."""
+    def finish(self, status: str, text: str, stop: Status = Status.INTERRUPTED) -> None:
+        """Complete the files with ``status`` "complete", "stopped", "interrupted" or "failed", the reason as ``text``, and its `Status`."""
         if len(self.records) > self.stored:  # Ctrl-C may have come between the row and its states
             self._write_states(durable=True)
         self._write_history()
         self._write_summary(status, text, stop)
 
-    def _write_states(self, *, durable):
+    def _write_states(self, *, durable: bool) -> None:
         write_atomically(self.folder / "states.npz", lambda stream: np.savez(stream, **self._states()), durable=durable)
         self.stored = len(self.records) if durable else 0
 
-    def _states(self):
+    def _states(self) -> dict[str, np.ndarray]:
         steps = self.steps
         arrays = {name: np.array([getattr(step, name) for step in steps]) for name in STEP_ARRAYS}
         arrays["status"] = np.array([step.status.name for step in steps])
         arrays["apart"] = np.array([-1 if step.contact_active is None else not step.contact_active for step in steps], dtype=np.int8)
-        arrays |= {name: np.asarray(own) for name in OF_LAST if (own := getattr(steps[-1], name)) is not None}
+        arrays |= {name: np.asarray(last) for name in OF_LAST if (last := getattr(steps[-1], name)) is not None}
         arrays["nodes"] = np.asarray(self.model.cloud.nodes)
         for i, loops in enumerate(zip(*(loops for _, _, loops in self.records), strict=True)):
             arrays[f"outline_{i}"] = np.array(loops)
         return arrays
 
-    def _write_history(self):
-        def write(stream):
+    def _write_history(self) -> None:
+        def write(stream: Any) -> None:
             text = io.StringIO(newline="")
             writer = _csv_writer(text)
             writer.writerow(COLUMNS)
@@ -109,7 +121,7 @@ class Recorder:
 
         write_atomically(self.folder / "history.csv", write)
 
-    def _write_summary(self, status, text, stop, *, durable=True):
+    def _write_summary(self, status: str, text: str, stop: Status, *, durable: bool = True) -> None:
         table = self.table
         summary = {
             "format": FORMAT,
@@ -131,12 +143,11 @@ class Recorder:
         write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded), durable=durable)
 
 
-@functools.cache
-def _versions():
+def _versions() -> dict[str, str]:
     return {name: version(name) for name in NUMERICAL} | {"python": platform.python_version(), "platform": platform.platform()}
 
 
-def _clear(folder):
+def _clear(folder: File) -> None:
     for name in FILES:
         (folder / name).unlink(missing_ok=True)
         (folder / f"{name}.part").unlink(missing_ok=True)
@@ -144,15 +155,16 @@ def _clear(folder):
         shutil.rmtree(folder / "vtu")
 
 
-def _csv_writer(stream):
+def _csv_writer(stream: Any) -> Any:
     return csv.writer(stream, lineterminator="\n")
 
 
-def _csv_row(row):
-    return [str(int(v)) if n in INTEGER_COLUMNS else v if n == "status" else repr(float(v)) for n, v in row.items()]
+def _csv_row(row: dict[str, Any]) -> list[str]:
+    kinds = {name: BY_COLUMN[name].kind for name in row}
+    return [repr(kinds[name](value)) if kinds[name] is not str else value for name, value in row.items()]
 
 
-def write_points(points, folder, options):
+def write_points(points: list[CriticalPoint], folder: File, options: dict[str, Any]) -> None:
     """``critical.json`` and ``critical.csv`` with one entry per point, ``critical.npz`` with states and modes, in a folder."""
     names = ("mu", "kind", "multiplicity", "unstable", "slope", "curvature", "imperfection", "text")
     rows = [{name: getattr(point, name) for name in names} for point in points]
@@ -168,8 +180,3 @@ def write_points(points, folder, options):
     write_atomically(folder / "critical.csv", lambda stream: stream.write(table.getvalue().encode()))
     arrays = {f"{name}_{k}": getattr(point, name) for k, point in enumerate(points) for name in ("x", "modes")}
     write_atomically(folder / "critical.npz", lambda stream: np.savez(stream, **arrays))
-
-
-def of_case(model, case):
-    """The model with the contact that the sweep of the case gives it."""
-    return with_contact(model, case.gel) if case.sweep.contact == "on" else model

@@ -4,14 +4,15 @@ import csv
 import dataclasses
 import json
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 
+from .._types import Float
 from ..equilibrium import Status
-from ..observables import COLUMNS
+from ..observables import BY_COLUMN, COLUMNS
 from .files import MAX_BYTES, guarded, read_arrays
 
-INTEGER_COLUMNS = ("newton_iterations", "negative_pivots")
 FORMAT = 2  # raised when the meaning of a file changes
 STEP_ARRAYS = (
     "mu",
@@ -34,32 +35,32 @@ class Run:
 
     folder: File
     """Where it lies."""
-    summary: dict
+    summary: dict[str, Any]
     """Content of ``summary.json``."""
-    history: dict
+    history: dict[str, Any]
     """Columns of ``history.csv``: name -> (k,) array, status a list of texts."""
-    states: dict
+    states: dict[str, np.ndarray]
     """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm, and the rest
-    of each `path.Step`; modes (f, m) and rate (n, 2) those of the last, where it has them."""
+    of each step; modes (f, m) and rate (n, 2) those of the last, where it has them."""
 
     @property
-    def mu(self):
-        """(k,) chemical potential in kT."""
+    def mu(self) -> Float[np.ndarray, " k"]:
+        """Chemical potential in kT."""
         return self.states["mu"]
 
     @property
-    def x(self):
-        """(k, n, 2) deformed node positions in mm."""
+    def x(self) -> Float[np.ndarray, "k n 2"]:
+        """Deformed node positions in mm."""
         return self.states["x"]
 
     @property
-    def outlines(self):
+    def outlines(self) -> list[Float[np.ndarray, "k _ 2"]]:
         """(k, m, 2) deformed outline of each hole, in mm, a list of closed loops as in `observables.outlines`."""
         return [self.states[f"outline_{i}"] for i in range(len(self.states)) if f"outline_{i}" in self.states]
 
 
-def load_run(folder, *, max_bytes=MAX_BYTES):
-    """The `Run` in a folder written by `recorder.Recorder`, finished or not; nothing in it is executed or unpickled.
+def load_run(folder: str | File, *, max_bytes: int = MAX_BYTES) -> Run:
+    """The `Run` in a folder written by `Recorder`, finished or not; nothing in it is executed or unpickled.
 
     Raises ValueError for a folder without a run, a damaged or foreign file, and one with more than ``max_bytes`` in a file.
     """
@@ -79,14 +80,14 @@ def load_run(folder, *, max_bytes=MAX_BYTES):
     return Run(folder, summary, {name: column[:k] for name, column in table.items()}, states)
 
 
-def read_summary(folder, max_bytes=MAX_BYTES):
+def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
     """Content of the ``summary.json`` of a run's folder, a dict; ValueError as for `load_run`."""
     if not (File(folder) / "summary.json").is_file():
         raise ValueError(f"folder: {str(folder)!r} holds no summary.json; expected a folder written by jaxgel run")
     return guarded(File(folder) / "summary.json", _read_summary, max_bytes)
 
 
-def _read_summary(content, _):
+def _read_summary(content: bytes, _: int) -> dict[str, Any]:
     summary = json.loads(content)
     if summary["format"] != FORMAT:
         raise ValueError(f"format {summary['format']}, this version reads {FORMAT}")
@@ -108,18 +109,18 @@ def _read_summary(content, _):
     return summary
 
 
-def _read_history(content, _):
+def _read_history(content: bytes, _: int) -> dict[str, Any]:
     lines = content.decode().splitlines(keepends=True)
     complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
     header, *rows = csv.reader(complete)
     if tuple(header) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
         raise ValueError(f"columns are not {', '.join(COLUMNS)}")
     columns = {name: [row[i] for row in rows] for i, name in enumerate(COLUMNS)}
-    kinds = {name: int if name in INTEGER_COLUMNS else float for name in COLUMNS}
-    return {name: c if name == "status" else np.array(c, dtype=float).astype(kinds[name]) for name, c in columns.items()}
+    kinds = {name: BY_COLUMN[name].kind for name in COLUMNS}
+    return {name: c if kinds[name] is str else np.array(c, dtype=float).astype(kinds[name]) for name, c in columns.items()}
 
 
-def _read_states(content, max_bytes):
+def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
     arrays = read_arrays(content, max_bytes)
     (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
     shapes = dict.fromkeys((*STEP_ARRAYS, "status", "apart"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}

@@ -1,22 +1,27 @@
 """ParaView files of a path: the deformed gel of every state with its fields, on the triangles of the integration cells."""
 
+from pathlib import Path as File
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkGroup, VtkTriangle
 
+from .._types import Array, Float, Int
+from ..continuation import Path
 from ..discretisation import make_probe
 from ..observables import SELF_CONTACT, cauchy_stress, field_values, history
 from .files import open_folder
 
 
-def write_series(path, folder, *, table=None):
+def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None = None) -> None:
     """``series.pvd`` and ``vtu/state-*.vtu`` for ParaView: the deformed gel of every state, with mu as time.
 
     Points carry the displacement (mm), the components ``cauchy_stress_xx``, ``_yy``, ``_xy`` (kT/v; the nodes' own, interpolated), and
     ``principal_stretch_1`` >= ``principal_stretch_2``, against the dry gel. Cells (triangles) carry the volume ratio J and ``invalid`` = 1
-    after self-contact. ``table`` saves computing `results.history` again.
+    after self-contact. ``table`` saves computing `history` again.
     """
     cloud = path.model.cloud
     used, triangles = np.unique(np.asarray(cloud.triangles), return_inverse=True)
@@ -45,7 +50,7 @@ def write_series(path, folder, *, table=None):
     group.save()
 
 
-def point_fields(path, used):
+def point_fields(path: Path, used: Int[np.ndarray, " u"]) -> dict[str, np.ndarray]:
     """Name -> values (k, u), or (k, u, 2) of ``position``, at the vertices numbered ``used`` (u,) of a path's cloud."""
     cloud = path.model.cloud
     probe = make_probe(path.model, cloud.vertices[used], cloud.topology.partition.vertices[used])
@@ -56,6 +61,6 @@ def point_fields(path, used):
 
 
 @jax.jit
-def _at_points(probe, x, stress):
+def _at_points(probe: Any, x: Float[Array, "k n 2"], stress: Float[Array, "k n 3"]) -> tuple[Array, Array, Array]:
     """Positions (k, u, 2), deformation gradients (k, u, 2, 2) and stresses (k, u, 3) at a probe's points."""
     return tuple(jax.vmap(part)(field) for part, field in ((probe.position, x), (probe.deformation_gradient, x), (probe.position, stress)))

@@ -90,7 +90,9 @@ def _with_pressure_of(J, pressure, model, gel, mu):
     return J + lax.stop_gradient(jnp.where(real, (pressure - osmotic(J, mu, gel)) / jnp.where(real, stiffness, 1.0), 0.0))
 
 
-def curvature(x: Float[Array, "n 2"], v: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar, loads: Float[Array, "n 2"]) -> Float[Array, ""]:
+def curvature(
+    x: Float[Array, "n 2"], v: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar, loads: Float[Array, "n 2"]
+) -> Float[Array, ""]:
     """Second derivative () of the total energy along the field ``v`` (n, 2), at ``x`` (n, 2): v . K v."""
 
     def along(t):

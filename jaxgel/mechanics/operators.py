@@ -67,7 +67,9 @@ def _integrated(total, blocks, slots):
     return total, tuple(lax.map(area_form, arrays, batch_size=CELLS_IN_CACHE) for arrays in blocks)
 
 
-def add_cell_matrices(total: Float[Array, "p ..."], cell: Callable, arrays: tuple, slots: Int[Array, "c t"], n: int) -> Float[Array, "p ..."]:
+def add_cell_matrices(
+    total: Float[Array, "p ..."], cell: Callable, arrays: tuple, slots: Int[Array, "c t"], n: int
+) -> Float[Array, "p ..."]:
     """``total`` (p, ...) plus the upper entries of the cell matrices ``cell(arrays[c])`` (n, n, ...) at their ``slots`` (c, t)."""
     a, b = np.triu_indices(n)
 

@@ -1,32 +1,40 @@
-"""observables."""
+"""What is read off the states of a path: rotation, hole areas, volume ratios, stresses, surface stretch, gaps, and their table."""
 
 from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, dry_outlines, outlines
 from .fields import FIELDS, cauchy_stress, cell_volumes, deformed_vertices, field_on_triangles, field_values, free_stretch, volume_ratio
-from .gaps import min_gap
-from .quantities import CURVES
+from .gaps import gap, min_gap
+from .quantities import BY_COLUMN, COLUMNS, CURVES, QUANTITIES, Quantity
 from .rotation import core_rotation, is_flat, rotation_angle
-from .surface import CREASE_RATIO, WRINKLE_RATIO, mean_surface_ratios, surface_ratio, surface_ratios
-from .table import COLUMNS, SELF_CONTACT, events, history
+from .states import States
+from .status import SELF_CONTACT
+from .surface import CREASE_RATIO, WRINKLE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
+from .table import events, history
 
 __all__ = [
+    "BY_COLUMN",
     "COLUMNS",
     "CREASE_RATIO",
     "CURVES",
     "FIELDS",
+    "QUANTITIES",
     "SELF_CONTACT",
     "WRINKLE_RATIO",
+    "Quantity",
+    "States",
     "area_reduction",
     "area_reduction_per_hole",
     "aspect_ratio",
     "cauchy_stress",
     "cell_volumes",
     "core_rotation",
+    "crease_indicator",
     "deformed_vertices",
     "dry_outlines",
     "events",
     "field_on_triangles",
     "field_values",
     "free_stretch",
+    "gap",
     "history",
     "is_flat",
     "mean_surface_ratios",

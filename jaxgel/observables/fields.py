@@ -1,47 +1,74 @@
-"""Fields of a state: volume ratio, stress, stretch."""
+"""Fields of a state: volume ratio, stress (kT/v), stretch; and the mean and extreme volume ratio of the cells."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 
+from .._memo import once_per_owner
+from .._types import Array, Float
 from .._validation import one_of
-from ..discretisation import make_probe
+from ..continuation import Path
+from ..discretisation import Model, make_probe
 from ..materials import cauchy_stress as cauchy_stress_at
 from ..materials import free_swelling
 from ..mechanics import all_volumes, by_block, volume_ratios
-from .states import over_states
+from .states import States, over_states
+
+FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
+"""Fields that figures fill the gel with, and their labels."""
 
 
-def volume_ratio(path):
-    """Volume ratio J (k, n_cells) of every cell, its mean over the cell."""
+def volume_ratio(path: States) -> Float[Array, "k c"]:
+    """Volume ratio J of every cell, its mean over the cell."""
     return over_states(_cell_volume_ratio, path)
 
 
-def cell_volumes(model):
-    """Dry volume (n_cells,) of every cell, mm^2 (per unit depth)."""
+def smallest_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
+    """Smallest volume ratio J of a cell, by NumPy."""
+    return _host_volume_ratio(path).min(axis=1)
+
+
+def largest_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
+    """Largest volume ratio J of a cell, by NumPy."""
+    return _host_volume_ratio(path).max(axis=1)
+
+
+def mean_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
+    """Mean of the volume ratio J of the cells, weighted with their dry volume, by NumPy."""
+    volumes = np.asarray(cell_volumes(path.model))
+    return _host_volume_ratio(path) @ volumes / volumes.sum()
+
+
+@once_per_owner
+def _host_volume_ratio(path: States) -> Float[np.ndarray, "k c"]:
+    return np.asarray(volume_ratio(path))
+
+
+def cell_volumes(model: Model) -> Float[Array, " c"]:
+    """Dry volume of every cell, mm^2 (per unit depth)."""
     volumes = jnp.zeros(model.n_cells)
     for block in model.blocks:
         volumes = volumes.at[block.cells].add(jnp.sum(block.weight, axis=1))
     return volumes
 
 
-def free_stretch(path):
-    """Stretch (k,) of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``)."""
+def free_stretch(path: Path) -> Float[Array, " k"]:
+    """Stretch of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``)."""
     return free_swelling(path.mu, path.gel)
 
 
-def deformed_vertices(path):
+def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
     """Deformed positions (k, v, 2) of all vertices of the cells, mm, for pictures."""
     probe = make_probe(path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices)
     return jax.vmap(probe.position)(jnp.asarray(path.x))
 
 
-def cauchy_stress(path):
+def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """Cauchy stress (k, n, 3) at the nodes, components xx, yy, xy, kT/v.
 
-    The pressure at a node is the mean of those of the cells whose triangles it is a corner of, as the pressures are per cell; with the
-    paper's quadrature of all cells that it reaches, weighted with its part in their stiffness.
+    The pressure at a node is the mean over the cells that have the node as a corner of their triangles; with the paper's quadrature it is
+    the mean over all cells that the node's support reaches, weighted with the node's part in their stiffness.
     """
     model = path.model
     probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
@@ -56,23 +83,23 @@ def cauchy_stress(path):
     return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.mu))
 
 
-def _cell_volume_ratio(x, model):
+def _cell_volume_ratio(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:
     J = volume_ratios(x, model)
     if model.method == "mixed":
         return _by_cell(J, model)
     return _by_cell(J * all_volumes(model), model) / cell_volumes(model)
 
 
-def _by_cell(values, model):
-    """Values (n_cells,) in the order of the cells, summed over their volume groups, from values (g,) of all groups."""
+def _by_cell(values: Float[Array, " g"], model: Model) -> Float[Array, " c"]:
+    """Values of the cells, each the sum over the cell's volume groups."""
     by_cell = jnp.zeros(model.n_cells)
     for block, part in zip(model.blocks, by_block(values, model), strict=True):
         by_cell = by_cell.at[block.cells].add(jnp.sum(part, axis=1))
     return by_cell
 
 
-def _node_mean(model):
-    """Matrix (n, n_cells) that averages over the cells about a node, see `cauchy_stress`."""
+def _node_mean(model: Model) -> Float[Array, "n c"]:
+    """Matrix of the mean over the cells around each node, see `cauchy_stress`."""
     if model.quadrature == "paper":
         touches = jnp.zeros((model.n_nodes, model.n_cells))
         for block in model.blocks:
@@ -89,10 +116,7 @@ def _node_mean(model):
     return jnp.asarray(touches / touches.sum(axis=1, keepdims=True))
 
 
-FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
-
-
-def field_values(path, field):
+def field_values(path: Path, field: str) -> Float[np.ndarray, "k t"]:
     """Values (k, t) of a field of ``FIELDS`` on the triangles of a path's cloud, constant in each cell; ValueError for another name.
 
     "J" is `observables.volume_ratio`; with the paper's quadrature, whose cells are other squares, and for "stretch" it follows
@@ -101,7 +125,7 @@ def field_values(path, field):
     return field_on_triangles(path, np.asarray(deformed_vertices(path)), field)
 
 
-def field_on_triangles(path, vertices, field):
+def field_on_triangles(path: Path, vertices: Float[np.ndarray, "k v 2"], field: str) -> Float[np.ndarray, "k t"]:
     """Values (k, t) of a field, with the deformed vertices (k, v, 2) at hand."""
     one_of("field", field, FIELDS)
     triangles, cells = np.asarray(path.model.cloud.triangles), np.asarray(path.model.cloud.cell_of_triangle)
@@ -117,6 +141,6 @@ def field_on_triangles(path, vertices, field):
     return values[:, cells]
 
 
-def _edges(corners):
+def _edges(corners: Float[np.ndarray, "*b 3 2"]) -> Float[np.ndarray, "*b 2 2"]:
     """Two edge vectors as columns (..., 2, 2) of triangles (..., 3, 2)."""
     return np.stack([corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]], axis=-1)

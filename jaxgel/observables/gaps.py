@@ -1,74 +1,72 @@
-"""Gaps between facing points of a hole's outline."""
+"""Gaps between facing points of a hole's outline.
+
+Two points of an outline face each other where the line between them leaves both surfaces at less than 60 degrees to the normal. Pairs
+closer than two node spacings on the dry plate are neighbours and do not count.
+"""
 
 import functools
+from types import ModuleType
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
-from scipy.spatial.distance import cdist
 
+from .._types import Array, Bool, Float
+from ..discretisation import Model
 from .areas import dry_outlines, outlines
-
-
-def min_gap(path):
-    """Smallest gap (k,) between facing points of one hole's outline, mm; 0 where an outline crosses itself. Not differentiable.
-
-    Points face each other if the line between them leaves both surfaces at less than 60 degrees to the normal; pairs closer than
-    two node spacings on the dry plate are neighbours and do not count. inf for a plate without holes.
-    """
-    dry = [np.asarray(loop) for loop in dry_outlines(path.model)]
-    loops = [np.asarray(loop) for loop in outlines(path)]
-    near = [_near_pairs(loop, 2 * path.model.cloud.spacing) for loop in dry]
-    gaps = [[_gap(states[k], pairs) for states, pairs in zip(loops, near, strict=True)] for k in range(len(path.mu))]
-    return np.array([min(gap, default=np.inf) for gap in gaps])
-
-
-def _near_pairs(loop, distance):
-    return cdist(loop, loop) < distance
-
-
-def _gap(loop, near):
-    """Smallest distance between facing points of a closed loop (m, 2), gel outside; 0 if it crosses itself."""
-    if not shapely.LinearRing(loop).is_simple:
-        return 0.0
-    tangent = np.roll(loop, -1, axis=0) - np.roll(loop, 1, axis=0)
-    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    distance, height = cdist(loop, loop), normal @ loop.T  # over the tangent at each point, from the origin
-    leaving = height - np.diagonal(height)[:, None] > 0.5 * distance
-    facing = leaving & leaving.T & ~near
-    return float(distance[facing].min(initial=np.inf))
-
+from .states import States
 
 FACING = 0.5  # cosine of the largest angle between a gap and the normals at its ends
 
 
-def gap(path):
-    """Smallest gap (k,) between facing points of one hole's outline, mm, as `observables.min_gap`, with derivatives.
+def min_gap(path: States) -> Float[np.ndarray, " k"]:
+    """Smallest gap (k,) between facing points of one hole's outline, mm; 0 where an outline crosses itself.
 
-    They are those of the nearest pair; the plate's shorter side where nothing faces. An outline that crosses itself is not noticed.
+    inf where no points face each other, and for a plate without holes. Not differentiable, unlike `gap`: whether an outline crosses
+    itself is no formula that JAX traces. NumPy evaluates it, so that the table of a run waits for no compilation.
+    """
+    smallest = np.full(len(path.x), np.inf)
+    for states, dry in zip(outlines(path), dry_outlines(path.model), strict=True):
+        distant = _distant_pairs(np.asarray(dry), path.model)
+        for k, loop in enumerate(np.asarray(states)):
+            crosses = not shapely.LinearRing(loop).is_simple
+            smallest[k] = 0.0 if crosses else min(smallest[k], np.sqrt(_squared_gaps(loop, distant, np).min()))
+    return smallest
+
+
+def gap(path: States) -> Float[Array, " k"]:
+    """Smallest gap (k,) between facing points of one hole's outline, mm, with the derivatives of the nearest pair.
+
+    It is the plate's shorter side where no points face each other. Unlike `min_gap` it does not notice an outline that crosses itself.
     """
     plate = path.model.lists.topology.plate
-    distant, neighbours = min(plate.width, plate.height), 2 * path.model.cloud.spacing
+    largest = min(plate.width, plate.height)
     gaps = [
-        jax.vmap(functools.partial(_facing_gap, dry=dry, neighbours=neighbours, distant=distant))(loop)
-        for dry, loop in zip(dry_outlines(path.model), outlines(path), strict=True)
+        jax.vmap(functools.partial(_nearest_gap, distant=_distant_pairs(jax.lax.stop_gradient(dry), path.model), largest=largest))(states)
+        for states, dry in zip(outlines(path), dry_outlines(path.model), strict=True)
     ]
-    return jnp.min(jnp.stack(gaps), axis=0) if gaps else jnp.full(len(path.mu), distant)
+    return jnp.min(jnp.stack(gaps), axis=0) if gaps else jnp.full(len(path.x), largest)
 
 
-def _facing_gap(loop, dry, neighbours, distant):
-    """Smallest distance () between facing points of a closed loop (m, 2), gel outside, that are no neighbours on the dry loop."""
-    fixed, start = jax.lax.stop_gradient(loop), jax.lax.stop_gradient(dry)
-    tangent = jnp.roll(fixed, -1, axis=0) - jnp.roll(fixed, 1, axis=0)
-    normal = jnp.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / jnp.linalg.norm(tangent, axis=1, keepdims=True)
-    between = fixed[None] - fixed[:, None]
-    squared = jnp.sum(between**2, axis=2)
-    leaving = jnp.einsum("abi,ai->ab", between, normal) > FACING * jnp.sqrt(squared)
-    apart = jnp.sum((start[None] - start[:, None]) ** 2, axis=2) >= neighbours**2
-    squared = jnp.where(leaving & leaving.T & apart, squared, distant**2)
+def _nearest_gap(loop: Float[Array, "m 2"], distant: Bool[Array, "m m"], largest: float) -> Float[Array, ""]:
+    """Smallest distance between facing points of a closed loop, ``largest`` where there are none; its pair is chosen on constants."""
+    squared = _squared_gaps(jax.lax.stop_gradient(loop), distant, jnp)
     a, b = jnp.unravel_index(jnp.argmin(squared), squared.shape)
-    facing = squared[a, b] < distant**2
-    d2 = jnp.sum((loop[a] - loop[b]) ** 2)
-    return jnp.where(facing, jnp.sqrt(jnp.where(facing, d2, 1.0)), distant)
+    facing = squared[a, b] < largest**2
+    return jnp.where(facing, jnp.sqrt(jnp.where(facing, jnp.sum((loop[a] - loop[b]) ** 2), 1.0)), largest)
+
+
+def _squared_gaps(loop: Float[Array, "m 2"], distant: Bool[Array, "m m"], xp: ModuleType) -> Float[Array, "m m"]:
+    """Squared distances of facing points of a closed loop, gel outside, by NumPy or JAX (``xp``); inf for all other pairs."""
+    tangent = xp.roll(loop, -1, axis=0) - xp.roll(loop, 1, axis=0)
+    normal = xp.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / xp.linalg.norm(tangent, axis=1, keepdims=True)
+    squared = (loop[None, :, 0] - loop[:, None, 0]) ** 2 + (loop[None, :, 1] - loop[:, None, 1]) ** 2
+    height = normal @ loop.T  # over the tangent at each point, from the origin
+    leaving = height - xp.diagonal(height)[:, None] > FACING * xp.sqrt(squared)
+    return xp.where(leaving & leaving.T & distant, squared, xp.inf)
+
+
+def _distant_pairs(dry: Float[Array, "m 2"], model: Model) -> Bool[Array, "m m"]:
+    """Pairs of points that lie two node spacings or more apart on the dry outline of a hole."""
+    return (dry[None, :, 0] - dry[:, None, 0]) ** 2 + (dry[None, :, 1] - dry[:, None, 1]) ** 2 >= (2 * model.cloud.spacing) ** 2

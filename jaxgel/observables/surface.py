@@ -1,18 +1,27 @@
 """Stretch of the hole surfaces, and the limits at which they crease and wrinkle."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..cloud import OUTLINE_SEGMENTS
+from .._memo import once_per_owner
+from .._types import Array, Float, Int, Scalar
+from ..cloud import OUTLINE_SEGMENTS, Topology
+from ..continuation import Path
+from ..discretisation import Model
 from ..materials import volume_ratio_at
 
-SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each gains a factor Nv over the bulk stiffness
+SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each reduces the error by Nv over the bulk stiffness
+CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
+WRINKLE_RATIO = 3.4  # the same for wrinkles, stretch 0.544 (Biot 1963)
+SHARPNESS = 40.0  # of the softened maximum of the surface ratio
+CREASE_SHARE = 0.1  # of a hole's outline over which the stretch is averaged; sample 1 then has 1.66 with 568 to 2992 nodes
 
 
-def surface_ratio(path):
+def surface_ratio(path: Path) -> Float[Array, " k"]:
     """Largest ratio (k,) of normal to tangential stretch along the hole outlines; 1 for a plate without holes.
 
     The tangential stretch is that of the chord over one node spacing, the finest that the cloud resolves; the normal stretch follows
@@ -22,22 +31,22 @@ def surface_ratio(path):
     return jnp.max(surface_ratios(path), axis=1, initial=1.0)
 
 
-def surface_ratios(path):
+def surface_ratios(path: Path) -> Float[Array, "k m"]:
     """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for a plate without holes."""
     return _surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model)
 
 
-def mean_surface_ratios(path, share):
+def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
     """Ratios (k, m) as in `surface_ratio` whose tangential stretch is the mean over arcs of ``share`` of a hole's outline.
 
-    Unlike the ratio over one node spacing, which grows into every crease as the cloud is refined, they converge.
+    They converge as the cloud is refined; the ratio over one node spacing grows at every crease.
     """
     return _mean_surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model, share)
 
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, 0, None, None))
-def _surface_ratios(x, mu, gel, model):
+def _surface_ratios(x: Any, mu: Any, gel: Any, model: Model) -> Any:
     chords = _chords(model.lists.topology)
     if len(chords) == 0:
         return jnp.zeros(0)
@@ -47,7 +56,7 @@ def _surface_ratios(x, mu, gel, model):
 
 @functools.partial(jax.jit, static_argnums=4)
 @functools.partial(jax.vmap, in_axes=(0, 0, None, None, None))
-def _mean_surface_ratios(x, mu, gel, model, share):
+def _mean_surface_ratios(x: Any, mu: Any, gel: Any, model: Model, share: float) -> Any:
     segments, ends = _arcs(model.lists.topology, share)
     if len(segments) == 0:
         return jnp.zeros(0)
@@ -56,25 +65,25 @@ def _mean_surface_ratios(x, mu, gel, model, share):
     return _surface_ratio(deformed / dry, mu, gel)
 
 
-def _lengths(points, chords):
-    """Lengths (m,) of the ``chords`` (m, 2) between numbered ``points`` (p, 2)."""
+def _lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Array, " m"]:
+    """Lengths of the ``chords`` between numbered ``points``."""
     return jnp.linalg.norm(points[chords[:, 1]] - points[chords[:, 0]], axis=1)
 
 
-def _surface_ratio(tangential, mu, gel):
-    """Ratio (m,) of normal to ``tangential`` stretch (m,) of a surface without traction."""
+def _surface_ratio(tangential: Float[Array, " m"], mu: Scalar, gel: Any) -> Float[Array, " m"]:
+    """Ratio of normal to ``tangential`` stretch of a surface without traction."""
 
-    def better(J, _):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
+    def improved(J, _):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
         force = jax.vmap(lambda t, n: jax.grad(gel.network)(jnp.diag(jnp.stack([t, n])), gel)[1, 1])
         return volume_ratio_at(-force(tangential, J / tangential) / tangential, mu, gel), None
 
     start = jnp.broadcast_to(volume_ratio_at(-gel.Nv, mu, gel), tangential.shape)
-    J, _ = jax.lax.scan(better, start, length=SURFACE_ITERATIONS)  # a loop: unrolled it compiles five times as long
+    J, _ = jax.lax.scan(improved, start, length=SURFACE_ITERATIONS)  # a loop: unrolled it compiles five times as long
     return J / tangential**2
 
 
-@functools.lru_cache(maxsize=8)
-def _chords(topology):
+@once_per_owner
+def _chords(topology: Topology) -> Int[np.ndarray, "m 2"]:
     """Outline vertices (m, 2), in the numbering of ``model.outline``, that lie half a node spacing to either side of each vertex."""
     half, first, chords = OUTLINE_SEGMENTS // 2, 0, []
     for outline in topology.outlines:
@@ -87,8 +96,8 @@ def _chords(topology):
     return np.concatenate(chords) if chords else np.zeros((0, 2), dtype=int)
 
 
-@functools.cache
-def _arcs(topology, share):
+@once_per_owner
+def _arcs(topology: Topology, share: float) -> tuple[Int[np.ndarray, "s 2"], Int[np.ndarray, "m 2"]]:
     """Fine outline segments (s, 2), in the numbering of ``model.outline``, and the first and last (m, 2) of arcs of ``share``, exclusive.
 
     The segments at which a closed outline begins are repeated at its end.
@@ -104,19 +113,13 @@ def _arcs(topology, share):
     return np.concatenate(segments), np.concatenate(ends)
 
 
-CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
-WRINKLE_RATIO = 3.4  # the same for wrinkles, stretch 0.544 (Biot 1963)
-SHARPNESS = 40.0  # of the softened maximum of the surface ratio
-CREASE_SHARE = 0.1  # of a hole's outline over which the stretch is averaged; sample 1 then has 1.66 with 568 to 2992 nodes
-
-
-def crease_indicator(path):
+def crease_indicator(path: Path) -> Float[Array, " k"]:
     """Softened maximum (k,) of the surface ratio along the hole outlines: log(mean exp(a r)) / a with a = ``SHARPNESS``.
 
-    The ratio is that of the mean stretch over ``CREASE_SHARE`` of a hole's outline: over one node spacing it grows into every crease as the
-    cloud is refined, so that a search would follow the cloud rather than the gel. The plain maximum jumps from place to place while a
-    design improves, and no quasi-Newton method follows; this one is smooth and lies below it by at most log(m) / a where one of m points
-    stands out, by nothing where all are alike.
+    The ratio is that of the mean stretch over ``CREASE_SHARE`` of a hole's outline: over one node spacing it grows at every crease as the
+    cloud is refined, so that an optimum would depend on the cloud. The plain maximum jumps from place to place while a design improves, and
+    quasi-Newton methods fail on it; the softened one is smooth and lies below the maximum by at most log(m) / a, where one of m points
+    has a larger ratio than all others, and by 0 where all m are equal.
     """
     ratios = mean_surface_ratios(path, CREASE_SHARE)
     return jax.nn.logsumexp(SHARPNESS * ratios, axis=1) / SHARPNESS - np.log(max(ratios.shape[1], 1)) / SHARPNESS

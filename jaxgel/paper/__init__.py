@@ -1,6 +1,6 @@
-"""paper."""
+"""The table and figures of Deng et al. (2020) computed again, with a report."""
 
-from .items import CLOSING, CONDITION, CONFIRMED, CONTRADICTED, FINITE_ELEMENTS, Claim, Entry, Runs, at, bow, crossing, stability
+from .items import CLOSING, CONDITION, CONFIRMED, CONTRADICTED, FINITE_ELEMENTS, Claim, Entry, Number, Runs, at, bow, crossing, stability
 from .patterns import PRINTED, table_1
 from .runs import REPORT, run_paper
 from .square import METHODS, TIMED
@@ -17,6 +17,7 @@ __all__ = [
     "TIMED",
     "Claim",
     "Entry",
+    "Number",
     "Runs",
     "at",
     "bow",

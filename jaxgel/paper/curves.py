@@ -6,16 +6,15 @@ from ..cases import GRID, SIDE, sample
 from ..materials import free_swelling
 from ..observables import CREASE_RATIO, aspect_ratio, cell_volumes, free_stretch, volume_ratio
 from .items import (
-    BY_FINITE_ELEMENTS,
     CLOSING,
     COLOURS,
     CONDITION,
     CONFIRMED,
     CONTRADICTED,
     FINITE_ELEMENTS,
-    TURNING,
     Claim,
     Entry,
+    Number,
     area_reduction,
     at,
     core_rotation,
@@ -25,8 +24,8 @@ from .items import (
     pyplot,
     rotation_angle,
     rows,
-    stability,
     surface_ratio,
+    unstable_from,
 )
 
 INTERVALS = (30, 40, 50)  # background intervals per side of the plate
@@ -67,8 +66,21 @@ def fig_12(runs):
     ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel="midline rotation (°)", xlim=(-5.1, -0.7), ylim=(-1, 36))
     ax.legend(fontsize=7, framealpha=0.95, edgecolor="none")  # over the thin lines
     common = [m for m in reference["mu"] if m in paths[1, FINEST].mu]
+    known = dict(zip(reference["mu"], reference["rotation"], strict=True))
     errors = [abs(angle[1, FINEST][at(paths[1, FINEST], m)] / reference["rotation"][reference["mu"].index(m)] - 1) for m in common]
-    spread = "; ".join(f"sample {n}: {_spread(n, paths, angle)}" for n in PRINTED_ANGLES)
+    numbers = [
+        Number(f"sample 1, mu = {m}: midline rotation, degrees", float(angle[1, FINEST][at(paths[1, FINEST], m)]), None, known[m])
+        for m in common
+    ]
+    for (n, m), path in paths.items():
+        where = f"sample {n}, {path.model.n_nodes} nodes"
+        numbers += [
+            Number(f"{where}: rotation, degrees, mu = -1.9678", float(angle[n, m][at(path, -1.9678)])),
+            Number(
+                f"{where}: mu of the printed {PRINTED_ANGLES[n]:g} degrees", _or_none(crossing(path.mu, angle[n, m], PRINTED_ANGLES[n]))
+            ),
+            Number(f"{where}: mu of the crease limit", _or_none(crease[n, m]), None, reference["crease_mu"] if n == 1 else None),
+        ]
     claims = tuple(_angle_claim(n, paths, angle, crease, beyond if n == 3 else None) for n in PRINTED_ANGLES)
     every = [*((n, "stop", path) for (n, _), path in paths.items()), *((3, "on", path) for path in beyond.values())]
     table = [
@@ -84,18 +96,18 @@ def fig_12(runs):
     return Entry(
         title="Fig. 12: rotation of samples 1, 2 and 3 over the chemical potential, each on three clouds, and the crease limit",
         paper="Rotation reaches about 30, 20 and 18 degrees in samples 1, 2, 3; none is visible before mu = -3.9678.",
-        ours=" ".join(claim.evidence for claim in claims) + f" Rotation at mu = -1.9678 on the three clouds: {spread}.",
-        reference=f"{BY_FINITE_ELEMENTS}, sample 1: {reference['rotation'][-1]} degrees at mu = {reference['mu'][-1]}; crease limit at "
-        f"mu = {reference['crease_mu']}. The finest cloud is within {percent(max(errors))} of them at {len(common)} values of mu.",
-        verdict="; ".join(f"sample {n} {claim.verdict}" for n, claim in zip(PRINTED_ANGLES, claims, strict=True)) + ".",
+        numbers=tuple(numbers),
+        verdict="; ".join(f"sample {n} {claim.verdict}" for n, claim in zip(PRINTED_ANGLES, claims, strict=True))
+        + f"; within {percent(max(errors, default=0.0))} of finite elements.",
         rows=table,
         claims=(*claims, _onset_claim(paths, angle)),
         figure=figure,
     )
 
 
-def _spread(n, paths, angle):
-    return " / ".join(f"{angle[n, m][at(paths[n, m], -1.9678)]:.2f}" for m in INTERVALS) + " degrees"
+def _or_none(value: float) -> float | str:
+    """The value, or "none" where it is not finite."""
+    return value if np.isfinite(value) else "none"
 
 
 def _angle_claim(n, paths, angle, crease, beyond=None):
@@ -103,38 +115,31 @@ def _angle_claim(n, paths, angle, crease, beyond=None):
     printed = PRINTED_ANGLES[n]
     where = {m: crossing(paths[n, m].mu, angle[n, m], printed) for m in INTERVALS}
     reached = {m: mu for m, mu in where.items() if np.isfinite(mu)}
-    words = ", ".join(f"{mu:.3f} ({paths[n, m].model.n_nodes} nodes)" for m, mu in reached.items())
-    missed = [
-        f"the cloud of {paths[n, m].model.n_nodes} nodes ends at {angle[n, m].max():.1f} degrees" for m in INTERVALS if m not in reached
-    ]
+    missed = [paths[n, m].model.n_nodes for m in INTERVALS if m not in reached]
     creased = {m: mu for m, mu in crease.items() if m[0] == n and np.isfinite(mu)}
     past = [m for m in reached if (n, m) in creased and creased[n, m] < reached[m]]
-    limits = ", ".join(f"{mu:.2f}" for mu in creased.values())
-    text = (
-        f"Sample {n} turns by {printed:g} degrees at mu = {words}"
-        if reached
-        else f"Sample {n} does not turn by {printed:g} degrees on smooth states"
-    )
-    text += "".join(f"; {miss}" for miss in missed) + (f". The surface passes the crease limit at mu = {limits}." if limits else ".")
     folded = float("nan")
     for path in (beyond or {}).values():
         folded = crossing(path.mu, rotation_angle(path), printed)
-        where = f"at mu = {folded:.3f}" if np.isfinite(folded) else f"nowhere up to mu = {path.mu[-1]:.3f}"
-        text += f" With contact, which takes up the folds, the cloud of {path.model.n_nodes} nodes gets there {where}."
     nowhere = not reached and not np.isfinite(folded)
     verdict = CONTRADICTED if nowhere else CONFIRMED if reached and not past and not missed else CONDITION
-    if past:
-        text += " So the angle is reached with a creased surface, where its digits depend on the cloud."
+    if nowhere:
+        text = "No cloud reaches the angle."
+    elif not reached:
+        text = f"Smooth states do not reach the angle; with contact it is reached at mu = {folded:.3f}."
+    else:
+        text = f"{len(reached)} of {len(INTERVALS)} clouds reach the angle"
+        text += ", with a creased surface, where the digits depend on the cloud." if past else " on smooth states."
     return Claim(f"Sample {n} rotates by about {printed:g} degrees", verdict, text)
 
 
 def _onset_claim(paths, angle):
     values = {n: abs(angle[n, FINEST][at(paths[n, FINEST], NO_ROTATION)]) for n in PRINTED_ANGLES}
     before = {n: abs(angle[n, FINEST][0]) for n in PRINTED_ANGLES}
-    reference = FINITE_ELEMENTS["sample-1"]
-    text = f"At mu = {NO_ROTATION} the midlines are turned by {', '.join(f'{v:.2f}' for v in values.values())} degrees (finite elements, "
-    text += f"sample 1: {reference['rotation'][1]}), at {TURNING[0]} by {', '.join(f'{v:.2f}' for v in before.values())}. "
-    text += "Too little to see in a picture, but rotation has no threshold: it grows smoothly from the dry state on."
+    text = (
+        f"At mu = {NO_ROTATION} the midlines are turned by {max(values.values()):.2f} degrees at most, too little to see in a picture, but "
+    )
+    text += "rotation has no threshold: it grows smoothly from the dry state on."
     verdict = CONTRADICTED if max(values.values()) > VISIBLE else CONDITION if min(before.values()) > 1e-3 else CONFIRMED
     return Claim("No rotation before mu = -3.9678", verdict, text)
 
@@ -145,29 +150,34 @@ def fig_13(runs):
     symmetric = runs.path("lattice", LATTICE_MU, branch="symmetric", contact="stop")
     core, reference = np.abs(np.asarray(core_rotation(stable))), FINITE_ELEMENTS["lattice"]
     k, end, flat = at(stable, -1.9678), at(stable, -0.1688), at(symmetric, -0.2688)
-    stretch = float(free_swelling(-0.1688, sample("lattice").gel))
     gap, contact = np.asarray(min_gap(stable)), float(stable.model.contact.range)
     touch = float(stable.mu[np.argmax(gap < contact)]) if np.any(gap < contact) else float("nan")
     buckled = core[end] > VISIBLE and stable.mu[end] == -0.1688
     late = not np.any((core > VISIBLE) & (np.asarray(stable.mu) < -0.2688))
     verdict = CONTRADICTED if not buckled else CONFIRMED if late else CONDITION
-    evidence = (
-        f"At mu = {stable.mu[end]:.4f}, where the free stretch is {stretch:.4f}, the lattice is buckled: the gel at (1, 1) is turned by "
-        f"{core[end]:.1f} degrees. But it buckles long before: the symmetric branch is {stability(symmetric)}, and the stable "
-        f"branch has turned by {core[k]:.2f} degrees at mu = {stable.mu[k]:.4f} and by {core[at(stable, -0.2688)]:.1f} at -0.2688. "
-        f"Unrotated holes at mu = {symmetric.mu[flat]:.4f} belong to the symmetric branch with {symmetric.negative_pivots[flat]} negative "
-        f"eigenvalues. Outlines come within the range of contact, {contact:.2g} micrometres, near mu = {touch:.4f}."
-    )
+    reason = "The lattice is buckled there" if buckled else "The lattice is not buckled there"
+    reason += "." if late else ", but it buckles at a much lower mu, and unrotated holes belong to the unstable symmetric branch."
+    known = dict(zip(reference["buckled"]["mu"], reference["buckled"]["core"], strict=True))
+    numbers = [
+        Number(f"core rotation of the stable branch, degrees, mu = {mu:.4f}", float(core[i]), None, known.get(mu))
+        for i, mu in ((i, float(stable.mu[i])) for i in dict.fromkeys((k, at(stable, -0.2688), end)))
+    ]
+    numbers += [
+        Number("symmetric branch unstable from mu", unstable_from(symmetric), None, reference["critical_mu"]),
+        Number(
+            f"negative eigenvalues of the symmetric branch, mu = {symmetric.mu[flat]:.4f}", int(symmetric.negative_pivots[flat]), digits="d"
+        ),
+        Number("first contact, mu", touch, None, reference["first_contact_mu"]),
+        Number("free stretch at mu = -0.1688", float(free_swelling(-0.1688, sample("lattice").gel)), 1.4510, digits=".4f"),
+    ]
     table = [row for name, path in (("stable", stable), ("symmetric", symmetric)) for row in rows(_lattice_columns(path), branch=name)]
     return Entry(
         title="Fig. 13: the lattice; patterns of the symmetric branch, then of the stable one, and its core rotation",
         paper="Circles become lozenges without rotation from mu = -4.9688 to -0.2688; buckled and rotated at -0.1688, stretch 1.4510.",
-        ours=evidence,
-        reference=f"{BY_FINITE_ELEMENTS}: buckles at mu = {reference['critical_mu']}, core rotation {reference['buckled']['core'][0]} "
-        f"degrees at mu = {reference['buckled']['mu'][0]}, first contact at mu = {reference['first_contact_mu']}.",
+        numbers=tuple(numbers),
         verdict=f"{verdict}: " + ("it buckles there." if late else "the lattice buckles at a much lower mu than the paper says."),
         rows=table,
-        claims=(Claim("The lattice has buckled at stretch 1.4510, and not before mu = -0.2688", verdict, evidence),),
+        claims=(Claim("The lattice has buckled at stretch 1.4510, and not before mu = -0.2688", verdict, reason),),
         figure=_lattice_figure(stable, symmetric, core),
     )
 
@@ -231,20 +241,33 @@ def fig_14(runs):
     ]
     off = max(abs(row["area_reduction"] - row["kinematic"]) for row in table)
     reference = FINITE_ELEMENTS["areas"]
-    claims = (*(_area_claim(n, touching[n], printed) for n, printed in PRINTED_AREAS.items()), _trend_claim(shared, same, last, paths))
-    ends = ", ".join(f"sample {n} {percent(last[n])} at mu = {paths[n].mu[-1]:.4f}" for n in paths)
-    largest = max((1, 4, 7), key=lambda n: last[n])
-    least = min((1, 4, 7), key=lambda n: last[n])
+    claims = (*(_area_claim(n, touching[n], printed) for n, printed in PRINTED_AREAS.items()), _trend_claim(shared, same, last))
+    radii = {n: f"{area[n] / np.pi:.0f}" for n in (4, 5, 6)}
+    numbers = [
+        Number(
+            f"sample {n}, mu = {shared:.4f}: area reduction, %",
+            100 * same[n],
+            None,
+            100 * np.interp(shared, reference["mu"], reference["area"][radii[n]])
+            if shared in reference["mu"] and radii.get(n) in reference["area"]
+            else None,
+        )
+        for n in paths
+    ]
+    numbers += [Number(f"sample {n}, end without contact, mu = {paths[n].mu[-1]:.4f}: area reduction, %", 100 * last[n]) for n in paths]
+    for n, printed in PRINTED_AREAS.items():
+        final = float(np.asarray(area_reduction(touching[n]))[-1])
+        mu = _or_none(crossing(touching[n].mu, area_reduction(touching[n]), printed))
+        numbers += [
+            Number(f"sample {n}, with contact, mu = {touching[n].mu[-1]:.4f}: area reduction, %", 100 * final, 100 * printed),
+            Number(f"sample {n}, with contact: mu of the printed {100 * printed:.0f} %", mu),
+        ]
+    numbers.append(Number("outlines against volumes of the gel: largest difference of the area reduction, %", 100 * off, digits=".2g"))
     return Entry(
         title="Fig. 14: area reduction of the holes, (a) against the free stretch, (b) against the initial area",
         paper="77 % for sample 7, 60 % for sample 4, least for sample 1; smaller holes lose more if elliptical, less if circular or "
         "square.",
-        ours=f"Without contact the curves end, as outlines overlap or the smooth state is lost, with {ends}. Of samples 1, 4 and 7 "
-        f"sample {largest} ends highest and sample {least} lowest; at mu = {shared:.4f} they have "
-        f"{', '.join(percent(same[n]) for n in (1, 4, 7))}. "
-        f"Outlines and volumes of the gel give the same area reduction within {100 * off:.2g} %.",
-        reference=f"{BY_FINITE_ELEMENTS} at mu = {reference['mu'][-1]}, four circular holes: "
-        f"{', '.join(f'{percent(v[-1])} for {s} pi mm^2' for s, v in reference['area'].items())}.",
+        numbers=tuple(numbers),
         verdict="; ".join(f"{claim.statement}: {claim.verdict}" for claim in claims) + ".",
         rows=table,
         claims=claims,
@@ -273,41 +296,24 @@ def _kinematic(path, area):
 def _area_claim(n, path, printed):
     values = np.asarray(area_reduction(path))
     mu = crossing(path.mu, values, printed)
-    branch = CLOSING[n][0]
-    touch = np.asarray(min_gap(path)) < float(path.model.contact.range)
-    first = float(path.mu[np.argmax(touch)]) if touch.any() else float("nan")
+    branch, statement = CLOSING[n][0], f"Area reduction of {100 * printed:.0f} % in sample {n}"
     if not np.isfinite(mu):
-        text = f"The {branch} branch with contact goes to {percent(values.max())} at mu = {path.mu[-1]:.4f} ({path.stop_text})."
-        return Claim(f"Area reduction of {100 * printed:.0f} % in sample {n}", CONTRADICTED, text)
-    text = (
-        f"With contact sample {n} has lost {100 * printed:.0f} % of its hole area at mu = {mu:.4f} (stretch "
-        f"{float(free_swelling(mu, path.gel)):.3f}, {branch} branch); its outlines come within the range of contact at mu = {first:.4f}. "
-        f"Nothing ends there: the run goes on to {percent(values[-1])} at mu = {path.mu[-1]:.4f}. Other shapes with this area lose as much."
-    )
-    return Claim(f"Area reduction of {100 * printed:.0f} % in sample {n}", CONDITION, text)
+        return Claim(statement, CONTRADICTED, f"The {branch} branch with contact ends before: {path.stop_text}.")
+    return Claim(statement, CONDITION, f"The {branch} branch with contact reaches it at mu = {mu:.4f} and goes on beyond.")
 
 
-def _trend_claim(shared, same, last, paths):
+def _trend_claim(shared, same, last):
     """Whether the percentage rises with smaller holes for ellipses and falls for circles and squares."""
     trend = {name: [v[n] for n in numbers] for name, numbers in FAMILIES.items() for v in (same,)}
     ends = {name: [last[n] for n in numbers] for name, numbers in FAMILIES.items()}
     rises = {name: bool(np.all(np.diff(values) > 0)) for name, values in trend.items()}
     end_rises = {name: bool(np.all(np.diff(values) > 0)) for name, values in ends.items()}
     end_falls = {name: bool(np.all(np.diff(values) < 0)) for name, values in ends.items()}
-    at_mu = "; ".join(f"{name} {', '.join(map(percent, values))}" for name, values in trend.items())
-    at_end = "; ".join(
-        f"{name} {', '.join(f'{percent(last[n])} (mu = {paths[n].mu[-1]:.3f})' for n in numbers)}" for name, numbers in FAMILIES.items()
-    )
     printed = end_rises["ellipses"] and end_falls["circles"] and end_falls["squares"]
     opposite = not all(rises.values())
     verdict = CONFIRMED if opposite and printed else CONDITION if printed else CONTRADICTED
-    text = (
-        f"At the same mu = {shared:.4f}, from large to small holes: {at_mu}. "
-        f"Smaller holes lose the larger share in {sum(rises.values())} of 3 families: the gel's volume sets the share. "
-        f"At the end of each curve without contact: {at_end}. "
-        + ("These ends show the printed trends." if printed else "These ends do not show the printed trends.")
-        + " Trends of ends compare states at different mu."
-    )
+    text = f"At the same mu = {shared:.4f} smaller holes lose the larger share in {sum(rises.values())} of 3 families; "
+    text += f"the ends of the curves, at different mu, {'show' if printed else 'do not show'} the printed trends."
     return Claim("With smaller holes the area reduction rises for ellipses and falls for circles and squares", verdict, text)
 
 
@@ -372,9 +378,13 @@ def algorithm(runs):
     return Entry(
         title="Section 4: the paper's incremental algorithm against the total energy",
         paper="Increments of u' from the free-swelling state, u' = (1 - l) X on the rollers, K = K_L0 + K_L1 + K_NL.",
-        ours=f"Sample 1 with {model.n_nodes} nodes in the scheme as printed: positions differ by at most {worst:.1e} mm at {count} values "
-        "of mu.",
-        reference="The total formulation is the reference; both are of this package, with tangents of different origin.",
+        numbers=tuple(
+            Number(
+                f"largest difference of positions, mm, mu = {row['mu']}, {row['nodes']} nodes", row["largest_difference_mm"], digits=".1e"
+            )
+            for row in table
+        ),
+        reference="total energy",
         verdict=f"{CONFIRMED if done else CONTRADICTED}: {'both have' if done else 'they do not have'} the same equilibria to {SAME:g} mm.",
         rows=table,
         figure=_difference_figure(table),

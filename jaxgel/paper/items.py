@@ -1,4 +1,4 @@
-"""What the items of the paper's comparison have in common: entries of the report, claims, sweeps that several items share, style.
+"""What the items of the paper's comparison have in common: entries of the report, claims, and sweeps that several items share.
 
 An item is a function ``(runs) -> Entry``; its figure and rows are written by `paper`. Verdicts follow from numbers of the run.
 """
@@ -6,20 +6,22 @@ An item is a function ``(runs) -> Entry``; its figure and rows are written by `p
 import dataclasses
 import functools
 import json
+from collections.abc import Callable
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 
+from .._memo import once_per_owner
 from ..cases import GRID, SIDE, sample
 from ..cloud import make_cloud
-from ..continuation import sweep
+from ..continuation import Path, sweep
 from ..discretisation import discretise, make_probe
 from ..observables import area_reduction, core_rotation, min_gap, rotation_angle, surface_ratio
 
 CONFIRMED, CONDITION, CONTRADICTED = "confirmed", "confirmed with a condition", "contradicted"
 FINITE_ELEMENTS = json.loads(files("jaxgel.paper").joinpath("finite_elements.json").read_text(encoding="utf-8"))
 """Values of another method, quoted in the report; ``about`` says how they were made, ``spread`` stands for the error of its neighbours."""
-BY_FINITE_ELEMENTS = "Finite elements (`python benchmarks/finite_elements.py`)"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")  # Okabe and Ito
 DETAILED = [-4.9678, -3.9678, -2.9678, -2.4678, -1.9678, -1.4678, -1.1678, -0.95, -0.9178]
 BEYOND = [-0.8, -0.6678, -0.5678, -0.45, -0.4, -0.36, -0.327, -0.2978, -0.2678, -0.244, -0.23]
@@ -38,14 +40,37 @@ CLOSING = {
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """One statement of the paper, judged."""
+    """One statement of the paper and whether this run confirms it."""
 
     statement: str
     """What the paper says."""
     verdict: str
     """``CONFIRMED``, ``CONDITION`` or ``CONTRADICTED``."""
-    evidence: str
-    """The numbers of this run."""
+    reason: str
+    """Why, in a sentence."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Number:
+    """One line of an item's table: a quantity by the paper, by this run and by a reference."""
+
+    what: str
+    """The quantity, with its unit and mu."""
+    ours: float | str
+    """Value of this run."""
+    paper: float | str | None = None
+    """Value that the paper prints; None for none."""
+    reference: float | str | None = None
+    """Value by finite elements or a closed form; None for none."""
+    digits: str = ".4g"
+    """Format specification of the values that are numbers."""
+
+    def cells(self) -> list[str]:
+        """The line as texts: quantity, paper, this run, reference, and the difference of this run to the reference, else to the paper."""
+        known = self.paper if self.reference is None else self.reference
+        values = ["" if v is None else v if isinstance(v, str) else f"{v:{self.digits}}" for v in (self.paper, self.ours, self.reference)]
+        numbers = not isinstance(self.ours, str) and not isinstance(known, str) and known
+        return [self.what, *values, f"{100 * (self.ours / known - 1):+.2g} %" if numbers and np.isfinite(self.ours) else ""]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,19 +80,19 @@ class Entry:
     title: str
     """Table or figure, and what it shows."""
     paper: str
-    """What the paper prints."""
-    ours: str
-    """What this run found."""
-    reference: str
-    """What finite elements or a closed form give."""
+    """What the paper says, in a sentence."""
+    numbers: tuple[Number, ...]
+    """Table of the item."""
     verdict: str
-    """How the two compare, in a sentence."""
-    rows: list
+    """How the paper and this run compare, in a sentence."""
+    rows: list[dict[str, Any]]
     """The CSV file: dictionaries with the same keys."""
-    claims: tuple = ()
-    """``Claim``s that this item decides."""
-    figure: object = None
+    claims: tuple[Claim, ...] = ()
+    """Claims that this item decides."""
+    figure: Any = None
     """The Matplotlib figure; None for a table."""
+    reference: str = "finite elements"
+    """Name of the references in the table."""
 
 
 class Runs:
@@ -176,9 +201,9 @@ def pyplot():
     return plt
 
 
-def _once(observable):
-    """The observable as an array, computed once for each path: items share paths, and compiled programs are forgotten between them."""
-    return functools.lru_cache(maxsize=64)(lambda path: np.asarray(observable(path)))
+def _once(observable: Callable) -> Callable:
+    """The observable as an array, computed once for each path, since items share paths."""
+    return once_per_owner(lambda path: np.asarray(observable(path)))
 
 
 area_reduction = _once(area_reduction)
@@ -188,8 +213,8 @@ rotation_angle = _once(rotation_angle)
 surface_ratio = _once(surface_ratio)
 
 
-@functools.lru_cache(maxsize=64)
-def bow(path):
+@once_per_owner
+def bow(path: Path) -> np.ndarray:
     """Largest distance (k,) of the vertical pillar's centre line x = 0 from a straight line, mm."""
     plate = path.model.cloud.topology.plate
     y = np.linspace(-0.5, 0.5, 201) * plate.height
@@ -206,3 +231,9 @@ def stability(path):
         return f"stable up to mu = {path.mu[-1]:.4f}"
     k = int(first[0])
     return f"unstable from a mu between {path.mu[k - 1]:.4f} and {path.mu[k]:.4f} on" if k else f"unstable from mu = {path.mu[0]:.4f} on"
+
+
+def unstable_from(path: Path) -> float:
+    """The first mu of a path with an unstable state; nan without one."""
+    unstable = np.asarray(path.negative_pivots) > 0
+    return float(path.mu[np.argmax(unstable)]) if unstable.any() else float("nan")

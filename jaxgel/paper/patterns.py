@@ -1,17 +1,16 @@
 """Table 1 and Figs. 6-11 of Deng et al. (2020): counts and patterns of the nine samples."""
 
 import dataclasses
-import functools
 import itertools
 
 import numpy as np
 
+from .._memo import once_per_owner
 from ..cases import sample
 from ..cloud import square_cells
 from ..geometry import inside_holes
 from ..observables import outlines
 from .items import (
-    BY_FINITE_ELEMENTS,
     COLOURS,
     CONDITION,
     CONFIRMED,
@@ -19,6 +18,7 @@ from .items import (
     FINITE_ELEMENTS,
     Claim,
     Entry,
+    Number,
     area_reduction,
     at,
     bow,
@@ -27,7 +27,7 @@ from .items import (
     pyplot,
     rotation_angle,
     rows,
-    stability,
+    unstable_from,
 )
 
 # printed nodes and Gauss points; the last is section 5.5
@@ -55,20 +55,22 @@ def table_1(runs):
         ours = len(runs.cloud(name).nodes)
         table.append({"case": name, "nodes_paper": nodes, "nodes": ours, "gauss_points_paper": points, "gauss_points": gauss})
     off = [r for r in table if (r["nodes"], r["gauss_points"]) != (r["nodes_paper"], r["gauss_points_paper"])]
-    equal = len(table) - len(off)
-    odd = [f"{r['case']}: printed {r['gauss_points_paper']}, found {r['gauss_points']}" for r in off]
     misprint = all(r["nodes"] == r["nodes_paper"] and r["gauss_points_paper"] % 4 and not r["gauss_points"] % 4 for r in off)
-    why = " A plate with these symmetries has a multiple of 4 points, which the printed number is not." if misprint and off else ""
     verdict = CONFIRMED if not off else CONDITION if misprint else CONTRADICTED
-    evidence = f"{equal} of {len(table)} pairs of counts agree to the digit. {'; '.join(odd)}.{why}"
+    reason = f"{len(table) - len(off)} of {len(table)} pairs of counts agree to the digit"
+    reason += "; these symmetries give a multiple of 4 points, which the other printed number is not." if off and misprint else "."
+    numbers = [
+        Number(f"{r['case']}, {text}", r[key], r[f"{key}_paper"], digits="d")
+        for r in table
+        for key, text in (("nodes", "nodes"), ("gauss_points", "Gauss points"))
+    ]
     return Entry(
         title="Table 1: nodes and Gauss points of the samples, and of the lattice",
-        paper="; ".join(f"{name} {n} and {p}" for name, (n, p) in PRINTED.items()) + ".",
-        ours=evidence,
-        reference="None.",
+        paper="Counts of ten plates.",
+        numbers=tuple(numbers),
         verdict=verdict + (": one printed number is a misprint." if misprint and off else "."),
         rows=table,
-        claims=(Claim("The numbers of nodes and Gauss points of Table 1", verdict, evidence),),
+        claims=(Claim("The numbers of nodes and Gauss points of Table 1", verdict, reason),),
         figure=_cloud_figure({row["case"]: runs.cloud(row["case"]) for row in table}),
     )
 
@@ -93,17 +95,15 @@ def fig_6(runs):
     path, reference = runs.stopping(1), FINITE_ELEMENTS["sample-1"]
     states = [at(path, mu) for mu in (-4.9678, -1.9678, -1.4678, -0.9178)]
     angle = np.asarray(rotation_angle(path))
-    error = max(abs(angle[at(path, m)] / r - 1) for m, r in zip(reference["mu"], reference["rotation"], strict=True) if m in path.mu)
-    values = ", ".join(f"{angle[k]:.2f}" for k in states)
-    mus = ", ".join(f"{path.mu[k]:.4f}" for k in states)
+    known = dict(zip(reference["mu"], reference["rotation"], strict=True))
+    mus = sorted({*(float(path.mu[k]) for k in states), *(mu for mu in known if mu in path.mu)})
+    numbers = [Number(f"midline rotation, degrees, mu = {mu:.4f}", float(angle[at(path, mu)]), None, known.get(mu)) for mu in mus]
+    error = max(abs(angle[at(path, mu)] / r - 1) for mu, r in known.items() if mu in path.mu)
     return _entry(
         [(path, k) for k in states],
         title="Fig. 6: sample 1 at growing chemical potential",
         paper="No visible deformation at mu = -4.9678; then the ellipses change and the plate rotates anticlockwise.",
-        ours=f"Midline rotation {values} degrees at mu = {mus}.",
-        reference=f"{BY_FINITE_ELEMENTS}: "
-        + ", ".join(f"{r} degrees at mu = {m}" for m, r in zip(reference["mu"], reference["rotation"], strict=True))
-        + ".",
+        numbers=tuple(numbers),
         verdict=f"{CONFIRMED if angle[states[-1]] > 0 else CONTRADICTED}; within {percent(error)} of finite elements at common mu.",
     )
 
@@ -121,25 +121,26 @@ def fig_8(runs):
     verdict = CONDITION if lozenge else CONTRADICTED
     why = "lozenges, on the symmetric branch, which is unstable; where that goes on, because it locks, "
     why += "squares" if square else "corners move to the diagonals but no squares form"
-    evidence = (
-        f"On the symmetric branch the holes are {shape[2]:.2f} times as wide along the axes as along the diagonals at mu = "
-        f"{symmetric.mu[shown[2][1]]:.4f} (a circle has 1, a lozenge with corners on the axes 1.41, a square with sides along the axes "
-        f"0.71). That branch is {stability(symmetric)} and, without contact, goes to mu = {symmetric.mu[-1]:.4f} "
-        f"({symmetric.stop_text}). In the paper's own discretisation, which locks, they are {shape[3]:.2f} times as wide at mu = "
-        f"{stiff.mu[shown[3][1]]:.4f}, a state with {stiff.negative_pivots[shown[3][1]]} negative eigenvalues. The stable plate has "
-        f"turned its centre by {core:.1f} degrees at mu = {wanted[1]}."
-    )
+    numbers = [
+        Number(f"width along the axes over that along the diagonals, {name}, mu = {path.mu[k]:.4f}", float(shape[i]))
+        for i, (name, (path, k)) in enumerate(zip(["symmetric"] * 3 + ["paper's own discretisation"], shown, strict=False))
+    ]
+    numbers += [
+        Number("symmetric branch unstable from mu", unstable_from(symmetric), None, reference["critical_mu"]),
+        Number("end of the symmetric branch without contact, mu", float(symmetric.mu[-1])),
+        Number("negative eigenvalues in the paper's own discretisation", int(stiff.negative_pivots[shown[3][1]]), digits="d"),
+        Number(f"core rotation of the stable branch, degrees, mu = {wanted[1]}", core, None, reference["buckled"]["core"][-1]),
+    ]
     return _entry(
         shown,
         rows_of_axes=2,
         title="Fig. 8: sample 4 at growing chemical potential; above on the symmetric branch, the last in the paper's own discretisation; "
         "below on the stable branch",
-        paper="Circles at mu = -4.9678, lozenges at -0.6678, almost squares at -0.2678.",
-        ours=evidence,
-        reference=f"{BY_FINITE_ELEMENTS}: unstable from mu = {reference['critical_mu']}, then core rotation "
-        f"{reference['buckled']['core'][-1]} degrees at mu = {reference['buckled']['mu'][-1]}.",
+        paper="Circles at mu = -4.9678, lozenges at -0.6678, almost squares at -0.2678 (a circle has the width ratio 1, a lozenge 1.41, a "
+        "square 0.71).",
+        numbers=tuple(numbers),
         verdict=f"{verdict}{': ' + why if lozenge else ''}.",
-        claims=(Claim("The circles of sample 4 become lozenges, then almost squares", verdict, evidence),),
+        claims=(Claim("The circles of sample 4 become lozenges, then almost squares", verdict, f"They become {why}."),),
     )
 
 
@@ -150,45 +151,47 @@ def fig_10(runs):
     widths = axes_over_diagonals(path)
     shape = [widths[k] for _, k in shown]
     inward = all(b < a for a, b in itertools.pairwise(shape))
-    values = ", ".join(f"{v:.2f}" for v in shape)
+    numbers = [Number(f"width along the axes over that along the diagonals, mu = {path.mu[k]:.4f}", float(widths[k])) for _, k in shown]
+    numbers.append(Number("unstable from mu", unstable_from(path), None, FINITE_ELEMENTS["sample-7"]["critical_mu"]))
     return _entry(
         shown,
         title="Fig. 10: sample 7 at growing chemical potential, symmetric branch with contact",
         paper="The four sides of the squares deform inward (mu = -4.9678 to -0.5678), later more near the walls than near the midlines.",
-        ours=f"Width of a hole along the axes over that along the diagonals: {values} (a square has 0.71); {stability(path)}.",
-        reference=f"{BY_FINITE_ELEMENTS}: unstable from mu = {FINITE_ELEMENTS['sample-7']['critical_mu']}.",
-        verdict=CONDITION + ": so deform the holes of the symmetric branch, which is unstable." if inward else CONTRADICTED,
+        numbers=tuple(numbers),
+        verdict=CONDITION + ": so deform the holes of the symmetric branch, which is unstable." if inward else CONTRADICTED + ".",
     )
 
 
 def fig_7(runs):
     """Fig. 7: samples 1-3 at mu = -0.9178."""
-    numbers, mu = (1, 2, 3), -0.9178
-    shown, bows = _states(runs, numbers, mu)
-    words = "; ".join(
-        f"sample {n} at mu = {path.mu[k]:.4f}{_how(path)}: rotation {float(rotation_angle(path)[k]):.1f} degrees, area reduction "
-        f"{percent(area_reduction(path)[k])}, pillar {b[k]:.2f} mm off its line, {path.negative_pivots[k]} negative eigenvalues"
-        for n, (path, k), b in zip(numbers, shown, bows, strict=True)
-    )
-    ends = _ends(runs, numbers, mu)
-    free = [runs.stopping(n) for n in numbers]
+    numbers_of, mu = (1, 2, 3), -0.9178
+    shown, bows = _states(runs, numbers_of, mu)
+    reference = FINITE_ELEMENTS["sample-1"]["rotation"][-1]
+    numbers = []
+    for n, (path, k), b in zip(numbers_of, shown, bows, strict=True):
+        where = f"sample {n}, mu = {path.mu[k]:.4f}{_how(path)}"
+        numbers += [
+            Number(f"{where}: pillar off its line, mm", float(b[k])),
+            Number(f"{where}: midline rotation, degrees", float(rotation_angle(path)[k]), None, reference if n == 1 else None),
+        ]
+    ends = [n for n in numbers_of if runs.stopping(n).mu[-1] < mu]
+    free = [runs.stopping(n) for n in numbers_of]
     common = min(float(path.mu[-1]) for path in free)
     alike = [bow(path)[at(path, common)] for path in free]
     more = all(b > a for a, b in itertools.pairwise(alike))
     bent = min(b[k] for (_, k), b in zip(shown, bows, strict=True)) > BENT
     verdict = CONTRADICTED if not bent or not more else CONDITION if ends else CONFIRMED
-    same = f"At the same mu = {common:.4f}, without contact, they are {', '.join(f'{v:.2f}' for v in alike)} mm off: "
-    same += f"{'more' if more else 'not more'} with smaller holes."
-    evidence = " ".join(filter(None, (words + ".", same, ends)))
+    numbers += [Number(f"sample {n}, mu = {common:.4f}: pillar off its line, mm", float(b)) for n, b in zip(numbers_of, alike, strict=True)]
+    reason = f"The centre lines {'bend' if bent else 'do not all bend'}, {'more' if more else 'not more'} with smaller holes at the same mu"
+    reason += f"; without contact sample{'s' * (len(ends) > 1)} {', '.join(map(str, ends))} end before mu = {mu}." if ends else "."
     return _entry(
         shown,
         others=free,
         title=f"Fig. 7: samples 1, 2, 3 at mu = {mu}; where outlines overlap before, with contact",
         paper="The vertical pillars buckle, in sample 3 more than in samples 1 and 2.",
-        ours=evidence,
-        reference=f"{BY_FINITE_ELEMENTS} for sample 1: {FINITE_ELEMENTS['sample-1']['rotation'][-1]} degrees at mu = -0.9178.",
+        numbers=tuple(numbers),
         verdict=verdict + (": the pillars bend, but not more with smaller holes." if bent and not more else "."),
-        claims=(Claim("The pillars of samples 1-3 buckle, more with smaller holes", verdict, evidence),),
+        claims=(Claim("The pillars of samples 1-3 buckle, more with smaller holes", verdict, reason),),
     )
 
 
@@ -204,35 +207,33 @@ def fig_11(runs):
     return _straight(runs, (7, 8, 9), -0.9178, "Fig. 11", text)
 
 
-def _straight(runs, numbers, mu, figure, text):
-    shown, bows = _states(runs, numbers, mu)
-    words = "; ".join(
-        f"sample {n} at mu = {path.mu[k]:.4f}{_how(path)}: pillar {b[k]:.1e} mm off its line, {path.negative_pivots[k]} negative "
-        f"eigenvalues, {stability(path)}"
-        for n, (path, k), b in zip(numbers, shown, bows, strict=True)
-    )
-    stable = runs.touching(4) if numbers[0] == 4 else runs.path("sample-7", [-4.9678, -2.9678, -1.9678, -1.4678], contact="stop")
+def _straight(runs, samples: tuple[int, ...], mu: float, figure: str, text: str) -> Entry:
+    shown, bows = _states(runs, samples, mu)
+    known = {n: FINITE_ELEMENTS.get(f"sample-{n}", {}).get("critical_mu") for n in samples}
+    numbers = []
+    for n, (path, k), b in zip(samples, shown, bows, strict=True):
+        numbers += [
+            Number(f"sample {n}, mu = {path.mu[k]:.4f}{_how(path)}: pillar off its line, mm", float(b[k]), digits=".1e"),
+            Number(f"sample {n}: unstable from mu", unstable_from(runs.stopping(n)), None, known[n]),
+        ]
+    stable = runs.touching(4) if samples[0] == 4 else runs.path("sample-7", [-4.9678, -2.9678, -1.9678, -1.4678], contact="stop")
     k = at(stable, mu)
-    other = f"On the stable branch of sample {numbers[0]} the pillar is {bow(stable)[k]:.2f} mm off its line at mu = {stable.mu[k]:.4f}."
-    bent = [n for n, (_, k), b in zip(numbers, shown, bows, strict=True) if b[k] > BENT]
+    numbers.append(Number(f"stable branch of sample {samples[0]}, mu = {stable.mu[k]:.4f}: pillar off its line, mm", float(bow(stable)[k])))
+    bent = [n for n, (_, k), b in zip(samples, shown, bows, strict=True) if b[k] > BENT]
     unstable = any(path.negative_pivots[k] > 0 for path, k in shown)
-    verdict = CONTRADICTED if len(bent) == len(numbers) else CONDITION if bent or unstable else CONFIRMED
+    verdict = CONTRADICTED if len(bent) == len(samples) else CONDITION if bent or unstable else CONFIRMED
     why = ["on the symmetric branch, which is unstable there"] * unstable + [f"sample {n} bends past its folds" for n in bent]
-    evidence = " ".join(filter(None, (words + ".", _ends(runs, numbers, mu), other)))
-    reference = "; ".join(
-        f"sample {n}: {FINITE_ELEMENTS[f'sample-{n}']['critical_mu']}" for n in numbers if f"sample-{n}" in FINITE_ELEMENTS
-    )
-    name = f"Straight pillars of samples {numbers[0]}-{numbers[-1]}"
+    reason = f"The centre lines {'bend in some samples' if bent else 'stay straight'}{', ' * bool(why)}{'; '.join(why)}."
+    name = f"Straight pillars of samples {samples[0]}-{samples[-1]}"
     return _entry(
         [*shown, (stable, k)],
-        others=[runs.stopping(n) for n in numbers],
-        title=f"{figure}: samples {', '.join(map(str, numbers))} at mu = {mu} on the symmetric branch, with contact where outlines overlap "
-        f"before and in the paper's own discretisation where the branch ends before; last, sample {numbers[0]} on the stable branch",
+        others=[runs.stopping(n) for n in samples],
+        title=f"{figure}: samples {', '.join(map(str, samples))} at mu = {mu} on the symmetric branch, with contact where outlines overlap "
+        f"before and in the paper's own discretisation where the branch ends before; last, sample {samples[0]} on the stable branch",
         paper=text,
-        ours=evidence,
-        reference=f"{BY_FINITE_ELEMENTS}: the symmetric state becomes unstable at mu: {reference}.",
+        numbers=tuple(numbers),
         verdict=f"{verdict}{': ' * bool(why)}{'; '.join(why)}.",
-        claims=(Claim(name, verdict, evidence),),
+        claims=(Claim(name, verdict, reason),),
     )
 
 
@@ -249,12 +250,6 @@ def _how(path):
 
 def _locks(path):
     return path.model.method == "displacement"
-
-
-def _ends(runs, numbers, mu):
-    """Which samples do not get to ``mu`` without contact, in words."""
-    paths = {n: runs.stopping(n) for n in numbers}
-    return " ".join(f"Without contact sample {n} {path.stop_text}." for n, path in paths.items() if path.mu[-1] < mu)
 
 
 def _entry(shown, *, others=(), rows_of_axes=1, **texts):
@@ -296,7 +291,7 @@ def _rows(number, path, shown):
     return rows(columns, path=number + 1, case=path.model.cloud.topology.plate.name, **how)
 
 
-@functools.lru_cache(maxsize=64)
+@once_per_owner
 def axes_over_diagonals(path):
     """Width (k,) of the first hole along the axes over that along the diagonals."""
     wanted = np.arange(8) * np.pi / 4 - np.pi

@@ -17,7 +17,8 @@ from tqdm import tqdm
 from .._validation import did_you_mean
 from ..io import interruptible, open_folder, write_atomically
 from . import curves, patterns, square
-from .items import CONDITION, CONFIRMED, CONTRADICTED, FINITE_ELEMENTS, Runs, pyplot
+from .items import Runs, pyplot
+from .report import report
 
 REPORT = "report.md"
 
@@ -80,9 +81,9 @@ def _recorded(item, runs, folder, name):
         write_atomically(folder / f"{name}.png", lambda stream: entry.figure.savefig(stream, dpi=200, format="png"))
         pyplot().close(entry.figure)
     write_atomically(folder / f"{name}.csv", lambda stream: stream.write(_table(entry.rows).encode()))
-    fields = ("title", "paper", "ours", "reference", "verdict")
-    claims = [[c.statement, c.verdict, c.evidence] for c in entry.claims]
-    return {field: getattr(entry, field) for field in fields} | {"claims": claims, "figure": entry.figure is not None}
+    fields = ("title", "paper", "verdict", "reference")
+    claims, numbers = [[c.statement, c.verdict, c.reason] for c in entry.claims], [number.cells() for number in entry.numbers]
+    return {field: getattr(entry, field) for field in fields} | {"numbers": numbers, "claims": claims, "figure": entry.figure is not None}
 
 
 def _table(rows):
@@ -109,39 +110,10 @@ def _read(folder, name):
 
 def _is_done(folder, name):
     record = _read(folder, name)
-    return bool(record) and not record.get("error")
+    return "numbers" in record and not record.get("error")
 
 
 def _write_report(folder, known):
     records = {name: _read(folder, name) for name in known}
-    text = report({name: record for name, record in records.items() if record})
+    text = report({name: record for name, record in records.items() if "numbers" in record or "error" in record})
     write_atomically(folder / REPORT, lambda stream: stream.write(text.encode()))
-
-
-def report(records):
-    """The report, Markdown, of the items' records."""
-    lines = ["# Deng et al. (2020), computed again", "", _HEAD.format(about=FINITE_ELEMENTS["about"]), "", "## The claims", ""]
-    claims = [(*claim, name) for name, record in records.items() for claim in record.get("claims", ())]
-    lines += ["| claim | verdict | numbers | from |", "|---|---|---|---|"]
-    lines += [f"| {statement} | **{verdict}** | {evidence} | {name} |" for statement, verdict, evidence, name in claims]
-    counts = ", ".join(f"{sum(c[1] == v for c in claims)} {v}" for v in (CONFIRMED, CONDITION, CONTRADICTED))
-    lines += ["", f"{counts}.", ""]
-    for name, record in records.items():
-        command = f"`jaxgel paper {name}`, {record.get('seconds', 0):.0f} s, {record.get('cpu_seconds', 0):.0f} s on the CPU"
-        if record.get("error"):
-            lines += [f"## {name}", "", f"This item failed: {record['error']}. ({command})", ""]
-            continue
-        lines += [f"## {record['title']}", "", f"({command}; [data]({name}.csv))", ""]
-        if record["figure"]:
-            lines += [f"![{record['title']}]({name}.png)", ""]
-        parts = ("The paper", "paper"), ("This run", "ours"), ("Reference", "reference"), ("Verdict", "verdict")
-        lines += [" ".join(f"**{word}:** {record[key]}" for word, key in parts), ""]
-    seconds, cpu = (sum(record.get(key, 0.0) for record in records.values()) for key in ("seconds", "cpu_seconds"))
-    return "\n".join([*lines, f"All items together: {seconds / 60:.1f} min, {cpu / 60:.1f} min on the CPU.", ""])
-
-
-_HEAD = """Y. Deng, X. He, L. Sun, S. Yi, Y. Dai, Engineering Analysis with Boundary Elements 113 (2020) 99-109, \
-[doi 10.1016/j.enganabound.2019.12.004](https://doi.org/10.1016/j.enganabound.2019.12.004). Every number under *This run* and in the table \
-of claims is computed by the command beside it; verdicts follow from these numbers. Chemical potentials mu are in kT. Unless it says \
-otherwise a run has the paper's nodes, the quadratic basis, cells along the true outlines and one pressure per cell. Values called finite \
-elements: {about}"""

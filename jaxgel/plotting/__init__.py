@@ -1,15 +1,16 @@
-"""plotting."""
+"""Figures of paths, modes and designs."""
 
 from .animation import animate_pattern
 from .curves import CURVES, plot_curve, plot_curves
-from .design import LABELS, draw_study
+from .design import draw_study
+from .notebook import PathView, show_path
 from .patterns import plot_modes, plot_pattern, plot_patterns
 from .style import STYLE
 
 __all__ = [
     "CURVES",
-    "LABELS",
     "STYLE",
+    "PathView",
     "animate_pattern",
     "draw_study",
     "plot_curve",
@@ -17,4 +18,5 @@ __all__ = [
     "plot_modes",
     "plot_pattern",
     "plot_patterns",
+    "show_path",
 ]

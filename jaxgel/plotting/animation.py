@@ -1,17 +1,21 @@
 """A path as an animation."""
 
+from pathlib import Path as File
+from typing import Any
+
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 
+from ..continuation import Path
 from ..observables import FIELDS
-from .patterns import _frame, _Gel, _pictured, _range
-from .style import _mu_text, _styled
+from .patterns import Gel, colour_range, draw_frame, pictured_states
+from .style import mu_text, styled
 
 
-@_styled
-def animate_pattern(path, file, *, field="stretch", seconds=6.0, most_frames=60):
+@styled
+def animate_pattern(path: Path, file: str | File, *, field: str | None = "stretch", seconds: float = 6.0, most_frames: int = 60) -> None:
     """Write a GIF of the pattern over all states of a path (at most ``most_frames`` of them, evenly chosen), ``seconds`` long.
 
     A ``file`` whose name ends in .mp4 becomes a film (H.264) by the program ffmpeg, that on the PATH or, else, that of the package
@@ -19,10 +23,10 @@ def animate_pattern(path, file, *, field="stretch", seconds=6.0, most_frames=60)
     """
     kind, settings = _writer_of(file)
     states = np.unique(np.linspace(0, len(path.mu) - 1, min(most_frames, len(path.mu))).round().astype(int))
-    vertices, values = _pictured(path, states, field)
+    vertices, values = pictured_states(path, states, field)
     figure, ax = plt.subplots(figsize=(4.4, 3.8), layout="constrained")
-    gel = _Gel(ax, path.model.cloud, vertices[0], values[0], _range(values))
-    _frame(ax, path.model.cloud, vertices, path.mu[states[0]])
+    gel = Gel(ax, path.model.cloud, vertices[0], values[0], colour_range(values))
+    draw_frame(ax, path.model.cloud, vertices, path.mu[states[0]])
     if field is not None:
         figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
     figure.draw_without_rendering()
@@ -31,12 +35,12 @@ def animate_pattern(path, file, *, field="stretch", seconds=6.0, most_frames=60)
     with mpl.rc_context(settings), writer.saving(figure, str(file), dpi=110):
         for k, v, colours in zip(states, vertices, values, strict=True):
             gel.move(v, colours)
-            ax.set_title(_mu_text(path.mu[k]))
+            ax.set_title(mu_text(path.mu[k]))
             writer.grab_frame()
     plt.close(figure)
 
 
-def _writer_of(file):
+def _writer_of(file: str | File) -> tuple[type, dict[str, Any]]:
     """Matplotlib's writer for a file's name, and the settings it needs."""
     if not str(file).lower().endswith(".mp4"):
         return PillowWriter, {}

@@ -1,58 +1,63 @@
 """Curves of a path's quantities."""
 
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
+from .._types import Array, Bool, Float
 from .._validation import one_of
-from ..observables import CREASE_RATIO, SELF_CONTACT, WRINKLE_RATIO, events, free_stretch, history
-from .style import COLOURS, LINE, MU, SHADE, WALL, _styled, _unit
+from ..continuation import Path
+from ..observables import CREASE_RATIO, QUANTITIES, SELF_CONTACT, WRINKLE_RATIO, events, history
+from .style import COLOURS, LINE, SHADE, WALL, length_unit, styled
 
 CURVES = {
-    "rotation": ("rotation (°)", {"rotation_deg": "midline", "core_rotation_deg": "core"}),
-    "area_reduction": ("area reduction (%)", {"area_reduction": "all holes"}),
-    "J": ("volume ratio $J$", {"J_mean": "mean"}),
-    "surface_ratio": ("surface stretch ratio", {"surface_ratio": "largest"}),
-    "min_gap": ("smallest gap ({unit})", {"min_gap": "within a hole"}),
+    "rotation": {"rotation": "midline", "core_rotation": "core"},
+    "area_reduction": {"area_reduction": "all holes"},
+    "J": {"J_mean": "mean"},
+    "surface_ratio": {"surface_ratio": "largest"},
+    "min_gap": {"min_gap": "within a hole"},
 }
-AGAINST = {"mu": MU, "free_stretch": "free-swelling stretch"}
+"""Figure of curves -> name in ``QUANTITIES`` of each curve, and its words in the legend; the first one labels the axis."""
+AGAINST = ("mu", "free_stretch")
 MARKS = {"bifurcation": ":", "crease": "-.", "wrinkle": (0, (5, 1, 1, 1, 1, 1)), "contact": "--", "self-contact": "-"}
 
 
-@_styled
-def plot_curve(path, quantity, *, ax=None, against="mu", table=None):
+@styled
+def plot_curve(path: Path, quantity: str, *, ax: Axes | None = None, against: str = "mu", table: dict[str, Any] | None = None) -> Axes:
     """Axes with one quantity of ``CURVES`` ("rotation", "area_reduction", "J", "surface_ratio", "min_gap") of every state.
 
-    ``against`` is "mu" or "free_stretch"; ``table`` saves computing `results.history` again. Raises ValueError for other names.
+    ``against`` is "mu" or "free_stretch"; ``table`` saves computing `history` again. Raises ValueError for other names.
     """
     one_of("quantity", quantity, CURVES)
     one_of("against", against, AGAINST)
     ax = plt.subplots(figsize=(3.6, 2.6), layout="constrained")[1] if ax is None else ax
     table = history(path) if table is None else table
-    label, columns = CURVES[quantity]
+    curves, unit = {QUANTITIES[name]: text for name, text in CURVES[quantity].items()}, length_unit(path.model.cloud)
     unstable = np.asarray(table["negative_pivots"]) > 0
-    for (name, text), colour in zip(columns.items(), COLOURS, strict=False):
-        values = np.asarray(table[name]) * (100.0 if quantity == "area_reduction" else 1.0)
-        _draw_branch(ax, table[against], values, unstable, colour, text)
+    for (curve, text), colour in zip(curves.items(), COLOURS, strict=False):
+        _draw_branch(ax, table[against], curve.scale * np.asarray(table[curve.column]), unstable, colour, text)
     if quantity == "J":
         ax.fill_between(table[against], table["J_min"], table["J_max"], color=COLOURS[0], alpha=0.25, linewidth=0, label="all cells")
     if quantity == "surface_ratio":
         ax.axhline(CREASE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (1, 1)), label="crease limit")
         ax.axhline(WRINKLE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (3, 2)), label="wrinkle limit")
     _mark_events(ax, table, against)
-    ax.set(xlabel=AGAINST[against], ylabel=label.replace("{unit}", _unit(path.model.cloud)))
+    ax.set(xlabel=QUANTITIES[against].axis_label(unit), ylabel=next(iter(curves)).axis_label(unit))
     ax.margins(x=0.02)
     if len(ax.get_legend_handles_labels()[1]) > 1:
         ax.legend(frameon=False, fontsize=7.5)
     return ax
 
 
-@_styled
-def plot_curves(path, *, axes=None, table=None):
+@styled
+def plot_curves(path: Path, *, axes: Any = None, table: dict[str, Any] | None = None) -> np.ndarray:
     """A (5, 2) array of axes: every quantity of ``CURVES`` against mu on the left and against the free-swelling stretch on the right.
 
-    ``table`` saves computing `results.history` again.
+    ``table`` saves computing `history` again.
     """
     if axes is None:
         axes = plt.subplots(len(CURVES), 2, figsize=(6.9, 8.8), sharex="col", sharey="row", layout="constrained")[1]
@@ -75,7 +80,7 @@ def plot_curves(path, *, axes=None, table=None):
     return axes
 
 
-def _draw_branch(ax, x, y, unstable, colour, label):
+def _draw_branch(ax: Axes, x: Float[Array, " k"], y: Float[Array, " k"], unstable: Bool[np.ndarray, " k"], colour: str, label: str) -> None:
     """One curve, solid where both ends of a piece are stable and dashed elsewhere, with a dot per state."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     dashed = unstable.copy()
@@ -86,7 +91,7 @@ def _draw_branch(ax, x, y, unstable, colour, label):
     ax.plot(x[unstable], y[unstable], color=colour, linestyle="none", marker="o", markersize=2.0, markerfacecolor="white")
 
 
-def _mark_events(ax, table, against):
+def _mark_events(ax: Axes, table: dict[str, Any], against: str) -> None:
     """Vertical lines at the events of a table, shade from the first self-contact on."""
     mu, x = np.asarray(table["mu"]), np.asarray(table[against])
     for event in events(table):
@@ -94,11 +99,3 @@ def _mark_events(ax, table, against):
         ax.axvline(at, color=WALL, linewidth=0.9, linestyle=MARKS[event["event"]], zorder=0.5)
         if event["event"] == "self-contact":
             ax.axvspan(at, x[-1], color=SHADE, linewidth=0, zorder=0)
-
-
-def _nearest(path, at):
-    """Numbers of the states nearest to the chemical potentials ``at``, by default up to four evenly spread in the free swelling."""
-    x = np.asarray(free_stretch(path) if at is None else path.mu)
-    at = np.linspace(x[0], x[-1], 4) if at is None else at
-    states = [int(np.abs(x - value).argmin()) for value in at]
-    return list(dict.fromkeys(states))

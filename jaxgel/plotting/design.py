@@ -1,27 +1,22 @@
-"""The figure of a design: start and optimum swollen, the curve that is judged, and the history of the search."""
+"""The figure of a design: start and optimum swollen, the quantity of the objective, and the history of the search."""
+
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from ..design import FEASIBLE
-from ..observables import CURVES
+from ..continuation import Path
+from ..design import FEASIBLE, Design
+from ..observables import QUANTITIES
 from .patterns import plot_pattern
-from .style import COLOURS, LINE, MU, WALL, _styled
-
-LABELS = {
-    "rotation": ("rotation (°)", 1.0),
-    "core_rotation": ("core rotation (°)", 1.0),
-    "area_reduction": ("area reduction (%)", 100.0),
-    "surface_ratio": ("surface stretch ratio", 1.0),
-    "crease_indicator": ("softened surface stretch ratio", 1.0),
-    "gap": ("smallest gap (mm)", 1.0),
-    "lowest_eigenvalue": ("lowest eigenvalue, of the network's", 1.0),
-}
+from .style import COLOURS, LINE, MU, WALL, length_unit, styled
 
 
-@_styled
-def draw_study(study, design, start, best):
-    """Figure of a study: the paths ``start`` and ``best`` at their last mu, the quantity of its objective, and the search's history."""
+@styled
+def draw_study(study: Any, design: Design, start: Path, best: Path) -> Figure:
+    """Figure of a `cases.Study`: paths ``start`` and ``best`` at their last mu, the quantity of the objective, the search's history."""
     figure, axes = plt.subplots(2, 2, figsize=(6.3, 5.6), layout="constrained", height_ratios=(1.15, 1.0))
     for ax, path, title in zip(axes[0], (start, best), ("start", "optimum"), strict=True):
         plot_pattern(path, ax=ax, field=None)
@@ -31,20 +26,28 @@ def draw_study(study, design, start, best):
     return figure
 
 
-def draw_curve(ax, study, start, best):
+def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
     """Axes with the quantity of the study's first objective along the start's and the optimum's path, and its target."""
-    label, unit = LABELS[study.aim["of"]]
+    quantity = QUANTITIES[study.aim["of"]]
     for path, name, colour, line in ((start, "start", COLOURS[1], "--"), (best, "optimum", COLOURS[0], "-")):
-        ax.plot(path.mu, unit * np.asarray(CURVES[study.aim["of"]](path)), line, color=colour, label=name)
+        ax.plot(path.mu, quantity.scale * np.asarray(quantity.function(path)), line, color=colour, label=name)
     wanted = np.isfinite(study.aim["values"])
     if wanted.any():
-        ax.plot(np.array(study.problem.mu)[wanted], unit * study.aim["values"][wanted], "o", mfc="none", ms=4, color=LINE, label="target")
-    ax.set(xlabel=MU, ylabel=label)
+        ax.plot(
+            np.array(study.problem.mu)[wanted],
+            quantity.scale * study.aim["values"][wanted],
+            "o",
+            mfc="none",
+            ms=4,
+            color=LINE,
+            label="target",
+        )
+    ax.set(xlabel=MU, ylabel=quantity.axis_label(length_unit(start.model.cloud)))
     ax.legend(frameon=False, fontsize=7.5)
     return ax
 
 
-def draw_history(ax, design):
+def draw_history(ax: Axes, design: Design) -> Axes:
     """Axes with the objective of every evaluation: filled where feasible, hollow where not, ticks on the axis where invalid."""
     k, rows = np.arange(1, len(design.history) + 1), design.history
     value = np.array([np.nan if row["value"] is None else row["value"] for row in rows])
@@ -69,6 +72,6 @@ def draw_history(ax, design):
     if positive.size and positive.min() > FEASIBLE * positive.max() and positive.max() > 30 * positive.min():
         ax.set_yscale("log")
     ax.set(xlabel="evaluation (dotted: new cloud)", ylabel="objective")
-    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)  # among the points it would hide some
+    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)  # inside the axes the legend would hide points
     ax.legend(frameon=False, fontsize=7.5, columnspacing=1.0, handletextpad=0.3, **above)
     return ax

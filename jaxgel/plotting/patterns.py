@@ -6,59 +6,71 @@ a stable branch, a dashed line one with negative pivots, and what follows a self
 
 import dataclasses
 from types import SimpleNamespace
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import scipy.sparse
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
-from ..cloud import boundary_edges
+from .._types import Array, Float, Scalar
+from ..cloud import Cloud, boundary_edges
+from ..continuation import CriticalPoint, Path
+from ..discretisation import Model
 from ..geometry import edge_lines, held_components
-from ..observables import FIELDS, deformed_vertices, field_on_triangles, outlines
-from .curves import _nearest
-from .style import COLOURS, GEL, LINE, WALL, _mu_text, _styled, _unit
+from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines
+from .style import COLOURS, GEL, LINE, WALL, length_unit, mu_text, styled
 
 
-@_styled
-def plot_pattern(path, k=-1, *, ax=None, field="stretch", limits=None, colorbar=True):
+@styled
+def plot_pattern(
+    path: Path,
+    k: int = -1,
+    *,
+    ax: Axes | None = None,
+    field: str | None = "stretch",
+    limits: tuple[float, float] | None = None,
+    colorbar: bool = True,
+) -> Axes:
     """Axes with the deformed gel of state ``k``, filled by ``field``: "stretch" (largest principal), "J" or None for one colour.
 
     ``limits`` (lowest, highest) fixes the colour scale, by default the range of this state. Raises ValueError for another field.
     """
     ax = plt.subplots(figsize=(3.6, 3.3), layout="constrained")[1] if ax is None else ax
-    (vertices,), (values,) = _pictured(path, [k], field)
-    gel = _Gel(ax, path.model.cloud, vertices, values, limits or _range([values]))
-    _frame(ax, path.model.cloud, [vertices], path.mu[k])
+    (vertices,), (values,) = pictured_states(path, [k], field)
+    gel = Gel(ax, path.model.cloud, vertices, values, limits or colour_range([values]))
+    draw_frame(ax, path.model.cloud, [vertices], path.mu[k])
     if colorbar and values is not None:
         ax.figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
     return ax
 
 
-@_styled
-def plot_patterns(path, at=None, *, axes=None, field="stretch"):
+@styled
+def plot_patterns(path: Path, at: Any = None, *, axes: Any = None, field: str | None = "stretch") -> np.ndarray:
     """A row of axes with the patterns at the accepted states nearest to the ``at`` in mu (by default four), one colour scale."""
     states = _nearest(path, at)
     if axes is None:
         axes = plt.subplots(1, len(states), figsize=(2.1 * len(states) + 0.9, 2.55), sharey=True, layout="constrained")[1]
     axes = np.atleast_1d(axes)
-    vertices, values = _pictured(path, states, field)
-    limits = _range(values)
+    vertices, values = pictured_states(path, states, field)
+    limits = colour_range(values)
     for ax, k, v, colours in zip(axes, states, vertices, values, strict=True):
-        gel = _Gel(ax, path.model.cloud, v, colours, limits)
-        _frame(ax, path.model.cloud, vertices, path.mu[k])
+        gel = Gel(ax, path.model.cloud, v, colours, limits)
+        draw_frame(ax, path.model.cloud, vertices, path.mu[k])
         ax.label_outer()
     if field is not None:
         axes[0].figure.colorbar(gel.cells, ax=list(axes), label=FIELDS[field], shrink=0.85)
     return axes
 
 
-@_styled
-def plot_modes(model, points, *, axes=None, size=0.05):
-    """Axes, one per mode of the `critical.CriticalPoint`s: the gel moved along the mode, and the outlines of the critical state dashed.
+@styled
+def plot_modes(model: Model, points: list[CriticalPoint], *, axes: Any = None, size: float = 0.05) -> np.ndarray:
+    """Axes, one per mode of the `CriticalPoint`s: the gel moved along the mode, and the outlines of the critical state dashed.
 
     The largest displacement is ``size`` times the plate's shorter side.
     """
@@ -70,11 +82,11 @@ def plot_modes(model, points, *, axes=None, size=0.05):
         moved = point.x + size * min(plate.width, plate.height) * mode / np.linalg.norm(mode, axis=1).max()
         states = SimpleNamespace(model=model, x=np.stack([point.x, moved]))
         vertices = np.asarray(deformed_vertices(states))
-        _Gel(ax, model.cloud, vertices[1], None, None)
+        Gel(ax, model.cloud, vertices[1], None, None)
         for loop in outlines(states):
             ax.plot(*np.append(loop[0], loop[0, :1], axis=0).T, color=COLOURS[1], linewidth=0.8, linestyle=(0, (4, 2)))
-        _frame(ax, model.cloud, vertices, float(point.mu))
-        ax.set_title(f"{point.kind}, {_mu_text(point.mu)}")
+        draw_frame(ax, model.cloud, vertices, float(point.mu))
+        ax.set_title(f"{point.kind}, {mu_text(point.mu)}")
         ax.label_outer()
     handles = [
         Line2D([], [], color=COLOURS[1], linestyle=(0, (4, 2)), label="outline at the critical state"),
@@ -84,33 +96,41 @@ def plot_modes(model, points, *, axes=None, size=0.05):
     return axes
 
 
-def _pictured(path, states, field):
-    """Vertices (v, 2) and triangle values (t,), or None without a field, of each of the given states, as two lists."""
+def _nearest(path: Path, at: Any) -> list[int]:
+    """Numbers of the states nearest to the chemical potentials ``at``, by default up to four, evenly spaced in the free stretch."""
+    x = np.asarray(free_stretch(path) if at is None else path.mu)
+    at = np.linspace(x[0], x[-1], 4) if at is None else at
+    states = [int(np.abs(x - value).argmin()) for value in at]
+    return list(dict.fromkeys(states))
+
+
+def pictured_states(path: Path, states: Any, field: str | None) -> tuple[list, list]:
+    """Two lists over the given ``states``: vertices (v, 2), and values (t,) on the triangles, or None without a field."""
     chosen = dataclasses.replace(path, x=np.asarray(path.x)[states])
     vertices = np.asarray(deformed_vertices(chosen))
     values = [None] * len(states) if field is None else list(field_on_triangles(chosen, vertices, field))
     return list(vertices), values
 
 
-def _range(values):
+def colour_range(values: list) -> tuple[float, float] | None:
     """Lowest and highest of all values, or None without any."""
     return None if values[0] is None else (float(np.min(values)), float(np.max(values)))
 
 
-class _Gel:
-    """The filled gel and its outline on some axes, which `move` takes to another state.
+class Gel:
+    """The filled gel and its outline on some axes; `move` draws another state.
 
-    A field is drawn as the mean of the cells around each vertex and linear in the triangles.
+    A field is the mean of the cells around each vertex, and linear in the triangles.
     """
 
-    def __init__(self, ax, cloud, vertices, values, limits):
+    def __init__(self, ax: Axes, cloud: Cloud, vertices: Array, values: Array | None, limits: tuple[float, float] | None) -> None:
         self.ax, self.limits, self.cells = ax, limits or (None, None), None
         self.triangles, self.mean = np.asarray(cloud.triangles), _vertex_mean(cloud)
         self.boundary = boundary_edges(self.triangles)
         self.outline = ax.add_collection(LineCollection([], colors=LINE, linewidths=0.7, capstyle="round"))
         self.move(vertices, values)
 
-    def move(self, vertices, values):
+    def move(self, vertices: Float[Array, "v 2"], values: Float[Array, " t"] | None) -> None:
         """Draw another state: vertices (v, 2) and triangle values (t,), or None for a plain fill."""
         if self.cells is not None:
             self.cells.remove()
@@ -125,14 +145,14 @@ class _Gel:
         self.outline.set_segments(vertices[self.boundary])
 
 
-def _frame(ax, cloud, states, mu):
-    """Walls, labels, and limits that hold the gel in all ``states``, a list of vertices (v, 2)."""
-    _draw_walls(ax, cloud, np.array(states))
-    unit = _unit(cloud)
-    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=_mu_text(mu))
+def draw_frame(ax: Axes, cloud: Cloud, states: Any, mu: Scalar) -> None:
+    """Edges, labels, and limits that hold the gel in all ``states``, a list of vertices (v, 2)."""
+    _draw_edges(ax, cloud, np.array(states))
+    unit = length_unit(cloud)
+    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=mu_text(mu))
 
 
-def _vertex_mean(cloud):
+def _vertex_mean(cloud: Cloud) -> scipy.sparse.csr_array:
     """Sparse matrix (v, t) that takes values on triangles to the mean over the cells around each vertex."""
     triangles, cells = np.asarray(cloud.triangles), np.asarray(cloud.cell_of_triangle)
     _, representative = np.unique(cells, return_index=True)  # values are constant in a cell: one triangle stands for it
@@ -141,7 +161,7 @@ def _vertex_mean(cloud):
     return touches / np.maximum(touches.sum(axis=1), 1.0)[:, None]
 
 
-def _draw_walls(ax, cloud, vertices):
+def _draw_edges(ax: Axes, cloud: Cloud, vertices: Float[np.ndarray, "k v 2"]) -> None:
     """Hatched bars along the supported edges of the plate, and limits that hold all states (k, v, 2)."""
     plate = cloud.plate
     w, h, thick = plate.width, plate.height, 0.025 * max(plate.width, plate.height)

@@ -1,8 +1,14 @@
 """Colours, line styles and labels of all figures."""
 
 import functools
+from collections.abc import Callable
+from typing import Any
 
 import matplotlib as mpl
+
+from .._types import Scalar
+from ..cloud import Cloud
+from ..observables import QUANTITIES
 
 STYLE = {
     "font.size": 8.5,
@@ -15,24 +21,25 @@ STYLE = {
 }
 GEL, LINE, WALL, SHADE = "#b7cfe2", "#1c2733", "#5c6670", "#e9e4de"
 COLOURS = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito: told apart with every kind of colour vision
-MU = r"chemical potential $\mu$ ($kT$)"
+MU = QUANTITIES["mu"].axis_label()
 
 
-def _styled(draw):
-    """``draw`` with the style of this module, the caller's settings untouched."""
+def styled(draw: Callable) -> Callable:
+    """``draw`` with the settings ``STYLE`` of Matplotlib, which are restored afterwards."""
 
     @functools.wraps(draw)
-    def styled(*args, **kwargs):
+    def with_style(*args: Any, **kwargs: Any) -> Any:
         with mpl.rc_context(STYLE):
             return draw(*args, **kwargs)
 
-    return styled
+    return with_style
 
 
-def _unit(cloud):
+def length_unit(cloud: Cloud) -> str:
     """Unit of lengths as Matplotlib writes it."""
     return cloud.topology.plate.unit.replace("1e-3", "$10^{-3}$")
 
 
-def _mu_text(mu):
+def mu_text(mu: Scalar) -> str:
+    """Title of a state."""
     return rf"$\mu = {float(mu):.4f}\,kT$"

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+from jaxgel.cli.uncompiled import plain
 
 from jaxgel.cli import command_line as cli
 from jaxgel.cli import commands, doctor, versions
-from jaxgel.cli.uncompiled import plain
 
 
 def test_compiled_kernels_agree_with_the_same_operations_one_by_one():

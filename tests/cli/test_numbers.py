@@ -56,7 +56,14 @@ def leaves(tree, path=()):
 
 
 ENTRIES = [(name, path) for name, table in CASES.items() for path in leaves(table) if not (name.startswith("hole") and path[0] == "plate")]
-COMMANDS = {"run": ["square"], "critical": ["square"], "check-grad": ["square"], "outline": ["square"], "map": ["no.toml"], "resume": ["no"]}
+COMMANDS = {
+    "run": ["square"],
+    "critical": ["square"],
+    "check-grad": ["square"],
+    "outline": ["square"],
+    "map": ["no.toml"],
+    "resume": ["no"],
+}
 NUMERIC = {parser._real, parser._whole, parser._steps}
 
 

@@ -7,7 +7,7 @@ import pytest
 import xarray
 
 from jaxgel.cli import command_line as cli
-from jaxgel.io import QUANTITIES, load_run
+from jaxgel.io import load_run
 from jaxgel.observables import COLUMNS
 
 
@@ -18,7 +18,7 @@ def test_an_exported_run_is_read_back_to_the_bit(run_folder, tmp_path, capsys):
     with xarray.open_dataset(file, engine="h5netcdf") as found:
         assert found.x.dims == ("state", "node", "xy")
         assert found.mu.attrs == {"units": "kT", "long_name": "chemical potential of the solvent"}
-        assert tuple(QUANTITIES) == COLUMNS
+        assert set(COLUMNS) <= set(found.variables)
         for name, values in (run.history | {"x": run.x, "nodes": run.states["nodes"], "pressure": run.states["pressure"]}).items():
             np.testing.assert_array_equal(found[name].values, np.asarray(values))
             assert "long_name" in found[name].attrs

@@ -11,8 +11,7 @@ import pytest
 from jaxgel.cases import case as cases
 from jaxgel.cases import load_path
 from jaxgel.io import Recorder, files, load_run, write_atomically
-from jaxgel.observables import COLUMNS, SELF_CONTACT, area_reduction, events, history, min_gap, outlines, rotation_angle
-from jaxgel.observables import table as results
+from jaxgel.observables import BY_COLUMN, COLUMNS, SELF_CONTACT, area_reduction, events, history, min_gap, outlines, rotation_angle
 
 INTERFACE = (
     "mu, free_stretch, status, newton_iterations, residual, energy, J_min, J_max, J_mean, area_reduction, rotation_deg, "
@@ -109,8 +108,14 @@ def test_a_step_to_the_stable_branch_is_a_bifurcation(path, tmp_path):
     np.testing.assert_array_equal(run.states["switched"], [False, False, True, False])
 
 
+def set_gaps(monkeypatch, gaps):
+    """Other smallest gaps, ``gaps(path)``, in the table of a path."""
+    monkeypatch.setitem(BY_COLUMN, "min_gap", dataclasses.replace(BY_COLUMN["min_gap"], function=gaps))
+    monkeypatch.setattr("jaxgel.observables.status.min_gap_once", gaps)
+
+
 def test_a_step_to_the_stable_branch_into_contact_is_both(path, tmp_path, monkeypatch):
-    monkeypatch.setattr(results, "min_gap", lambda p: np.where(p.mu < path.mu[2], 0.9, 0.3))  # mm; contact acts below 0.55
+    set_gaps(monkeypatch, lambda p: np.where(p.mu < path.mu[2], 0.9, 0.3))  # mm; contact acts below 0.55
     recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
     for step in steps_of(path, switched=2):
         recorder(step)
@@ -131,7 +136,7 @@ def test_plates_without_holes_have_no_events():
 
 def test_rows_from_the_first_self_contact_on_are_invalid(path, tmp_path, monkeypatch):
     gaps = dict(zip(path.mu, [0.9, -0.01, 0.2, -0.3], strict=True))  # mm; contact would act below 0.55
-    monkeypatch.setattr(results, "min_gap", lambda p: np.array([gaps[mu] for mu in p.mu]))
+    set_gaps(monkeypatch, lambda p: np.array([gaps[mu] for mu in p.mu]))
     expected = ["converged", SELF_CONTACT, SELF_CONTACT, SELF_CONTACT]
     assert history(path)["status"] == expected
     recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)

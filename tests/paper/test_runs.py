@@ -19,6 +19,7 @@ from jaxgel.paper import (
     TIMED,
     Claim,
     Entry,
+    Number,
     Runs,
     at,
     bow,
@@ -40,13 +41,14 @@ def items(monkeypatch):
         calls["good"] += 1
         runs.on_state("busy")
         rows = [{"mu": -1.0, "angle": 1 / 3, "case": "a"}]
-        return Entry("Good", "p 1", f"o {calls['good']}", "r 1", CONFIRMED, rows, (Claim("It holds", CONFIRMED, "0.3"),))
+        numbers = (Number("angle", calls["good"] / 8, 0.5, 0.25),)
+        return Entry("Good", "p 1", numbers, CONFIRMED, rows, (Claim("It holds", CONFIRMED, "0.3"),))
 
     def bad(_):
         calls["bad"] += 1
         if calls["bad"] == 1:
             raise ArithmeticError("no state at mu = -3")
-        return Entry("Bad", "p 2", "o 2", "r 2", CONTRADICTED, [{"mu": 0.0}])
+        return Entry("Bad", "p 2", (Number("angle", "none"),), CONTRADICTED, [{"mu": 0.0}])
 
     monkeypatch.setattr(paper, "items", lambda: {"good": good, "bad": bad})
     return calls
@@ -75,7 +77,7 @@ def test_finished_items_are_kept_and_missing_ones_computed(items, tmp_path):
     run(tmp_path, "good")  # by name: anew
     assert items == {"good": 2, "bad": 2}
     text = (tmp_path / "report.md").read_text()
-    assert "o 2" in text and "1 confirmed, 0 confirmed with a condition, 0 contradicted." in text
+    assert "| angle | 0.5 | 0.25 | 0.25 | +0 % |" in text and "1 confirmed, 0 confirmed with a condition, 0 contradicted." in text
 
 
 def test_a_damaged_record_is_computed_again(items, tmp_path):
@@ -124,8 +126,7 @@ def test_states_before_the_end_are_named_in_words():
 
 
 def trend(same, last):
-    paths = {n: SimpleNamespace(mu=[-1.0]) for n in range(1, 10)}
-    return paper_curves._trend_claim(-1.0, dict(enumerate(same, 1)), dict(enumerate(last, 1)), paths).verdict
+    return paper_curves._trend_claim(-1.0, dict(enumerate(same, 1)), dict(enumerate(last, 1))).verdict
 
 
 def test_trends_of_areas_are_judged_at_equal_mu_and_at_the_ends():

@@ -1,4 +1,4 @@
-"""The page of a run, in a real browser where there is one, and how a path shows itself in a notebook."""
+"""The page of a run, in a real browser where there is one, and a path in a notebook."""
 
 import json
 import re
@@ -10,6 +10,7 @@ import pytest
 import jaxgel
 from jaxgel.cases import page as view
 from jaxgel.cli import command_line as cli
+from jaxgel.plotting import show_path
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,7 @@ def test_page_holds_its_data_and_asks_the_network_for_nothing(page_file, path):
     assert not re.search(r"(src|href)\s*=\s*[\"'](?!data:)|https?://(?!www\.w3\.org/2000/svg)|@import", text)
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
     assert data["mu"] == path.mu.tolist()
-    assert data["columns"]["area_reduction"]["values"] == pytest.approx(jaxgel.area_reduction(path).tolist())
+    assert data["columns"]["area_reduction"]["values"] == pytest.approx((100 * jaxgel.area_reduction(path)).tolist())  # percent
     assert np.shape(data["field"]["states"]) == (4, len(data["triangles"]))
     drawn = np.array(data["vertices"][3]).reshape(-1, 2)[np.unique(data["triangles"])] * 22 / view.RESOLUTION
     np.testing.assert_allclose([drawn.min(), drawn.max()], [-11.0, 11.0], rtol=0, atol=0.5 * 22 / view.RESOLUTION)  # the walls
@@ -35,8 +36,8 @@ def test_names_cannot_end_the_data_of_a_page(path):
     assert "</script><b>" not in view.page(path, title="</script><b>")
 
 
-def test_a_path_shows_itself_in_a_notebook(path):
-    shown = path._repr_html_()
+def test_a_notebook_shows_a_picture_and_a_table_of_a_path(path):
+    shown = show_path(path)._repr_html_()
     assert shown.count("<tr>") == 1 + len(path)
     assert "data:image/png;base64," in shown
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from jaxgel.observables import field_values, fields
-from jaxgel.observables import table as results
+from jaxgel.observables import BY_COLUMN, QUANTITIES, field_values, fields, history
 from jaxgel.plotting import CURVES, animate_pattern, plot_curve, plot_curves, plot_pattern, plot_patterns
 
 
@@ -52,13 +51,13 @@ def area_mean(path, values):
 
 
 def test_field_j_is_the_volume_ratio_of_the_cells(path):
-    np.testing.assert_allclose(area_mean(path, field_values(path, "J")), results.history(path)["J_mean"], rtol=1e-12)
+    np.testing.assert_allclose(area_mean(path, field_values(path, "J")), history(path)["J_mean"], rtol=1e-12)
 
 
 def test_field_j_of_the_papers_cells_comes_from_the_vertices(path):
     """Between the vertices lines stay straight: the mean is off by what the deformed cell edges bulge, 2e-3 on this cloud."""
     paper = dataclasses.replace(path, model=dataclasses.replace(path.model, quadrature="paper"))
-    np.testing.assert_allclose(area_mean(path, field_values(paper, "J")), results.history(path)["J_mean"], rtol=2e-3)
+    np.testing.assert_allclose(area_mean(path, field_values(paper, "J")), history(path)["J_mean"], rtol=2e-3)
 
 
 def test_the_largest_stretch_is_at_least_the_root_of_the_volume_ratio(path):
@@ -75,13 +74,13 @@ def test_a_row_of_patterns_takes_the_nearest_states(path):
 @pytest.mark.parametrize("against", ["mu", "free_stretch"])
 @pytest.mark.parametrize("quantity", CURVES)
 def test_a_curve_holds_the_values_of_the_history(path, quantity, against):
-    table = results.history(path)
+    table = history(path)
     ax = plot_curve(path, quantity, against=against)
     curve = lines(ax, "-")[0]
-    column = next(iter(CURVES[quantity][1]))
+    first = QUANTITIES[next(iter(CURVES[quantity]))]
     np.testing.assert_allclose(curve.get_xdata(), table[against])
-    np.testing.assert_allclose(curve.get_ydata(), table[column] * (100 if quantity == "area_reduction" else 1))
-    assert ax.get_ylabel() == CURVES[quantity][0].replace("{unit}", "mm")
+    np.testing.assert_allclose(curve.get_ydata(), table[first.column] * (100 if quantity == "area_reduction" else 1))
+    assert ax.get_ylabel() == first.axis_label("mm")
 
 
 def test_unstable_states_are_dashed(path):
@@ -94,11 +93,13 @@ def test_unstable_states_are_dashed(path):
 
 
 def test_events_are_marked_and_what_is_invalid_is_shaded(path, monkeypatch):
-    monkeypatch.setattr(results, "min_gap", lambda _: np.array([1.0, 1.0, -0.1, -0.2]))
+    gap = dataclasses.replace(BY_COLUMN["min_gap"], function=lambda _: np.array([1.0, 1.0, -0.1, -0.2]))
+    monkeypatch.setitem(BY_COLUMN, "min_gap", gap)
+    monkeypatch.setattr("jaxgel.observables.status.min_gap_once", gap.function)
     axes = plot_curves(path)
     assert axes.shape == (5, 2)
     for ax, against in zip(axes[0], ("mu", "free_stretch"), strict=True):
-        left = results.history(path)[against][2]
+        left = history(path)[against][2]
         (shade,) = ax.patches
         np.testing.assert_allclose(shade.get_x(), left)
     labels = [text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()]
