@@ -9,7 +9,8 @@ import shapely
 
 from .._validation import did_you_mean
 from .boundary import checked_deformation, checked_displacement, checked_edges, edge_lines
-from .holes import Hole, check_parameters, pytree
+from .hole import Hole, pytree
+from .holes import check_parameters
 from .outline import _outward, _traced, outline_points
 
 TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as contact
