@@ -1,8 +1,9 @@
 """The node cloud of a plate and its integration cells, which follow the holes."""
 
 from .cells import SLIVER, boundary_edges, partition
-from .cloud import GRADING, OUTLINE_SEGMENTS, Cloud, Outline, Topology, assemble, make_cloud, place
+from .cloud import GRADING, Cloud, Topology, assemble, make_cloud, place
 from .morph import thin_plate_matrix
+from .outlines import OUTLINE_SEGMENTS, Outline
 from .quadrature import EDGE_POINTS, edge_points, square_cells
 from .quadtree import find_ligaments, make_background
 

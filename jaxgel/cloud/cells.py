@@ -12,6 +12,8 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
+from .._types import Float, Int
+
 SLIVER = 0.3  # pieces below this fraction of their background square join the neighbour with the longest common edge
 SNAP = 1e-7  # points closer than this times the spacing are one vertex
 
@@ -20,29 +22,35 @@ SNAP = 1e-7  # points closer than this times the spacing are one vertex
 class Partition:
     """Triangulated cells of the reference plate; all arrays NumPy."""
 
-    vertices: np.ndarray
-    """(v, 2) all vertices, background and outline vertices first, then cut points; mm."""
-    cut_ends: np.ndarray
-    """(n_cut, 2) vertex numbers of the two ends of the outline segment on which the last n_cut vertices lie."""
-    cut_fractions: np.ndarray
-    """(n_cut,) position of each cut point on its segment, 0 at the first end."""
-    triangles: np.ndarray
-    """(t, 3) vertex numbers, anticlockwise."""
-    cell_of_triangle: np.ndarray
-    """(t,) cell number of each triangle, 0 ... n_cells - 1."""
+    vertices: Float[np.ndarray, "v 2"]
+    """All vertices, background and outline vertices first, then cut points; mm."""
+    cut_ends: Int[np.ndarray, "n_cut 2"]
+    """Vertex numbers of the two ends of the outline segment on which the last n_cut vertices lie."""
+    cut_fractions: Float[np.ndarray, " n_cut"]
+    """Position of each cut point on its segment, 0 at the first end."""
+    triangles: Int[np.ndarray, "t 3"]
+    """Vertex numbers, anticlockwise."""
+    cell_of_triangle: Int[np.ndarray, " t"]
+    """Cell number of each triangle, 0 ... n_cells - 1."""
 
     @property
-    def n_cells(self):
-        """Number of cells (int)."""
+    def n_cells(self) -> int:
+        """Number of cells."""
         return int(self.cell_of_triangle.max()) + 1
 
     @functools.cached_property
-    def contour_edges(self):
-        """Directed edges of all cell contours, (e, 2) vertex numbers, with the gel on the left, and their cells (e,)."""
+    def contour_edges(self) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " e"]]:
+        """Directed edges of all cell contours, vertex numbers with the gel on the left, and their cells."""
         return _contour_edges(self.triangles, self.cell_of_triangle)
 
 
-def partition(background, squares, outline_loops, outline_vertices, gel):
+def partition(
+    background: Float[np.ndarray, "b 2"],
+    squares: list,
+    outline_loops: Int[np.ndarray, "s 2"],
+    outline_vertices: Float[np.ndarray, "o 2"],
+    gel: shapely.Geometry,
+) -> Partition:
     """Partition of the polygon ``gel`` (shapely) by the background squares.
 
     ``background`` (b, 2) are grid vertices, ``squares`` a list of vertex loops into it (anticlockwise, hanging vertices included),
@@ -209,8 +217,8 @@ def _signed_areas(vertices, triangles):
     return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
 
 
-def boundary_edges(triangles):
-    """Edges (e, 2) that belong to one triangle only."""
+def boundary_edges(triangles: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "e 2"]:
+    """Edges that belong to one triangle only."""
     edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     return unique[count == 1]

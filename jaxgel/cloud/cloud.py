@@ -18,42 +18,21 @@ from scipy.spatial import cKDTree
 
 from .._types import Array, Float, Int
 from ..geometry import (
-    Arc,
     Plate,
     arc_points,
-    arcs,
     check_plate,
     edge_lines,
-    equal_arc_length,
     inside_holes,
-    outline_points,
     reference_plate,
 )
 from .cells import Partition, partition
 from .morph import Morph, make_morph
+from .outlines import OUTLINE_SEGMENTS, Outline, fine_outlines, gel_polygon, join, loop
 from .quadrature import Quadrature, cell_quadrature
-from .quadtree import find_ligaments, make_background
+from .quadtree import Background, find_ligaments, make_background
 
-OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
 MAX_NODES = 1_000_000  # of a cloud: a model of a million nodes takes tens of gigabytes
 GRADING = 0.75  # slope of the node spacing between large squares and small ones
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Outline:
-    """One arc of a hole's boundary in the cloud; hashed by identity."""
-
-    arc: Arc
-    """The arc."""
-    s: Float[np.ndarray, " m"]
-    """Position of the fine outline vertices along the arc, 0 ... 1."""
-    vertices: Int[np.ndarray, " m"]
-    """Their vertex numbers; every ``OUTLINE_SEGMENTS``-th one is a node."""
-
-    @property
-    def closed(self) -> bool:
-        """Whether the arc is a whole hole."""
-        return self.arc.closed
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -183,24 +162,32 @@ def _make_topology(plate, spacing, nodes_per_hole, across):
     check_plate(plate)
     spacing, nodes_per_hole = _check_sizes(plate, spacing, nodes_per_hole, across)
     background = make_background(plate, spacing)
-    outlines, points = _outlines(plate, nodes_per_hole, background)
+    outlines, points = fine_outlines(plate, nodes_per_hole, background)
     if across is not None and outlines:
-        curves = [points[_loop(o) - len(background.vertices)] for o in outlines]
-        gel = _gel_polygon(plate, outlines, points, len(background.vertices))
+        curves = [points[loop(o) - len(background.vertices)] for o in outlines]
+        gel = gel_polygon(plate, outlines, points, len(background.vertices))
         ligaments = find_ligaments(_edge_lines_of(plate), curves, [o.arc for o in outlines], gel)
         background = make_background(plate, spacing, ligaments, across - 2)
-        outlines, points = _outlines(plate, nodes_per_hole, background)
+        outlines, points = fine_outlines(plate, nodes_per_hole, background)
     topology = assemble(plate, spacing, background, outlines, points, nodes_per_hole, across)
     _check_ligaments(topology)
     return topology
 
 
-def assemble(plate, spacing, background, outlines, points, nodes_per_hole=0, across=None):
+def assemble(
+    plate: Plate,
+    spacing: float,
+    background: Background,
+    outlines: tuple[Outline, ...],
+    points: Float[np.ndarray, "o 2"],
+    nodes_per_hole: int = 0,
+    across: int | None = None,
+) -> Topology:
     """``Topology`` of a background and the fine outlines numbered after it, with their points (o, 2)."""
     n = len(background.vertices)
-    segments = [np.stack([_loop(o)[:-1], _loop(o)[1:]], axis=1) - n for o in outlines]
-    gel = _gel_polygon(plate, outlines, points, n)
-    part = partition(background.vertices, background.loops, _joined(segments, int), points, gel)
+    segments = [np.stack([loop(o)[:-1], loop(o)[1:]], axis=1) - n for o in outlines]
+    gel = gel_polygon(plate, outlines, points, n)
+    part = partition(background.vertices, background.loops, join(segments, int), points, gel)
     free = np.flatnonzero(~inside_holes(plate, background.vertices, 1e-9 * spacing))
     node_vertices = np.concatenate([free, *(o.vertices[::OUTLINE_SEGMENTS] for o in outlines)])
     nodes = part.vertices[node_vertices]
@@ -251,68 +238,6 @@ def _check_sizes(plate, spacing, nodes_per_hole, across):
     return spacing, per_hole
 
 
-def _outlines(plate, nodes_per_hole, background):
-    """The fine outline of every arc, numbered after the background, and its points (o, 2); its intervals are halved as the squares are."""
-    found, lines, offset = [], [], len(background.vertices)
-    for arc in arcs(plate):
-        points = functools.partial(arc_points, plate, arc)
-        intervals = max(2, round(nodes_per_hole * _fraction_of_hole(plate, arc)))
-        ends = equal_arc_length(plate, arc, intervals)
-        ends = np.append(ends, ends[0] + 1.0) if arc.closed else ends
-        for halvings in range(len(background.halved)):
-            at = np.linspace(ends[:-1], ends[1:], OUTLINE_SEGMENTS + 1)
-            depth = background.halvings(np.asarray(points(at.ravel()))).reshape(at.shape).max(axis=0)
-            ends = np.sort(np.append(ends, at[OUTLINE_SEGMENTS // 2, depth > halvings]))
-        steps = np.arange(OUTLINE_SEGMENTS) / OUTLINE_SEGMENTS
-        fine = (ends[:-1, None] + steps * np.diff(ends)[:, None]).ravel()
-        fine = fine if arc.closed else np.append(fine, ends[-1])
-        found.append(Outline(arc, fine, offset + np.arange(len(fine))))
-        lines.append(np.asarray(points(fine)))
-        offset += len(fine)
-    return tuple(found), _joined(lines, float)
-
-
-def _joined(parts, dtype):
-    """Arrays (k, 2) one after the other; (0, 2) for none."""
-    return np.concatenate([np.zeros((0, 2), dtype), *parts])
-
-
-def _loop(outline):
-    """Vertex numbers along the outline; the first one again at the end of a closed one."""
-    return np.append(outline.vertices, outline.vertices[0]) if outline.closed else outline.vertices
-
-
-def _fraction_of_hole(plate, arc):
-    """Length of the arc over the length of its whole hole's outline."""
-    hole = plate.holes[arc.hole]
-    whole = np.asarray(outline_points(hole, np.linspace(0.0, 1.0, 4001)))
-    part = np.asarray(outline_points(hole, np.linspace(arc.start, arc.end, 4001)))
-    return _length(part) / _length(whole)
-
-
-def _length(line):
-    return np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
-
-
-def _gel_polygon(plate, outlines, outline_vertices, offset):
-    """The dry gel as a shapely polygon: the plate less each hole's fine polygon, continued outside the plate for cut holes."""
-    box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
-    rings = []
-    for k, hole in enumerate(plate.holes):
-        own = [o for o in outlines if o.arc.hole == k]
-        if own and own[0].closed:
-            rings.append(shapely.Polygon(outline_vertices[own[0].vertices - offset]))
-            continue
-        ring = []
-        for this, following in zip(own, own[1:] + own[:1], strict=True):
-            ring.append(outline_vertices[this.vertices - offset])
-            stop = following.arc.start + (following.arc.start <= this.arc.end - 1e-12 or len(own) == 1)
-            outside = np.linspace(this.arc.end, stop, 66)[1:-1]
-            ring.append(np.asarray(outline_points(hole, outside % 1.0)))
-        rings.append(shapely.Polygon(np.concatenate(ring)))
-    return shapely.difference(box, shapely.union_all(rings))
-
-
 def _edge_nodes(plate, nodes, tolerance):
     """Node numbers on each edge of the plate, ordered along the edge."""
     found = {}
@@ -327,7 +252,7 @@ def _check_ligaments(topology):
     part, n = topology.partition, topology.n_background
     free = topology.node_vertices[topology.node_vertices < n]
     tree = cKDTree(part.vertices[free]) if len(free) else None
-    boundaries = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(part.vertices[_loop(o)])) for o in topology.outlines]
+    boundaries = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(part.vertices[loop(o)])) for o in topology.outlines]
     boundaries += [("the plate's edge", False, line) for line in _edge_lines_of(topology.plate)]
     for (name, closed, curve), (other_name, _, other) in itertools.combinations(boundaries, 2):
         cut = not closed and other_name == "the plate's edge"

@@ -1,6 +1,6 @@
-"""How the background follows the holes: a thin-plate spline through the outline nodes and the walls.
+"""How the background follows the holes: a thin-plate spline through the outline nodes and the on_edges.
 
-Outline nodes move with their hole, wall vertices slide along their wall in proportion to the nearest arc ends on it, and the spline
+Outline nodes move with their hole, vertices on the edges of the plate slide along them in proportion to the nearest arc ends on it, and the spline
 carries both displacements inwards. It is linear in the displacements and exact for affine ones.
 """
 
@@ -13,7 +13,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from ..geometry import edge_lines
+from .._types import Array, Float, Int
+from ..geometry import Plate, edge_lines
 
 REST = -1  # source of a displacement of zero: a corner of the plate
 
@@ -23,18 +24,18 @@ REST = -1  # source of a displacement of zero: a corner of the plate
 class Morph:
     """The linear map from the displacement of the outline vertices to that of the background vertices; NumPy arrays."""
 
-    matrix: np.ndarray
-    """(b, c) from the displacement of the controls, outline nodes and then wall vertices, to that of the background vertices."""
-    nodes: np.ndarray
+    matrix: Float[np.ndarray, "b c"]
+    """From the displacement of the controls, outline nodes and then vertices on the plate's edges, to that of the background vertices."""
+    nodes: Int[np.ndarray, " k"]
     """Outline vertices that are controls."""
-    sources: np.ndarray
-    """(w, 2) outline vertices between which each wall vertex slides, or ``REST``."""
-    fraction: np.ndarray
-    """(w,) its place between them, 0 at the first."""
-    axis: np.ndarray
-    """(w,) axis along which it slides."""
+    sources: Int[np.ndarray, "e 2"]
+    """Outline vertices between which each vertex on an edge slides, or ``REST``."""
+    fraction: Float[np.ndarray, " e"]
+    """Its position between them, 0 at the first."""
+    axis: Int[np.ndarray, " e"]
+    """Axis along which it slides."""
 
-    def displacement(self, outline):
+    def displacement(self, outline: Float[Array, "o 2"]) -> Float[Array, "b 2"]:
         """Displacement (b, 2) of the background vertices for that of the outline vertices, (o, 2)."""
         ends = jnp.concatenate([outline, jnp.zeros((1, 2))])[self.sources]  # REST is the last row
         f = self.fraction[:, None]
@@ -42,21 +43,23 @@ class Morph:
         return self.matrix @ jnp.concatenate([outline[self.nodes], slide])
 
 
-def make_morph(plate, background, outline, nodes, arc_ends):
+def make_morph(
+    plate: Plate, background: Float[np.ndarray, "b 2"], outline: Float[np.ndarray, "o 2"], nodes: np.ndarray, arc_ends: list
+) -> Morph:
     """``Morph`` of the vertices ``background`` (b, 2) with the ``outline`` vertices (o, 2), of which the numbers ``nodes`` are nodes.
 
-    ``arc_ends`` lists the outline vertices that lie on a wall with their edge, as (edge, number).
+    ``arc_ends`` lists the outline vertices that lie on an edge of the plate with their edge, as (edge, number).
     """
-    length, (walls, *slides) = max(plate.width, plate.height), _wall_slides(plate, background, outline, arc_ends)
-    apart = cKDTree(outline[nodes]).query(background[walls])[0] > 1e-9 * length  # an outline may end on a wall vertex
-    walls, sources, fraction, axis = (column[apart] for column in (walls, *slides))
-    controls = np.concatenate([outline[nodes], background[walls]])
+    length, (on_edges, *slides) = max(plate.width, plate.height), _edge_slides(plate, background, outline, arc_ends)
+    apart = cKDTree(outline[nodes]).query(background[on_edges])[0] > 1e-9 * length  # an outline may end on an edge of the plate vertex
+    on_edges, sources, fraction, axis = (column[apart] for column in (on_edges, *slides))
+    controls = np.concatenate([outline[nodes], background[on_edges]])
     matrix = thin_plate_matrix(controls, background, length)
-    matrix[walls] = np.eye(len(controls))[len(nodes) :]
+    matrix[on_edges] = np.eye(len(controls))[len(nodes) :]
     return Morph(matrix, nodes, sources, fraction, axis)
 
 
-def _wall_slides(plate, background, outline, arc_ends):
+def _edge_slides(plate, background, outline, arc_ends):
     """Wall vertices (w,) among the background, their sources (w, 2), fractions (w,) and axes (w,)."""
     size = np.array([plate.width, plate.height])
     corners = np.flatnonzero((np.abs(background) == size / 2).all(axis=1))
@@ -75,7 +78,7 @@ def _wall_slides(plate, background, outline, arc_ends):
     return tuple(np.concatenate(column) for column in zip(*found, strict=True))
 
 
-def thin_plate_matrix(controls, points, length):
+def thin_plate_matrix(controls: Float[np.ndarray, "c 2"], points: Float[np.ndarray, "p 2"], length: float) -> Float[np.ndarray, "p r"]:
     """Matrix (p, c) of the thin-plate spline that takes values at ``controls`` (c, 2) to ``points`` (p, 2), exact for linear fields."""
 
     def kernel(a, b):

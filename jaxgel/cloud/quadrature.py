@@ -10,6 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._types import Array, Float, Int
+from ..geometry import Plate
+from .cells import Partition
+
 EDGE_POINTS = np.array([0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12)])  # equal weights, exact for cubics
 _TRIANGLE = np.array([[1, 1], [4, 1], [1, 4]]) / 6  # local coordinates, equal weights, exact for quadratics
 _SQUARE = np.stack(np.meshgrid(EDGE_POINTS, EDGE_POINTS, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -19,23 +23,23 @@ _SQUARE = np.stack(np.meshgrid(EDGE_POINTS, EDGE_POINTS, indexing="ij"), axis=-1
 class Quadrature:
     """Points of all cells, ordered by cell; NumPy arrays."""
 
-    corners: np.ndarray
-    """(p, 4) vertices of the triangle (the last one without weight) or quadrilateral that a point belongs to."""
-    values: np.ndarray
-    """(p, 4) weights with which the corners make the point."""
-    slopes: np.ndarray
-    """(p, 2, 4) and its derivatives by two local coordinates."""
-    share: np.ndarray
-    """(p,) quadrature weight over the Jacobian determinant of the local coordinates."""
-    owner: np.ndarray
-    """(p,) cell number."""
+    corners: Int[np.ndarray, "p 4"]
+    """Vertices of the triangle (the last one without weight) or quadrilateral that a point belongs to."""
+    values: Float[np.ndarray, "p 4"]
+    """Weights with which the corners make the point."""
+    slopes: Float[np.ndarray, "p 2 4"]
+    """Derivatives of these weights by two local coordinates."""
+    share: Float[np.ndarray, " p"]
+    """Quadrature weight over the Jacobian determinant of the local coordinates."""
+    owner: Int[np.ndarray, " p"]
+    """Cell number."""
 
-    def points(self, vertices):
-        """The points (p, 2) for vertices (v, 2), mm."""
+    def points(self, vertices: Float[Array, "v 2"]) -> Float[Array, "p 2"]:
+        """The points for these positions of the vertices, mm."""
         return _points(vertices, self.corners, self.values)
 
-    def weights(self, vertices):
-        """Their weights (p,), mm^2: they add up to the area of each cell."""
+    def weights(self, vertices: Float[Array, "v 2"]) -> Float[Array, " p"]:
+        """Quadrature weights of the points, mm^2: they add up to the area of each cell."""
         return _weights(vertices, self.corners, self.slopes, self.share)
 
 
@@ -50,7 +54,7 @@ def _weights(vertices, corners, slopes, share):
     return share * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
-def cell_quadrature(partition, n_background):
+def cell_quadrature(partition: Partition, n_background: int) -> Quadrature:
     """``Quadrature`` of a ``Partition`` whose first ``n_background`` vertices are those of the background squares."""
     triangles, owner = partition.triangles, partition.cell_of_triangle
     order = np.argsort(owner, kind="stable")
@@ -98,14 +102,14 @@ def _rule(corners, owner, values, slopes, share):
 
 
 @jax.jit
-def edge_points(vertices, edges):
-    """Points (2 e, 2) of the edges (e, 2) for vertices (v, 2)."""
+def edge_points(vertices: Float[Array, "v 2"], edges: Int[Array, "e 2"]) -> Float[Array, "r 2"]:
+    """Two Gauss points of each edge, r = 2 e, for these positions of the vertices."""
     start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
     return (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
 
 
-def square_cells(plate, side):
-    """Gauss points (c, 16, 2) and weights (c, 16) of the paper's ``side`` x ``side`` background cells with 4 x 4 points each."""
+def square_cells(plate: Plate, side: int) -> tuple[Float[np.ndarray, "c 16 2"], Float[np.ndarray, "c 16"]]:
+    """Gauss points and weights of the paper's ``side`` x ``side`` background cells with 4 x 4 points each."""
     g, w = np.polynomial.legendre.leggauss(4)
     middle = (np.arange(side) + 0.5) / side - 0.5
     centres = np.stack(np.meshgrid(middle * plate.width, middle * plate.height, indexing="ij"), axis=-1).reshape(-1, 1, 2)

@@ -8,7 +8,8 @@ import dataclasses
 import numpy as np
 import shapely
 
-from ..geometry import EDGES
+from .._types import Float, Int
+from ..geometry import EDGES, Arc, Plate
 
 MAX_HALVINGS = 8  # of a background square
 REACH = range(-2, 3)  # squares of each size are at least two abreast, so that a support spans few sizes
@@ -19,20 +20,20 @@ _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 class Background:
     """Squares that cover the plate; those of the ``k``-th halving are numbered row by row, 2^k times as many per side."""
 
-    low: np.ndarray
-    """(2,) lower left corner of the plate, mm."""
-    side: np.ndarray
-    """(2,) sides of a square that was not halved, mm."""
-    counts: np.ndarray
-    """(2,) numbers of such squares along x and y."""
-    halved: tuple
+    low: Float[np.ndarray, "2"]
+    """Lower left corner of the plate, mm."""
+    side: Float[np.ndarray, "2"]
+    """Sides of a square that was not halved, mm."""
+    counts: Int[np.ndarray, "2"]
+    """Numbers of such squares along x and y."""
+    halved: tuple[Int[np.ndarray, " h"], ...]
     """Per k the numbers, ascending, of the squares of the k-th halving that are halved again."""
-    vertices: np.ndarray
-    """(b, 2) corners of all squares, mm."""
-    loops: list
+    vertices: Float[np.ndarray, "b 2"]
+    """Corners of all squares, mm."""
+    loops: list[Int[np.ndarray, " l"]]
     """Vertex numbers around each square, anticlockwise, with the corners of smaller neighbours that lie on its sides."""
 
-    def halvings(self, points):
+    def halvings(self, points: Float[np.ndarray, "p 2"]) -> Int[np.ndarray, " p"]:
         """How many times the square around each of ``points`` (p, 2) was halved, (p,)."""
         depth = np.zeros(len(points), dtype=int)
         for k, halved in enumerate(self.halved):
@@ -41,12 +42,12 @@ class Background:
             depth += np.isin(square @ [counts[1], 1], halved)  # a square that does not exist is never halved
         return depth
 
-    def fewest_halvings(self, points):
+    def fewest_halvings(self, points: Float[np.ndarray, "p 2"]) -> Int[np.ndarray, " p"]:
         """The same for the largest square that touches each of ``points`` (p, 2)."""
         return np.min([self.halvings(points + 1e-6 * self.side * (2 * corner - 1)) for corner in _CORNERS], axis=0)
 
 
-def make_background(plate, spacing, ligaments=None, intervals=0):
+def make_background(plate: Plate, spacing: float, ligaments: tuple | None = None, intervals: int = 0) -> Background:
     """``Background`` of squares nearly ``spacing`` wide (mm), each halved until it is narrower than its ligament over ``intervals``.
 
     ``ligaments`` are strips and widths as found by ``find_ligaments``. Raises ValueError where that takes too many halvings.
@@ -66,16 +67,20 @@ def make_background(plate, spacing, ligaments=None, intervals=0):
     return Background(-size / 2, size / counts, counts, tuple(halved), vertices, loops)
 
 
-def find_ligaments(walls, curves, arcs, gel):
-    """Strips of gel between an outline and the nearest other outline or wall: polygons (m,) and widths (m,), mm.
+def find_ligaments(
+    sides: list[shapely.LineString], curves: list[Float[np.ndarray, "k 2"]], arcs: list[Arc], gel: shapely.Geometry
+) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:
+    """Strips of gel between an outline and the nearest other outline or edge of the plate: polygons (m,) and widths (m,), mm.
 
-    ``curves`` are the fine outlines (k, 2) of the ``arcs``, closed ones with the first point repeated, ``walls`` the LineStrings of
-    ``EDGES``. A wall on which an arc ends is none of its neighbours: the wedge between them is no ligament.
+    ``curves`` are the fine outlines (k, 2) of the ``arcs``, closed ones with the first point repeated, ``sides`` the plate's
+    ``EDGES``. An edge on which an arc ends is none of its neighbours: the wedge between them is no ligament.
     """
     lines = shapely.linestrings(np.concatenate(curves), indices=np.repeat(np.arange(len(curves)), [len(c) for c in curves]))
     strips, widths = [], []
     for i, (curve, arc) in enumerate(zip(curves, arcs, strict=True)):
-        others = np.append(np.delete(lines, i), [w for w, e in zip(walls, EDGES, strict=True) if e not in (arc.start_edge, arc.end_edge)])
+        others = np.append(
+            np.delete(lines, i), [side for side, e in zip(sides, EDGES, strict=True) if e not in (arc.start_edge, arc.end_edge)]
+        )
         across = shapely.shortest_line(shapely.points(curve), shapely.multilinestrings(others))
         width = shapely.length(across)
         through_gel = shapely.length(shapely.intersection(across, gel)) > 0.9 * width

@@ -6,10 +6,11 @@ from .consistency import plate_edge_ends
 from .interpolation import NEIGHBOURS, Interpolation, in_plane, make_probe
 from .midline import core_probe, midline_probe
 from .model import CellBlock, Model, discretise
-from .moving_least_squares import KINDS, cubic_spline_weight, n_monomials, shape_functions, shape_functions_and_gradients, singular_weight
+from .moving_least_squares import KINDS, n_monomials, shape_functions, shape_functions_and_gradients
 from .neighbours import reaching_nodes
 from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
+from .weights import cubic_spline_weight, singular_weight
 
 __all__ = [
     "BASES",

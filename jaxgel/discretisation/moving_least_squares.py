@@ -17,17 +17,26 @@ import numpy as np
 from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
+from .._types import Array, Float, Inexact, Scalar
+from .weights import cubic_spline_weight, safe_sqrt, singular_slope, singular_weight
+
 KINDS = ("iicvmls", "imls", "icvmls", "mls")
 _ORDER = {"linear": 1, "quadratic": 2}
-_TINY = 1e-60  # squared distance below which the singular weight stays what it is: its ninth derivative is still a number
 
 
-def n_monomials(basis):
-    """Number of monomials (int) of the complete real basis: 3 for ``"linear"``, 6 for ``"quadratic"``."""
+def n_monomials(basis: str) -> int:
+    """Number of monomials of the complete real basis: 3 for ``"linear"``, 6 for ``"quadratic"``."""
     return _number(_order(basis))
 
 
-def shape_functions(x, neighbours, support, *, basis="quadratic", kind="iicvmls"):
+def shape_functions(
+    x: Float[Array, "2"],
+    neighbours: Float[Array, "a 2"],
+    support: Float[Array, " a"] | Scalar,
+    *,
+    basis: str = "quadratic",
+    kind: str = "iicvmls",
+) -> Inexact[Array, " a"]:
     """Shape function values (n,) at the point ``x`` (2,) of the nodes ``neighbours`` (n, 2); dimensionless.
 
     ``support`` () or (n,) is the radius of each node's weight function, in the unit of length of ``x``. ``kind``:
@@ -54,7 +63,14 @@ def shape_functions(x, neighbours, support, *, basis="quadratic", kind="iicvmls"
     return _least_squares((neighbours - x) / scale, cubic_spline_weight(distance_squared, support), order, kind)
 
 
-def shape_functions_and_gradients(x, neighbours, support, *, basis="quadratic", kind="iicvmls"):
+def shape_functions_and_gradients(
+    x: Float[Array, "2"],
+    neighbours: Float[Array, "a 2"],
+    support: Float[Array, " a"] | Scalar,
+    *,
+    basis: str = "quadratic",
+    kind: str = "iicvmls",
+) -> tuple[Inexact[Array, " a"], Inexact[Array, "a 2"]]:
     """The values (n,) of `shape_functions` and their gradients (n, 2) by ``x``, over the unit of length.
 
     The gradients are those of automatic differentiation. Those of the interpolating kinds are written out: all of them share one
@@ -86,25 +102,6 @@ def shape_functions_and_gradients(x, neighbours, support, *, basis="quadratic", 
     return nearest * y[0] + w * polynomial, jnp.stack(gradients, axis=1)
 
 
-def singular_weight(distance_squared, support):
-    """The singular weight function of Eq. (37), (rho/d)^2 (1 - d/rho)^2 inside the support and 0 outside, of d^2; huge at d = 0."""
-    return _positive(support * _inverse_root(distance_squared) - 1) ** 2
-
-
-def _singular_slope(distance_squared, support):
-    """Twice the derivative of `singular_weight` by d^2: times the offset from the node it is the gradient."""
-    inverse = _inverse_root(distance_squared)
-    return -2 * support * inverse**3 * _positive(support * inverse - 1)
-
-
-def cubic_spline_weight(distance_squared, support):
-    """The cubic spline weight of the element free Galerkin method, of d^2: 2/3 at d = 0, 0 from d = ``support`` on, C2."""
-    inside = distance_squared < support**2
-    s = _safe_sqrt(jnp.where(inside, distance_squared, 0.0)) / jnp.where(support > 0, support, 1.0)
-    near = 2 / 3 - 4 * s**2 + 4 * s**3
-    return jnp.where(inside, jnp.where(s < 0.5, near, 4 / 3 * (1 - s) ** 3), 0.0)
-
-
 def _checked(neighbours, support, basis, kind):
     """Order of the basis, and the supports (n,)."""
     order = _order(basis)
@@ -122,17 +119,17 @@ class _Fit(NamedTuple):
     of w_k. The choice of k is free: every choice gives the same phi.
     """
 
-    nearest: jax.Array
-    """(n,) 1 for the nearest node, 0 for the others."""
-    w: jax.Array
-    """(n,) weights of the other nodes; 0 for the nearest."""
-    p: jax.Array
+    nearest: Inexact[Array, " n"]
+    """1 for the nearest node, 0 for the others."""
+    w: Inexact[Array, " n"]
+    """weights of the other nodes; 0 for the nearest."""
+    p: Inexact[Array, "m n"]
     """(m, n) monomials at the nodes."""
-    inverse_w_k: jax.Array
-    """() inverse weight of the nearest node."""
-    p_x: jax.Array
-    """(m,) monomials at the point."""
-    along: list
+    inverse_w_k: Inexact[Array, ""]
+    """inverse weight of the nearest node."""
+    p_x: Inexact[Array, " m"]
+    """monomials at the point."""
+    along: list[tuple]
     """Derivatives of the weights, the inverse weight and p_x by the two coordinates of the point."""
 
 
@@ -144,7 +141,7 @@ def _fit(x, neighbours, support, order, kind):
     x_k, rho_k = [nearest @ node for node in nodes], nearest @ support
     away_k = [at - node for at, node in zip(point, x_k, strict=True)]
     d2_k = away_k[0] ** 2 + away_k[1] ** 2
-    reach = rho_k - _safe_sqrt(d2_k)
+    reach = rho_k - safe_sqrt(d2_k)
 
     per_length = 1 / lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
     p = _monomials(*_coordinates(*((node - k) * per_length for node, k in zip(nodes, x_k, strict=True)), kind), order)
@@ -153,7 +150,7 @@ def _fit(x, neighbours, support, order, kind):
         return _monomials(*_coordinates(*(a * per_length for a in away), kind), order)
 
     others = jnp.where(nearest > 0, 0.0, support)
-    slope, slope_k = _singular_slope(distance_squared, others), 2 * rho_k / reach**3
+    slope, slope_k = singular_slope(distance_squared, others), 2 * rho_k / reach**3
     along = [
         (slope * away[axis], slope_k * away_k[axis], jax.jvp(basis, away_k, [1.0 * (axis == i) for i in range(2)])[1]) for axis in range(2)
     ]
@@ -269,36 +266,6 @@ def _inverse(matrix):
 def _inverse_jvp(primals, tangents):
     inverse = _inverse(primals[0])
     return inverse, -inverse @ tangents[0] @ inverse
-
-
-@jax.custom_jvp
-def _inverse_root(squared):
-    """1 / sqrt, constant below `_TINY`; a maximum, not a choice, is what XLA vectorises."""
-    return lax.rsqrt(jnp.maximum(squared, _TINY))
-
-
-@_inverse_root.defjvp
-def _inverse_root_jvp(primals, tangents):
-    """Products only: JAX's own rule divides once more for each derivative."""
-    inverse = _inverse_root(primals[0])
-    return inverse, -0.5 * inverse**3 * tangents[0]
-
-
-@jax.custom_jvp
-def _positive(value):
-    """The value where it is positive, otherwise 0; JAX's own rule for the maximum divides."""
-    return jnp.maximum(value, 0.0)
-
-
-@_positive.defjvp
-def _positive_jvp(primals, tangents):
-    return _positive(primals[0]), jnp.where(primals[0] > 0, tangents[0], 0.0)
-
-
-def _safe_sqrt(squared):
-    """Square root whose derivative at 0 is taken as 0: there the weights depend on d through d^2 only."""
-    positive = squared > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
 
 def _order(basis):

@@ -1,7 +1,8 @@
 """The dry plate: its holes, its edges and the pieces of hole outlines that lie inside it."""
 
 from .boundary import CONDITIONS, EDGES, edge_lines, held_components
-from .holes import KINDS, Circle, Ellipse, Fourier, Hole, Polygon, Rectangle, Superellipse
+from .hole import Hole
+from .holes import KINDS, Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse
 from .outline import Arc, arc_parameter, arc_point, arc_points, arcs, equal_arc_length, inside_holes, outline_points
 from .plate import Plate, check_plate, reference_plate
 

@@ -3,10 +3,14 @@
 import dataclasses
 import itertools
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._validation import did_you_mean, finite_numbers
+
+if TYPE_CHECKING:
+    from .plate import Plate
 
 EDGES = ("left", "right", "bottom", "top")
 CONDITIONS = ("roller", "fixed", "free", "periodic")
@@ -32,13 +36,13 @@ class Edges(Mapping):
         return len(EDGES)
 
 
-def edge_lines(plate):
+def edge_lines(plate: "Plate") -> dict[str, tuple[int, float]]:
     """Edge -> (axis, coordinate): the edge lies where x (axis 0) or y (axis 1) has the coordinate, mm."""
     w, h = plate.width / 2, plate.height / 2
     return {"left": (0, -w), "right": (0, w), "bottom": (1, -h), "top": (1, h)}
 
 
-def checked_edges(edges):
+def checked_edges(edges: Mapping[str, str] | str) -> Edges:
     """The conditions as ``Edges``, rollers where none is given; ValueError for unknown ones and half a periodic pair."""
     if isinstance(edges, str):
         edges = dict.fromkeys(EDGES, edges)
@@ -54,7 +58,7 @@ def checked_edges(edges):
     return Edges(tuple(edges.get(edge, "roller") for edge in EDGES))
 
 
-def checked_deformation(deformation, edges):
+def checked_deformation(deformation: object, edges: Edges) -> tuple[tuple[float, float], tuple[float, float]]:
     """The macroscopic deformation gradient as nested tuples; ValueError for an unusable one or one that tilts a roller edge."""
     F = np.array(finite_numbers(deformation, (2, 2), "deformation"))
     if not np.linalg.det(F) > 0:
@@ -65,7 +69,7 @@ def checked_deformation(deformation, edges):
     return tuple(map(tuple, F.tolist()))
 
 
-def checked_displacement(displacement, edges):
+def checked_displacement(displacement: object, edges: Edges) -> Edges:
     """The displacements as ``Edges``; ValueError for components that are not held and for edges that tear their corner."""
     if not isinstance(displacement, Mapping):
         raise ValueError(f"displacement: {displacement!r} is not a mapping from edges to displacements such as {{'top': (0, 0.1)}}")
@@ -84,6 +88,6 @@ def checked_displacement(displacement, edges):
     return Edges(tuple(found[edge] for edge in EDGES))
 
 
-def held_components(edges, edge):
+def held_components(edges: Mapping[str, str], edge: str) -> tuple[int, ...]:
     """The components of the displacement, 0 along x and 1 along y, that the condition of an edge holds."""
     return {"roller": (AXIS[edge],), "fixed": (0, 1)}.get(edges[edge], ())

@@ -4,97 +4,32 @@ Lengths in mm, angles in radians. Every hole is a JAX pytree whose leaves are it
 outline is a periodic function ``point(t)`` of t in [0, 1], anticlockwise, smooth between the ``corners``.
 """
 
-import contextlib
 import dataclasses
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-
-def pytree(*, meta=()):
-    """Register a dataclass as a JAX pytree whose fields named in ``meta`` are static.
-
-    Unlike ``jax.tree_util.register_dataclass`` it rebuilds objects without calling the constructor, so that a constructor may
-    convert and check what a person writes and never meets JAX's placeholder leaves.
-    """
-
-    def register(cls):
-        names = [field.name for field in dataclasses.fields(cls)]
-        data = [name for name in names if name not in meta]
-
-        def flatten_with_keys(self):
-            leaves = [(jax.tree_util.GetAttrKey(name), getattr(self, name)) for name in data]
-            return leaves, tuple(getattr(self, name) for name in meta)
-
-        def unflatten(static, leaves):
-            self = object.__new__(cls)
-            for name, value in zip([*data, *meta], [*leaves, *static], strict=True):
-                object.__setattr__(self, name, value)
-            return self
-
-        jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten)
-        return cls
-
-    return register
-
-
-class Hole:
-    """What all holes share; a kind of hole adds its parameters as dataclass fields and the three functions below.
-
-    Raises ValueError for a parameter that is no number or has the wrong shape. Values are checked by ``geometry.check_plate``.
-    """
-
-    shapes: ClassVar[dict] = {}
-    """Parameter -> its shape; a letter stands for any length."""
-    positive: ClassVar[tuple] = ()
-    """Parameters that must be above zero."""
-
-    def __post_init__(self):
-        for name, shape in self.shapes.items():
-            object.__setattr__(self, name, _parameter(getattr(self, name), shape, f"{type(self).__name__}.{name}"))
-
-    @property
-    def corners(self):
-        """Static tuple of the t at which the outline has a kink."""
-        return ()
-
-    @property
-    def theta(self):
-        """The hole's parameters as a dict, name -> array."""
-        return {name: getattr(self, name) for name in self.shapes}
-
-    def point(self, t):
-        """Point (2,) of the outline at t (); t and t + 1 are the same point."""
-        raise NotImplementedError
-
-    def excess(self, x):
-        """How far outside the hole the point ``x`` (2,) lies, in mm; negative inside.
-
-        Measured along the ray from the hole's centre, for straight-sided holes across the sides.
-        """
-        raise NotImplementedError
-
-    def area(self):
-        """Area enclosed by the outline, mm^2, whether or not the plate's edge cuts the hole."""
-        raise NotImplementedError
+from .._types import Array, Float, Scalar
+from .hole import Hole, pytree
 
 
 class _Radial:
     """Outline in polar form about ``centre``, turned by ``angle`` where the kind has one."""
 
-    centre: Any
+    centre: Float[Array, "2"]
 
-    def radius_at(self, phi):
-        """Distance of the outline from the centre, mm, at the polar angle ``phi`` () in the hole's own axes."""
+    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
+        """Distance of the outline from the centre, mm, at the polar angle ``phi`` in the hole's own axes."""
         raise NotImplementedError
 
-    def point(self, t):
+    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
         phi = 2 * jnp.pi * t
         return self.centre + self.radius_at(phi) * _direction(phi + self._turn)
 
-    def excess(self, x):
+    def excess(self, x: Float[Array, "2"]) -> Float[Array, ""]:
         d = x - self.centre
         rho2 = d @ d
         rho = jnp.where(rho2 > 0, jnp.sqrt(jnp.where(rho2 > 0, rho2, 1.0)), 0.0)
@@ -110,18 +45,18 @@ class _Radial:
 class Circle(_Radial, Hole):
     """A circle."""
 
-    centre: Any
-    """(2,) mm."""
-    radius: Any
-    """() mm."""
+    centre: Float[Array, "2"] | Sequence[Scalar]
+    """Centre, mm."""
+    radius: Scalar
+    """Radius, mm."""
 
-    shapes: ClassVar[dict] = {"centre": (2,), "radius": ()}
-    positive: ClassVar[tuple] = ("radius",)
+    shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "radius": ()}
+    positive: ClassVar[tuple[str, ...]] = ("radius",)
 
-    def radius_at(self, phi):
+    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
         return self.radius + 0 * phi
 
-    def area(self):
+    def area(self) -> Float[Array, ""]:
         return jnp.pi * self.radius**2
 
 
@@ -130,24 +65,24 @@ class Circle(_Radial, Hole):
 class Ellipse(_Radial, Hole):
     """An ellipse; t is the eccentric anomaly over 2 pi, so ``point(0)`` is the end of the first axis."""
 
-    centre: Any
-    """(2,) mm."""
-    semi_axes: Any
-    """(2,) half the lengths of the two axes, mm."""
-    angle: Any = 0.0
-    """() of the first axis to the x axis, rad."""
+    centre: Float[Array, "2"] | Sequence[Scalar]
+    """Centre, mm."""
+    semi_axes: Float[Array, "2"] | Sequence[Scalar]
+    """Half the lengths of the two axes, mm."""
+    angle: Scalar = 0.0
+    """Angle of the first axis to the x axis, rad."""
 
-    shapes: ClassVar[dict] = {"centre": (2,), "semi_axes": (2,), "angle": ()}
-    positive: ClassVar[tuple] = ("semi_axes",)
+    shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "semi_axes": (2,), "angle": ()}
+    positive: ClassVar[tuple[str, ...]] = ("semi_axes",)
 
-    def point(self, t):
+    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
         return self.centre + _rotation(self.angle) @ (self.semi_axes * _direction(2 * jnp.pi * t))
 
-    def radius_at(self, phi):
+    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
         u = _direction(phi) / self.semi_axes
         return 1 / jnp.sqrt(u @ u)
 
-    def area(self):
+    def area(self) -> Float[Array, ""]:
         return jnp.pi * self.semi_axes[0] * self.semi_axes[1]
 
 
@@ -156,25 +91,25 @@ class Ellipse(_Radial, Hole):
 class Superellipse(_Radial, Hole):
     """The curve |x/a|^n + |y/b|^n = 1 by its polar angle: n = 2 is the ellipse, a large n a rectangle with round corners."""
 
-    centre: Any
-    """(2,) mm."""
-    semi_axes: Any
-    """(2,) a and b, mm."""
-    exponent: Any
-    """() n, above 1 and at most 100."""
-    angle: Any = 0.0
-    """() of the first axis to the x axis, rad."""
+    centre: Float[Array, "2"] | Sequence[Scalar]
+    """Centre, mm."""
+    semi_axes: Float[Array, "2"] | Sequence[Scalar]
+    """Semi-axes a and b, mm."""
+    exponent: Scalar
+    """Exponent n, above 1 and at most 100."""
+    angle: Scalar = 0.0
+    """Angle of the first axis to the x axis, rad."""
 
-    shapes: ClassVar[dict] = {"centre": (2,), "semi_axes": (2,), "exponent": (), "angle": ()}
-    positive: ClassVar[tuple] = ("semi_axes", "exponent")
+    shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "semi_axes": (2,), "exponent": (), "angle": ()}
+    positive: ClassVar[tuple[str, ...]] = ("semi_axes", "exponent")
 
-    def radius_at(self, phi):
+    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
         # lengths over sqrt(ab), so that the powers neither overflow nor vanish together
         a, n = jnp.sqrt(self.semi_axes[0] * self.semi_axes[1]), self.exponent
         u = jnp.abs(_direction(phi)) * (a / self.semi_axes)
         return a * (_power(u[0], n) + _power(u[1], n)) ** (-1 / n)
 
-    def area(self):
+    def area(self) -> Float[Array, ""]:
         n, log_gamma = self.exponent, jax.scipy.special.gammaln
         return 4 * self.semi_axes[0] * self.semi_axes[1] * jnp.exp(2 * log_gamma(1 + 1 / n) - log_gamma(1 + 2 / n))
 
@@ -187,28 +122,28 @@ class Fourier(_Radial, Hole):
     k = 1 is left out because to first order it only moves the centre; an angle is left out because cos and sin contain it.
     """
 
-    centre: Any
-    """(2,) mm."""
-    radius: Any
-    """() mean radius, mm."""
-    cos: Any
-    """(m,) coefficients of cos 2 phi, cos 3 phi, ..."""
-    sin: Any
-    """(m,) coefficients of sin 2 phi, sin 3 phi, ..."""
+    centre: Float[Array, "2"] | Sequence[Scalar]
+    """Centre, mm."""
+    radius: Scalar
+    """Mean radius, mm."""
+    cos: Float[Array, " m"] | Sequence[Scalar]
+    """Coefficients of cos 2 phi, cos 3 phi, ..."""
+    sin: Float[Array, " m"] | Sequence[Scalar]
+    """Coefficients of sin 2 phi, sin 3 phi, ..."""
 
-    shapes: ClassVar[dict] = {"centre": (2,), "radius": (), "cos": ("m",), "sin": ("m",)}
-    positive: ClassVar[tuple] = ("radius",)
+    shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "radius": (), "cos": ("m",), "sin": ("m",)}
+    positive: ClassVar[tuple[str, ...]] = ("radius",)
 
     def __post_init__(self):
         super().__post_init__()
         if self.cos.shape != self.sin.shape:
             raise ValueError(f"Fourier.cos, Fourier.sin: {len(self.cos)} and {len(self.sin)} coefficients; both must have the same number")
 
-    def radius_at(self, phi):
+    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
         k = jnp.arange(2, len(self.cos) + 2)
         return self.radius * (1 + self.cos @ jnp.cos(k * phi) + self.sin @ jnp.sin(k * phi))
 
-    def area(self):
+    def area(self) -> Float[Array, ""]:
         return jnp.pi * self.radius**2 * (1 + (self.cos @ self.cos + self.sin @ self.sin) / 2)
 
 
@@ -217,28 +152,28 @@ class Fourier(_Radial, Hole):
 class Rectangle(Hole):
     """A rectangle; t = 0, 1/4, 1/2, 3/4 are its corners, from the lower left one on."""
 
-    centre: Any
-    """(2,) mm."""
-    sides: Any
-    """(2,) full lengths of the sides, mm."""
-    angle: Any = 0.0
-    """() of the first side to the x axis, rad."""
+    centre: Float[Array, "2"] | Sequence[Scalar]
+    """Centre, mm."""
+    sides: Float[Array, "2"] | Sequence[Scalar]
+    """Full lengths of the sides, mm."""
+    angle: Scalar = 0.0
+    """Angle of the first side to the x axis, rad."""
 
-    shapes: ClassVar[dict] = {"centre": (2,), "sides": (2,), "angle": ()}
-    positive: ClassVar[tuple] = ("sides",)
+    shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "sides": (2,), "angle": ()}
+    positive: ClassVar[tuple[str, ...]] = ("sides",)
 
     @property
-    def corners(self):
+    def corners(self) -> tuple[float, ...]:
         return (0.0, 0.25, 0.5, 0.75)
 
-    def point(self, t):
+    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
         vertices = jnp.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
         return self.centre + _rotation(self.angle) @ (self.sides * _along(vertices, t))
 
-    def excess(self, x):
+    def excess(self, x: Float[Array, "2"]) -> Float[Array, ""]:
         return jnp.max(jnp.abs(_rotation(self.angle).T @ (x - self.centre)) - self.sides / 2)
 
-    def area(self):
+    def area(self) -> Float[Array, ""]:
         return self.sides[0] * self.sides[1]
 
 
@@ -247,20 +182,20 @@ class Rectangle(Hole):
 class Polygon(Hole):
     """A simple polygon, convex or not; t = k/n is vertex k."""
 
-    vertices: Any
-    """(n, 2) anticlockwise, mm, first one not repeated."""
+    vertices: Float[Array, "n 2"] | Sequence[Sequence[Scalar]]
+    """Anticlockwise, mm, first one not repeated."""
 
-    shapes: ClassVar[dict] = {"vertices": ("n", 2)}
+    shapes: ClassVar[dict[str, tuple]] = {"vertices": ("n", 2)}
 
     @property
-    def corners(self):
+    def corners(self) -> tuple[float, ...]:
         n = len(self.vertices)
         return tuple(k / n for k in range(n))
 
-    def point(self, t):
+    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
         return _along(self.vertices, t)
 
-    def excess(self, x):
+    def excess(self, x: Float[Array, "2"]) -> Float[Array, ""]:
         v, side = self.vertices, jnp.roll(self.vertices, -1, axis=0) - self.vertices
         d = x[None, :] - v
         fraction = jnp.clip(jnp.sum(d * side, axis=1) / jnp.sum(side**2, axis=1), 0.0, 1.0)
@@ -270,16 +205,16 @@ class Polygon(Hole):
         right = d[:, 0] < d[:, 1] * side[:, 0] / jnp.where(crosses, side[:, 1], 1.0)
         return jnp.where(jnp.sum(crosses & right) % 2 == 1, -distance, distance)
 
-    def area(self):
+    def area(self) -> Float[Array, ""]:
         x, y = self.vertices.T
         return jnp.sum(x * jnp.roll(y, -1) - y * jnp.roll(x, -1)) / 2
 
 
-KINDS = {kind.__name__.lower(): kind for kind in (Circle, Ellipse, Superellipse, Fourier, Rectangle, Polygon)}
+KINDS: Mapping[str, type[Hole]] = {kind.__name__.lower(): kind for kind in (Circle, Ellipse, Superellipse, Fourier, Rectangle, Polygon)}
 """Name of each kind of hole, as written in a case file, and its class."""
 
 
-def check_parameters(hole, name):
+def check_parameters(hole: Hole, name: str) -> None:
     """Raise ValueError, in one line that starts with the hole's ``name``, for concrete parameters out of their range."""
     for parameter, value in hole.theta.items():
         value = np.asarray(value)
@@ -317,25 +252,3 @@ def _along(vertices, t):
     fraction = n * t - side
     k = side.astype(int)
     return (1 - fraction) * vertices[k % n] + fraction * vertices[(k + 1) % n]
-
-
-def _parameter(value, shape, name):
-    """``value`` as a float array of ``shape``; ValueError otherwise."""
-    if isinstance(value, (list, tuple, int, float, np.ndarray, np.generic)):
-        with contextlib.suppress(TypeError, ValueError, OverflowError):  # a list that holds traced numbers, or no numbers at all
-            value = np.asarray(value, dtype=float)
-    try:
-        array = value if _is_float(value) else jnp.asarray(value, dtype=float)  # converting a traced one takes time and does nothing
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name}: {value!r} is not {_shape_in_words(shape)}") from None
-    if array.ndim != len(shape) or any(isinstance(n, int) and n != m for n, m in zip(shape, array.shape, strict=True)):
-        raise ValueError(f"{name}: an array of shape {array.shape} is not {_shape_in_words(shape)}")
-    return array
-
-
-def _is_float(value):
-    return isinstance(value, jax.Array) and value.dtype == jnp.float64
-
-
-def _shape_in_words(shape):
-    return "a number" if shape == () else f"an array of numbers of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"

@@ -1,12 +1,13 @@
-"""The dry plate with its holes: parameters, the arcs of hole outlines inside the plate, and checks.
+"""Pieces of hole outlines that lie inside the plate, points along them, and which points lie in holes.
 
 Lengths in mm; the plate is centred at the origin. ``point``, ``arc_point`` and what they call are pure functions of the hole
-parameters. ``arcs``, ``equal_arc_length``, ``inside_holes`` and ``check_plate`` work on the host and need concrete parameters.
+parameters. ``arcs``, ``equal_arc_length`` and ``inside_holes`` work on the host and need concrete parameters.
 """
 
 import dataclasses
 import functools
 import itertools
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +16,12 @@ from jax.core import Tracer
 from numpy.polynomial.legendre import leggauss
 from scipy.optimize import brentq, minimize_scalar
 
+from .._types import Array, Bool, Float, Scalar
 from .boundary import EDGES, edge_lines
+
+if TYPE_CHECKING:
+    from .hole import Hole
+    from .plate import Plate
 
 OUTLINE_SAMPLES = 2048  # points per outline among which arcs are searched
 NEWTON_STEPS = 8  # for the t at which a moved outline meets the plate's edge
@@ -37,13 +43,13 @@ class Arc:
     """Edge of the plate on which the second end lies; None for a whole hole."""
 
     @property
-    def closed(self):
+    def closed(self) -> bool:
         """Whether the arc is a whole hole."""
         return self.start_edge is None
 
 
-def arcs(plate):
-    """List of ``Arc``: all pieces of hole outlines inside the plate, hole by hole and anticlockwise along each.
+def arcs(plate: "Plate") -> list[Arc]:
+    """All pieces of hole outlines inside the plate, hole by hole and anticlockwise along each.
 
     A hole inside the plate, also one that touches the edge in a point, gives one closed arc; a hole cut by the edge gives open arcs
     whose ends are on the edge to round-off.
@@ -51,7 +57,7 @@ def arcs(plate):
     return [arc for k in range(len(plate.holes)) for arc in _arcs_of_hole(plate, k)]
 
 
-def arc_parameter(plate, arc, s):
+def arc_parameter(plate: "Plate", arc: Arc, s: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
     """Outline parameter t () at the share ``s`` () in [0, 1] of the arc, on a plate whose holes may have moved.
 
     The ends of an open arc stay on their edge: they solve 'normal coordinate of ``point(t)`` = the edge's' by Newton's method
@@ -62,17 +68,17 @@ def arc_parameter(plate, arc, s):
     return start + s * (end - start)
 
 
-def arc_point(plate, arc, s):
+def arc_point(plate: "Plate", arc: Arc, s: Scalar) -> Float[Array, "2"]:
     """Point (2,) in mm at the share ``s`` () of the arc; see ``arc_parameter``."""
     return plate.holes[arc.hole].point(arc_parameter(plate, arc, s))
 
 
-def arc_points(plate, arc, s):
+def arc_points(plate: "Plate", arc: Arc, s: Float[Array, " m"]) -> Float[Array, "m 2"]:
     """Points (m, 2) in mm at the shares ``s`` (m,) of the arc; compiled once per kind of hole."""
     return outline_points(plate.holes[arc.hole], arc_parameter(plate, arc, np.asarray(s)))
 
 
-def equal_arc_length(plate, arc, n_intervals):
+def equal_arc_length(plate: "Plate", arc: Arc, n_intervals: int) -> Float[np.ndarray, " m"]:
     """Shares s along the arc that cut it into pieces of equal length, corners being cuts.
 
     NumPy (n_intervals + 1,) with both ends for an open arc, (n_intervals,) from t = 0 on for a whole hole. Between corners the
@@ -90,7 +96,7 @@ def equal_arc_length(plate, arc, n_intervals):
     return s[:-1] if arc.closed else s
 
 
-def inside_holes(plate, points, tolerance=0.0):
+def inside_holes(plate: "Plate", points: Float[Array, "p 2"] | list, tolerance: float = 0.0) -> Bool[np.ndarray, " p"]:
     """Boolean (p,): whether each of ``points`` (p, 2) lies in a hole, on its outline, or within ``tolerance`` mm of it."""
     points, inside = np.asarray(points, dtype=float), np.zeros(len(points), dtype=bool)
     with jax.ensure_compile_time_eval():  # numbers, also where a program around it is being compiled
@@ -118,7 +124,7 @@ def _meet(hole, t, axis, coordinate):
 
 
 @jax.jit
-def outline_points(hole, t):
+def outline_points(hole: "Hole", t: Float[Array, " m"]) -> Float[Array, "m 2"]:
     """Points (m, 2) of the outline at the parameters ``t`` (m,), mm; compiled once per kind of hole."""
     return jax.vmap(hole.point)(t)
 

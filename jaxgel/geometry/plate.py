@@ -7,9 +7,11 @@ import jax
 import numpy as np
 import shapely
 
+from .._types import Array
 from .._validation import did_you_mean
 from .boundary import checked_deformation, checked_displacement, checked_edges, edge_lines
-from .holes import Hole, check_parameters, pytree
+from .hole import Hole, pytree
+from .holes import check_parameters
 from .outline import _outward, _traced, outline_points
 
 TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as contact
@@ -32,15 +34,15 @@ class Plate:
     """Length along x, mm."""
     height: float
     """Length along y, mm."""
-    holes: Sequence[Hole] = ()
-    """Any number of ``holes.Hole``; kept as a tuple."""
+    holes: Sequence[Hole] | Hole = ()
+    """The holes; kept as a tuple."""
     _: dataclasses.KW_ONLY
-    edges: Mapping | str = "roller"
+    edges: Mapping[str, str] | str = "roller"
     """A condition for all edges, or edge -> condition; edges left out are rollers. "roller" holds the displacement normal to the edge,
     "fixed" both components, "free" none; opposite edges that are "periodic" move alike but for ``deformation``."""
-    deformation: tuple = ((1.0, 0.0), (0.0, 1.0))
+    deformation: Sequence[Sequence[float]] = ((1.0, 0.0), (0.0, 1.0))
     """Macroscopic deformation gradient (2, 2), rows first: what held edges and the two sides of a periodic cell follow."""
-    displacement: Mapping = dataclasses.field(default_factory=dict)
+    displacement: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
     """Roller or fixed edge -> its displacement (2,), mm, on top of ``deformation``; 0 for edges left out and along rollers."""
     name: str = "plate"
     """What tables and files call it."""
@@ -50,10 +52,10 @@ class Plate:
     """Default number of nodes on the outline of each whole hole."""
     cells: int | None = None
     """Default number of background cells per side for the paper's quadrature."""
-    core: tuple = (0.0, 0.0)
+    core: Sequence[float] = (0.0, 0.0)
     """Point whose rotation is the plate's core rotation, mm."""
     gel: object = None
-    """Default ``material.Gel`` with concrete numbers, or None."""
+    """Default ``materials.Gel`` with concrete numbers, or None."""
     unit: str = "mm"
     """What a length of 1 stands for in figures and tables; swelling itself knows no length, so read every mm of this package as this."""
     reference: "Plate | None" = None
@@ -75,16 +77,16 @@ class Plate:
                 raise ValueError(f"holes[{k}]: {hole!r} is not a hole such as Circle(centre=(0, 0), radius=1)")
 
     @property
-    def moved(self):
+    def moved(self) -> bool:
         """Whether ``deformation`` or ``displacement`` moves an edge."""
         return self.deformation != ((1.0, 0.0), (0.0, 1.0)) or any(map(any, self.displacement.values()))
 
     @property
-    def theta(self):
+    def theta(self) -> tuple[dict[str, Array], ...]:
         """Parameters of all holes: a tuple of dicts, name -> array; a pytree, the argument of ``at``."""
         return tuple(hole.theta for hole in self.holes)
 
-    def at(self, theta):
+    def at(self, theta: Sequence[Mapping[str, object]]) -> "Plate":
         """The plate with new hole parameters, which may be traced.
 
         ``theta`` has one dict per hole, name -> value; what is left out stays as it is. The result's ``reference`` is the plate
@@ -97,7 +99,7 @@ class Plate:
         return dataclasses.replace(self, holes=holes, reference=reference)
 
 
-def reference_plate(plate):
+def reference_plate(plate: Plate) -> Plate:
     """The concrete plate from which ``plate`` takes its topology: its ``reference``, itself, or its values under differentiation.
 
     Raises ValueError when no values exist, that is under ``jax.jit`` or ``jax.vmap`` of a plate made from traced parameters.
@@ -110,7 +112,7 @@ def reference_plate(plate):
     return reference
 
 
-def check_plate(plate):
+def check_plate(plate: Plate) -> None:
     """Raise ValueError, in one line that names the hole, for parameters or an arrangement of holes that make no plate.
 
     That is: values that are not finite or not positive, outlines that cross themselves, holes outside the plate, with a side along

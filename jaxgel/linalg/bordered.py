@@ -20,7 +20,7 @@ class Bordered:
         except RuntimeError as error:
             raise SingularTangent(str(error)) from error
 
-    def solve(self, upper, lower):
+    def solve(self, upper: np.ndarray, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solution (f,) and (b,) for right-hand sides (f,) and (b,), refined twice."""
         rhs = np.concatenate([upper[self.order], lower])
         solution = self.lu.solve(rhs)

@@ -6,6 +6,8 @@ import functools
 import numpy as np
 import scipy.sparse as sp
 
+from .._types import Float, Int
+
 LEAF = 40  # nodes of a part that is not divided any more
 BALANCE = 0.35  # least share of the nodes on either side of a cut
 
@@ -18,7 +20,7 @@ class Front:
     """Rank of the first pivot."""
     end: int
     """Rank after the last pivot."""
-    below: np.ndarray
+    below: Int[np.ndarray, " m"]
     """(m,) ranks of the later unknowns that its pivots are coupled to, ascending."""
     corner: tuple
     """Sources and places of the matrix entries in the (k, k) pivot block, lower triangle, column by column."""
@@ -33,18 +35,18 @@ class Front:
 class Tree:
     """Fronts in the order of elimination, children before parents."""
 
-    order: np.ndarray
+    order: Int[np.ndarray, " f"]
     """(f,) unknown of each rank."""
-    fronts: tuple
+    fronts: tuple[Front, ...]
     """The ``Front``s."""
 
     @functools.cached_property
-    def fill(self):
+    def fill(self) -> int:
         """Numbers of a factor."""
         return sum((front.end - front.first) * (front.end - front.first + len(front.below)) for front in self.fronts)
 
 
-def dissect(pairs, unknowns, points):
+def dissect(pairs: Int[np.ndarray, "p 2"], unknowns: Int[np.ndarray, "n 2"], points: Float[np.ndarray, "n 2"]) -> Tree:
     """``Tree`` for a symmetric matrix given by 2 x 2 blocks of node pairs (p, 2), i <= j, flattened.
 
     ``unknowns`` (n, 2) numbers the two components of each node, -1 for those that are not part of the matrix; ``points`` (n, 2) are

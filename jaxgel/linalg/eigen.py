@@ -5,33 +5,39 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
+from .._types import Array, Float
+from .factors import Factor
+from .pattern import Pattern
+
 FOLLOWED = 4  # modes that are carried along a sweep, any of which may become the lowest
 SAME = 1e-8  # part of a vector that is left beside the others where they are next to dependent
 FIRST_ITERATIONS = 4  # inverse iterations for modes of which nothing is known
 MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
 
 
-def network_matrix(pattern, laplacian):
+def network_matrix(pattern: Pattern, laplacian: Float[Array, " p"]) -> sp.csr_matrix:
     """``network_stiffness`` from its entries (p,) by node pairs."""
     matrix = sp.csr_matrix(pattern.matrix(np.asarray(laplacian)[:, None, None] * np.eye(2)))
     matrix.eliminate_zeros()
     return matrix.copy()  # half of the entries were zero, but not given back
 
 
-def extreme_eigenvalues(factor, stiffness):
+def extreme_eigenvalues(factor: Factor, stiffness: sp.csr_matrix) -> tuple[float, float]:
     """The lowest eigenvalue of the factorised tangent, and the one nearest zero: the same where none is negative."""
     nearest = nearest_modes(factor, stiffness, 1)[0][0]
     return lowest_mode(factor, stiffness)[0] if factor.negative_pivots > 0 else nearest, nearest
 
 
-def lowest_mode(factor, stiffness):
+def lowest_mode(factor: Factor, stiffness: sp.csr_matrix) -> tuple[float, Float[np.ndarray, " f"]]:
     """The lowest eigenvalue of the factorised tangent and its mode (f,), by shift-invert Lanczos."""
     negative = min(factor.negative_pivots, MOST_NEGATIVE)
     values, modes = nearest_modes(factor, stiffness, max(negative, 1), which="SA" if negative else "LM")
     return values[0], modes[:, 0]
 
 
-def inverse_iteration(factor, stiffness, start):
+def inverse_iteration(
+    factor: Factor, stiffness: sp.csr_matrix, start: Float[np.ndarray, "f m"]
+) -> tuple[Float[np.ndarray, "f m"], Float[np.ndarray, "f m"]]:
     """Ritz vectors (f, m) of the factorised tangent, ascending, after an inverse iteration from ``start`` (f, m), and N times them."""
     before = columnwise_products(stiffness, start)
     vectors, r = np.linalg.qr(factor.apply(before))  # next to a singular tangent all vectors turn into one direction
@@ -49,7 +55,7 @@ def _without_symmetry(f, factor=1):
     return np.sin(1.0 + np.multiply.outer(np.arange(f) ** 1.5, factor))
 
 
-def lowest_of_factor(factor, stiffness):
+def lowest_of_factor(factor: Factor, stiffness: sp.csr_matrix) -> Float[np.ndarray, "f m"]:
     """Modes (f, FOLLOWED) of the factorised tangent with the lowest eigenvalues: the negative ones, or those next to zero."""
     negative = min(factor.negative_pivots, MOST_NEGATIVE)
     if negative == 0:
@@ -63,7 +69,9 @@ def lowest_of_factor(factor, stiffness):
     return np.concatenate([below, *above], axis=1)[:, :FOLLOWED]
 
 
-def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
+def nearest_modes(
+    factor: Factor, stiffness: sp.csr_matrix, count: int, before: Float[np.ndarray, "f m"] | None = None, *, which: str = "LM"
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "f m"]]:
     """The ``count`` eigenvalues nearest zero of the factorised tangent, ascending, and their modes (f, count), by shift-invert Lanczos.
 
     ``which`` "SA" takes the negative ones, "LA" the positive ones. With the modes ``before`` (f, count) of a nearby tangent they keep
@@ -78,12 +86,18 @@ def nearest_modes(factor, stiffness, count, before=None, *, which="LM"):
     return values[rank], modes[:, rank]
 
 
-def columnwise_products(matrix, vectors):
+def columnwise_products(matrix: sp.spmatrix, vectors: Float[np.ndarray, "f m"]) -> Float[np.ndarray, "g m"]:
     """Products (f, m) of a sparse matrix with ``vectors`` (f, m), one by one: SciPy's product with all of them takes twice as long."""
     return np.stack([matrix @ vector for vector in vectors.T], axis=1)
 
 
-def rayleigh_ritz(eigenvalues, images, d, product, weighted):
+def rayleigh_ritz(
+    eigenvalues: Float[np.ndarray, " m"],
+    images: Float[np.ndarray, "f m"],
+    d: Float[np.ndarray, "f m"],
+    product: Float[np.ndarray, "f m"],
+    weighted: Float[np.ndarray, "f m"],
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "r m"]]:
     """Lowest eigenvalues (m,) and coefficients (2 m, m) in the basis of m Ritz vectors and m corrections ``d`` (f, m) orthogonal to them.
 
     ``images`` and ``product`` (f, m) are K times the two, ``weighted`` (f, m) is N d.

@@ -11,20 +11,24 @@ serve derivatives. ``"auto"``, the default, is the direct one up to ``LARGE_BYTE
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
 
 from .._threads import few_threads
-from .multifrontal import factorise
+from .._types import Array, Float
+from .multifrontal import Fronts, factorise
 from .pattern import Pattern
+
+Columns = Float[np.ndarray, " f"] | Float[np.ndarray, "f r"]
 
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
 NEGLIGIBLE = 1e-13  # relative error of the solutions of a matrix near a factorised one
-LEFT = 0.3  # largest share of the error that one of their iterations may leave: where they converge more slowly, a new factor costs less
+SLOWEST = 0.3  # refactorise where one iteration leaves more than this share of the error: a new factor costs less
 ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement: that of a factor in double precision
-COLUMNS = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
+COLUMNS_TOGETHER = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
 
 
 class SingularTangent(ArithmeticError):
@@ -39,24 +43,24 @@ class Factor:
     """Its pattern."""
     matrix: sp.csc_matrix
     """The free-free matrix it was made from."""
-    fronts: object
-    """``multifrontal.Fronts``."""
+    fronts: Fronts
+    """Its triangular factors, front by front."""
 
     @functools.cached_property
-    def negative_pivots(self):
+    def negative_pivots(self) -> int:
         """Number of negative pivots = number of negative eigenvalues of the matrix."""
         return self.fronts.negative_pivots
 
-    def apply(self, rhs):
+    def apply(self, rhs: Columns) -> Columns:
         """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""
         with few_threads(len(self.pattern.free)):
             return self.fronts.solve(rhs)
 
-    def inverse(self, rhs):
+    def inverse(self, rhs: Columns) -> Columns:
         """Solution (f,) or (f, r) as accurate as that of a factor in double precision; not checked where the factor is one."""
         return self.apply(rhs) if self.pattern.precision is np.float64 else self.solve(rhs)[0]
 
-    def solve(self, rhs, *, refine=True):
+    def solve(self, rhs: Columns, *, refine: bool = True) -> tuple[Columns, float]:
         """Solution (f,) or (f, r) for the right-hand side, and its backward error |b - K x| / (|K| |x| + |b|).
 
         It is refined until the corrections stop shrinking: in soft modes the residual tells nothing. Without ``refine`` the first
@@ -83,7 +87,7 @@ class Factor:
             raise SingularTangent(f"the linear solve left a backward error of {error:.1e}")
         return solution, error
 
-    def solve_other(self, rhs, product):
+    def solve_other(self, rhs: Float[np.ndarray, " f"], product: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, " f"] | None:
         """Solution (f,) for another matrix, by its ``product`` with vectors (f,); None where that is far from the factorised one.
 
         Conjugate gradients with the factor as preconditioner: where the two matrices differ by a share s, an iteration leaves about s / 2
@@ -103,27 +107,27 @@ class Factor:
                 z = apply(residual)
                 size, last = residual @ z, size
                 slowest = max(abs(size / last), slowest)  # nan if that is
-                if not slowest < LEFT**2:
+                if not slowest < SLOWEST**2:
                     return None
                 direction, left = z + size / last * direction, 4 * slowest * abs(size)
         return solution + z
 
     @functools.cached_property
-    def size(self):
+    def size(self) -> int:
         """Bytes it fills: the fronts and the matrix."""
         return self.fronts.size + 8 * self.matrix.nnz
 
     @functools.cached_property
-    def norm(self):
+    def norm(self) -> float:
         """Largest column sum of the matrix, an upper bound of its spectral norm."""
         data, first = self.matrix.data, self.matrix.indptr[:-1]
-        starts = np.split(first, range(COLUMNS, len(first), COLUMNS))
+        starts = np.split(first, range(COLUMNS_TOGETHER, len(first), COLUMNS_TOGETHER))
         stops = [*(start[0] for start in starts[1:]), len(data)]
         sums = (np.add.reduceat(np.abs(data[a[0] : b]), a - a[0]).max() for a, b in zip(starts, stops, strict=True))
         return float(max(sums))
 
 
-def factor(pattern, pairs):
+def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"]) -> Factor:
     """``Factor`` of the tangent given by pair blocks (n_pairs, 2, 2); raises ``SingularTangent``."""
     pattern = pattern.fitting(pairs)
     matrix = pattern.matrix(pairs)

@@ -16,6 +16,7 @@ from scipy.linalg import get_blas_funcs
 from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
+from .._types import Array, Float
 from .dissection import Tree
 
 
@@ -25,22 +26,22 @@ class Fronts:
 
     tree: Tree
     """Its fronts."""
-    numbers: np.ndarray
+    numbers: Float[np.ndarray, " fill"]
     """(tree.fill,) all that the corners and sides hold: one piece of memory, given back at once."""
-    corners: list
+    corners: list[np.ndarray]
     """Per front L (k, k) lower triangular, or the inverse transpose of a full L where the pivot block is indefinite."""
-    sides: list
+    sides: list[np.ndarray]
     """Per front B (m, k)."""
-    signs: list
+    signs: list[np.ndarray | None]
     """Per front the signs (k,) S of the pivots; None where all are positive and L is triangular."""
 
     @property
-    def negative_pivots(self):
+    def negative_pivots(self) -> int:
         """Number of negative eigenvalues of the matrix."""
         return sum(int(np.sum(signs < 0)) for signs in self.signs if signs is not None)
 
     @property
-    def size(self):
+    def size(self) -> int:
         """Bytes it fills."""
         return self.numbers.nbytes
 
@@ -50,7 +51,7 @@ class Fronts:
         numbers = zip(self.tree.fronts, self.corners, self.sides, self.signs, strict=True)
         return [(slice(front.first, front.end), front.below, *own) for front, *own in numbers]
 
-    def solve(self, rhs):
+    def solve(self, rhs: Float[np.ndarray, " f"] | Float[np.ndarray, "f r"]) -> Float[np.ndarray, " f"] | Float[np.ndarray, "f r"]:
         """Solution (f,) or (f, r), without refinement: as accurate as the precision in which the factor is kept."""
         y = np.asarray(rhs, dtype=float)[self.tree.order]
         y = y.ravel() if y.size == len(y) else y  # one vector: BLAS of level 2, which takes three quarters of the time
@@ -77,7 +78,7 @@ class Fronts:
         return solution.reshape(np.shape(rhs))
 
 
-def factorise(tree, values, dtype=float):
+def factorise(tree: Tree, values: Float[Array, "..."], dtype: type = float) -> Fronts:
     """``Fronts`` of the matrix whose entries are ``values`` (s,), finite; LinAlgError where the pivot block of a front is singular.
 
     All arithmetic is in double precision; ``dtype`` is that in which the factor is kept. In single precision its error acts on L, whose

@@ -6,7 +6,8 @@ import dataclasses
 import numpy as np
 import scipy.sparse as sp
 
-from .dissection import dissect
+from .._types import Array, Float, Int
+from .dissection import Tree, dissect
 
 SOLVERS = ("auto", "direct", "iterative")
 LARGE_BYTES = 2**31  # of a factor in double precision, above which "auto" is "iterative": 1.3e5 nodes of sample 1
@@ -18,47 +19,49 @@ class Pattern:
 
     n_pairs: int
     """Number of node pairs i <= j."""
-    free: np.ndarray
-    """(f,) or (f, k) degrees of freedom of each unknown, see ``constraints``."""
+    free: Int[np.ndarray, "..."]
+    """(f,) or (f, k) degrees of freedom of each unknown."""
     structure: sp.csc_matrix
     """The free-free matrix (f, f) of a tangent with, in place of its values, ``source``."""
-    tree: object
-    """``multifrontal.Tree``."""
+    tree: Tree
+    """Order of elimination and its fronts."""
     joined: sp.csr_matrix | None = None
     """Takes the entries of the pair blocks (4 n_pairs,) to those of the pairs of nodes that stand for others; None where all do."""
-    narrower: object = None
+    narrower: "Pattern | None" = None
     """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
     solver: str = "auto"
     """``"direct"``, ``"iterative"``, or ``"auto"``: by the size of the factor."""
 
     @property
-    def precision(self):
+    def precision(self) -> type:
         """Type of the numbers in which factors are kept."""
         large = 8 * self.tree.fill > LARGE_BYTES
         return np.float32 if self.solver == "iterative" or (self.solver == "auto" and large) else np.float64
 
     @property
-    def source(self):
-        """(nnz,) entry of the flattened pair blocks, joined where nodes move together, that each stored matrix entry takes."""
+    def source(self) -> Int[np.ndarray, " nnz"]:
+        """Entry of the flattened pair blocks, joined where nodes move together, that each stored matrix entry takes."""
         return self.structure.data
 
-    def fitting(self, pairs):
+    def fitting(self, pairs: Float[Array, "p 2 2"]) -> "Pattern":
         """The narrower pattern where it holds all of the pair blocks (n_pairs, 2, 2), otherwise this one."""
         return self.narrower if self.narrower is not None and not np.any(np.asarray(pairs)[self.narrower.n_pairs :]) else self
 
-    def matrix(self, pairs):
+    def matrix(self, pairs: Float[Array, "p 2 2"]) -> sp.csc_matrix:
         """The free-free matrix (f, f), CSC, from pair blocks (n_pairs, 2, 2)."""
         matrix = copy.copy(self.structure)  # the constructor would check the indices once more
         matrix.data = self.entries(pairs)[self.source]
         return matrix
 
-    def entries(self, pairs):
+    def entries(self, pairs: Float[Array, "p 2 2"]) -> Float[np.ndarray, " e"]:
         """Entries (e,) of the pair blocks (n_pairs, 2, 2), added up where nodes move together."""
         entries = np.asarray(pairs)[: self.n_pairs].reshape(-1)
         return entries if self.joined is None else self.joined @ entries
 
 
-def analyse(pair_nodes, points, free, solver="auto"):
+def analyse(
+    pair_nodes: Int[np.ndarray, "p 2"], points: Float[np.ndarray, "n 2"], free: Int[np.ndarray, "..."], solver: str = "auto"
+) -> Pattern:
     """``Pattern`` for node pairs (p, 2) with i <= j between nodes at ``points`` (n, 2) and free degrees of freedom (f,).
 
     The pairs include (i, i) for every node.

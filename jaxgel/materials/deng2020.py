@@ -1,18 +1,21 @@
 """Stress and tangent of Deng et al. (2020), Eqs. (5)-(9), in the freely swollen reference."""
 
+from typing import Any
+
 import jax.numpy as jnp
 
+from .._types import Array, Float, Scalar
 from .gel import _det, flory_rehner, free_energy, neo_hookean
 from .swelling import free_swelling
 
 
-def paper_free_energy(F_prime, mu, gel):
+def paper_free_energy(F_prime: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Float[Array, ""]:
     """Free energy (), in kT/v per volume of the freely swollen state C_mu, at F = F_mu F'; Eq. (5). W / J_mu, without a constant."""
     stretch = free_swelling(mu, gel)
     return free_energy(stretch * F_prime, mu, gel) / stretch**2
 
 
-def paper_stress(G, mu, gel, stretch=None):
+def paper_stress(G: Float[Array, "2 2"], mu: Scalar, gel: Any, stretch: Scalar | None = None) -> Float[Array, "2 2"]:
     """Second Piola-Kirchhoff stress S (2, 2), in kT/v, in the reference C_mu; Eq. (6), for the default energy.
 
     ``G`` (2, 2) = F'^T F' is the in-plane right Cauchy-Green tensor; G33 = 1, since F_mu = diag(l, l, 1) has J_mu = l^2.
@@ -22,14 +25,14 @@ def paper_stress(G, mu, gel, stretch=None):
     return gel.Nv * jnp.eye(2) + B * _inverse(G).T
 
 
-def paper_tangent(G, mu, gel, stretch=None):
+def paper_tangent(G: Float[Array, "2 2"], mu: Scalar, gel: Any, stretch: Scalar | None = None) -> Float[Array, "2 2 2 2"]:
     """Tangent D_ijkl = 2 dS_ij/dG_kl (2, 2, 2, 2), in kT/v, at ``G`` (2, 2); Eqs. (8)-(9). Arguments as of ``paper_stress``."""
     B, C, J = _paper_coefficients(G, mu, gel, stretch)
     inverse = _inverse(G)
     return 2 * B / J**2 * _cofactor_derivative() + C * jnp.einsum("ji,lk->ijkl", inverse, inverse)
 
 
-def voigt(D):
+def voigt(D: Float[Array, "2 2 2 2"]) -> Float[Array, "3 3"]:
     """Matrix (3, 3) of a tangent (2, 2, 2, 2) in the order 11, 22, 12, components as they are: for strains with 2 E_12 in third place."""
     rows, columns = jnp.array([0, 1, 0]), jnp.array([0, 1, 1])
     return D[rows[:, None], columns[:, None], rows[None, :], columns[None, :]]

@@ -19,15 +19,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .swelling import _check, _elementwise
+from .._types import Array, Float, Scalar
+from .swelling import Numbers, _check, _elementwise
 
 
-def neo_hookean(F, gel):
+def neo_hookean(F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
     """Network energy of Gaussian chains, Nv/2 (I - 3), in kT/v; with F33 = 1 this is Nv/2 (F:F - 2)."""
     return gel.Nv / 2 * (jnp.sum(F**2) - 2)
 
 
-def flory_huggins(J, chi):
+def flory_huggins(J: Float[Array, "..."] | Scalar, chi: Scalar) -> Float[Array, "..."]:
     """Energy of mixing polymer and solvent, -(J-1) ln(J/(J-1)) - chi/J, in kT/v per dry volume; J > 1.
 
     ln(J/(J-1)) = log1p(1/(J-1)) is accurate for every J, both next to the dry state and far from it.
@@ -35,7 +36,7 @@ def flory_huggins(J, chi):
     return -(J - 1) * jnp.log1p(1 / (J - 1)) - chi / J
 
 
-def flory_rehner(J, gel):
+def flory_rehner(J: Float[Array, "..."] | Scalar, gel: Any) -> Float[Array, "..."]:
     """The part of the Flory-Rehner energy that depends on J alone: mixing, and -Nv ln J of the network; Eq. (1)."""
     return flory_huggins(J, gel.chi) - gel.Nv * jnp.log(J)
 
@@ -50,8 +51,8 @@ class Gel:
     registered dataclass with these four attributes and its own.
     """
 
-    Nv: Any = 1e-3  # chains per dry volume times solvent molecule volume (); the shear modulus of the dry network in kT/v
-    chi: Any = 1e-4  # enthalpy of mixing, Flory's parameter ()
+    Nv: Scalar = 1e-3  # chains per dry volume times solvent molecule volume (); the shear modulus of the dry network in kT/v
+    chi: Scalar = 1e-4  # enthalpy of mixing, Flory's parameter ()
     network: Callable = dataclasses.field(default=neo_hookean, kw_only=True, metadata={"static": True})  # (F (2, 2), gel) -> ()
     volumetric: Callable = dataclasses.field(default=flory_rehner, kw_only=True, metadata={"static": True})  # (J (), gel) -> ()
 
@@ -65,7 +66,7 @@ class Gent:
     def __post_init__(self):
         _check("Jm", self.Jm, lambda v: 0 < v < math.inf, "a finite number > 0")
 
-    def __call__(self, F, gel):
+    def __call__(self, F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
         return -gel.Nv * self.Jm / 2 * jnp.log1p(-(jnp.sum(F**2) - 2) / self.Jm)
 
 
@@ -81,14 +82,14 @@ class ArrudaBoyce:
     def __post_init__(self):
         _check("N", self.N, lambda v: 0 < v < math.inf, "a finite number > 0")
 
-    def __call__(self, F, gel):
+    def __call__(self, F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
         invariant = jnp.sum(F**2) + 1
         terms = [c / self.N**i for i, c in enumerate((1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750))]
         initial = 2 * sum(c * (i + 1) * 3**i for i, c in enumerate(terms))
         return gel.Nv / initial * sum(c * (invariant ** (i + 1) - 3 ** (i + 1)) for i, c in enumerate(terms))
 
 
-def free_energy(F, mu, gel):
+def free_energy(F: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Float[Array, ""]:
     """Free energy () per dry volume, in kT/v, at the deformation gradient ``F`` (2, 2); NaN unless det F > 1.
 
     The Legendre transform of Eq. (1) with 1 + vC = J; Eq. (5) is this divided by J_mu, see ``paper_free_energy``.
@@ -97,7 +98,7 @@ def free_energy(F, mu, gel):
     return gel.network(F, gel) + gel.volumetric(J, gel) - mu * (J - 1)
 
 
-def cauchy_stress(F, mu, gel, pressure=None):
+def cauchy_stress(F: Float[Array, "2 2"], mu: Scalar, gel: Any, pressure: Scalar | None = None) -> Float[Array, "2 2"]:
     """In-plane Cauchy stress (2, 2), in kT/v, at ``F`` (2, 2); ``pressure`` () replaces ``osmotic(J, mu, gel)`` if given.
 
     A mixed method passes its own pressure. The stress out of plane does not follow from an energy of the in-plane ``F``.
@@ -107,12 +108,12 @@ def cauchy_stress(F, mu, gel, pressure=None):
     return jax.grad(gel.network)(F, gel) @ F.T / J + pressure * jnp.eye(2)
 
 
-def osmotic(J, mu, gel):
+def osmotic(J: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Pressure p = d volumetric / dJ - ``mu``, in kT/v, at the volume ratio ``J`` (...) > 1."""
     return _elementwise(jax.grad(gel.volumetric), J, gel) - mu
 
 
-def bulk_stiffness(J, gel):
+def bulk_stiffness(J: Numbers, gel: Any) -> Float[Array, "..."]:
     """dp/dJ, in kT/v, at the volume ratio ``J`` (...) > 1; about 1/(J-1), so 1e3 to 1e5 times Nv over most of a sweep."""
     return _elementwise(jax.grad(jax.grad(gel.volumetric)), J, gel)
 

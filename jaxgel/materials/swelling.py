@@ -2,17 +2,22 @@
 
 import functools
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from .._types import Array, Float, Scalar
+
+Numbers = Float[Array, "..."] | Scalar
+
 SMALLEST_SWELLING, LARGEST_SWELLING = 1e-14, 1e8  # bounds of J - 1 in the search for a volume ratio
 _MOST_STEPS = 100  # 52 bisections take the whole interval of ln(J - 1) to round-off
 
 
-def check_gel(gel, mu=None):
+def check_gel(gel: Any, mu: object = None) -> None:
     """Raise ValueError, one line, unless Nv > 0, 0 < chi < 2 and ``mu`` (number or array, if given) is finite; traced values pass."""
     _check("Nv", gel.Nv, lambda v: 0 < v < math.inf, "a finite number > 0")
     _check("chi", gel.chi, lambda v: 0 < v < 2, "a number in (0, 2), bounds excluded")
@@ -34,7 +39,7 @@ def _uniaxial(J, gel):
 
 
 @jax.jit
-def volume_ratio_at(p, mu, gel):
+def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Volume ratio J (...) > 1 at which ``osmotic(J, mu, gel)`` equals ``p`` (...): the inverse of ``osmotic``. Finite for every p.
 
     The pressure grows from -inf at J = 1 to ``largest_pressure``: -mu at J = inf for 2 chi < (1 + sqrt(Nv))^2, else the maximum at
@@ -50,7 +55,7 @@ def volume_ratio_at(p, mu, gel):
 
 
 @jax.jit
-def free_swelling(mu, gel):
+def free_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """In-plane stretch l (...) of the gel that swells freely at ``mu`` (...): dW/dl = 0 at F = diag(l, l, 1); Eq. (6) with S = 0.
 
     The root that is connected with the dry state (see ``volume_ratio_at``); NaN from ``largest_mu`` on.
@@ -63,7 +68,7 @@ def free_swelling(mu, gel):
 
 
 @jax.jit
-def uniaxial_swelling(mu, gel):
+def uniaxial_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Stretch l2 (...) of the gel that swells along x2 only, at ``mu`` (...): dW/dl2 = 0 at F = diag(1, l2, 1); Eq. (59).
 
     Exists for every mu with a neo-Hookean network and chi <= 1/2, up to l2 = LARGEST_SWELLING; NaN where no root is connected with
@@ -73,7 +78,7 @@ def uniaxial_swelling(mu, gel):
 
 
 @jax.jit
-def largest_mu(gel):
+def largest_mu(gel: Any) -> Float[Array, ""]:
     """Supremum () of the chemical potentials, in kT, that have a ``free_swelling`` connected with the dry state.
 
     Nv for the default energy with 2 chi < (1 + sqrt(Nv))^2, else the value at the spinodal, where the swelling would jump; a huge
@@ -84,7 +89,7 @@ def largest_mu(gel):
 
 
 @jax.jit
-def largest_pressure(mu, gel):
+def largest_pressure(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Supremum (...) of the pressures, in kT/v, that the gel can carry at ``mu`` (...): see ``volume_ratio_at``."""
     return _largest_slope(_volume_only, gel) - jnp.asarray(mu, float)
 

@@ -1,0 +1,92 @@
+"""Fine outlines of the holes, along which nodes and cell vertices lie; host NumPy on the reference plate."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import shapely
+
+from .._types import Float, Int
+from ..geometry import Arc, Plate, arc_points, arcs, equal_arc_length, outline_points
+from .quadtree import Background
+
+OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Outline:
+    """One arc of a hole's boundary in the cloud; hashed by identity."""
+
+    arc: Arc
+    """The arc."""
+    s: Float[np.ndarray, " m"]
+    """Position of the fine outline vertices along the arc, 0 ... 1."""
+    vertices: Int[np.ndarray, " m"]
+    """Their vertex numbers; every ``OUTLINE_SEGMENTS``-th one is a node."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether the arc is a whole hole."""
+        return self.arc.closed
+
+
+def fine_outlines(plate: Plate, nodes_per_hole: int, background: Background) -> tuple[tuple[Outline, ...], Float[np.ndarray, "o 2"]]:
+    """The fine outline of every arc, numbered after the background, and its points (o, 2); its intervals are halved as the squares are."""
+    found, lines, offset = [], [], len(background.vertices)
+    for arc in arcs(plate):
+        points = functools.partial(arc_points, plate, arc)
+        intervals = max(2, round(nodes_per_hole * _fraction_of_hole(plate, arc)))
+        ends = equal_arc_length(plate, arc, intervals)
+        ends = np.append(ends, ends[0] + 1.0) if arc.closed else ends
+        for halvings in range(len(background.halved)):
+            at = np.linspace(ends[:-1], ends[1:], OUTLINE_SEGMENTS + 1)
+            depth = background.halvings(np.asarray(points(at.ravel()))).reshape(at.shape).max(axis=0)
+            ends = np.sort(np.append(ends, at[OUTLINE_SEGMENTS // 2, depth > halvings]))
+        steps = np.arange(OUTLINE_SEGMENTS) / OUTLINE_SEGMENTS
+        fine = (ends[:-1, None] + steps * np.diff(ends)[:, None]).ravel()
+        fine = fine if arc.closed else np.append(fine, ends[-1])
+        found.append(Outline(arc, fine, offset + np.arange(len(fine))))
+        lines.append(np.asarray(points(fine)))
+        offset += len(fine)
+    return tuple(found), join(lines, float)
+
+
+def join(parts: list[np.ndarray], dtype: type) -> np.ndarray:
+    """Arrays (k, 2) one after the other; (0, 2) for none."""
+    return np.concatenate([np.zeros((0, 2), dtype), *parts])
+
+
+def loop(outline: Outline) -> Int[np.ndarray, " m"]:
+    """Vertex numbers along the outline; the first one again at the end of a closed one."""
+    return np.append(outline.vertices, outline.vertices[0]) if outline.closed else outline.vertices
+
+
+def _fraction_of_hole(plate, arc):
+    """Length of the arc over the length of its whole hole's outline."""
+    hole = plate.holes[arc.hole]
+    whole = np.asarray(outline_points(hole, np.linspace(0.0, 1.0, 4001)))
+    part = np.asarray(outline_points(hole, np.linspace(arc.start, arc.end, 4001)))
+    return _length(part) / _length(whole)
+
+
+def _length(line):
+    return np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+
+
+def gel_polygon(plate: Plate, outlines: tuple[Outline, ...], outline_vertices: Float[np.ndarray, "o 2"], offset: int) -> shapely.Geometry:
+    """The dry gel as a shapely polygon: the plate less each hole's fine polygon, continued outside the plate for cut holes."""
+    box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
+    rings = []
+    for k, hole in enumerate(plate.holes):
+        own = [o for o in outlines if o.arc.hole == k]
+        if own and own[0].closed:
+            rings.append(shapely.Polygon(outline_vertices[own[0].vertices - offset]))
+            continue
+        ring = []
+        for this, following in zip(own, own[1:] + own[:1], strict=True):
+            ring.append(outline_vertices[this.vertices - offset])
+            stop = following.arc.start + (following.arc.start <= this.arc.end - 1e-12 or len(own) == 1)
+            outside = np.linspace(this.arc.end, stop, 66)[1:-1]
+            ring.append(np.asarray(outline_points(hole, outside % 1.0)))
+        rings.append(shapely.Polygon(np.concatenate(ring)))
+    return shapely.difference(box, shapely.union_all(rings))

@@ -1,0 +1,58 @@
+"""Weight functions of the moving least squares and the square roots they need, with finite derivatives everywhere."""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .._types import Array, Float, Scalar
+
+_TINY = 1e-60  # squared distance below which the singular weight stays what it is: its ninth derivative is still a number
+
+
+def singular_weight(distance_squared: Float[Array, "..."], support: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
+    """The singular weight function of Eq. (37), (rho/d)^2 (1 - d/rho)^2 inside the support and 0 outside, of d^2; huge at d = 0."""
+    return _positive(support * _inverse_root(distance_squared) - 1) ** 2
+
+
+def singular_slope(distance_squared: Float[Array, "..."], support: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Twice the derivative of `singular_weight` by d^2: times the offset from the node it is the gradient."""
+    inverse = _inverse_root(distance_squared)
+    return -2 * support * inverse**3 * _positive(support * inverse - 1)
+
+
+def cubic_spline_weight(distance_squared: Float[Array, "..."], support: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
+    """The cubic spline weight of the element free Galerkin method, of d^2: 2/3 at d = 0, 0 from d = ``support`` on, C2."""
+    inside = distance_squared < support**2
+    s = safe_sqrt(jnp.where(inside, distance_squared, 0.0)) / jnp.where(support > 0, support, 1.0)
+    near = 2 / 3 - 4 * s**2 + 4 * s**3
+    return jnp.where(inside, jnp.where(s < 0.5, near, 4 / 3 * (1 - s) ** 3), 0.0)
+
+
+@jax.custom_jvp
+def _inverse_root(squared):
+    """1 / sqrt, constant below `_TINY`; a maximum, not a choice, is what XLA vectorises."""
+    return lax.rsqrt(jnp.maximum(squared, _TINY))
+
+
+@_inverse_root.defjvp
+def _inverse_root_jvp(primals, tangents):
+    """Products only: JAX's own rule divides once more for each derivative."""
+    inverse = _inverse_root(primals[0])
+    return inverse, -0.5 * inverse**3 * tangents[0]
+
+
+@jax.custom_jvp
+def _positive(value):
+    """The value where it is positive, otherwise 0; JAX's own rule for the maximum divides."""
+    return jnp.maximum(value, 0.0)
+
+
+@_positive.defjvp
+def _positive_jvp(primals, tangents):
+    return _positive(primals[0]), jnp.where(primals[0] > 0, tangents[0], 0.0)
+
+
+def safe_sqrt(squared: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Square root whose derivative at 0 is taken as 0: there the weights depend on d through d^2 only."""
+    positive = squared > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)

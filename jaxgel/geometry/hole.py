@@ -1,0 +1,102 @@
+"""What every kind of hole has: parameters that are the leaves of a pytree, an outline, an inside and an area."""
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._types import Array, Float
+
+
+def pytree(*, meta: Sequence[str] = ()) -> Callable[[type], type]:
+    """Register a dataclass as a JAX pytree whose fields named in ``meta`` are static.
+
+    Unlike ``jax.tree_util.register_dataclass`` it rebuilds objects without calling the constructor, so that a constructor may
+    convert and check what a person writes and never meets JAX's placeholder leaves.
+    """
+
+    def register(cls):
+        names = [field.name for field in dataclasses.fields(cls)]
+        data = [name for name in names if name not in meta]
+
+        def flatten_with_keys(self):
+            leaves = [(jax.tree_util.GetAttrKey(name), getattr(self, name)) for name in data]
+            return leaves, tuple(getattr(self, name) for name in meta)
+
+        def unflatten(static, leaves):
+            self = object.__new__(cls)
+            for name, value in zip([*data, *meta], [*leaves, *static], strict=True):
+                object.__setattr__(self, name, value)
+            return self
+
+        jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten)
+        return cls
+
+    return register
+
+
+class Hole:
+    """What all holes share; a kind of hole adds its parameters as dataclass fields and the three functions below.
+
+    Raises ValueError for a parameter that is no number or has the wrong shape. Values are checked by ``check_plate``.
+    """
+
+    shapes: ClassVar[dict[str, tuple]] = {}
+    """Parameter -> its shape; a letter stands for any length."""
+    positive: ClassVar[tuple[str, ...]] = ()
+    """Parameters that must be above zero."""
+
+    def __post_init__(self):
+        for name, shape in self.shapes.items():
+            object.__setattr__(self, name, _parameter(getattr(self, name), shape, f"{type(self).__name__}.{name}"))
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """The t at which the outline has a kink."""
+        return ()
+
+    @property
+    def theta(self) -> dict[str, Array]:
+        """The hole's parameters as a dict, name -> array."""
+        return {name: getattr(self, name) for name in self.shapes}
+
+    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
+        """Point of the outline at t; t and t + 1 are the same point."""
+        raise NotImplementedError
+
+    def excess(self, x: Float[Array, "2"]) -> Float[Array, ""]:
+        """How far outside the hole the point ``x`` lies, in mm; negative inside.
+
+        Measured along the ray from the hole's centre, for straight-sided holes across the sides.
+        """
+        raise NotImplementedError
+
+    def area(self) -> Float[Array, ""]:
+        """Area enclosed by the outline, mm^2, whether or not the plate's edge cuts the hole."""
+        raise NotImplementedError
+
+
+def _parameter(value, shape, name):
+    """``value`` as a float array of ``shape``; ValueError otherwise."""
+    if isinstance(value, (list, tuple, int, float, np.ndarray, np.generic)):
+        with contextlib.suppress(TypeError, ValueError, OverflowError):  # a list that holds traced numbers, or no numbers at all
+            value = np.asarray(value, dtype=float)
+    try:
+        array = value if _is_float(value) else jnp.asarray(value, dtype=float)  # converting a traced one takes time and does nothing
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name}: {value!r} is not {_shape_in_words(shape)}") from None
+    if array.ndim != len(shape) or any(isinstance(n, int) and n != m for n, m in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name}: an array of shape {array.shape} is not {_shape_in_words(shape)}")
+    return array
+
+
+def _is_float(value):
+    return isinstance(value, jax.Array) and value.dtype == jnp.float64
+
+
+def _shape_in_words(shape):
+    return "a number" if shape == () else f"an array of numbers of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
