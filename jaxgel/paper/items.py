@@ -178,6 +178,11 @@ def crossing(x, y, value):
     return float(x[k - 1] + (value - y[k - 1]) / (y[k] - y[k - 1]) * (x[k] - x[k - 1]))
 
 
+def or_none(value: float) -> float | str:
+    """The value, or "none" where it is not finite."""
+    return value if np.isfinite(value) else "none"
+
+
 def rows(columns, **fixed):
     """A dictionary for each of the k entries of the ``columns`` (name -> (k,)), after what is ``fixed``."""
     return [

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from .._validation import did_you_mean
 from ..io import interruptible, open_folder, write_atomically
-from . import curves, patterns, square
+from . import areas, curves, incremental, patterns, square
 from .items import Runs, pyplot
 from .report import report
 
@@ -33,8 +33,8 @@ def items():
         **{f"fig-{k}": patterns.PATTERNS[k] for k in range(6, 12)},
         "fig-12": curves.fig_12,
         "fig-13": curves.fig_13,
-        "fig-14": curves.fig_14,
-        "algorithm": curves.algorithm,
+        "fig-14": areas.fig_14,
+        "algorithm": incremental.algorithm,
     }
 
 
