@@ -1,5 +1,7 @@
 """Fig. 14 of Deng et al. (2020): area reduction of the holes of samples 1-9."""
 
+from typing import Any
+
 import numpy as np
 
 from ..cases import SIDE, sample
@@ -14,6 +16,7 @@ from .items import (
     Claim,
     Entry,
     Number,
+    Runs,
     area_reduction,
     at,
     crossing,
@@ -27,7 +30,7 @@ PRINTED_AREAS = {4: 0.60, 7: 0.77}
 FAMILIES = {"ellipses": (1, 2, 3), "circles": (4, 5, 6), "squares": (7, 8, 9)}
 
 
-def fig_14(runs):
+def fig_14(runs: Runs) -> Entry:
     """Fig. 14: area reduction against stretch, and against the initial area."""
     paths = {n: runs.stopping(n) for n in range(1, 10)}
     touching = {4: runs.touching(4), 7: runs.touching(7)}
@@ -120,7 +123,7 @@ def _trend_claim(shared, same, last):
     return Claim("With smaller holes the area reduction rises for ellipses and falls for circles and squares", verdict, text)
 
 
-def _area_figure(paths, touching, reduction, area, same, last, shared):
+def _area_figure(paths: Any, touching: Any, reduction: Any, area: Any, same: Any, last: Any, shared: Any) -> Any:
     figure, (left, right) = pyplot().subplots(1, 2, figsize=(7.2, 3.8), layout="constrained")
     styles = {0: "-", 1: "--", 2: ":"}
     for f, (name, numbers) in enumerate(FAMILIES.items()):

@@ -1,5 +1,7 @@
 """Figs. 12 and 13 of Deng et al. (2020): rotation of samples 1-3, and the lattice."""
 
+from typing import Any
+
 import numpy as np
 
 from ..cases import GRID, sample
@@ -14,6 +16,7 @@ from .items import (
     Claim,
     Entry,
     Number,
+    Runs,
     area_reduction,
     at,
     core_rotation,
@@ -38,7 +41,7 @@ LATTICE_MU += [-0.34, -0.3178, -0.3, -0.285, -0.2688, -0.25, -0.24, -0.23, -0.22
 CENTRE = 12  # the lattice's hole at the origin
 
 
-def fig_12(runs):
+def fig_12(runs: Runs) -> Entry:
     """Fig. 12: rotation of samples 1-3 over mu, with refinement."""
     paths = {(n, m): runs.stopping(n, m) for n in PRINTED_ANGLES for m in INTERVALS}
     beyond = {m: runs.touching(3, m, last) for m, last in ((INTERVALS[0], -1.1), (GRID, 0.0))}
@@ -134,7 +137,7 @@ def _onset_claim(paths, angle):
     return Claim("No rotation before mu = -3.9678", verdict, text)
 
 
-def fig_13(runs):
+def fig_13(runs: Runs) -> Entry:
     """Fig. 13: the lattice."""
     stable = runs.path("lattice", LATTICE_MU, branch="stable", contact="on")
     symmetric = runs.path("lattice", LATTICE_MU, branch="symmetric", contact="stop")
@@ -183,7 +186,7 @@ def _lattice_columns(path):
     }
 
 
-def _lattice_figure(stable, symmetric, core):
+def _lattice_figure(stable: Any, symmetric: Any, core: Any) -> Any:
     from ..plotting import plot_pattern
 
     figure = pyplot().figure(figsize=(7.2, 4.7), layout="constrained")

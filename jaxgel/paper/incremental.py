@@ -1,14 +1,16 @@
 """Section 4 of Deng et al. (2020): the incremental algorithm against the total energy."""
 
+from typing import Any
+
 import numpy as np
 
 from ..continuation import sweep
-from .items import COLOURS, CONFIRMED, CONTRADICTED, Entry, Number, pyplot
+from .items import COLOURS, CONFIRMED, CONTRADICTED, Entry, Number, Runs, pyplot
 
 SAME = 1e-8  # mm, largest difference of positions that are the same
 
 
-def algorithm(runs):
+def algorithm(runs: Runs) -> Entry:
     """Section 4: increments from the freely swollen state against the total energy."""
     options = dict(method="displacement", quadrature="paper", kind="iicvmls", basis="linear")
     mu = [-3.9678, -2.9678, -1.9678, -1.4678]
@@ -42,7 +44,7 @@ def algorithm(runs):
     )
 
 
-def _difference_figure(table):
+def _difference_figure(table: Any) -> Any:
     """Largest difference of the two formulations' positions at each mu."""
     figure, ax = pyplot().subplots(figsize=(4.2, 2.8), layout="constrained")
     ax.semilogy([r["mu"] for r in table], [max(r["largest_difference_mm"], 1e-16) for r in table], "o-", color=COLOURS[0], markersize=4)

@@ -10,6 +10,9 @@ import io
 import json
 import time
 import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path as File
+from typing import Any
 
 import jax
 from tqdm import tqdm
@@ -17,13 +20,13 @@ from tqdm import tqdm
 from .._validation import did_you_mean
 from ..io import interruptible, open_folder, write_atomically
 from . import areas, curves, incremental, patterns, square
-from .items import Runs, pyplot
+from .items import Entry, Runs, pyplot
 from .report import report
 
 REPORT = "report.md"
 
 
-def items():
+def items() -> dict[str, Callable[[Runs], Entry]]:
     """Name of each item -> its function, in the order of the report."""
     return {
         "table-1": patterns.table_1,
@@ -38,7 +41,7 @@ def items():
     }
 
 
-def run_paper(names, folder, *, quiet=False, say=print):
+def run_paper(names: Sequence[str], folder: str | File, *, quiet: bool = False, say: Callable[[str], Any] = print) -> list[str]:
     """Compute the items ``names`` (all that are missing if there are none) in ``folder``, and its report; the names that failed.
 
     Raises ValueError for an unknown item and KeyboardInterrupt once Ctrl-C was pressed; finished items are kept in every case.

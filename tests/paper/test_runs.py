@@ -78,7 +78,7 @@ def test_finished_items_are_kept_and_missing_ones_computed(items, tmp_path):
     run(tmp_path, "good")  # by name: anew
     assert items == {"good": 2, "bad": 2}
     text = (tmp_path / "report.md").read_text()
-    assert "| angle | 0.5 | 0.25 | 0.25 | +0 % |" in text and "1 confirmed, 0 confirmed with a condition, 0 contradicted." in text
+    assert "| angle | 0.5 | 0.25 | 0.25 | 0 |" in text and "1 confirmed, 0 confirmed with a condition, 0 contradicted." in text
 
 
 def test_a_damaged_record_is_computed_again(items, tmp_path):
