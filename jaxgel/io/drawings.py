@@ -8,12 +8,17 @@ import csv
 import dataclasses
 import io
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 import shapely
 
+from .._types import Float
 from .._validation import NUMBER, PAIR, POSITIVE, TEXT, is_number, tabled, whole, word
-from ..geometry import Fourier, Polygon, outline_points
+from ..cloud import boundary_edges
+from ..continuation import Path
+from ..geometry import Fourier, Plate, Polygon, outline_points
+from ..observables import deformed_vertices
 from .files import write_atomically
 
 FORMATS = ("dxf", "svg", "stl")
@@ -36,7 +41,7 @@ MOST_TERMS = 24  # of a Fourier outline
 SAMPLES = 720  # points of a hole's outline in a file
 
 
-def hole_table(entry, folder, where):
+def hole_table(entry: dict[str, Any], folder: str | File, where: str) -> dict[str, Any]:
     """The case-file table of the Fourier hole or polygon that a ``kind = "outline"`` entry describes; ValueError that names ``where``.
 
     ``file`` is relative to ``folder``; ``number`` says which of several closed outlines; ``scale`` multiplies lengths and ``centre``
@@ -61,7 +66,7 @@ def hole_table(entry, folder, where):
     return {"kind": fit} | {name: np.asarray(value).tolist() for name, value in hole.theta.items()}
 
 
-def read_outlines(file):
+def read_outlines(file: str | File) -> list[Float[np.ndarray, "_ 2"]]:
     """The closed outlines of a CSV, DXF or SVG file, each (m, 2) in mm without a repeated point; ValueError, one line, without any."""
     file = File(file)
     readers = {".csv": _read_csv, ".txt": _read_csv, ".dxf": _read_dxf, ".svg": _read_svg}
@@ -73,7 +78,7 @@ def read_outlines(file):
         raise ValueError(f"file: cannot read {str(file)!r}: {problem.strerror or problem}") from None
     except ImportError as problem:
         raise ValueError(f"file: {str(file)!r} needs {problem.name}; pip install 'jaxgel[outline]'") from None
-    except Exception as problem:  # what the libraries raise for a damaged file is theirs
+    except Exception as problem:  # the libraries raise exceptions of their own for a damaged file
         raise ValueError(f"file: {str(file)!r} is no drawing that can be read: {' '.join(str(problem).split())}") from None
     found = [line[:-1] if len(line) > 1 and np.allclose(line[0], line[-1]) else line for line in found]
     found = [line for line in found if len(line) >= 3 and np.isfinite(line).all()]
@@ -82,7 +87,7 @@ def read_outlines(file):
     return found
 
 
-def _read_csv(file):
+def _read_csv(file: File) -> list:
     """One outline: two columns x, y; a first row of words is skipped."""
     rows = [row for row in csv.reader(io.StringIO(file.read_text(encoding="utf-8"))) if row and not row[0].lstrip().startswith("#")]
     if rows and not is_number(rows[0][0]):
@@ -92,7 +97,7 @@ def _read_csv(file):
     return [[(float(row[0]), float(row[1])) for row in rows]]
 
 
-def _read_dxf(file):
+def _read_dxf(file: File) -> list:
     import ezdxf
     from ezdxf import units
     from ezdxf.path import bbox, make_path
@@ -112,7 +117,7 @@ def _read_dxf(file):
     return lines
 
 
-def _read_svg(file):
+def _read_svg(file: File) -> list:
     from svgpathtools import Document, Line
 
     lines = []
@@ -126,12 +131,12 @@ def _read_svg(file):
     return lines
 
 
-def fit_fourier(points, tolerance):
+def fit_fourier(points: Float[np.ndarray, "m 2"], tolerance: float) -> Fourier:
     """The ``holes.Fourier`` with the fewest terms that stays within ``tolerance`` mm of the closed outline (m, 2); ValueError for none.
 
-    Its centre is where the first harmonics vanish. The outline must be seen whole from there.
+    Its centre is where the first harmonics vanish. The outline must be star-shaped about its centre.
     """
-    points = _spread_evenly(points)
+    points = _equidistant(points)
     for terms in range(1, MOST_TERMS + 1):
         centre = points.mean(axis=0)
         for _ in range(50):
@@ -156,33 +161,30 @@ def fit_fourier(points, tolerance):
     )
 
 
-def fit_polygon(points, tolerance):
+def fit_polygon(points: Float[np.ndarray, "m 2"], tolerance: float) -> Polygon:
     """The ``holes.Polygon`` of those points of a closed outline (m, 2) that keep it within ``tolerance`` mm (Douglas and Peucker)."""
     ring = shapely.simplify(shapely.Polygon(points), tolerance).normalize()
     return Polygon(np.asarray(shapely.orient_polygons(ring).exterior.coords)[:-1])
 
 
-def _spread_evenly(points):
+def _equidistant(points: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "s 2"]:
     """``SAMPLES`` points at equal distances along the closed outline (m, 2), anticlockwise."""
     ring = shapely.orient_polygons(shapely.Polygon(points)).exterior
     return shapely.get_coordinates(shapely.line_interpolate_point(ring, np.arange(SAMPLES) / SAMPLES, normalized=True))
 
 
-def _hole_points(hole):
+def _hole_points(hole: Any) -> Float[np.ndarray, "s 2"]:
     return np.asarray(outline_points(hole, np.union1d(np.arange(SAMPLES) / SAMPLES, hole.corners)))
 
 
-def dry_gel(plate):
+def dry_gel(plate: Plate) -> shapely.Geometry:
     """The dry gel of a plate as a shapely polygon, mm."""
     box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
     return shapely.difference(box, shapely.union_all([shapely.Polygon(_hole_points(hole)) for hole in plate.holes]))
 
 
-def swollen_gel(path, k):
+def swollen_gel(path: Path, k: int) -> shapely.Geometry:
     """The gel of state ``k`` of a path as a shapely polygon, mm; ValueError where its outline crosses itself."""
-    from ..cloud import boundary_edges  # Matplotlib, for this alone
-    from ..observables import deformed_vertices
-
     chosen = dataclasses.replace(path, x=np.asarray(path.x)[[k]])
     vertices, edges = np.asarray(deformed_vertices(chosen))[0], boundary_edges(np.asarray(path.model.cloud.triangles))
     faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(vertices[edges])))
@@ -192,7 +194,7 @@ def swollen_gel(path, k):
     return gel
 
 
-def write_outline(gel, file, height=1.0):
+def write_outline(gel: shapely.Geometry, file: str | File, height: float = 1.0) -> File:
     """Write a polygon (shapely, mm) to a .dxf, .svg or .stl ``file``, the last one extruded by ``height`` mm; returns the file."""
     file = File(file)
     kind = file.suffix.lower().lstrip(".")
@@ -206,12 +208,12 @@ def write_outline(gel, file, height=1.0):
     return file
 
 
-def _rings(gel):
+def _rings(gel: shapely.Polygon) -> list[np.ndarray]:
     """Closed lines of a polygon, the outer one first, each (m, 2) without a repeated point."""
     return [np.asarray(ring.coords)[:-1] for ring in (gel.exterior, *gel.interiors)]
 
 
-def _dxf(gel):
+def _dxf(gel: shapely.Polygon) -> bytes:
     try:
         import ezdxf
     except ImportError:
@@ -224,7 +226,7 @@ def _dxf(gel):
     return stream.getvalue().encode(document.output_encoding)
 
 
-def _svg(gel):
+def _svg(gel: shapely.Polygon) -> bytes:
     left, low, right, high = gel.bounds
     loops = ["M" + "L".join(f"{x:.6f},{-y:.6f}" for x, y in ring) + "Z" for ring in _rings(gel)]
     size = f'width="{right - left:.6f}mm" height="{high - low:.6f}mm" viewBox="{left:.6f} {-high:.6f} {right - left:.6f} {high - low:.6f}"'
@@ -232,7 +234,7 @@ def _svg(gel):
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{paths}\n</svg>\n'.encode()
 
 
-def _stl(gel, height):
+def _stl(gel: shapely.Polygon, height: float) -> bytes:
     """Binary STL of the polygon between z = 0 and ``height``; every edge belongs to two triangles."""
     flat = shapely.get_parts(shapely.constrained_delaunay_triangles(gel))
     top = shapely.get_coordinates(shapely.orient_polygons(flat)).reshape(-1, 4, 2)[:, :3]
@@ -248,6 +250,6 @@ def _stl(gel, height):
     return b"jaxgel".ljust(80) + np.uint32(len(records)).tobytes() + records.tobytes()
 
 
-def _raised(points, z):
+def _raised(points: np.ndarray, z: float) -> np.ndarray:
     """Points (..., 2) with a third coordinate."""
     return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)

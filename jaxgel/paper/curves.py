@@ -1,12 +1,13 @@
-"""Figs. 12-14 of Deng et al. (2020), rotation, lattice and areas, and the paper's algorithm against the total energy."""
+"""Figs. 12 and 13 of Deng et al. (2020): rotation of samples 1-3, and the lattice."""
+
+from typing import Any
 
 import numpy as np
 
-from ..cases import GRID, SIDE, sample
+from ..cases import GRID, sample
 from ..materials import free_swelling
-from ..observables import CREASE_RATIO, aspect_ratio, cell_volumes, free_stretch, volume_ratio
+from ..observables import CREASE_RATIO, aspect_ratio
 from .items import (
-    CLOSING,
     COLOURS,
     CONDITION,
     CONFIRMED,
@@ -15,11 +16,13 @@ from .items import (
     Claim,
     Entry,
     Number,
+    Runs,
     area_reduction,
     at,
     core_rotation,
     crossing,
     min_gap,
+    or_none,
     percent,
     pyplot,
     rotation_angle,
@@ -36,12 +39,9 @@ VISIBLE = 1.0  # degrees: about the width of a printed line over the plate
 LATTICE_MU = [-4.9678, -3.9678, -3.4678, -3.2, -3.15, -2.9678, -2.4678, -1.9678, -1.4678, -0.9678, -0.6678, -0.4678, -0.3678]
 LATTICE_MU += [-0.34, -0.3178, -0.3, -0.285, -0.2688, -0.25, -0.24, -0.23, -0.22, -0.21, -0.20, -0.195, -0.19, -0.18, -0.1688]
 CENTRE = 12  # the lattice's hole at the origin
-PRINTED_AREAS = {4: 0.60, 7: 0.77}
-SAME = 1e-8  # mm, largest difference of positions that are the same
-FAMILIES = {"ellipses": (1, 2, 3), "circles": (4, 5, 6), "squares": (7, 8, 9)}
 
 
-def fig_12(runs):
+def fig_12(runs: Runs) -> Entry:
     """Fig. 12: rotation of samples 1-3 over mu, with refinement."""
     paths = {(n, m): runs.stopping(n, m) for n in PRINTED_ANGLES for m in INTERVALS}
     beyond = {m: runs.touching(3, m, last) for m, last in ((INTERVALS[0], -1.1), (GRID, 0.0))}
@@ -73,13 +73,11 @@ def fig_12(runs):
         for m in common
     ]
     for (n, m), path in paths.items():
-        where = f"sample {n}, {path.model.n_nodes} nodes"
+        where = f"sample {n} with {path.model.n_nodes} nodes"
         numbers += [
             Number(f"{where}: rotation, degrees, mu = -1.9678", float(angle[n, m][at(path, -1.9678)])),
-            Number(
-                f"{where}: mu of the printed {PRINTED_ANGLES[n]:g} degrees", _or_none(crossing(path.mu, angle[n, m], PRINTED_ANGLES[n]))
-            ),
-            Number(f"{where}: mu of the crease limit", _or_none(crease[n, m]), None, reference["crease_mu"] if n == 1 else None),
+            Number(f"{where}: mu of the printed {PRINTED_ANGLES[n]:g} degrees", or_none(crossing(path.mu, angle[n, m], PRINTED_ANGLES[n]))),
+            Number(f"{where}: mu of the crease limit", or_none(crease[n, m]), None, reference["crease_mu"] if n == 1 else None),
         ]
     claims = tuple(_angle_claim(n, paths, angle, crease, beyond if n == 3 else None) for n in PRINTED_ANGLES)
     every = [*((n, "stop", path) for (n, _), path in paths.items()), *((3, "on", path) for path in beyond.values())]
@@ -103,11 +101,6 @@ def fig_12(runs):
         claims=(*claims, _onset_claim(paths, angle)),
         figure=figure,
     )
-
-
-def _or_none(value: float) -> float | str:
-    """The value, or "none" where it is not finite."""
-    return value if np.isfinite(value) else "none"
 
 
 def _angle_claim(n, paths, angle, crease, beyond=None):
@@ -144,7 +137,7 @@ def _onset_claim(paths, angle):
     return Claim("No rotation before mu = -3.9678", verdict, text)
 
 
-def fig_13(runs):
+def fig_13(runs: Runs) -> Entry:
     """Fig. 13: the lattice."""
     stable = runs.path("lattice", LATTICE_MU, branch="stable", contact="on")
     symmetric = runs.path("lattice", LATTICE_MU, branch="symmetric", contact="stop")
@@ -193,7 +186,7 @@ def _lattice_columns(path):
     }
 
 
-def _lattice_figure(stable, symmetric, core):
+def _lattice_figure(stable: Any, symmetric: Any, core: Any) -> Any:
     from ..plotting import plot_pattern
 
     figure = pyplot().figure(figsize=(7.2, 4.7), layout="constrained")
@@ -221,180 +214,4 @@ def _lattice_figure(stable, symmetric, core):
         ax.set(xscale="log", xlim=(5.5, 0.15), xlabel=r"chemical potential $\mu$ ($kT$)", ylabel=label)
         ax.set_xticks([5, 2, 1, 0.5, 0.2], ["−5", "−2", "−1", "−0.5", "−0.2"])
         ax.minorticks_off()
-    return figure
-
-
-def fig_14(runs):
-    """Fig. 14: area reduction against stretch, and against the initial area."""
-    paths = {n: runs.stopping(n) for n in range(1, 10)}
-    touching = {4: runs.touching(4), 7: runs.touching(7)}
-    reduction = {n: np.asarray(area_reduction(path)) for n, path in paths.items()}
-    area = {n: sum(float(hole.area()) for hole in sample(f"sample-{n}").holes) / 4 for n in paths}
-    shared = min(float(path.mu[-1]) for path in paths.values())
-    same = {n: float(reduction[n][at(path, shared)]) for n, path in paths.items()}
-    last = {n: float(values[-1]) for n, values in reduction.items()}
-    table = [
-        row
-        for contact, group in (("stop", paths), ("on", touching))
-        for n, path in group.items()
-        for row in rows(_area_columns(path, area[n]), sample=n, contact=contact)
-    ]
-    off = max(abs(row["area_reduction"] - row["kinematic"]) for row in table)
-    reference = FINITE_ELEMENTS["areas"]
-    claims = (*(_area_claim(n, touching[n], printed) for n, printed in PRINTED_AREAS.items()), _trend_claim(shared, same, last))
-    radii = {n: f"{area[n] / np.pi:.0f}" for n in (4, 5, 6)}
-    numbers = [
-        Number(
-            f"sample {n}, mu = {shared:.4f}: area reduction, %",
-            100 * same[n],
-            None,
-            100 * np.interp(shared, reference["mu"], reference["area"][radii[n]])
-            if shared in reference["mu"] and radii.get(n) in reference["area"]
-            else None,
-        )
-        for n in paths
-    ]
-    numbers += [Number(f"sample {n}, end without contact, mu = {paths[n].mu[-1]:.4f}: area reduction, %", 100 * last[n]) for n in paths]
-    for n, printed in PRINTED_AREAS.items():
-        final = float(np.asarray(area_reduction(touching[n]))[-1])
-        mu = _or_none(crossing(touching[n].mu, area_reduction(touching[n]), printed))
-        numbers += [
-            Number(f"sample {n}, with contact, mu = {touching[n].mu[-1]:.4f}: area reduction, %", 100 * final, 100 * printed),
-            Number(f"sample {n}, with contact: mu of the printed {100 * printed:.0f} %", mu),
-        ]
-    numbers.append(Number("outlines against volumes of the gel: largest difference of the area reduction, %", 100 * off, digits=".2g"))
-    return Entry(
-        title="Fig. 14: area reduction of the holes, (a) against the free stretch, (b) against the initial area",
-        paper="77 % for sample 7, 60 % for sample 4, least for sample 1; smaller holes lose more if elliptical, less if circular or "
-        "square.",
-        numbers=tuple(numbers),
-        verdict="; ".join(f"{claim.statement}: {claim.verdict}" for claim in claims) + ".",
-        rows=table,
-        claims=claims,
-        figure=_area_figure(paths, touching, reduction, area, same, last, shared),
-    )
-
-
-def _area_columns(path, area):
-    return {
-        "mu": path.mu,
-        "free_stretch": free_stretch(path),
-        "area_reduction": area_reduction(path),
-        "kinematic": _kinematic(path, area),
-        "least_gap_mm": min_gap(path),
-    }
-
-
-def _kinematic(path, area):
-    """Area reduction (k,) that the gel's mean volume ratio J dictates in a rigid frame: (J - 1)(1 - phi)/phi."""
-    volumes = np.asarray(cell_volumes(path.model))
-    J = np.asarray(volume_ratio(path)) @ volumes / volumes.sum()
-    phi = 4 * area / SIDE**2
-    return (J - 1) * (1 - phi) / phi
-
-
-def _area_claim(n, path, printed):
-    values = np.asarray(area_reduction(path))
-    mu = crossing(path.mu, values, printed)
-    branch, statement = CLOSING[n][0], f"Area reduction of {100 * printed:.0f} % in sample {n}"
-    if not np.isfinite(mu):
-        return Claim(statement, CONTRADICTED, f"The {branch} branch with contact ends before: {path.stop_text}.")
-    return Claim(statement, CONDITION, f"The {branch} branch with contact reaches it at mu = {mu:.4f} and goes on beyond.")
-
-
-def _trend_claim(shared, same, last):
-    """Whether the percentage rises with smaller holes for ellipses and falls for circles and squares."""
-    trend = {name: [v[n] for n in numbers] for name, numbers in FAMILIES.items() for v in (same,)}
-    ends = {name: [last[n] for n in numbers] for name, numbers in FAMILIES.items()}
-    rises = {name: bool(np.all(np.diff(values) > 0)) for name, values in trend.items()}
-    end_rises = {name: bool(np.all(np.diff(values) > 0)) for name, values in ends.items()}
-    end_falls = {name: bool(np.all(np.diff(values) < 0)) for name, values in ends.items()}
-    printed = end_rises["ellipses"] and end_falls["circles"] and end_falls["squares"]
-    opposite = not all(rises.values())
-    verdict = CONFIRMED if opposite and printed else CONDITION if printed else CONTRADICTED
-    text = f"At the same mu = {shared:.4f} smaller holes lose the larger share in {sum(rises.values())} of 3 families; "
-    text += f"the ends of the curves, at different mu, {'show' if printed else 'do not show'} the printed trends."
-    return Claim("With smaller holes the area reduction rises for ellipses and falls for circles and squares", verdict, text)
-
-
-def _area_figure(paths, touching, reduction, area, same, last, shared):
-    figure, (left, right) = pyplot().subplots(1, 2, figsize=(7.2, 3.8), layout="constrained")
-    styles = {0: "-", 1: "--", 2: ":"}
-    for f, (name, numbers) in enumerate(FAMILIES.items()):
-        for i, n in enumerate(numbers):
-            path = paths[n]
-            left.plot(free_stretch(path), 100 * reduction[n], styles[i], color=COLOURS[f], linewidth=1.1, label=f"sample {n}")
-            left.plot(free_stretch(path)[-1], 100 * reduction[n][-1], "osD"[f], color=COLOURS[f], markersize=4)
-        sizes = [area[n] / np.pi for n in numbers]
-        shift = 0.25 * (f - 1)  # equal areas would hide each other
-        right.plot(np.add(sizes, shift), [100 * same[n] for n in numbers], "osD"[f] + "-", color=COLOURS[f], markersize=5, label=name)
-        right.plot(sizes, [100 * last[n] for n in numbers], "osD"[f] + "--", color=COLOURS[f], markersize=5, markerfacecolor="none")
-    for path in touching.values():
-        left.plot(free_stretch(path), 100 * np.asarray(area_reduction(path)), color="#5c6670", linewidth=0.6, zorder=0)
-    left.plot([], [], color="#5c6670", linewidth=0.6, label="4, 7 with contact")
-    left.set(xlabel=r"free-swelling stretch $\lambda_\mu$", ylabel="area reduction (%)")
-    left.legend(frameon=False, fontsize=6.5, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.2))
-    for n, printed in PRINTED_AREAS.items():
-        right.plot(
-            area[n] / np.pi,
-            100 * printed,
-            "*",
-            color=COLOURS[1 if n == 4 else 2],
-            markersize=9,
-            markeredgecolor="black",
-            markeredgewidth=0.5,
-        )
-    right.plot([], [], "k-", linewidth=1, label=rf"at $\mu = {shared:.4f}$")
-    right.plot([], [], "k--", linewidth=1, label="at the end of each curve")
-    right.plot([], [], "*", color="white", markeredgecolor="black", markersize=8, label="printed, samples 4 and 7")
-    right.set(xlabel=r"initial area of a hole ($\pi$ mm$^2$)", ylabel="area reduction (%)")
-    right.set_xticks([10, 15, 20])
-    right.legend(frameon=False, fontsize=6.5, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.2))
-    left.set_title("(a)")
-    right.set_title("(b)")
-    return figure
-
-
-def algorithm(runs):
-    """Section 4: increments from the freely swollen state against the total energy."""
-    from ..continuation import sweep
-
-    options = dict(method="displacement", quadrature="paper", kind="iicvmls", basis="linear")
-    mu = [-3.9678, -2.9678, -1.9678, -1.4678]
-    model = runs.model("sample-1", 1.1, **options)
-    gel = model.cloud.plate.gel
-    paths = {}
-    for name in ("total", "incremental"):
-        runs.on_state(f"sample-1, {name}")
-        paths[name] = sweep(model, gel, mu=mu, contact="off", branch="symmetric", formulation=name)
-    count = min(map(len, paths.values()))
-    table = []
-    for k in range(count):
-        difference = np.abs(np.asarray(paths["total"].x[k]) - np.asarray(paths["incremental"].x[k])).max()
-        iterations = {f"newton_{name}": int(path.newton_iterations[k]) for name, path in paths.items()}
-        table.append({"nodes": model.n_nodes, "mu": mu[k], "largest_difference_mm": float(difference)} | iterations)
-    worst = max(row["largest_difference_mm"] for row in table)
-    done = count == len(mu) and worst < SAME
-    return Entry(
-        title="Section 4: the paper's incremental algorithm against the total energy",
-        paper="Increments of u' from the free-swelling state, u' = (1 - l) X on the rollers, K = K_L0 + K_L1 + K_NL.",
-        numbers=tuple(
-            Number(
-                f"largest difference of positions, mm, mu = {row['mu']}, {row['nodes']} nodes", row["largest_difference_mm"], digits=".1e"
-            )
-            for row in table
-        ),
-        reference="total energy",
-        verdict=f"{CONFIRMED if done else CONTRADICTED}: {'both have' if done else 'they do not have'} the same equilibria to {SAME:g} mm.",
-        rows=table,
-        figure=_difference_figure(table),
-    )
-
-
-def _difference_figure(table):
-    """Largest difference of the two formulations' positions at each mu."""
-    figure, ax = pyplot().subplots(figsize=(4.2, 2.8), layout="constrained")
-    ax.semilogy([r["mu"] for r in table], [max(r["largest_difference_mm"], 1e-16) for r in table], "o-", color=COLOURS[0], markersize=4)
-    ax.axhline(SAME, color="#5c6670", linewidth=0.7, linestyle="--")
-    ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel="largest difference (mm)", ylim=(1e-16, 1e-7))
     return figure

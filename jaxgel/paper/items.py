@@ -14,9 +14,9 @@ import numpy as np
 
 from .._memo import once_per_owner
 from ..cases import GRID, SIDE, sample
-from ..cloud import make_cloud
+from ..cloud import Cloud, make_cloud
 from ..continuation import Path, sweep
-from ..discretisation import discretise, make_probe
+from ..discretisation import Model, discretise, make_probe
 from ..observables import area_reduction, core_rotation, min_gap, rotation_angle, surface_ratio
 
 CONFIRMED, CONDITION, CONTRADICTED = "confirmed", "confirmed with a condition", "contradicted"
@@ -69,8 +69,9 @@ class Number:
         """The line as texts: quantity, paper, this run, reference, and the difference of this run to the reference, else to the paper."""
         known = self.paper if self.reference is None else self.reference
         values = ["" if v is None else v if isinstance(v, str) else f"{v:{self.digits}}" for v in (self.paper, self.ours, self.reference)]
-        numbers = not isinstance(self.ours, str) and not isinstance(known, str) and known
-        return [self.what, *values, f"{100 * (self.ours / known - 1):+.2g} %" if numbers and np.isfinite(self.ours) else ""]
+        comparable = not isinstance(self.ours, str) and not isinstance(known, str) and known and np.isfinite(self.ours)
+        off = f"{100 * (self.ours / known - 1):+.2g} %" if comparable else ""
+        return [self.what, *values, "0" if comparable and self.ours == known else off]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,10 +99,12 @@ class Entry:
 class Runs:
     """Sweeps that items share: each is computed once, when it is first asked for."""
 
-    def __init__(self, on_state=lambda _: None):
+    def __init__(self, on_state: Callable[[str], Any] = lambda _: None) -> None:
         self.on_state, self.shared, self._kept = on_state, {}, {}
 
-    def path(self, name, mu, *, spacing=None, discretisation=None, **options):
+    def path(
+        self, name: str, mu: Any, *, spacing: float | None = None, discretisation: dict[str, Any] | None = None, **options: Any
+    ) -> Path:
         """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing (the paper's by default).
 
         ``discretisation`` are options of `discretise`, the others of `sweep`.
@@ -113,14 +116,14 @@ class Runs:
             self._kept[key] = sweep(model, model.cloud.plate.gel, mu=list(mu), on_step=self._report(name, model), **options)
         return self._kept[key]
 
-    def model(self, name, spacing=None, **options):
+    def model(self, name: str, spacing: float | None = None, **options: Any) -> Model:
         """Model of a sample; see `discretise` for the options."""
         key = ("model", name, spacing, tuple(sorted(options.items())))
         if key not in self._kept:
             self._kept[key] = discretise(self.cloud(name, spacing), **options)
         return self._kept[key]
 
-    def cloud(self, name, spacing=None):
+    def cloud(self, name: str, spacing: float | None = None) -> Cloud:
         """Cloud of a sample."""
         key = ("cloud", name, spacing)
         if key not in self._kept:
@@ -128,10 +131,10 @@ class Runs:
             self._kept[key] = make_cloud(sample(name), spacing=spacing)
         return self._kept[key]
 
-    def _report(self, name, model):
+    def _report(self, name: str, model: Model) -> Callable:
         return lambda step: self.on_state(f"{name}, {model.n_nodes} nodes, mu = {step.mu:.4f}")
 
-    def stopping(self, number, intervals=GRID):
+    def stopping(self, number: int, intervals: int = GRID) -> Path:
         """Path of sample ``number`` as the paper computes it, without contact, until outlines overlap, on the symmetric branch.
 
         The paper has 40 ``intervals`` of background nodes; on other clouds the path ends at the last of ``TURNING``. The symmetry of
@@ -141,18 +144,18 @@ class Runs:
         mu = mu + [value for value in BEYOND if value > mu[-1]] if intervals == GRID else mu
         return self.path(f"sample-{number}", mu, spacing=SIDE / intervals, branch="symmetric", contact="stop")
 
-    def touching(self, number, intervals=GRID, last=0.0):
+    def touching(self, number: int, intervals: int = GRID, last: float = 0.0) -> Path:
         """Path of sample ``number`` with contact at the values of ``CLOSING`` up to ``last``."""
         branch, mu = CLOSING[number]
         mu = [value for value in mu if value <= last]
         return self.path(f"sample-{number}", mu, spacing=SIDE / intervals, branch=branch, contact="on")
 
-    def stiff(self, number):
+    def stiff(self, number: int) -> Path:
         """Path of sample ``number`` in the paper's own discretisation, displacements alone at its Gauss points: it locks, but goes far."""
         options = dict(discretisation=dict(method="displacement", quadrature="paper"), branch="symmetric", contact="stop")
         return self.path(f"sample-{number}", [mu for mu in DETAILED + BEYOND if mu <= -0.2678], **options)
 
-    def shown(self, number, mu):
+    def shown(self, number: int, mu: float) -> tuple[Path, int]:
         """Path and number of the state that shows sample ``number`` at ``mu``, or its last one before.
 
         With contact where outlines overlap before, and in the paper's own discretisation where the converged branch ends before.
@@ -163,12 +166,12 @@ class Runs:
         return path, at(path, mu)
 
 
-def at(path, mu):
+def at(path: Any, mu: float) -> int:
     """Number of the state of a path at ``mu``, or of the last one where the path ends before."""
     return int(np.argmin(np.abs(np.minimum(mu, path.mu[-1]) - np.asarray(path.mu))))
 
 
-def crossing(x, y, value):
+def crossing(x: Any, y: Any, value: float) -> float:
     """The x () at which a growing y (k,) first reaches ``value``, by interpolation; nan where it does not."""
     x, y = np.asarray(x), np.asarray(y)
     above = np.flatnonzero(y >= value)
@@ -178,20 +181,25 @@ def crossing(x, y, value):
     return float(x[k - 1] + (value - y[k - 1]) / (y[k] - y[k - 1]) * (x[k] - x[k - 1]))
 
 
-def rows(columns, **fixed):
+def or_none(value: float) -> float | str:
+    """The value, or "none" where it is not finite."""
+    return value if np.isfinite(value) else "none"
+
+
+def rows(columns: dict[str, Any], **fixed: Any) -> list[dict[str, Any]]:
     """A dictionary for each of the k entries of the ``columns`` (name -> (k,)), after what is ``fixed``."""
     return [
         fixed | dict(zip(columns, values, strict=True)) for values in zip(*(np.asarray(v).tolist() for v in columns.values()), strict=True)
     ]
 
 
-def percent(value):
+def percent(value: Any) -> str:
     """A share as a percentage with one decimal."""
     return f"{100 * float(value):.1f} %"
 
 
 @functools.cache
-def pyplot():
+def pyplot() -> Any:
     """Matplotlib's pyplot without a screen."""
     import matplotlib as mpl
 
@@ -224,7 +232,7 @@ def bow(path: Path) -> np.ndarray:
     return np.abs(lines[:, :, 0] - fits).max(axis=1)
 
 
-def stability(path):
+def stability(path: Any) -> str:
     """Up to where a path is stable, in words."""
     first = np.flatnonzero(np.asarray(path.negative_pivots) > 0)
     if len(first) == 0:

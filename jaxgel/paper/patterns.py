@@ -2,12 +2,14 @@
 
 import dataclasses
 import itertools
+from typing import Any
 
 import numpy as np
 
 from .._memo import once_per_owner
 from ..cases import sample
 from ..cloud import square_cells
+from ..continuation import Path
 from ..geometry import inside_holes
 from ..observables import outlines
 from .items import (
@@ -19,6 +21,7 @@ from .items import (
     Claim,
     Entry,
     Number,
+    Runs,
     area_reduction,
     at,
     bow,
@@ -46,7 +49,7 @@ PRINTED = {
 BENT = 0.05  # mm, from which a pillar's centre line counts as bent
 
 
-def table_1(runs):
+def table_1(runs: Runs) -> Entry:
     """Table 1: nodes and Gauss points."""
     table = []
     for name, (nodes, points) in PRINTED.items():
@@ -75,7 +78,7 @@ def table_1(runs):
     )
 
 
-def _cloud_figure(clouds):
+def _cloud_figure(clouds: Any) -> Any:
     """The nodes of each cloud, with their number."""
     figure, axes = pyplot().subplots(2, -(-len(clouds) // 2), figsize=(7.5, 3.6), layout="constrained")
     for ax in axes.flat[len(clouds) :]:
@@ -90,7 +93,7 @@ def _cloud_figure(clouds):
     return figure
 
 
-def fig_6(runs):
+def fig_6(runs: Runs) -> Entry:
     """Fig. 6: sample 1 while it swells."""
     path, reference = runs.stopping(1), FINITE_ELEMENTS["sample-1"]
     states = [at(path, mu) for mu in (-4.9678, -1.9678, -1.4678, -0.9178)]
@@ -108,7 +111,7 @@ def fig_6(runs):
     )
 
 
-def fig_8(runs):
+def fig_8(runs: Runs) -> Entry:
     """Fig. 8: sample 4 while it swells, on both branches."""
     symmetric, stiff, stable = runs.stopping(4), runs.stiff(4), runs.touching(4)
     wanted = (-4.9678, -0.9178, -0.6678, -0.2678)
@@ -144,7 +147,7 @@ def fig_8(runs):
     )
 
 
-def fig_10(runs):
+def fig_10(runs: Runs) -> Entry:
     """Fig. 10: sample 7 while it swells."""
     path = runs.touching(7)
     shown = [(path, at(path, mu)) for mu in (-4.9678, -0.9178, -0.5678, -0.2678)]
@@ -162,7 +165,7 @@ def fig_10(runs):
     )
 
 
-def fig_7(runs):
+def fig_7(runs: Runs) -> Entry:
     """Fig. 7: samples 1-3 at mu = -0.9178."""
     numbers_of, mu = (1, 2, 3), -0.9178
     shown, bows = _states(runs, numbers_of, mu)
@@ -195,13 +198,13 @@ def fig_7(runs):
     )
 
 
-def fig_9(runs):
+def fig_9(runs: Runs) -> Entry:
     """Fig. 9: samples 4-6 at mu = -0.95."""
     text = "Symmetric patterns; the pillars' centre lines stay straight; sample 6 deforms most."
     return _straight(runs, (4, 5, 6), -0.95, "Fig. 9", text)
 
 
-def fig_11(runs):
+def fig_11(runs: Runs) -> Entry:
     """Fig. 11: samples 7-9 at mu = -0.9178."""
     text = "Symmetric patterns; the pillars' centre lines stay straight; the sides of sample 9 deform most."
     return _straight(runs, (7, 8, 9), -0.9178, "Fig. 11", text)
@@ -292,7 +295,7 @@ def _rows(number, path, shown):
 
 
 @once_per_owner
-def axes_over_diagonals(path):
+def axes_over_diagonals(path: Path) -> np.ndarray:
     """Width (k,) of the first hole along the axes over that along the diagonals."""
     wanted = np.arange(8) * np.pi / 4 - np.pi
     ratios = []

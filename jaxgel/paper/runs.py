@@ -10,20 +10,23 @@ import io
 import json
 import time
 import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path as File
+from typing import Any
 
 import jax
 from tqdm import tqdm
 
 from .._validation import did_you_mean
 from ..io import interruptible, open_folder, write_atomically
-from . import curves, patterns, square
-from .items import Runs, pyplot
+from . import areas, curves, incremental, patterns, square
+from .items import Entry, Runs, pyplot
 from .report import report
 
 REPORT = "report.md"
 
 
-def items():
+def items() -> dict[str, Callable[[Runs], Entry]]:
     """Name of each item -> its function, in the order of the report."""
     return {
         "table-1": patterns.table_1,
@@ -33,12 +36,12 @@ def items():
         **{f"fig-{k}": patterns.PATTERNS[k] for k in range(6, 12)},
         "fig-12": curves.fig_12,
         "fig-13": curves.fig_13,
-        "fig-14": curves.fig_14,
-        "algorithm": curves.algorithm,
+        "fig-14": areas.fig_14,
+        "algorithm": incremental.algorithm,
     }
 
 
-def run_paper(names, folder, *, quiet=False, say=print):
+def run_paper(names: Sequence[str], folder: str | File, *, quiet: bool = False, say: Callable[[str], Any] = print) -> list[str]:
     """Compute the items ``names`` (all that are missing if there are none) in ``folder``, and its report; the names that failed.
 
     Raises ValueError for an unknown item and KeyboardInterrupt once Ctrl-C was pressed; finished items are kept in every case.

@@ -2,6 +2,7 @@
 
 import statistics
 import time
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,11 +10,11 @@ import numpy as np
 
 from ..cases import sample
 from ..cloud import make_cloud
-from ..continuation import SweepFailed, sweep
+from ..continuation import Path, SweepFailed, sweep
 from ..discretisation import discretise, make_probe
 from ..geometry import Plate
 from ..materials import uniaxial_swelling
-from .items import COLOURS, CONDITION, CONFIRMED, CONTRADICTED, Claim, Entry, Number, pyplot
+from .items import COLOURS, CONDITION, CONFIRMED, CONTRADICTED, Claim, Entry, Number, Runs, pyplot
 
 MU = [-4.9, -4.0, -3.0, -2.5, -2.0, -1.5, -1.2, -1.0, -0.8, -0.6, -0.4, -0.3, -0.2, -0.1, -0.05, 0.0]
 SIDES = (7, 9, 11, 13, 15)
@@ -42,7 +43,7 @@ PLAIN = "EFG, displacement, penalty 1e3"
 TIMED = (DEFAULT, PRINTED, ALIKE, OTHER, "ICVEFG, mixed, penalty 1e3", PLAIN, "EFG, mixed, penalty 1e3")
 
 
-def stretches(runs):
+def stretches(runs: Runs) -> dict[str, np.ndarray]:
     """Per method of ``METHODS`` the stretch l2 at each of ``MU``, nan where it did not get there; computed once."""
     if "stretches" not in runs.shared:
         runs.shared["stretches"] = {name: _stretches(runs, name) for name in METHODS}
@@ -61,7 +62,7 @@ def _stretches(runs, name):
     return values
 
 
-def stretch(path):
+def stretch(path: Path) -> jax.Array:
     """Stretch l2 (k,) between the middles of the bottom and the top of the square."""
     half = path.model.cloud.plate.height / 2
     ends = make_probe(path.model, np.array([[0.0, -half], [0.0, half]]))
@@ -69,13 +70,13 @@ def stretch(path):
     return (y[:, 1, 1] - y[:, 0, 1]) / (2 * half)
 
 
-def errors(runs):
+def errors(runs: Runs) -> dict[str, np.ndarray]:
     """Per method the relative errors (k,) of l2 against Eq. (59)."""
     exact = np.asarray(uniaxial_swelling(np.array(MU), sample("square").gel))
     return {name: np.abs(values / exact - 1) for name, values in stretches(runs).items()}
 
 
-def fig_2(runs):
+def fig_2(runs: Runs) -> Entry:
     """Fig. 2: l2 over mu."""
     found, exact = stretches(runs), np.asarray(uniaxial_swelling(np.array(MU), sample("square").gel))
     figure, ax = pyplot().subplots(figsize=(5.2, 3.6), layout="constrained")
@@ -112,7 +113,7 @@ def _worst(error):
     return text if reached[-1] == len(MU) - 1 else f"{text}, stopped after mu = {MU[reached[-1]]:g}"
 
 
-def fig_3(runs):
+def fig_3(runs: Runs) -> Entry:
     """Fig. 3: relative error of l2 over mu."""
     error = errors(runs)
     figure, ax = pyplot().subplots(figsize=(6.9, 3.9), layout="constrained")
@@ -149,7 +150,7 @@ def fig_3(runs):
     )
 
 
-def fig_4(runs):
+def fig_4(runs: Runs) -> Entry:
     """Fig. 4: time against the number of nodes."""
     rows = []
     for side in SIDES:
@@ -221,7 +222,7 @@ def _time_claim(seconds):
     return Claim("IICVEFG takes less time than ICVEFG", verdict, text)
 
 
-def _time_figure(rows):
+def _time_figure(rows: Any) -> Any:
     figure, ax = pyplot().subplots(figsize=(6.9, 3.6), layout="constrained")
     for name, colour, marker in zip(TIMED, COLOURS, "os^Dv<>", strict=True):
         own = [row for row in rows if row["method"] == name]

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 import jaxgel
 from jaxgel.observables import CREASE_RATIO
 from jaxgel.paper import CLOSING, FINITE_ELEMENTS, Runs, crossing
+from jaxgel.paper import areas as paper_areas
 from jaxgel.paper import curves as paper_curves
 from jaxgel.paper import runs as paper
 from jaxgel.paper import square as paper_square
@@ -151,13 +152,13 @@ def _rising(rows):
 
 def of_lattice(rows, folder):
     contact = 0.5 * (0.2 if "JAXGEL_REPORT" in os.environ else 1.1)  # half the spacing
-    return [float(jaxgel.free_swelling(-0.1688, jaxgel.sample("lattice").gel)), -0.2688, contact]
+    return [float(jaxgel.free_swelling(-0.1688, jaxgel.sample("lattice").gel)), -0.2688, -0.1688, contact]
 
 
 def of_areas(rows, folder):
-    values = [100 * max(abs(row["area_reduction"] - row["kinematic"]) for row in rows), *paper_curves.PRINTED_AREAS.values()]
-    values += [100 * v for v in paper_curves.PRINTED_AREAS.values()]
-    for n, printed in paper_curves.PRINTED_AREAS.items():
+    values = [100 * max(abs(row["area_reduction"] - row["kinematic"]) for row in rows), *paper_areas.PRINTED_AREAS.values()]
+    values += [100 * v for v in paper_areas.PRINTED_AREAS.values()]
+    for n, printed in paper_areas.PRINTED_AREAS.items():
         mu = crossing(column(rows, "mu", sample=n, contact="on"), column(rows, "area_reduction", sample=n, contact="on"), printed)
         values += [mu, float(jaxgel.free_swelling(mu, jaxgel.sample("sample-1").gel))] if np.isfinite(mu) else []
     return [*values, 3.0, *range(4)]  # families
@@ -207,4 +208,4 @@ def test_the_report_holds_each_text_and_each_claim(folder):
             assert all(
                 f"| {statement} | **{verdict}** | {evidence} | {name} |" in report for statement, verdict, evidence in record["claims"]
             )
-    assert set(CLOSING) >= set(paper_curves.PRINTED_AREAS)
+    assert set(CLOSING) >= set(paper_areas.PRINTED_AREAS)

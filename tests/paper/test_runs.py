@@ -27,6 +27,7 @@ from jaxgel.paper import (
     stability,
     table_1,
 )
+from jaxgel.paper import areas as paper_areas
 from jaxgel.paper import curves as paper_curves
 from jaxgel.paper import patterns as paper_patterns
 from jaxgel.paper import runs as paper
@@ -77,7 +78,7 @@ def test_finished_items_are_kept_and_missing_ones_computed(items, tmp_path):
     run(tmp_path, "good")  # by name: anew
     assert items == {"good": 2, "bad": 2}
     text = (tmp_path / "report.md").read_text()
-    assert "| angle | 0.5 | 0.25 | 0.25 | +0 % |" in text and "1 confirmed, 0 confirmed with a condition, 0 contradicted." in text
+    assert "| angle | 0.5 | 0.25 | 0.25 | 0 |" in text and "1 confirmed, 0 confirmed with a condition, 0 contradicted." in text
 
 
 def test_a_damaged_record_is_computed_again(items, tmp_path):
@@ -126,7 +127,7 @@ def test_states_before_the_end_are_named_in_words():
 
 
 def trend(same, last):
-    return paper_curves._trend_claim(-1.0, dict(enumerate(same, 1)), dict(enumerate(last, 1))).verdict
+    return paper_areas._trend_claim(-1.0, dict(enumerate(same, 1)), dict(enumerate(last, 1))).verdict
 
 
 def test_trends_of_areas_are_judged_at_equal_mu_and_at_the_ends():
@@ -165,7 +166,7 @@ def test_a_coarse_cloud_confirms_the_finite_elements_of_sample_1(coarse_path):
 
 def test_area_reduction_is_set_by_the_volume_of_the_gel(coarse_path):
     area = sum(float(hole.area()) for hole in coarse_path.model.cloud.plate.holes) / 4
-    np.testing.assert_allclose(paper_curves._kinematic(coarse_path, area), jaxgel.area_reduction(coarse_path), rtol=2e-3)
+    np.testing.assert_allclose(paper_areas._kinematic(coarse_path, area), jaxgel.area_reduction(coarse_path), rtol=2e-3)
     # the cells see polygons of 160 sides, which leave out 3e-4 of a hole
 
 
