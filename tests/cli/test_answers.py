@@ -11,17 +11,17 @@ import jaxgel
 from jaxgel.cli import environment, generated, regenerate
 
 
-def python(code, *arguments, **variables):
+def python(code, *arguments, folder=None, **variables):
     """What a new process prints, of Python ``code``."""
     own = {name: value for name, value in os.environ.items() if name not in ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR", "NPROC")}
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.run(command, env=own | variables, capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(command, env=own | variables, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
 
 
 WITHOUT_JAX = """
-import contextlib, sys
+import contextlib, io, sys
 from jaxgel.cli import main
-with contextlib.redirect_stdout(None):
+with contextlib.redirect_stdout(io.StringIO()):
     try:
         code = main(sys.argv[1:])
     except SystemExit as end:
@@ -50,7 +50,7 @@ print(code, sorted({"jax", "scipy", "matplotlib", "shapely"} & sys.modules.keys(
     ],
 )
 def test_the_command_line_answers_without_jax(line, code, tmp_path):
-    found = python(f"import os; os.chdir({str(tmp_path)!r})" + WITHOUT_JAX, *line.split())
+    found = python(WITHOUT_JAX, *line.split(), folder=tmp_path)
     assert found == f"{code} []"
 
 
@@ -81,9 +81,8 @@ def test_every_public_name_can_be_had():
     assert set(jaxgel.__all__) <= set(dir(jaxgel))
 
 
-PREPARED = (
-    "import os; from jaxgel.cli.environment import prepare_environment as p; p({}); print(os.environ.get('JAX_COMPILATION_CACHE_DIR'))"
-)
+PREPARE = "import os; from jaxgel.cli.environment import prepare_environment as prepare; "
+PREPARED = PREPARE + "prepare({}); print(os.environ.get('JAX_COMPILATION_CACHE_DIR'))"
 
 
 def test_compiled_programs_lie_in_the_users_cache_folder_unless_told_otherwise(tmp_path):

@@ -27,13 +27,13 @@ def test_the_known_digits_are_a_root_of_the_free_gel():
 
 
 def test_a_wrong_program_is_found(monkeypatch):
-    """As jaxlib 0.10.2 did: beyond 16,384 rows the sums are wrong, here by a billionth of a part more than is accepted."""
+    """As jaxlib 0.10.2 did: beyond 16,384 rows the sums are wrong, here of one row by a thousandth of its sum."""
     compiled = jax.jit
 
     def wrong(function, **options):
         def program(*args):
             value = np.asarray(compiled(function, **options)(*args))
-            return value * np.where(np.arange(len(value)) >= 16_384, 1 + 2e-9, 1.0)
+            return value * np.where(np.arange(len(value)) >= 16_384, 1 + 1e-3, 1.0)
 
         return program
 
