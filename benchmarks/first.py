@@ -2,7 +2,7 @@
 
 The first result is the core rotation of sample 1 (1009 nodes) at mu = -2.9678, the first gradient that of its midline rotation by the
 semi-axes. Each row is the median of processes of their own: without compiled programs, with those that the one before left behind (JAX's
-compilation cache), and without, with XLA's own choice of the flags that importing jaxgel sets.
+compilation cache), and without, with XLA's own choice of the flags that the command line sets.
 """
 
 import argparse
@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 
-from jaxgel.cli.versions import quick_flags
+from jaxgel.cli.environment import quick_flags
 
 RESULTS = """
 import time
@@ -28,7 +28,6 @@ def rotation(axes):
 jax.block_until_ready(jax.grad(rotation)(jnp.array([5.0, 4.0])))
 print(time.perf_counter() - began)
 """
-OWN = {"false": "true", "2": "3"}  # XLA's values of those flags
 
 
 def main():
@@ -36,11 +35,11 @@ def main():
     parser.add_argument("--runs", type=int, default=1, help="processes of each kind (1)")
     runs = parser.parse_args().runs
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    own = " ".join(f"{name}={OWN[value]}" for name, value in (flag.split("=") for flag in quick_flags()))
+    quick = " ".join(quick_flags())
     rows = {"cold": [], "warm": [], "cold, XLA's own flags": []}
     for _ in range(runs):
         with tempfile.TemporaryDirectory() as cache, tempfile.TemporaryDirectory() as other:
-            for name, folder, flags in zip(rows, (cache, cache, other), ("", "", own), strict=True):
+            for name, folder, flags in zip(rows, (cache, cache, other), (quick, quick, ""), strict=True):
                 rows[name].append(seconds(folder, flags))
     print(f"{cores} cores, load {os.getloadavg()[0]:.1f}\n{'':<22} first result  with first gradient")
     for name, found in rows.items():

@@ -11,7 +11,7 @@ from latex2mathml.converter import convert
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from jaxgel.cli import command_line as cli
+from jaxgel.cli.parser import parser as command_line
 
 project, author, copyright = "jaxgel", "The jaxgel developers", "The jaxgel developers"  # noqa: A001
 release = version = version_of("jaxgel")
@@ -36,7 +36,7 @@ class CommandHelp(Directive):
 
     def run(self):
         """One section per command."""
-        parser, commands = cli._parser()
+        parser, commands = command_line()
         sections = []
         for name, command in [("jaxgel", parser), *commands.items()]:
             title = name if name == "jaxgel" else f"jaxgel {name}"

@@ -108,11 +108,16 @@ def _validator():
     from jsonschema.validators import extend
 
     kinds = {
-        "number": lambda _, v: isinstance(v, float) and abs(v) <= sys.float_info.max or type(v) is int and abs(v) < 2**63,  # fits an array
-        "integer": lambda _, v: type(v) is int,
+        "number": lambda _, v: _is_number(v),
+        "integer": lambda _, v: type(v) is int and _is_number(v),
         "array": lambda _, v: isinstance(v, list | tuple),
     }
     return extend(Draft202012Validator, type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(kinds))
+
+
+def _is_number(v):
+    """Whether a value is a finite number that a float array takes."""
+    return abs(v) < 2**63 if type(v) is int else isinstance(v, float) and abs(v) <= sys.float_info.max
 
 
 def _message(error, where):

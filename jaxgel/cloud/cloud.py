@@ -226,9 +226,7 @@ def _check_sizes(plate, spacing, nodes_per_hole, across):
         raise ValueError(f"nodes_per_hole: {nodes_per_hole!r} is not a whole number of 3 to {MAX_NODES}")
     background = plate.width / spacing * plate.height / spacing
     if not background <= MAX_NODES:
-        raise ValueError(
-            f"spacing: {spacing:g} mm makes about {background:.2g} nodes, more than the {MAX_NODES} accepted; use a larger one"
-        )
+        raise ValueError(f"spacing: {spacing:g} mm makes about {background:.2g} nodes, {MAX_NODES} are accepted at most; use a larger one")
     per_hole = max(8, round(plate.nodes_per_hole * own / spacing)) if nodes_per_hole is None else nodes_per_hole
     if per_hole * len(plate.holes) > MAX_NODES // OUTLINE_SEGMENTS:
         raise ValueError(

@@ -10,7 +10,7 @@ import pytest
 
 from jaxgel.cases import case_text, example
 from jaxgel.cli import command_line as cli
-from jaxgel.cli import commands
+from jaxgel.cli import folders, runs
 
 MUTATIONS = 100  # of the case file, and as many of a folder's files
 SECONDS = 60  # far more than the fraction of a second that reading takes
@@ -55,7 +55,7 @@ def bounded():
 @pytest.fixture
 def only_read(monkeypatch):
     """``jaxgel run`` stops where it would start to compute."""
-    monkeypatch.setattr(commands, "run", lambda args: 0 * len(commands.load_case(args.case).table()))
+    monkeypatch.setattr(runs, "run", lambda args: 0 * len(runs.load_case(args.case).table()))
 
 
 def refused(arguments, capsys):
@@ -127,8 +127,8 @@ def test_a_mutated_folder_is_refused_in_one_line(number, bounded, run_folder, pa
     """By resume and by plot, both of which read all three files; what would be computed from them is left out."""
     monkeypatch.setattr("jaxgel.cases.case.Case.model", lambda case: path.model)
     monkeypatch.setattr("jaxgel.cases.resume.Recorder", lambda _, case, *__, steps=(), **___: SimpleNamespace(case=case, steps=steps))
-    for name in ("_run", "_draw"):
-        monkeypatch.setattr(commands, name, lambda *_, **__: 0)
+    for name in ("run_recorded", "draw"):
+        monkeypatch.setattr(folders, name, lambda *_, **__: 0)
     rng = np.random.default_rng(number)
     files = {name: (run_folder / name).read_bytes() for name in ("summary.json", "history.csv", "states.npz")}
 

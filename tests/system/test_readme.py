@@ -7,6 +7,7 @@ import pytest
 
 from jaxgel.cases import load_case
 from jaxgel.cli import command_line as cli
+from jaxgel.cli.parser import parse
 from jaxgel.io import load_run
 
 ROOT = Path(__file__).parents[2]
@@ -53,7 +54,7 @@ def test_commands_in_the_text_are_commands(command):
     words = command.split()
     if words[-1] == "--help":
         return
-    args = cli._parse(words)
+    args = parse(words)
     if words[0] == "run" and not words[1].endswith(".toml"):
         assert load_case(args.case).name == args.case
 

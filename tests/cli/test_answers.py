@@ -1,0 +1,106 @@
+"""Texts, lists and refusals come without JAX; its numbers have 64 bits in every order of imports; the library sets no variable."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+import jaxgel
+from jaxgel.cli import environment, generated, regenerate
+
+
+def python(code, *arguments, folder=None, **variables):
+    """What a new process prints, of Python ``code``."""
+    own = {name: value for name, value in os.environ.items() if name not in ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR", "NPROC")}
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, env=own | variables, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
+
+
+WITHOUT_JAX = """
+import contextlib, io, sys
+from jaxgel.cli import main
+with contextlib.redirect_stdout(io.StringIO()):
+    try:
+        code = main(sys.argv[1:])
+    except SystemExit as end:
+        code = end.code
+print(code, sorted({"jax", "scipy", "matplotlib", "shapely"} & sys.modules.keys()))
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("--help", 0),
+        ("run --help", 0),
+        ("--version", 0),
+        ("samples", 0),
+        ("schema", 0),
+        ("init case", 0),
+        ("init --from lattice", 0),
+        ("run smaple-1", 2),
+        ("run sample-1 --spacing -1", 2),
+        ("run sample-1 --mu-start -1 --mu-end -2", 2),
+        ("run missing.toml", 2),
+        ("design missing.toml", 2),
+        ("plot nowhere", 2),
+        ("resume nowhere", 2),
+    ],
+)
+def test_the_command_line_answers_without_jax(line, code, tmp_path):
+    found = python(WITHOUT_JAX, *line.split(), folder=tmp_path)
+    assert found == f"{code} []"
+
+
+def test_package_data_is_what_the_code_makes():
+    """If not: python -m jaxgel.cli.regenerate."""
+    for name, text in regenerate.make().items():
+        assert json.loads(generated.file(name).read_text(encoding="utf-8")) == json.loads(text), name
+
+
+@pytest.mark.parametrize("imports", ["import jaxgel, jax", "import jax, jaxgel", "import jaxgel, jax.numpy", "import jaxgel.linalg, jax"])
+def test_jax_has_64_bits_in_every_order_of_imports(imports):
+    assert python(f"{imports}\nprint(jax.numpy.zeros(()).dtype)") == "float64"
+
+
+def test_a_search_for_jax_changes_nothing():
+    search = "import sys, importlib.util, jaxgel; importlib.util.find_spec('jax'); print('jax' in sys.modules)"
+    assert python(f"{search}; import jax; print(jax.numpy.ones(1).dtype)").split() == ["False", "float64"]
+
+
+def test_importing_the_package_sets_no_variable_and_imports_no_jax():
+    code = "import os, sys; a = dict(os.environ); import jaxgel; print('jax' in sys.modules); jaxgel.sweep; print(a == dict(os.environ))"
+    assert python(code).split() == ["False", "True"]
+
+
+def test_every_public_name_can_be_had():
+    for name in jaxgel.__all__:
+        assert getattr(jaxgel, name) is not None
+    assert set(jaxgel.__all__) <= set(dir(jaxgel))
+
+
+PREPARE = "import os; from jaxgel.cli.environment import prepare_environment as prepare; "
+PREPARED = PREPARE + "prepare({}); print(os.environ.get('JAX_COMPILATION_CACHE_DIR'))"
+
+
+def test_compiled_programs_lie_in_the_users_cache_folder_unless_told_otherwise(tmp_path):
+    home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    assert python(PREPARED.format("None"), **home).startswith(str(tmp_path))
+    assert python(PREPARED.format("None"), JAXGEL_CACHE=str(tmp_path / "own"), **home) == str(tmp_path / "own")
+    assert python(PREPARED.format("'given'"), JAXGEL_CACHE="own", **home) == "given"
+    assert python(PREPARED.format("None"), JAXGEL_CACHE="own", JAX_COMPILATION_CACHE_DIR="users", **home) == "users"
+    assert python(PREPARED.format("'off'"), **home) == "None"
+    assert python(PREPARED.format("None"), JAXGEL_CACHE="off", **home) == "None"
+
+
+def test_the_users_flags_are_kept():
+    code = PREPARE + "prepare('off'); print(os.environ['XLA_FLAGS'])"
+    mine = "--xla_backend_optimization_level=1"
+    assert python(code, XLA_FLAGS=mine).split() == [mine, *environment.quick_flags()[1:]]
+
+
+def test_a_process_that_has_imported_jax_is_left_alone():
+    code = PREPARE + "import jax; before = dict(os.environ); prepare(); print(before == dict(os.environ))"
+    assert python(code) == "True"
