@@ -21,9 +21,9 @@ import jaxgel
 from jaxgel.cases import case as cases
 from jaxgel.cases import schema as sections
 from jaxgel.continuation import SweepFailed
-from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE, touches
+from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE
 from jaxgel.materials import bulk_stiffness
-from jaxgel.mechanics import ROUND_OFF, all_volumes, free_dofs, network_energy, residual, volume_ratios
+from jaxgel.mechanics import ROUND_OFF, all_volumes, free_dofs, network_energy, residual, touches, volume_ratios
 
 QUADRATURE = 0.2  # error of the area over area x reduction^2 of the pores x (spacing / size)^3 of them: 0.14 is seen, an eighth at half h
 OUTLINE = 2e-3  # error of the area over spacing and length of outlines: chords of spacing / 8 at curvatures of 1 / spacing miss 1.3e-3

@@ -12,6 +12,7 @@ import functools
 import importlib.abc
 import importlib.machinery
 import sys
+import typing
 
 import jaxtyping
 from beartype import BeartypeConf, beartype
@@ -41,6 +42,8 @@ def checked(function):
 
 def checked_class(made):
     """The class; where it is a dataclass, its fields are checked wherever jaxgel or a test makes one."""
+    if getattr(made, "_is_protocol", False):
+        return typing.runtime_checkable(made)
     if not dataclasses.is_dataclass(made) or "__init__" not in made.__dict__:
         return made
     plain, strict = made.__init__, checked(made.__init__)
