@@ -23,7 +23,7 @@ if os.environ.get("JAXGEL_CHECK_SHAPES", "0") != "0":  # before jaxgel is import
 
     shape_checks.install()
 
-from jaxgel.cli.environment import in_one_part, quick_flags  # noqa: E402
+from jaxgel.cli.environment import in_one_part, quick_flags
 
 # read when the first program is compiled: test processes leave LLVM no idle cores, and a program in parts is more work
 os.environ["XLA_FLAGS"] = " ".join([*quick_flags(), *(f"--{name}={value}" for name, value in in_one_part().items())])

@@ -82,7 +82,8 @@ def traced_sweep(model: Model, gel: Gel, mu: object, loads: Float[Array, "n 2"] 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _states(static, floats, rest):
     """Equilibria (k, n, 2) and their report, a dict (k,) of mu, status, newton_iterations, residual, negative_pivots, lowest_eigenvalue,
-    switched, contact_active and energy, of the pressure (k, g), and of the `mechanics.Operators` of the model."""
+    switched, contact_active and energy, of the pressure (k, g), and of the `mechanics.Operators` of the model.
+    """
     inputs = static.join(floats, rest)
     if is_traced(inputs):
         if static.ends is not None:

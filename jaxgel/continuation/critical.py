@@ -298,7 +298,6 @@ def _expand(frame, state, modes):
 @jax.jit
 def _derivatives(problem, x, modes, mu):
     """D phi / d mu, d phi / dx (n, 2), and the third and fourth derivative of the energy along the first mode."""
-
     model, gel, loads = problem.model, problem.gel, problem.loads
 
     def phi(x, mu):

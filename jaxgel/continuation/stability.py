@@ -65,9 +65,9 @@ class StabilityAnalysis:
     ) -> tuple[Stability | None, Float[np.ndarray, "f m"] | None]:
         """`Stability` by the factor of a nearby tangent that the solution of a state left, from modes ``start`` (f, m) of a nearby state.
 
-        It will do as long as they converge and fewer than all are unstable, by its pivots and by their eigenvalues alike, which are Rayleigh
-        quotients of the state's own tangent. Where it will not, or without ``start``, None; and in either case modes from which
-        `by_own_factor` is to start, or None.
+        The factor serves as long as the modes converge and fewer than all are unstable, by its pivots and by their eigenvalues alike, which
+        are Rayleigh quotients of the state's own tangent. Where it does not, or without ``start``, None; and in either case modes from
+        which `by_own_factor` is to start, or None.
         """
         pivots = getattr(state.factor, "negative_pivots", -1)
         if start is None or not 0 <= pivots < TRACKED:

@@ -59,7 +59,8 @@ def contact_pairs(lists: Connectivity, dmax: float) -> tuple[Int[Array, "e 2"], 
 @once_per_owner
 def tangent_pattern(lists: Connectivity, solver: str = "auto", contact_dmax: float | None = None) -> Pattern:
     """`linalg.Pattern` of the tangent on the free degrees of freedom; with the pairs of self-contact where ``contact_dmax``, the model's
-    ``dmax``, is given."""
+    ``dmax``, is given.
+    """
     topology, pairs = lists.topology, node_pairs(lists)[0]
     points, free = topology.partition.vertices[topology.node_vertices], free_dofs(topology)
     if contact_dmax is None:

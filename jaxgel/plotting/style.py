@@ -20,7 +20,7 @@ STYLE = {
     "figure.dpi": 120,
 }
 GEL, LINE, WALL, SHADE = "#b7cfe2", "#1c2733", "#5c6670", "#e9e4de"
-COLOURS = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito: told apart with every kind of colour vision
+COLOURS = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito: distinguishable with every kind of colour vision
 MU = QUANTITIES["mu"].axis_label()
 
 

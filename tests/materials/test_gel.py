@@ -109,8 +109,8 @@ def test_pressure_and_bulk_stiffness_are_the_closed_forms(gel):
 
 
 def test_flory_huggins_keeps_its_digits_far_from_and_close_to_the_dry_state():
-    for swelling in (1e-12, 1e-6, 1.0, 1e3, 1e6):
-        J = 1 + swelling
+    for more in (1e-12, 1e-6, 1.0, 1e3, 1e6):
+        J = 1 + more
         with localcontext() as context:
             context.prec = 50
             exact_J = Decimal(J)
