@@ -17,7 +17,6 @@ from .resume import load_path
 PAGE = "view.html"
 TEMPLATE = "page.html"
 RESOLUTION = 5000  # steps per plate width in which the page keeps positions
-COLOUR_MAP = "cividis"  # reads the same with every kind of colour vision
 COLOURS = 64
 CURVES = ("area_reduction", "rotation", "core_rotation", "J_mean", "energy", "lowest_eigenvalue", "surface_ratio", "min_gap")
 """Quantities that the page shows."""
@@ -44,7 +43,7 @@ def page(path: Path, *, table: dict[str, Any] | None = None, title: str = "jaxge
 
 def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
     """Data of the page for JSON; positions are whole steps of the plate's width over ``RESOLUTION``."""
-    import matplotlib as mpl
+    from ..plotting import colour_scale  # Matplotlib starts slowly
 
     cloud = path.model.cloud
     deformed = np.asarray(deformed_vertices(path))
@@ -69,7 +68,7 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
             "label": FIELDS["stretch"],
             "low": float(low),
             "high": float(high),
-            "colours": [mpl.colors.to_hex(mpl.colormaps[COLOUR_MAP](share)) for share in np.linspace(0, 1, COLOURS)],
+            "colours": colour_scale(COLOURS),
             "states": shades.tolist(),
         },
     }

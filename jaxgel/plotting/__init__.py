@@ -5,13 +5,14 @@ from .curves import CURVES, plot_curve, plot_curves
 from .design import draw_study
 from .notebook import PathView, show_path
 from .patterns import plot_modes, plot_pattern, plot_patterns
-from .style import STYLE
+from .style import STYLE, colour_scale
 
 __all__ = [
     "CURVES",
     "STYLE",
     "PathView",
     "animate_pattern",
+    "colour_scale",
     "draw_study",
     "plot_curve",
     "plot_curves",

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 
 from .._types import Scalar
 from ..cloud import Cloud
@@ -33,6 +34,11 @@ def styled(draw: Callable) -> Callable:
             return draw(*args, **kwargs)
 
     return with_style
+
+
+def colour_scale(count: int) -> list[str]:
+    """``count`` colours of a field, from its lowest value to its highest, as "#rrggbb"; the map reads the same with all colour vision."""
+    return [mpl.colors.to_hex(mpl.colormaps["cividis"](share)) for share in np.linspace(0, 1, count)]
 
 
 def length_unit(cloud: Cloud) -> str:
