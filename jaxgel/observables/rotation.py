@@ -6,21 +6,23 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..discretisation import NEIGHBOURS, core_probe, in_plane, midline_probe, shape_functions
+from .._types import Array, Bool, Float
+from ..discretisation import NEIGHBOURS, Model, core_probe, in_plane, midline_probe, shape_functions
+from .states import States
 
 ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
 FLAT = 1e-9  # height over length up to which round-off chooses the extrema
 EXTREMA = 16  # that are found together, or a multiple
 
 
-def angle_of_extrema(x, model):
+def angle_of_extrema(x: Float[Array, "k n 2"], model: Model) -> Float[Array, " k"]:
     """Angle (k,) to the x axis, degrees, of the line through the midline's highest and lowest point in each state of ``x`` (k, n, 2)."""
     kind = "imls" if model.kind == "iicvmls" else model.kind  # its real twin
     samples = _next_to_extrema(x, model.cloud.nodes, midline_probe(model))
     return _angle_between(_extrema(*samples, basis=model.basis, kind=kind), len(x))
 
 
-def is_flat(x, model):
+def is_flat(x: Float[Array, "k n 2"], model: Model) -> Bool[Array, " k"]:
     """Whether (k,) the midline is level, to ``FLAT`` of its length, in each state of ``x`` (k, n, 2)."""
     line = jax.vmap(midline_probe(model).position)(x)
     return jnp.ptp(line[:, :, 1], axis=1) < FLAT * jnp.ptp(line[:, :, 0], axis=1)
@@ -90,7 +92,7 @@ def _extremum(start, reach, neighbours, support, values, *, basis, kind):
     return point(jnp.where(reach > 0, s, start[0]))
 
 
-def rotation_angle(path):
+def rotation_angle(path: States) -> Float[Array, " k"]:
     """Rotation of the midline (k,), degrees: the angle to the x axis of the line through its highest and its lowest point.
 
     The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the interpolated line, not of
@@ -100,7 +102,7 @@ def rotation_angle(path):
     return angle_of_extrema(jnp.asarray(path.x), path.model)
 
 
-def core_rotation(path):
+def core_rotation(path: States) -> Float[Array, " k"]:
     """Polar rotation (k,) of the gel at ``plate.core``, degrees: the angle of R in F = R U; nan where the core lies in a hole."""
     return _polar_rotation(jnp.asarray(path.x), core_probe(path.model))
 
