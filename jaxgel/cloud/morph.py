@@ -1,7 +1,7 @@
-"""How the background follows the holes: a thin-plate spline through the outline nodes and the on_edges.
+"""How the background follows the holes: a thin-plate spline through the outline nodes and the vertices on the plate's edges.
 
-Outline nodes move with their hole, vertices on the edges of the plate slide along them in proportion to the nearest arc ends on it, and the spline
-carries both displacements inwards. It is linear in the displacements and exact for affine ones.
+Outline nodes move with their hole, vertices on the edges of the plate slide along them in proportion to the nearest arc ends there,
+and the spline carries both displacements inwards. It is linear in the displacements and exact for affine ones.
 """
 
 import dataclasses
