@@ -1,7 +1,7 @@
-"""How the background follows the holes: a thin-plate spline through the outline nodes and the plate's edges.
+"""How the background follows the holes: a thin-plate spline through the outline nodes and the vertices on the plate's edges.
 
-Outline nodes move with their hole, vertices on an edge of the plate slide along it in proportion to the nearest arc ends on that edge, and
-the spline carries both displacements inwards. It is linear in the displacements and exact for affine ones.
+Outline nodes move with their hole, vertices on the edges of the plate slide along them in proportion to the nearest arc ends there,
+and the spline carries both displacements inwards. It is linear in the displacements and exact for affine ones.
 """
 
 import dataclasses
@@ -22,17 +22,17 @@ REST = -1  # source of a displacement of zero: a corner of the plate
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["matrix", "nodes", "sources", "fraction", "axis"], meta_fields=[])
 @dataclasses.dataclass(frozen=True, eq=False)
 class Morph:
-    """The linear map from the displacement of the outline vertices to that of the background vertices; NumPy arrays."""
+    """The linear map from the displacement of the outline vertices to that of the background vertices; a pytree of NumPy arrays."""
 
-    matrix: Float[np.ndarray, "b c"]
+    matrix: Float[Array, "b c"]
     """From the displacement of the controls, outline nodes and then vertices on the plate's edges, to that of the background vertices."""
-    nodes: Int[np.ndarray, " k"]
+    nodes: Int[Array, " k"]
     """Outline vertices that are controls."""
-    sources: Int[np.ndarray, "e 2"]
+    sources: Int[Array, "e 2"]
     """Outline vertices between which each vertex on an edge slides, or ``REST``."""
-    fraction: Float[np.ndarray, " e"]
+    fraction: Float[Array, " e"]
     """Its position between them, 0 at the first."""
-    axis: Int[np.ndarray, " e"]
+    axis: Int[Array, " e"]
     """Axis along which it slides."""
 
     def displacement(self, outline: Float[Array, "o 2"]) -> Float[Array, "b 2"]:

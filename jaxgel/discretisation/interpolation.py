@@ -110,7 +110,7 @@ def evaluate_points(
         groups.append(_evaluated(*at, supports[own], basis=basis, kind=kind, gradients=gradients))
         start += size
     values = _joined(groups, count, width)
-    return values if gradients else values[0]
+    return tuple(values) if gradients else values[0]
 
 
 @jax.jit
