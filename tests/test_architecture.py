@@ -222,7 +222,7 @@ def faces(modules: dict[str, Module]) -> list[str]:
     """``__init__`` of a package holds a sentence, the imports of its names and their sorted list; no module is named like one of them."""
     broken = []
     for module in modules.values():
-        if not module.is_package:
+        if not (module.is_package and module.name):  # names of jaxgel itself are imported when they are used, from __init__.pyi
             continue
         where, names = place(module, 1), listed(module)
         if not ast.get_docstring(module.tree):

@@ -64,18 +64,14 @@ def draw(path, folder, table, output):
     import matplotlib as mpl
 
     mpl.use("Agg")  # before pyplot, which would look for a screen
-    import matplotlib.pyplot as plt
-
     from ..io import write_series
-    from ..plotting import animate_pattern, plot_curves, plot_patterns
+    from ..plotting import animate_pattern, plot_curves, plot_patterns, save_figure
 
     if output.paraview:
         write_series(path, folder, table=table)
     figures = {"pattern.png": lambda: plot_patterns(path), "curves.png": lambda: plot_curves(path, table=table)} if output.figures else {}
     for name, draw in figures.items():
-        figure = np.ravel(draw())[0].figure
-        figure.savefig(folder / name)
-        plt.close(figure)
+        save_figure(np.ravel(draw())[0].figure, folder / name)
     if output.animation:
         animate_pattern(path, folder / "pattern.gif")
 
@@ -121,13 +117,9 @@ def _draw_modes(model, points, folder):
     import matplotlib as mpl
 
     mpl.use("Agg")
-    import matplotlib.pyplot as plt
+    from ..plotting import plot_modes, save_figure
 
-    from ..plotting import plot_modes
-
-    figure = plot_modes(model, points)[0].figure
-    figure.savefig(folder / "modes.png")
-    plt.close(figure)
+    save_figure(plot_modes(model, points)[0].figure, folder / "modes.png")
 
 
 def check_grad(args) -> int:

@@ -5,7 +5,7 @@ from .curves import CURVES, plot_curve, plot_curves
 from .design import draw_study
 from .notebook import PathView, show_path
 from .patterns import plot_modes, plot_pattern, plot_patterns
-from .style import STYLE, colour_scale
+from .style import STYLE, colour_scale, save_figure
 
 __all__ = [
     "CURVES",
@@ -19,5 +19,6 @@ __all__ = [
     "plot_modes",
     "plot_pattern",
     "plot_patterns",
+    "save_figure",
     "show_path",
 ]

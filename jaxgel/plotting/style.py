@@ -1,11 +1,13 @@
 """Colours, line styles and labels of all figures."""
 
 import functools
+import os
 from collections.abc import Callable
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 from .._types import Scalar
 from ..cloud import Cloud
@@ -39,6 +41,14 @@ def styled(draw: Callable) -> Callable:
 def colour_scale(count: int) -> list[str]:
     """``count`` colours of a field, from its lowest value to its highest, as "#rrggbb"; the map reads the same with all colour vision."""
     return [mpl.colors.to_hex(mpl.colormaps["cividis"](share)) for share in np.linspace(0, 1, count)]
+
+
+def save_figure(figure: Figure, file: str | os.PathLike[str]) -> None:
+    """Write a figure to a file and close it."""
+    import matplotlib.pyplot as plt
+
+    figure.savefig(file)
+    plt.close(figure)
 
 
 def length_unit(cloud: Cloud) -> str:

@@ -11,7 +11,7 @@ import pytest
 
 from jaxgel.cases import case_schema
 from jaxgel.cli import command_line as cli
-from jaxgel.cli import parser, runs
+from jaxgel.cli import parser
 from jaxgel.continuation import SweepFailed
 
 NUMBERS = [1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e12, math.nan, math.inf, -math.inf, -1.0, 0.0, 10**30]
@@ -94,9 +94,8 @@ def ends(monkeypatch, capsys, tmp_path):
     def stop(*_, **__):
         raise SweepFailed("sweep: reached")
 
-    for name in ("sweep", "critical_points"):
-        monkeypatch.setattr(runs, name, stop)
-    monkeypatch.setattr("jaxgel.cases.case.critical_points", stop)
+    for name in ("path", "critical_points"):
+        monkeypatch.setattr(f"jaxgel.cases.case.Case.{name}", stop)
     monkeypatch.setattr("jaxgel.cloud.cloud.MAX_NODES", 2000)  # so that what is accepted is quick
     monkeypatch.setattr("jaxgel.cli.taylor_test.check_gradient", stop)
     monkeypatch.chdir(tmp_path)
