@@ -29,13 +29,13 @@ def find_states_by_deflation(
     Newton's method on the residual times prod_i (1 + n spacing^2 / |x - x_i|^2), which does not vanish at the known states (Farrell,
     Birkisson & Funke 2015): its step is Newton's own, stretched. Each state that is found is deflated too.
     """
-    problem, known, found = prepare(model, gel, loads), [np.asarray(x) for x in known], []
+    problem, others, found = prepare(model, gel, loads), [np.asarray(x) for x in known], []
     for start in starts:
         pressure = state_pressure(jnp.asarray(start), model, problem.gel, mu)
         pressure = jnp.where(jnp.isfinite(pressure), pressure, -problem.gel.Nv)
-        state = iterate(problem, starting(problem, mu, jnp.asarray(start), pressure), _Deflated(known))
+        state = iterate(problem, starting(problem, mu, jnp.asarray(start), pressure), _Deflated(others))
         if state.status.ok:
-            known.append(np.asarray(state.x))
+            others.append(np.asarray(state.x))
             found.append(state)
     return found
 
