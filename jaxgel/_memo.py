@@ -14,7 +14,7 @@ def once_per_owner(function: Callable) -> Callable:
     @functools.wraps(function)
     def kept(owner, *args):
         values = owner.__dict__.setdefault("_once", {})
-        key = (function, *args)
+        key = (kept, *args)
         if key not in values:
             values[key] = function(owner, *args)
         return values[key]

@@ -9,8 +9,9 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
 
 Its folder holds map.json (the study and its points), points.csv (one row for each point that has ended) and a folder for each point
 in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended; jaxgel plot draws one of them.
-All points share the cloud of the study's own plate, placed on their holes, and with it all compiled programs: put the case in the middle of its parameters' range. A point too far
-away for that, where outlines move by more than about a third of the spacing, gets a cloud of its own, and costs its compilation.
+All points share the cloud of the study's own plate, placed on their holes, and with it all compiled programs: put the case in the middle
+of its parameters' range. A point too far away for that, where outlines move by more than about a third of the spacing, gets a cloud of
+its own, and costs its compilation.
 
 A cluster under MPI (mpi4py) runs a map by ``mpiexec -n 65 python -m mpi4py.futures script.py`` with the script
 

@@ -1,8 +1,7 @@
 """Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
 from .checks import BASES, METHODS, QUADRATURES
-from .connectivity import Connectivity
-from .consistency import plate_edge_ends
+from .connectivity import Connectivity, plate_edge_ends
 from .interpolation import NEIGHBOURS, Interpolation, in_plane, make_probe
 from .midline import core_probe, midline_probe
 from .model import CellBlock, Model, discretise

@@ -8,9 +8,8 @@ import numpy as np
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
 from ..cloud import EDGE_POINTS, Topology, edge_points, square_cells
-from ..geometry import inside_holes
+from ..geometry import edge_lines, inside_holes
 from .checks import check_support
-from .consistency import plate_edge_ends
 from .neighbours import pad_nodes, pad_rows, reaching_nodes
 
 
@@ -96,3 +95,19 @@ def paper_connectivity(
     nodes, supports = pad_nodes(*reaching_nodes(topology, points, np.repeat(members, counts), support, 0.0), support)
     numbers = pad_rows(np.arange(len(points)), counts, members)
     return Connectivity(topology, nodes, supports, (numbers,), (members,), np.full((0, 2), -1)), points, weight
+
+
+def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, "e 2"]:
+    """The two nodes between which each contour edge on an edge of the plate lies; -1 for free edges and inside the plate."""
+    plate, vertices = topology.plate, topology.partition.vertices
+    nodes = vertices[topology.node_vertices]
+    ends = np.full((len(edges), 2), -1)
+    for edge, (axis, coordinate) in edge_lines(plate).items():
+        if plate.edges[edge] == "free":
+            continue
+        on = (np.abs(vertices[edges][:, :, axis] - coordinate) < 1e-9 * topology.spacing).all(axis=1)
+        on_edge = topology.edge_nodes[edge]
+        middle = vertices[edges[on]][:, :, 1 - axis].mean(axis=1)
+        k = np.clip(np.searchsorted(nodes[on_edge, 1 - axis], middle) - 1, 0, len(on_edge) - 2)
+        ends[on] = np.stack([on_edge[k], on_edge[k + 1]], axis=1)
+    return ends

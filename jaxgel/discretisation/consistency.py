@@ -1,24 +1,19 @@
 """Corrected shape function gradients: linear fields are integrated exactly (patch test)."""
 
-from typing import TYPE_CHECKING
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Int
-from ..cloud import EDGE_POINTS, Topology, edge_points
-from ..geometry import edge_lines
+from ..cloud import EDGE_POINTS, edge_points
+from .connectivity import Connectivity
 from .interpolation import evaluate_points
-
-if TYPE_CHECKING:
-    from .connectivity import Connectivity
 
 
 def corrected_gradients(
     nodes: Float[Array, "n 2"],
     vertices: Float[Array, "v 2"],
-    connectivity: "Connectivity",
+    connectivity: Connectivity,
     basis: str,
     kind: str,
     edge_ends: Int[np.ndarray, "e 2"],
@@ -62,19 +57,3 @@ def _linear_trace(start, along, nodes, ends):
     s = (start + EDGE_POINTS[:, None] * along - first) @ span / jnp.where(ends[0] >= 0, span @ span, 1.0)
     number = jnp.arange(len(nodes))
     return (1 - s)[:, None] * (number == ends[0]) + s[:, None] * (number == ends[1])
-
-
-def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, "e 2"]:
-    """The two nodes between which each contour edge on an edge of the plate lies; -1 for free edges and inside the plate."""
-    plate, vertices = topology.plate, topology.partition.vertices
-    nodes = vertices[topology.node_vertices]
-    ends = np.full((len(edges), 2), -1)
-    for edge, (axis, coordinate) in edge_lines(plate).items():
-        if plate.edges[edge] == "free":
-            continue
-        on = (np.abs(vertices[edges][:, :, axis] - coordinate) < 1e-9 * topology.spacing).all(axis=1)
-        on_edge = topology.edge_nodes[edge]
-        middle = vertices[edges[on]][:, :, 1 - axis].mean(axis=1)
-        k = np.clip(np.searchsorted(nodes[on_edge, 1 - axis], middle) - 1, 0, len(on_edge) - 2)
-        ends[on] = np.stack([on_edge[k], on_edge[k + 1]], axis=1)
-    return ends

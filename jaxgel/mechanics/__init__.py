@@ -16,9 +16,9 @@ from .energy import (
 )
 from .loads import Loads, load_vector
 from .mixed import ROUND_OFF, Linearisation, condensed_rhs, linearise, pressure_step, state_pressure
-from .node_pairs import contact_pairs, node_pairs, tangent_pattern
 from .operators import ROTATION, Operators, area_form_entries, precomputed_operators
 from .outlines import crosses, outline_loops, overlaps
+from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, prepare
 from .tangent_operator import STATES_TOGETHER, TangentOperator, is_sparse, tangent_product
 

@@ -10,8 +10,8 @@ from ..materials import neo_hookean
 from .contact import contact_tangents
 from .energy import all_volumes, by_block
 from .mixed import Linearisation
-from .node_pairs import contact_pairs
 from .operators import ROTATION, add_cell_matrices, area_form_matrix
+from .pairs import contact_pairs
 from .problem import Problem
 
 

@@ -17,7 +17,7 @@ from jax import lax
 from .._types import Array, Float, Int
 from ..discretisation import Model
 from .dofs import free_dofs
-from .node_pairs import node_pairs
+from .pairs import node_pairs
 
 CELLS_IN_CACHE = 32  # cells whose matrices are added up together: few enough to stay in the processor's cache
 CELLS_PER_PRODUCT = 1024  # cells whose volume gradients are computed together, for the same reason

@@ -11,8 +11,8 @@ from .._types import Array, Float, Int
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import Gel
-from .node_pairs import tangent_pattern
 from .operators import Operators, precomputed_operators
+from .pairs import tangent_pattern
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["model", "gel", "loads", "operators"], meta_fields=[])

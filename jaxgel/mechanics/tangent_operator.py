@@ -26,8 +26,8 @@ from ..materials import bulk_stiffness, neo_hookean
 from .dofs import gather, scatter
 from .energy import all_volumes, residual
 from .mixed import volume_gradients
-from .node_pairs import node_pairs
 from .operators import area_form_entries
+from .pairs import node_pairs
 from .problem import Problem
 
 STATES_TOGETHER = 4  # states whose volume gradients are computed together
