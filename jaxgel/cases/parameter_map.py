@@ -36,6 +36,8 @@ import itertools
 import json
 import math
 import time
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from pathlib import Path as File
 
 import jax
@@ -80,7 +82,7 @@ class MapStudy:
     table: dict
     """The study as a table that `map_from_table` reads; JSON can hold it."""
 
-    def at(self, values):
+    def at(self, values: Sequence[float]) -> Case:
         """The `Case` of a point; ValueError for a gel or mu that cannot be used."""
         values = {name: np.asarray(value, dtype=float) for name, value in values.items()}
         case, source = self.case, self.case.source
@@ -96,12 +98,12 @@ class MapStudy:
         return dataclasses.replace(case, plate=plate, source=source, gel=gel, sweep=options)
 
 
-def load_map(file):
+def load_map(file: str | File) -> MapStudy:
     """The `MapStudy` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
     return map_from_table(*study_table(file))
 
 
-def resumed_map(folder):
+def resumed_map(folder: str | File) -> MapStudy:
     """The `MapStudy` whose map.json lies in a folder; ValueError where there is none or it is damaged."""
     file = File(folder) / MAP
     try:
@@ -114,7 +116,7 @@ def resumed_map(folder):
         raise ValueError(f"folder: {str(file)!r} is missing, damaged or not written by jaxgel: {' '.join(str(problem).split())}") from None
 
 
-def map_from_table(table, name):
+def map_from_table(table: dict, name: str) -> MapStudy:
     """The `MapStudy` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
     sobol = isinstance(table.get("map"), dict) and table["map"].get("samples") == "sobol"
     parameter_rule = tabled(BOUNDS | NUMBER | VALUES, ["of"]) if sobol else GRID
@@ -133,7 +135,7 @@ def map_from_table(table, name):
     return MapStudy(name, case, parameters, points, table)
 
 
-def run_map(study, folder, executor, *, resume=False, quiet=True):
+def run_map(study: MapStudy, folder: str | File, executor: Executor, *, resume: bool = False, quiet: bool = True) -> list[dict]:
     """Run the points of a `MapStudy` on an executor and write its folder; the list of rows of points.csv, dicts, by point.
 
     Points that have ended, complete, stopped early or failed, are not run again; ``resume`` says that there may be such. A call that
@@ -178,7 +180,7 @@ def run_map(study, folder, executor, *, resume=False, quiet=True):
     return [rows[k] for k in sorted(rows)]
 
 
-def run_point(text, values, folder):
+def run_point(text: str, values: Sequence[float], folder: str | File) -> dict:
     """Sweep one point, write its folder and return its row, a dict; what goes wrong in the point itself is part of the row.
 
     ``text`` is JSON with the study's name and table, ``values`` a point. For an executor's processes.

@@ -21,7 +21,7 @@ def sample_names():
     return list(_SAMPLES)
 
 
-def sample(name):
+def sample(name: str) -> Plate:
     """The plate of a case of the paper with the paper's gel, node spacing, nodes per hole, quadrature cells and wall conditions.
 
     "sample-1" ... "sample-9", "lattice" or "square". Raises ValueError for another name.

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections.abc import Callable, Iterator
 
 import jax
 from threadpoolctl import threadpool_limits
@@ -25,7 +26,7 @@ class Workers(concurrent.futures.Executor):
         self._own = threading.local()  # the pool of one process that a thread stands before
         self._pids, self._ended = {}, False
 
-    def submit(self, function, /, *args):
+    def submit(self, function: Callable, /, *args: object) -> concurrent.futures.Future:
         """Future of ``function(*args)``, a function that a new process can import."""
         return self._threads.submit(self._call, function, args)
 
@@ -51,7 +52,7 @@ class Workers(concurrent.futures.Executor):
         with contextlib.suppress(ProcessLookupError):  # it ended by itself
             os.kill(pid, signal.SIGTERM)
 
-    def shutdown(self, wait=True, *, cancel_futures=False):
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes: after the calls under way with ``wait``, otherwise at once."""
         self._ended = not wait
         for pid in [] if wait else list(self._pids.values()):
@@ -79,7 +80,7 @@ def _end_with_parent():
 
 
 @contextlib.contextmanager
-def dask_executor(address):
+def dask_executor(address: str) -> Iterator[concurrent.futures.Executor]:
     """Executor of the Dask cluster whose scheduler has that address, extra ``[distributed]``; ValueError where none answers."""
     try:
         from distributed import Client

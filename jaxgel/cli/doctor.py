@@ -4,6 +4,7 @@ A released jaxlib (0.10.2) sums float64 numbers wrongly beyond 16,384 rows, with
 than that and compared with the same points in small batches, which are another program; and one number is compared with its known digits.
 """
 
+import argparse
 import dataclasses
 import platform
 import sys
@@ -44,7 +45,7 @@ class Finding:
         return self.difference < AGREEMENT
 
 
-def doctor(_) -> int:
+def doctor(_: argparse.Namespace) -> int:
     """``jaxgel doctor``: versions, float64, threads, and the audit; the exit code."""
     print(*describe(), f"audit at {POINTS:,} points, compiled at once and in batches of {BATCH:,}:", sep="\n")
     began, failed = time.perf_counter(), []

@@ -1,7 +1,7 @@
 """design."""
 
-from .constraints import DRY, Constraint, limit, porosity
-from .objectives import misfit, reading, weighted_sum
+from .constraints import DRY, Constraint, bound, porosity
+from .objectives import misfit, value_at, weighted_sum
 from .optimisation import Design, Outcome, optimise
 from .optimisers import METHODS
 from .problem import DesignProblem
@@ -16,13 +16,13 @@ __all__ = [
     "Design",
     "DesignProblem",
     "Outcome",
+    "bound",
     "intervals",
-    "limit",
     "misfit",
     "optimise",
     "porosity",
     "read_log",
-    "reading",
+    "value_at",
     "verify",
     "weighted_sum",
 ]

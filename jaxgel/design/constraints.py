@@ -8,9 +8,10 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from ..geometry import arcs, edge_lines, outline_points, reference_plate
+from .._types import Array, Float
+from ..geometry import Plate, arcs, edge_lines, outline_points, reference_plate
 from ..observables import CURVES
-from .objectives import reading
+from .objectives import value_at
 
 LIGAMENT_SAMPLES = 128  # points per outline among which the nearest pair is looked for
 NEWTON_STEPS = 4  # from there to the nearest points themselves
@@ -30,7 +31,7 @@ class Constraint:
     """Whether it needs the plate only, so that neither its value nor its gradient costs a sweep."""
 
 
-def ligaments(plate):
+def ligaments(plate: Plate) -> Float[Array, " l"]:
     """Widths (c,) of the dry ligaments, mm: between every two holes, then between every hole and every wall that it does not cross.
 
     Exact for smooth outlines, with the derivatives of the nearest pair of points; without meaning where holes overlap.
@@ -42,14 +43,14 @@ def ligaments(plate):
     return jnp.stack(widths) if widths else jnp.zeros(0)
 
 
-def hole_areas(plate):
+def hole_areas(plate: Plate) -> Float[Array, " h"]:
     """Dry area (holes,) of each hole, mm^2; ValueError where the plate's edge cuts one."""
     if any(_crossed_walls(reference_plate(plate))):
         raise ValueError("hole_areas: the plate's edge cuts a hole; areas are those of whole holes")
     return jnp.stack([hole.area() for hole in plate.holes])
 
 
-def porosity(plate):
+def porosity(plate: Plate) -> Float[Array, " 1"]:
     """Share (1,) of the dry plate that is hole; ValueError where the plate's edge cuts one."""
     return jnp.sum(hole_areas(plate), keepdims=True) / (plate.width * plate.height)
 
@@ -58,19 +59,21 @@ DRY = {"ligament": ligaments, "porosity": porosity, "hole_area": hole_areas}
 """Quantities of the dry plate by name; each gives (c,) values."""
 
 
-def limit(name, *, above=None, below=None, within=None, at=None):
+def bound(
+    name: str, *, above: float | None = None, below: float | None = None, within: float | None = None, at: float | None = None
+) -> Constraint:
     """`Constraint` that keeps the quantity ``name`` of ``CURVES`` or ``DRY`` above or below a value, or its magnitude within one.
 
     On a path it holds at every state (the worst one counts), or at the one mu ``at``. Raises ValueError unless one limit is given.
     """
     given = {key: value for key, value in dict(above=above, below=below, within=within).items() if value is not None}
     if len(given) != 1:
-        raise ValueError(f"limit: {name} has {len(given)} limits; give one of above, below and within")
+        raise ValueError(f"bound: {name} has {len(given)} limits; give one of above, below and within")
     (kind, value), dry = next(iter(given.items())), name in DRY
     quantity = DRY[name] if dry else CURVES[name]
 
     def room(source):
-        values = quantity(source) if dry or at is None else reading(quantity, at)(source)
+        values = quantity(source) if dry or at is None else value_at(quantity, at)(source)
         room = {"above": values - value, "below": value - values, "within": value - jnp.abs(values)}[kind]
         return room if dry else jnp.min(room)
 

@@ -6,10 +6,12 @@ designs in `optimisers`, and the usual objectives and constraints are in `object
 
 import dataclasses
 import enum
+from pathlib import Path as File
 
 import numpy as np
 
 from .optimisers import METHODS, Exhausted, Stuck, optimiser
+from .problem import DesignProblem
 from .search import FEASIBLE, Search, violation
 
 
@@ -55,7 +57,18 @@ class Design:
         return self.outcome.text
 
 
-def optimise(problem, *, method="slsqp", evaluations=60, step=0.2, tolerance=1e-5, folder=None, resume=False, record=None, quiet=True):
+def optimise(
+    problem: DesignProblem,
+    *,
+    method: object = "slsqp",
+    evaluations: int = 60,
+    step: float = 0.2,
+    tolerance: float = 1e-5,
+    folder: str | File | None = None,
+    resume: bool = False,
+    record: dict | None = None,
+    quiet: bool = True,
+) -> Design:
     """The `Design` found by ``method`` within a number of sweeps, starting at ``problem.start``.
 
     ``method`` is "slsqp" (SciPy), "mma" (nlopt, extra ``[mma]``), "lbfgs" (SciPy's L-BFGS-B), "adam", or an optax

@@ -9,12 +9,15 @@ the same questions and get the answers from the log until it ends.
 import dataclasses
 import json
 import time
+from collections.abc import Callable
+from pathlib import Path as File
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
+from .._types import Array, Float
 from ..continuation import Path, SweepFailed
 from ..discretisation import SPENT, cell_sizes
 from ..equilibrium import Status
@@ -56,7 +59,7 @@ class Search:
         except Invalid as reason:
             raise ValueError(f"start: the first design is not valid: {reason}") from None
 
-    def settle(self, vector):
+    def settle(self, vector: Float[np.ndarray, " n"]) -> "Evaluation":
         """`Evaluation` of a valid design to go on from, on a new cloud where the present one has become too poor there.
 
         The old cloud stays where the new one cannot be made or the design is not valid on it.
@@ -81,7 +84,7 @@ class Search:
         self.gradients(here.entry, here.vector, np.eye(1 + len(self.wet))[0])
         return here
 
-    def at(self, vector):
+    def at(self, vector: Float[np.ndarray, " n"]) -> "Evaluation":
         """`Evaluation` of a scaled design (n,); raises `Invalid`, or `Exhausted` once the number of evaluations is used up."""
         vector = np.array(vector, dtype=float)
         entry = self.known.get((self.number, vector.tobytes()))
@@ -97,7 +100,7 @@ class Search:
             raise Invalid(entry["invalid"])
         return Evaluation(self, entry, vector, np.array(entry["values"]))
 
-    def best(self, worth=None):
+    def best(self, worth: Callable | None = None) -> dict:
         """The valid entry of least ``worth(entry)``, by default of least violation and then least objective.
 
         Only those of the cloud in use, as values differ from cloud to cloud by the discretisation error.
@@ -105,7 +108,7 @@ class Search:
         worth = worth or (lambda entry: (max(violation(entry), FEASIBLE), entry["values"][0]))
         return min((entry for entry in self.log if not entry["invalid"] and entry["cloud"] == self.number), key=worth)
 
-    def gradients(self, entry, vector, weights):
+    def gradients(self, entry: dict, vector: Float[np.ndarray, " n"], weights: Float[Array, " w"]) -> Float[np.ndarray, " n"]:
         """Gradient (n,) of the sum of objective and path constraints with ``weights`` (1 + w,) at an entry; one reverse pass."""
         asked = list(map(float, weights))
         for known, row in entry["gradients"]:
@@ -122,7 +125,7 @@ class Search:
         self.write()
         return np.asarray(row)
 
-    def dry_values(self, vector):
+    def dry_values(self, vector: Float[Array, " n"]) -> Float[Array, " d"]:
         """Scaled values (d,) of the constraints on the dry plate; traceable."""
         plate = self.problem.plate(self.problem.parameters(vector))
         return jnp.concatenate([jnp.zeros(0), *(jnp.ravel(c.function(plate)) / c.scale for c in self.dry)])
@@ -135,7 +138,7 @@ class Search:
         self.ahead, self.unit = log["evaluations"], log["unit"]
         self.known = {(entry["cloud"], np.array(entry["vector"]).tobytes()): entry for entry in self.ahead}
 
-    def write(self, outcome="running"):
+    def write(self, outcome: str = "running") -> None:
         """The log to disk, whole or not at all."""
         if self.folder is None:
             return
@@ -144,11 +147,11 @@ class Search:
         encoded = json.dumps(log, allow_nan=False).encode()
         write_atomically(self.folder / LOG, lambda stream: stream.write(encoded))
 
-    def value(self, entry):
+    def value(self, entry: dict) -> float:
         """Objective of a valid entry in the user's sign and unit."""
         return (-1.0 if self.problem.maximise else 1.0) * self.unit * entry["values"][0]
 
-    def constraints(self, entry):
+    def constraints(self, entry: dict) -> dict[str, float]:
         """Name -> smallest value, in its own unit, of each constraint at a valid entry."""
         wet = entry["values"][1 : 1 + len(self.wet)]
         values = {c.name: v * c.scale for c, v in zip(self.wet, wet, strict=True)}
@@ -226,7 +229,7 @@ class Evaluation:
     values: np.ndarray
     """(1 + c,) objective, constraints on the path, constraints on the dry plate."""
 
-    def gradient(self, weights):
+    def gradient(self, weights: Float[np.ndarray, " w"]) -> Float[np.ndarray, " n"]:
         """Gradient (n,) of ``weights`` (1 + c,) times the values: one reverse pass through the sweep, whatever c."""
         wet = 1 + len(self.search.wet)
         (dry,) = jax.vjp(self.search.dry_values, jnp.asarray(self.vector))[1](jnp.asarray(weights[wet:]))
@@ -240,7 +243,7 @@ class Evaluation:
         return np.concatenate([np.array(rows), dry.reshape(-1, len(self.vector))])
 
 
-def check_path(path, allow_unstable=False):
+def check_path(path: Path, allow_unstable: bool = False) -> None:
     """Raise `Invalid`, in one line, for a path with a state that was not reached, is unstable, or touches itself."""
     status = np.asarray(path.status)
     if np.any(status != Status.CONVERGED):
@@ -254,7 +257,7 @@ def check_path(path, allow_unstable=False):
         raise Invalid(f"self-contact at mu = {float(path.mu[int(np.argmax(touching))]):.4f}")
 
 
-def read_log(folder):
+def read_log(folder: str | File) -> dict:
     """The log of a design's folder as a dict; ValueError for a folder without one, or a damaged one."""
     file = open_folder(folder) / LOG
     try:
@@ -266,6 +269,6 @@ def read_log(folder):
     return log
 
 
-def violation(entry):
+def violation(entry: dict) -> float:
     """Largest violation of a scaled constraint at a valid entry of the log; 0 if all are met."""
     return max(0.0, *(-v for v in entry["values"][1:]), 0.0)

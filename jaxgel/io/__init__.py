@@ -5,7 +5,7 @@ from .drawings import FORMATS, OUTLINE, dry_gel, fit_fourier, hole_table, read_o
 from .files import open_folder, write_atomically
 from .netcdf import export
 from .recorder import NUMERICAL, Recorder, write_points
-from .run import STEP_ARRAYS, load_run, read_summary
+from .run import STEP_ARRAYS, Run, load_run, read_summary
 from .terminal import Progress, interruptible
 from .vtk import point_fields, write_series
 
@@ -16,6 +16,7 @@ __all__ = [
     "STEP_ARRAYS",
     "Progress",
     "Recorder",
+    "Run",
     "dry_gel",
     "export",
     "fit_fourier",

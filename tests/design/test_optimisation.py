@@ -47,7 +47,7 @@ def problem(plate):
         mu=MU,
         objective=objectives.reading(jaxgel.area_reduction, MU[-1]),
         maximise=True,
-        constraints=(constraints.limit("hole_area", above=10.0), constraints.limit("ligament", above=1.0)),
+        constraints=(constraints.bound("hole_area", above=10.0), constraints.bound("ligament", above=1.0)),
     )
 
 
@@ -181,10 +181,10 @@ def test_ligament_gradients_are_those_of_differences(plate):
 def judged(plate, cloud):
     """Constraints on a path as a function of the semi-axes."""
     limits = [
-        constraints.limit("gap", above=0.1),
-        constraints.limit("surface_ratio", below=2.4),
-        constraints.limit("core_rotation", within=1.0),
-        constraints.limit("area_reduction", below=0.5, at=MU[1]),
+        constraints.bound("gap", above=0.1),
+        constraints.bound("surface_ratio", below=2.4),
+        constraints.bound("core_rotation", within=1.0),
+        constraints.bound("area_reduction", below=0.5, at=MU[1]),
     ]
 
     def values(axes):
