@@ -84,8 +84,11 @@ def modules():
 
 
 def imports(module: Module, modules: dict[str, Module]) -> Iterator[Import]:
-    """What a module imports from jaxgel, by relative or absolute imports, at its top or inside functions."""
+    """What a module imports from jaxgel, by relative or absolute imports, at its top or inside functions; not for type checkers alone."""
+    typing = {id(part) for node in ast.walk(module.tree) if isinstance(node, ast.If) and dotted(node.test) == "TYPE_CHECKING" for part in ast.walk(node)}
     for node in ast.walk(module.tree):
+        if id(node) in typing:
+            continue
         if isinstance(node, ast.ImportFrom):
             if node.level:
                 parts = module.name.split(".") if module.name else []
@@ -376,7 +379,8 @@ def unannotated_arguments(modules: dict[str, Module]) -> list[str]:
     broken = []
     for module in modules.values():
         for name, function in functions(module):
-            every = [part for part in ast.walk(function.args) if isinstance(part, ast.arg)]
+            own = function.args
+            every = [*own.posonlyargs, *own.args, *own.kwonlyargs, *filter(None, (own.vararg, own.kwarg))]
             bare = [part.arg for part in every if part.annotation is None and part.arg not in ("self", "cls")]
             if bare:
                 broken.append(f"{place(module, function.lineno)} {name}({', '.join(bare)})")

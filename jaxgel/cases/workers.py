@@ -19,7 +19,7 @@ class Workers(concurrent.futures.Executor):
     survive. They do not hear Ctrl-C and end with this process, whatever ends it.
     """
 
-    def __init__(self, number, start=None):
+    def __init__(self, number: int, start: Callable | None = None):
         """``start``, a function that a new process can import, is called first in each of them."""
         self._start = start
         self._threads = concurrent.futures.ThreadPoolExecutor(number)

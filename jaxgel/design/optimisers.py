@@ -65,7 +65,7 @@ def optimiser(method: object, step: float, tolerance: float) -> Callable:
 class Lagrangian:
     """The augmented Lagrangian of values (1 + c,), its multipliers and penalty."""
 
-    def __init__(self, n_constraints):
+    def __init__(self, n_constraints: int):
         self.multipliers, self.penalty, self.violation = np.zeros(n_constraints), PENALTY, np.inf
 
     def value(self, values: Float[np.ndarray, " n"]) -> float:

@@ -36,7 +36,16 @@ _STATES = ("x", "pressure", "mu", "status", "newton_iterations", "residual", "en
 class Search:
     """Objective and constraints of a problem for an optimiser: at most so many evaluations, all logged."""
 
-    def __init__(self, problem, evaluations, *, folder=None, name="", record=None, quiet=True):
+    def __init__(
+        self,
+        problem: object,
+        evaluations: int,
+        *,
+        folder: str | File | None = None,
+        name: str = "",
+        record: dict | None = None,
+        quiet: bool = True,
+    ):
         self.problem, self.evaluations, self.name, self.record = problem, evaluations, name, record or {}
         self.start = problem.vector
         self.log, self.known, self.unit = [], {}, None

@@ -184,7 +184,7 @@ class Tangent:
     function: object
     which: tuple
 
-    def __call__(self, *args):
+    def __call__(self, *args: jax.Array):
         count = len(args) - len(self.which)
         fixed = args[:count]
 
@@ -196,7 +196,7 @@ class Tangent:
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def with_derivatives_of(function: Callable, values: object, *inputs):  # noqa: ARG001
+def with_derivatives_of(function: Callable, values: object, *inputs: object):  # noqa: ARG001
     """The ``values`` of ``function(*inputs)``, found otherwise; what their derivatives need is computed where these are asked for."""
     return values
 

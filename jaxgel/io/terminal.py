@@ -10,7 +10,7 @@ from tqdm import tqdm
 class Progress:
     """A bar over the interval of mu on the terminal, with mu, Newton iterations and rotation of the last state."""
 
-    def __init__(self, ends, quiet):
+    def __init__(self, ends: tuple[float, float], quiet: bool):
         self.start = ends[0]
         span = max(ends[1] - ends[0], 1e-12)
         form = "{percentage:3.0f}%|{bar:24}| {elapsed}{postfix}"

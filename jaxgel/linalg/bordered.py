@@ -4,6 +4,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from .._types import Float, Int
 from .factors import SingularTangent
 
 PIVOTING = 1e-3  # a pivot below this share of its column's largest entry leaves the order of least fill
@@ -12,7 +13,14 @@ PIVOTING = 1e-3  # a pivot below this share of its column's largest entry leaves
 class Bordered:
     """Factor of [[K, sides], [rows^T, corner]] with the tangent K (f, f), eliminated in ``order`` where pivots allow; SingularTangent."""
 
-    def __init__(self, order, matrix, sides, rows, corner):
+    def __init__(
+        self,
+        order: Int[np.ndarray, " f"],
+        matrix: sp.csc_matrix,
+        sides: Float[np.ndarray, "f b"],
+        rows: Float[np.ndarray, "f b"],
+        corner: Float[np.ndarray, "b b"],
+    ):
         self.order = order
         self.matrix = sp.block_array([[matrix[order][:, order], sides[order]], [rows[order].T, corner]], format="csc")
         try:
