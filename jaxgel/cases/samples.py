@@ -16,12 +16,12 @@ _CIRCLES = (2 * math.sqrt(20) + 1) / 2  # distance of a circle's centre from the
 _SQUARES = (math.sqrt(20 * math.pi) + 1) / 2  # the same for squares
 
 
-def sample_names():
+def sample_names() -> list[str]:
     """Names that ``sample`` accepts, a list of str."""
     return list(_SAMPLES)
 
 
-def sample(name):
+def sample(name: str) -> Plate:
     """The plate of a case of the paper with the paper's gel, node spacing, nodes per hole, quadrature cells and wall conditions.
 
     "sample-1" ... "sample-9", "lattice" or "square". Raises ValueError for another name.

@@ -22,7 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._validation import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
-from ..design import DRY, METHODS, DesignProblem, Outcome, limit, misfit, optimise, read_log, reading, verify, weighted_sum
+from ..continuation import Path
+from ..design import DRY, METHODS, Design, DesignProblem, Outcome, limit, misfit, optimise, read_log, reading, verify, weighted_sum
 from ..io import write_atomically
 from ..observables import CURVES
 from .case import Case
@@ -75,22 +76,22 @@ class Study:
     table: dict
     """The study as a table that `study_from_table` reads; JSON can hold it."""
 
-    def run(self, folder=None, *, resume=False, quiet=True):
+    def run(self, folder: File | str | None = None, *, resume: bool = False, quiet: bool = True) -> Design:
         """`inverse.Design` of the search, logged in ``folder`` if given; see `inverse.optimise`."""
         record = {"study": self.table, "name": self.name}
         return optimise(self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search)
 
-    def verify(self, parameters):
+    def verify(self, parameters: dict) -> tuple[dict, Path]:
         """`inverse.verify` of a dict of parameters with the study's spacing: its dict, and the path."""
         return verify(self.problem, parameters, **self.verification)
 
 
-def load_study(file):
+def load_study(file: File | str) -> Study:
     """The `Study` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
     return study_from_table(*study_table(file))
 
 
-def resumed_study(folder):
+def resumed_study(folder: File | str) -> Study:
     """The `Study` whose log lies in a folder; ValueError where there is none."""
     record = read_log(folder)["record"]
     if "study" not in record:
@@ -98,7 +99,7 @@ def resumed_study(folder):
     return study_from_table(record["study"], str(record.get("name", "design")))
 
 
-def study_from_table(table, name):
+def study_from_table(table: dict, name: str) -> Study:
     """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
     case = study_case(table, name, SECTIONS)
     if case.sweep.steps == "auto" and case.sweep.mu is None:
@@ -125,7 +126,7 @@ def study_from_table(table, name):
     return Study(name, case, problem, search, _verification(table, case), _aim(table["objective"][0], mu), table)
 
 
-def run_study(study, folder, *, resume=False, quiet=True):
+def run_study(study: Study, folder: File | str, *, resume: bool = False, quiet: bool = True) -> tuple[Design, dict | None]:
     """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png
     (unless the case wants no figures).
 

@@ -19,10 +19,12 @@ from pathlib import Path as File
 
 import jax.numpy as jnp
 
+from ..materials import Gel
+
 ATTRIBUTES = ("Nv", "chi", "network", "volumetric")
 
 
-def user_gel(name, numbers, folder):
+def user_gel(name: str, numbers: dict[str, float], folder: str | File) -> Gel:
     """The gel that the function ``name``, "module:function", returns for a dict of numbers; ValueError, one line, for what is not one.
 
     The module is looked for in ``folder``, in the working folder, and where Python looks for modules.

@@ -1,4 +1,4 @@
-"""design."""
+"""Inverse design: parameters, objectives and constraints of a swollen path, searched with exact gradients and verified."""
 
 from .constraints import DRY, Constraint, limit, porosity
 from .objectives import misfit, reading, weighted_sum

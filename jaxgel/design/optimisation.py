@@ -6,10 +6,13 @@ designs in `optimisers`, and the usual objectives and constraints are in `object
 
 import dataclasses
 import enum
+import pathlib
+from typing import Any
 
 import numpy as np
 
 from .optimisers import METHODS, Exhausted, Stuck, optimiser
+from .problem import DesignProblem
 from .search import FEASIBLE, Search, violation
 
 
@@ -22,7 +25,7 @@ class Outcome(enum.StrEnum):
     INTERRUPTED = "interrupted"
 
     @property
-    def text(self):
+    def text(self) -> str:
         """One line that says what happened and what to try."""
         return {
             "converged": "the optimiser finds no better design nearby",
@@ -50,12 +53,23 @@ class Design:
     """One dict per evaluation: value, violation (largest, scaled), feasible, invalid (text, empty if valid), cloud (its number)."""
 
     @property
-    def text(self):
+    def text(self) -> str:
         """The outcome in one line."""
         return self.outcome.text
 
 
-def optimise(problem, *, method="slsqp", evaluations=60, step=0.2, tolerance=1e-5, folder=None, resume=False, record=None, quiet=True):
+def optimise(
+    problem: DesignProblem,
+    *,
+    method: Any = "slsqp",
+    evaluations: int = 60,
+    step: float = 0.2,
+    tolerance: float = 1e-5,
+    folder: pathlib.Path | str | None = None,
+    resume: bool = False,
+    record: dict | None = None,
+    quiet: bool = True,
+) -> Design:
     """The `Design` found by ``method`` within a number of sweeps, starting at ``problem.start``.
 
     ``method`` is "slsqp" (SciPy), "mma" (nlopt, extra ``[mma]``), "lbfgs" (SciPy's L-BFGS-B), "adam", or an optax

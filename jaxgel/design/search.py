@@ -8,13 +8,17 @@ the same questions and get the answers from the log until it ends.
 
 import dataclasses
 import json
+import pathlib
 import time
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
+from .._types import Array, Float
 from ..continuation import Path, SweepFailed
 from ..discretisation import SPENT, cell_sizes
 from ..equilibrium import Status
@@ -23,6 +27,7 @@ from ..io import open_folder, write_atomically
 from ..materials import check_gel
 from ..observables import min_gap
 from .optimisers import Exhausted, Invalid
+from .problem import DesignProblem
 
 LOG = "design.json"
 FORMAT = 2  # of the log
@@ -33,7 +38,16 @@ _STATES = ("x", "pressure", "mu", "status", "newton_iterations", "residual", "en
 class Search:
     """Objective and constraints of a problem for an optimiser: at most so many evaluations, all logged."""
 
-    def __init__(self, problem, evaluations, *, folder=None, name="", record=None, quiet=True):
+    def __init__(
+        self,
+        problem: DesignProblem,
+        evaluations: int,
+        *,
+        folder: pathlib.Path | str | None = None,
+        name: str = "",
+        record: dict | None = None,
+        quiet: bool = True,
+    ) -> None:
         self.problem, self.evaluations, self.name, self.record = problem, evaluations, name, record or {}
         self.start = problem.vector
         self.log, self.known, self.unit = [], {}, None
@@ -48,7 +62,7 @@ class Search:
         self.wet = [c for c in problem.constraints if not c.dry]
         self._dry_parts = [(c, np.size(c.function(dry))) for c in self.dry]
 
-    def first(self):
+    def first(self) -> None:
         """Evaluate the start; ValueError, one line, where it is no valid design."""
         self.cloud, self.clouds = self.problem.make_cloud(self._plate(self.start)), 1
         try:
@@ -56,7 +70,7 @@ class Search:
         except Invalid as reason:
             raise ValueError(f"start: the first design is not valid: {reason}") from None
 
-    def settle(self, vector):
+    def settle(self, vector: Float[Array, " d"]) -> "Evaluation":
         """`Evaluation` of a valid design to go on from, on a new cloud where the present one has become too poor there.
 
         The old cloud stays where the new one cannot be made or the design is not valid on it.
@@ -67,7 +81,6 @@ class Search:
             if fault:
                 self.cloud = placed
                 self.number, self.clouds = self.clouds, self.clouds + 1
-                jax.clear_caches()  # programs belong to a topology; those of old clouds would fill gigabytes
                 return self._sound(vector)
         except BaseException as problem:
             self.cloud, self.number = before
@@ -81,7 +94,7 @@ class Search:
         self.gradients(here.entry, here.vector, np.eye(1 + len(self.wet))[0])
         return here
 
-    def at(self, vector):
+    def at(self, vector: Float[Array, " d"]) -> "Evaluation":
         """`Evaluation` of a scaled design (n,); raises `Invalid`, or `Exhausted` once the number of evaluations is used up."""
         vector = np.array(vector, dtype=float)
         entry = self.known.get((self.number, vector.tobytes()))
@@ -97,7 +110,7 @@ class Search:
             raise Invalid(entry["invalid"])
         return Evaluation(self, entry, vector, np.array(entry["values"]))
 
-    def best(self, worth=None):
+    def best(self, worth: Callable[[dict], Any] | None = None) -> dict:
         """The valid entry of least ``worth(entry)``, by default of least violation and then least objective.
 
         Only those of the cloud in use, as values differ from cloud to cloud by the discretisation error.
@@ -105,7 +118,7 @@ class Search:
         worth = worth or (lambda entry: (max(violation(entry), FEASIBLE), entry["values"][0]))
         return min((entry for entry in self.log if not entry["invalid"] and entry["cloud"] == self.number), key=worth)
 
-    def gradients(self, entry, vector, weights):
+    def gradients(self, entry: dict, vector: Float[Array, " d"], weights: Float[Array, " c"]) -> Float[Array, " d"]:
         """Gradient (n,) of the sum of objective and path constraints with ``weights`` (1 + w,) at an entry; one reverse pass."""
         asked = list(map(float, weights))
         for known, row in entry["gradients"]:
@@ -122,12 +135,12 @@ class Search:
         self.write()
         return np.asarray(row)
 
-    def dry_values(self, vector):
+    def dry_values(self, vector: Float[Array, " d"]) -> Float[Array, " c"]:
         """Scaled values (d,) of the constraints on the dry plate; traceable."""
         plate = self.problem.plate(self.problem.parameters(vector))
         return jnp.concatenate([jnp.zeros(0), *(jnp.ravel(c.function(plate)) / c.scale for c in self.dry)])
 
-    def recall(self):
+    def recall(self) -> None:
         """Take the log of the folder for granted; ValueError unless it is of this problem."""
         log = read_log(self.folder)
         if log["problem"] != self._identity():
@@ -135,7 +148,7 @@ class Search:
         self.ahead, self.unit = log["evaluations"], log["unit"]
         self.known = {(entry["cloud"], np.array(entry["vector"]).tobytes()): entry for entry in self.ahead}
 
-    def write(self, outcome="running"):
+    def write(self, outcome: str = "running") -> None:
         """The log to disk, whole or not at all."""
         if self.folder is None:
             return
@@ -144,11 +157,11 @@ class Search:
         encoded = json.dumps(log, allow_nan=False).encode()
         write_atomically(self.folder / LOG, lambda stream: stream.write(encoded))
 
-    def value(self, entry):
+    def value(self, entry: dict) -> float:
         """Objective of a valid entry in the user's sign and unit."""
         return (-1.0 if self.problem.maximise else 1.0) * self.unit * entry["values"][0]
 
-    def constraints(self, entry):
+    def constraints(self, entry: dict) -> dict[str, float]:
         """Name -> smallest value, in its own unit, of each constraint at a valid entry."""
         wet = entry["values"][1 : 1 + len(self.wet)]
         values = {c.name: v * c.scale for c, v in zip(self.wet, wet, strict=True)}
@@ -226,13 +239,13 @@ class Evaluation:
     values: np.ndarray
     """(1 + c,) objective, constraints on the path, constraints on the dry plate."""
 
-    def gradient(self, weights):
+    def gradient(self, weights: Float[Array, " c"]) -> Float[Array, " d"]:
         """Gradient (n,) of ``weights`` (1 + c,) times the values: one reverse pass through the sweep, whatever c."""
         wet = 1 + len(self.search.wet)
         (dry,) = jax.vjp(self.search.dry_values, jnp.asarray(self.vector))[1](jnp.asarray(weights[wet:]))
         return self.search.gradients(self.entry, self.vector, weights[:wet]) + np.asarray(dry)
 
-    def jacobian(self):
+    def jacobian(self) -> Float[Array, "c d"]:
         """Gradients (1 + c, n) of all values: a reverse pass for the objective and for each constraint on the path."""
         wet = 1 + len(self.search.wet)
         rows = [self.search.gradients(self.entry, self.vector, row) for row in np.eye(wet)]
@@ -240,7 +253,7 @@ class Evaluation:
         return np.concatenate([np.array(rows), dry.reshape(-1, len(self.vector))])
 
 
-def check_path(path, allow_unstable=False):
+def check_path(path: Path, allow_unstable: bool = False) -> None:
     """Raise `Invalid`, in one line, for a path with a state that was not reached, is unstable, or touches itself."""
     status = np.asarray(path.status)
     if np.any(status != Status.CONVERGED):
@@ -254,7 +267,7 @@ def check_path(path, allow_unstable=False):
         raise Invalid(f"self-contact at mu = {float(path.mu[int(np.argmax(touching))]):.4f}")
 
 
-def read_log(folder):
+def read_log(folder: pathlib.Path | str) -> dict:
     """The log of a design's folder as a dict; ValueError for a folder without one, or a damaged one."""
     file = open_folder(folder) / LOG
     try:
@@ -266,6 +279,6 @@ def read_log(folder):
     return log
 
 
-def violation(entry):
+def violation(entry: dict) -> float:
     """Largest violation of a scaled constraint at a valid entry of the log; 0 if all are met."""
     return max(0.0, *(-v for v in entry["values"][1:]), 0.0)

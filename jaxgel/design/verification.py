@@ -1,16 +1,22 @@
 """A design on a fresh cloud, and the confidence intervals of fitted parameters."""
 
+from collections.abc import Callable, Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
+from .._types import Array, Float
+from ..cloud import Cloud
+from ..continuation import Path
 from ..observables import CURVES, min_gap, surface_ratio
 from .optimisers import Invalid
+from .problem import DesignProblem
 from .search import check_path
 
 
-def verify(problem, parameters, *, spacing, mu=None):
+def verify(problem: DesignProblem, parameters: dict, *, spacing: float, mu: Sequence[float] | None = None) -> tuple[dict, Path]:
     """Objective, constraints and state of a design on a fresh cloud built from its final holes: a dict, and the path.
 
     ``spacing`` in mm; ``mu`` (k,) defaults to the problem's own with a value between every two. The dict holds value, constraints
@@ -43,7 +49,9 @@ def verify(problem, parameters, *, spacing, mu=None):
     return found, path
 
 
-def intervals(problem, parameters, curve, noise, *, cloud=None):
+def intervals(
+    problem: DesignProblem, parameters: dict, curve: Callable[[Path], Float[Array, " k"]], noise: float, *, cloud: Cloud | None = None
+) -> tuple[dict, Float[Array, "d d"]]:
     """Standard deviations and covariance of parameters fitted to ``curve`` (a function of the path, (k,)) with the given noise.
 
     Gauss and Newton's Hessian of the sum of squares over 2 noise^2, J^T J / noise^2, inverted: a dict name -> standard deviation, and
