@@ -5,7 +5,7 @@ import difflib
 import functools
 import sys
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     return (f"did you mean {near[0]!r}? " if near else "") + "accepted: " + ", ".join(known)
 
 
-def finite_numbers(value: object, shape: tuple[int, ...], field: str) -> tuple:
+def finite_numbers(value: Any, shape: tuple[int, ...], field: str) -> tuple:
     """``value`` as nested tuples of floats of ``shape``; ValueError that starts with ``field`` for what is not finite numbers."""
     try:
         array = np.asarray(value, dtype=float)
@@ -94,7 +94,7 @@ def not_both(names: Iterable[str]) -> dict:
 PAIR = listed(NUMBER, 2, 2)
 
 
-def check(value: object, rule: dict, where: str) -> None:
+def check(value: Any, rule: dict, where: str) -> None:
     """Raise ValueError unless ``value`` is as the rule says: one line with the entry, its value and what is accepted.
 
     ``where`` is what the line calls the whole of ``value``.
@@ -173,7 +173,7 @@ def accepted(rule: dict, number: str = "a") -> list[str]:
     return [text]
 
 
-def one_of(name: str, value: object, known: Iterable[str]) -> None:
+def one_of(name: str, value: object, known: Collection[str]) -> None:
     """Raise ValueError, one line that begins with ``name``, for a ``value`` that is not among the ``known`` ones."""
     if value not in known:
         raise ValueError(f"{name}: {value!r} is not one of {', '.join(known)}")
@@ -187,13 +187,13 @@ def option(default: Any, rule: dict, stage: str = "") -> Any:
     return dataclasses.field(default=default, metadata={"schema": rule, "stage": stage})
 
 
-def check_options(section: str, options: object) -> None:
+def check_options(section: str, options: Any) -> None:
     """Raise ValueError, naming section and key, for a value that its field does not accept."""
     fields = dataclasses.fields(options)
     given = {f.name: value for f in fields if (value := getattr(options, f.name)) is not None or f.default is not None}
     check({section: given}, tabled({section: tabled({f.name: f.metadata["schema"] for f in fields})}), section)
 
 
-def keywords_of(options: object, stage: str) -> dict:
+def keywords_of(options: Any, stage: str) -> dict[str, Any]:
     """Name -> value of the fields of ``options`` that a stage takes as its keywords."""
     return {f.name: getattr(options, f.name) for f in dataclasses.fields(options) if f.metadata.get("stage") == stage}

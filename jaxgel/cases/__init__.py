@@ -1,4 +1,4 @@
-"""cases."""
+"""Cases and studies in TOML files: plates with their gel and options, design studies, parameter maps, interrupted runs."""
 
 from .case import Case, from_table, load_case
 from .page import write_page

@@ -99,14 +99,14 @@ class Case:
             raise ValueError(f"sweep.contact: {self.sweep.contact!r} is not accepted here, critical points are searched with contact 'on'")
         return critical_points(model, self.gel, mu=self.sweep.ends, most=most, loads=self.loads.of(model))
 
-    def table(self):
+    def table(self) -> dict:
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
         gel = self.source.get("gel", {}) | {"Nv": float(self.gel.Nv), "chi": float(self.gel.chi)}
         options = {section: _given(getattr(self, section)) for section in OPTIONS}
         return self.source | {"gel": gel} | {section: given for section, given in options.items() if given}
 
 
-def load_case(case: str, changes: dict | None = None) -> Case:
+def load_case(case: str | File, changes: dict | None = None) -> Case:
     """The `Case` of a built-in name or of a TOML file; ``changes`` maps sections to entries that replace its own.
 
     Raises ValueError for an unknown name, a file that cannot be read or is not TOML, and every wrong entry.
@@ -125,7 +125,7 @@ def load_case(case: str, changes: dict | None = None) -> Case:
     return from_table(found, name, folder)
 
 
-def from_table(table: dict, name: str, folder: File | str | None = None) -> Case:
+def from_table(table: dict, name: str, folder: str | File | None = None) -> Case:
     """The `Case` of a table as described at the top of this module; ValueError names the section and key of a wrong entry.
 
     Drawings and a module that the table names are looked for in ``folder``, the module also in the working folder and where Python looks

@@ -8,10 +8,10 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
                      for "sobol"
 
 Its folder holds map.json (the study and its points), points.csv (one row for each point that has ended) and a folder for each point
-in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended; jaxgel plot draws one of them.
-All points share the cloud of the study's own plate, placed on their holes, and with it all compiled programs: put the case in the middle
-of its parameters' range. A point too far away for that, where outlines move by more than about a third of the spacing, gets a cloud of
-its own, and costs its compilation.
+in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended; jaxgel plot draws one of
+them. All points share the cloud of the study's own plate, placed on their holes, and with it all compiled programs: put the case in the
+middle of its parameters' range. A point too far away for that, where outlines move by more than about a third of the spacing, gets a cloud
+of its own (``own_cloud`` in its row), and costs its compilation and about 0.2 GB of memory for programs; `Workers` then take a new process.
 
 A cluster under MPI (mpi4py) runs a map by ``mpiexec -n 65 python -m mpi4py.futures script.py`` with the script
 
@@ -40,7 +40,6 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path as File
 
-import jax
 import numpy as np
 from tqdm import tqdm
 
@@ -82,7 +81,7 @@ class MapStudy:
     table: dict
     """The study as a table that `map_from_table` reads; JSON can hold it."""
 
-    def at(self, values: Sequence[float]) -> Case:
+    def at(self, values: dict) -> Case:
         """The `Case` of a point; ValueError for a gel or mu that cannot be used."""
         values = {name: np.asarray(value, dtype=float) for name, value in values.items()}
         case, source = self.case, self.case.source
@@ -98,12 +97,12 @@ class MapStudy:
         return dataclasses.replace(case, plate=plate, source=source, gel=gel, sweep=options)
 
 
-def load_map(file: str | File) -> MapStudy:
+def load_map(file: File | str) -> MapStudy:
     """The `MapStudy` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
     return map_from_table(*study_table(file))
 
 
-def resumed_map(folder: str | File) -> MapStudy:
+def resumed_map(folder: File | str) -> MapStudy:
     """The `MapStudy` whose map.json lies in a folder; ValueError where there is none or it is damaged."""
     file = File(folder) / MAP
     try:
@@ -135,7 +134,9 @@ def map_from_table(table: dict, name: str) -> MapStudy:
     return MapStudy(name, case, parameters, points, table)
 
 
-def run_map(study: MapStudy, folder: str | File, executor: Executor, *, resume: bool = False, quiet: bool = True) -> list[dict]:
+def run_map(
+    study: MapStudy, folder: File | str, executor: concurrent.futures.Executor, *, resume: bool = False, quiet: bool = True
+) -> list[dict]:
     """Run the points of a `MapStudy` on an executor and write its folder; the list of rows of points.csv, dicts, by point.
 
     Points that have ended, complete, stopped early or failed, are not run again; ``resume`` says that there may be such. A call that
@@ -180,29 +181,28 @@ def run_map(study: MapStudy, folder: str | File, executor: Executor, *, resume: 
     return [rows[k] for k in sorted(rows)]
 
 
-def run_point(text: str, values: Sequence[float], folder: str | File) -> dict:
+def run_point(text: str, values: dict, folder: str) -> dict:
     """Sweep one point, write its folder and return its row, a dict; what goes wrong in the point itself is part of the row.
 
     ``text`` is JSON with the study's name and table, ``values`` a point. For an executor's processes.
     """
     study, cloud = _prepared(text)
-    began, recorder, folder = time.perf_counter(), None, open_folder(folder)
+    began, recorder, own, folder = time.perf_counter(), None, False, open_folder(folder)
     (folder / POINT).unlink(missing_ok=True)
     try:
         case = study.at(values)
         model = case.model(cloud)
+        own = model.cloud.topology is not cloud.topology
         recorder = Recorder(folder, case, model, case.gel, durable=False)
         path = case.path(model, on_step=recorder)
         status, reason = "complete" if path.stop.ok else "stopped", path.stop_text
-        if model.cloud.topology is not cloud.topology:
-            jax.clear_caches()  # programs belong to a topology; those of many would fill gigabytes
     except (OSError, MemoryError):
         raise  # not the point's fault
     except Exception as problem:
         status, reason = "failed", " ".join(str(problem).split()) or type(problem).__name__
     if recorder is not None:
         recorder.finish(status, reason)
-    row = dict(status=status, **_last_state(recorder), seconds=round(time.perf_counter() - began, 3), reason=reason)
+    row = dict(status=status, own_cloud=own, **_last_state(recorder), seconds=round(time.perf_counter() - began, 3), reason=reason)
     _write_json(folder / POINT, {"format": FORMAT, "values": values, "row": row})
     return row
 
@@ -257,7 +257,7 @@ def _outcome(future, tries):
         return future.result()
     except Exception as problem:
         reason = f"its process was lost {tries} times: {' '.join(str(problem).split()) or type(problem).__name__}"
-        return None if tries < TRIES else dict(status="lost", **_last_state(None), seconds=None, reason=reason)
+        return None if tries < TRIES else dict(status="lost", own_cloud=False, **_last_state(None), seconds=None, reason=reason)
 
 
 def _write_table(study, rows, folder):

@@ -3,6 +3,7 @@
 import dataclasses
 from importlib.metadata import version
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ..mechanics import all_volumes, free_dofs
 from .case import Case, from_table
 
 
-def resumed(folder: str | File) -> Recorder:
+def resumed(folder: File | str) -> Recorder:
     """The `Recorder` of an interrupted run, its case in ``case`` and the accepted steps in ``steps``; none where it had just begun.
 
     Raises ValueError for a folder that was not written by ``jaxgel run``, or not by this version, and for files that do not fit together.
@@ -30,7 +31,7 @@ def resumed(folder: str | File) -> Recorder:
     return Recorder(folder, case, model, case.gel, steps=steps, seconds=summary["wall_seconds"])
 
 
-def other_versions(folder: str | File) -> str:
+def other_versions(folder: File | str) -> str:
     """One line that names the packages whose versions differ from those that wrote the folder, empty where none do."""
     before = read_summary(folder)["versions"]
     differing = [name for name in NUMERICAL if before.get(name) != version(name)]
@@ -38,7 +39,7 @@ def other_versions(folder: str | File) -> str:
     return f"written with other versions, so the numbers agree to round-off only: {now}" if differing else ""
 
 
-def load_path(folder: str | File) -> Path:
+def load_path(folder: File | str) -> Path:
     """The `path.Path` of a run's folder, to the bit, on the model built again from the options in its ``summary.json``.
 
     Raises ValueError as `load_run`, and when the model differs from the stored one (written by another version).
@@ -48,7 +49,7 @@ def load_path(folder: str | File) -> Path:
     return Path.from_states(model, case.gel, steps, stop=Status[run.summary["stop"]], stop_text=run.summary["reason"])
 
 
-def rebuilt(run: Run) -> tuple[Case, Model, list[State]]:
+def rebuilt(run: Any) -> tuple[Case, Model, list[State]]:
     """The `cases.Case` of a `Run`, its model with contact, and the accepted `State`s; ValueError where they do not fit together."""
     case = from_table(run.summary["options"], run.summary["case"])
     model, states = case.model(), run.states

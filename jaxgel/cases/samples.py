@@ -16,7 +16,7 @@ _CIRCLES = (2 * math.sqrt(20) + 1) / 2  # distance of a circle's centre from the
 _SQUARES = (math.sqrt(20 * math.pi) + 1) / 2  # the same for squares
 
 
-def sample_names():
+def sample_names() -> list[str]:
     """Names that ``sample`` accepts, a list of str."""
     return list(_SAMPLES)
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from .._validation import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
 from ..continuation import Path
-from ..design import DRY, METHODS, Design, DesignProblem, Outcome, bound, misfit, optimise, read_log, value_at, verify, weighted_sum
+from ..design import DRY, METHODS, Design, DesignProblem, Outcome, limit, misfit, optimise, read_log, reading, verify, weighted_sum
 from ..io import write_atomically
 from ..observables import CURVES
 from .case import Case
@@ -76,7 +76,7 @@ class Study:
     table: dict
     """The study as a table that `study_from_table` reads; JSON can hold it."""
 
-    def run(self, folder: str | File | None = None, *, resume: bool = False, quiet: bool = True) -> Design:
+    def run(self, folder: File | str | None = None, *, resume: bool = False, quiet: bool = True) -> Design:
         """`inverse.Design` of the search, logged in ``folder`` if given; see `inverse.optimise`."""
         record = {"study": self.table, "name": self.name}
         return optimise(self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search)
@@ -86,12 +86,12 @@ class Study:
         return verify(self.problem, parameters, **self.verification)
 
 
-def load_study(file: str | File) -> Study:
+def load_study(file: File | str) -> Study:
     """The `Study` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
     return study_from_table(*study_table(file))
 
 
-def resumed_study(folder: str | File) -> Study:
+def resumed_study(folder: File | str) -> Study:
     """The `Study` whose log lies in a folder; ValueError where there is none."""
     record = read_log(folder)["record"]
     if "study" not in record:
@@ -126,7 +126,7 @@ def study_from_table(table: dict, name: str) -> Study:
     return Study(name, case, problem, search, _verification(table, case), _aim(table["objective"][0], mu), table)
 
 
-def run_study(study: Study, folder: str | File, *, resume: bool = False, quiet: bool = True) -> tuple[Design, dict | None]:
+def run_study(study: Study, folder: File | str, *, resume: bool = False, quiet: bool = True) -> tuple[Design, dict | None]:
     """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png
     (unless the case wants no figures).
 

@@ -52,10 +52,17 @@ def map_points(args: argparse.Namespace) -> int:
     return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)
 
 
-def run_points(study: object, folder: File | str, args: argparse.Namespace, resume: bool) -> int:
+def _own_cloud(row):
+    """Whether a map's point left programs in its process that no other point uses."""
+    return row["own_cloud"]
+
+
+def run_points(study, folder, args, resume) -> int:
     """Run the points of a map and report; the exit code."""
     try:
-        with dask_executor(args.scheduler) if args.scheduler else Workers(args.workers or usable_cores(), one_thread) as executor:
+        with (
+            dask_executor(args.scheduler) if args.scheduler else Workers(args.workers or usable_cores(), one_thread, _own_cloud) as executor
+        ):
             rows = run_map(study, folder, executor, resume=resume, quiet=args.quiet)
     except KeyboardInterrupt:
         print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)

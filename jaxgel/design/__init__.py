@@ -1,4 +1,4 @@
-"""design."""
+"""Inverse design: parameters, objectives and constraints of a swollen path, searched with exact gradients and verified."""
 
 from .constraints import DRY, Constraint, bound, porosity
 from .objectives import misfit, value_at, weighted_sum

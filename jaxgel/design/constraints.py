@@ -31,7 +31,7 @@ class Constraint:
     """Whether it needs the plate only, so that neither its value nor its gradient costs a sweep."""
 
 
-def ligaments(plate: Plate) -> Float[Array, " l"]:
+def ligaments(plate: Plate) -> Float[Array, " c"]:
     """Widths (c,) of the dry ligaments, mm: between every two holes, then between every hole and every wall that it does not cross.
 
     Exact for smooth outlines, with the derivatives of the nearest pair of points; without meaning where holes overlap.
@@ -43,14 +43,14 @@ def ligaments(plate: Plate) -> Float[Array, " l"]:
     return jnp.stack(widths) if widths else jnp.zeros(0)
 
 
-def hole_areas(plate: Plate) -> Float[Array, " h"]:
+def hole_areas(plate: Plate) -> Float[Array, " holes"]:
     """Dry area (holes,) of each hole, mm^2; ValueError where the plate's edge cuts one."""
     if any(_crossed_walls(reference_plate(plate))):
         raise ValueError("hole_areas: the plate's edge cuts a hole; areas are those of whole holes")
     return jnp.stack([hole.area() for hole in plate.holes])
 
 
-def porosity(plate: Plate) -> Float[Array, " 1"]:
+def porosity(plate: Plate) -> Float[Array, "1"]:
     """Share (1,) of the dry plate that is hole; ValueError where the plate's edge cuts one."""
     return jnp.sum(hole_areas(plate), keepdims=True) / (plate.width * plate.height)
 
@@ -59,7 +59,7 @@ DRY = {"ligament": ligaments, "porosity": porosity, "hole_area": hole_areas}
 """Quantities of the dry plate by name; each gives (c,) values."""
 
 
-def bound(
+def limit(
     name: str, *, above: float | None = None, below: float | None = None, within: float | None = None, at: float | None = None
 ) -> Constraint:
     """`Constraint` that keeps the quantity ``name`` of ``CURVES`` or ``DRY`` above or below a value, or its magnitude within one.

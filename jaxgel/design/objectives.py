@@ -9,20 +9,25 @@ from collections.abc import Callable, Sequence
 import jax.numpy as jnp
 import numpy as np
 
+from .._types import Array, Float
+from ..continuation import Path
 
-def value_at(quantity: Callable, mu: float) -> Callable:
+
+def reading(quantity: Callable[[Path], Float[Array, " k"]], mu: float) -> Callable[[Path], Float[Array, ""]]:
     """Function of a path: ``quantity(path)`` (k,), such as ``rotation_angle``, at one ``mu``, linear between the states of the path."""
     return lambda path: jnp.interp(mu, jnp.asarray(path.mu), quantity(path))
 
 
-def misfit(quantity: Callable, mu: Sequence[float], curve: Sequence[float]) -> Callable:
+def misfit(
+    quantity: Callable[[Path], Float[Array, " k"]], mu: Sequence[float], curve: Sequence[float] | Float[Array, " k"]
+) -> Callable[[Path], Float[Array, ""]]:
     """Function of a path: mean square () of ``quantity(path)``, read at ``mu`` (k,), less ``curve`` (k,); nan in it are left out."""
     mu, curve = np.asarray(mu, dtype=float), np.asarray(curve, dtype=float)
     given = np.isfinite(curve)
     return lambda path: jnp.mean((jnp.interp(mu[given], jnp.asarray(path.mu), quantity(path)) - curve[given]) ** 2)
 
 
-def weighted_sum(weights: Sequence[float], functions: Sequence[Callable]) -> Callable:
+def weighted_sum(weights: Sequence[float], functions: Sequence[Callable]) -> Callable[[Path], Float[Array, ""]]:
     """Function of a path: the sum of ``functions``, each times its weight."""
     pairs = list(zip(weights, functions, strict=True))
     return lambda path: sum(weight * function(path) for weight, function in pairs)

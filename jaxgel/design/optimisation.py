@@ -6,7 +6,8 @@ designs in `optimisers`, and the usual objectives and constraints are in `object
 
 import dataclasses
 import enum
-from pathlib import Path as File
+import pathlib
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class Outcome(enum.StrEnum):
     INTERRUPTED = "interrupted"
 
     @property
-    def text(self):
+    def text(self) -> str:
         """One line that says what happened and what to try."""
         return {
             "converged": "the optimiser finds no better design nearby",
@@ -52,7 +53,7 @@ class Design:
     """One dict per evaluation: value, violation (largest, scaled), feasible, invalid (text, empty if valid), cloud (its number)."""
 
     @property
-    def text(self):
+    def text(self) -> str:
         """The outcome in one line."""
         return self.outcome.text
 
@@ -60,11 +61,11 @@ class Design:
 def optimise(
     problem: DesignProblem,
     *,
-    method: object = "slsqp",
+    method: Any = "slsqp",
     evaluations: int = 60,
     step: float = 0.2,
     tolerance: float = 1e-5,
-    folder: str | File | None = None,
+    folder: pathlib.Path | str | None = None,
     resume: bool = False,
     record: dict | None = None,
     quiet: bool = True,

@@ -12,12 +12,13 @@ the box, so that what the method believes of the objective never rests on a desi
 import functools
 import importlib.util
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import optax
 import scipy.optimize
 
-from .._types import Float
+from .._types import Array, Float
 
 METHODS = ("slsqp", "mma", "lbfgs", "adam")
 LEARNING_RATE = 0.02  # of adam, in scaled parameters
@@ -46,7 +47,7 @@ class Stalled(Exception):
     """A method went on in steps too short to change anything."""
 
 
-def optimiser(method: object, step: float, tolerance: float) -> Callable:
+def optimiser(method: Any, step: float, tolerance: float) -> Callable:
     """Function of a search that runs ``method``, a name of ``METHODS`` or an optax GradientTransformation; ValueError for others."""
     if isinstance(method, optax.GradientTransformation):
         return functools.partial(first_order, transformation=method, step=step)
@@ -65,19 +66,19 @@ def optimiser(method: object, step: float, tolerance: float) -> Callable:
 class Lagrangian:
     """The augmented Lagrangian of values (1 + c,), its multipliers and penalty."""
 
-    def __init__(self, n_constraints: int):
+    def __init__(self, n_constraints: int) -> None:
         self.multipliers, self.penalty, self.violation = np.zeros(n_constraints), PENALTY, np.inf
 
-    def value(self, values: Float[np.ndarray, " n"]) -> float:
+    def value(self, values: Float[Array, " c"]) -> float:
         """The augmented Lagrangian ()."""
         kept = self._kept(values)
         return values[0] + np.sum(kept**2 - self.multipliers**2) / (2 * self.penalty)
 
-    def weights(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def weights(self, values: Float[Array, " c"]) -> Float[Array, " c"]:
         """Its derivatives (1 + c,) with respect to the values."""
         return np.concatenate([[1.0], -self._kept(values)])
 
-    def update(self, values: Float[np.ndarray, " n"]) -> None:
+    def update(self, values: Float[Array, " c"]) -> None:
         """New multipliers, and a larger penalty where the violation falls slowly."""
         self.multipliers = self._kept(values)
         violation = float(np.max(np.maximum(MARGIN - values[1:], 0.0), initial=0.0))
@@ -89,7 +90,7 @@ class Lagrangian:
         return np.maximum(0.0, self.multipliers - self.penalty * (values[1:] - MARGIN))
 
 
-def first_order(search: object, *, transformation: object, step: float) -> None:
+def first_order(search: Any, *, transformation: Any, step: float) -> None:
     """Steps of an optax transformation, projected on the bounds, until the evaluations are used up; one to an invalid design is halved."""
     now = search.at(search.start)
     lagrangian, state = Lagrangian(len(now.values) - 1), transformation.init(now.vector)
@@ -115,7 +116,7 @@ def _step(search, now, update):
     raise Stuck
 
 
-def lbfgs(search: object, *, step: float, tolerance: float) -> None:
+def lbfgs(search: Any, *, step: float, tolerance: float) -> None:
     """SciPy's L-BFGS-B on the augmented Lagrangian, in boxes of half-width ``step``, with new multipliers after each.
 
     It ends where the Lagrangian no longer falls and the constraints are met.
@@ -147,7 +148,7 @@ def lbfgs(search: object, *, step: float, tolerance: float) -> None:
     raise Stuck
 
 
-def in_boxes(search: object, *, solve: Callable, step: float, tolerance: float) -> None:
+def in_boxes(search: Any, *, solve: Callable, step: float, tolerance: float) -> None:
     """Run ``solve(search, centre, low, high, tolerance)`` in boxes of half-width ``step`` around the best design until none is better.
 
     Designs compare by objective + PENALTY * violation, so that a box may end next to a constraint and the following one meet it.
@@ -184,7 +185,7 @@ def _violation(entry):
     return max(0.0, *(-v for v in entry["values"][1:]), 0.0)
 
 
-def slsqp(search: object, centre: object, low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"], tolerance: float) -> object:
+def slsqp(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high: Float[Array, " d"], tolerance: float) -> None:
     """SciPy's sequential quadratic programming in a box; `Stalled` where its line search shrinks on, as between constraints at odds."""
     here = search.at(centre)
 
@@ -210,7 +211,7 @@ def slsqp(search: object, centre: object, low: Float[np.ndarray, " n"], high: Fl
     )
 
 
-def mma(search: object, centre: object, low: Float[np.ndarray, " n"], high: Float[np.ndarray, " n"], tolerance: float) -> object:
+def mma(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high: Float[Array, " d"], tolerance: float) -> None:
     """The method of moving asymptotes of nlopt (Svanberg 2002) in a box."""
     import nlopt
 

@@ -8,9 +8,10 @@ the same questions and get the answers from the log until it ends.
 
 import dataclasses
 import json
+import pathlib
 import time
 from collections.abc import Callable
-from pathlib import Path as File
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +27,7 @@ from ..io import open_folder, write_atomically
 from ..materials import check_gel
 from ..observables import min_gap
 from .optimisers import Exhausted, Invalid
+from .problem import DesignProblem
 
 LOG = "design.json"
 FORMAT = 2  # of the log
@@ -38,14 +40,14 @@ class Search:
 
     def __init__(
         self,
-        problem: object,
+        problem: DesignProblem,
         evaluations: int,
         *,
-        folder: str | File | None = None,
+        folder: pathlib.Path | str | None = None,
         name: str = "",
         record: dict | None = None,
         quiet: bool = True,
-    ):
+    ) -> None:
         self.problem, self.evaluations, self.name, self.record = problem, evaluations, name, record or {}
         self.start = problem.vector
         self.log, self.known, self.unit = [], {}, None
@@ -60,7 +62,7 @@ class Search:
         self.wet = [c for c in problem.constraints if not c.dry]
         self._dry_parts = [(c, np.size(c.function(dry))) for c in self.dry]
 
-    def first(self):
+    def first(self) -> None:
         """Evaluate the start; ValueError, one line, where it is no valid design."""
         self.cloud, self.clouds = self.problem.make_cloud(self._plate(self.start)), 1
         try:
@@ -68,7 +70,7 @@ class Search:
         except Invalid as reason:
             raise ValueError(f"start: the first design is not valid: {reason}") from None
 
-    def settle(self, vector: Float[np.ndarray, " n"]) -> "Evaluation":
+    def settle(self, vector: Float[Array, " d"]) -> "Evaluation":
         """`Evaluation` of a valid design to go on from, on a new cloud where the present one has become too poor there.
 
         The old cloud stays where the new one cannot be made or the design is not valid on it.
@@ -79,7 +81,6 @@ class Search:
             if fault:
                 self.cloud = placed
                 self.number, self.clouds = self.clouds, self.clouds + 1
-                jax.clear_caches()  # programs belong to a topology; those of old clouds would fill gigabytes
                 return self._sound(vector)
         except BaseException as problem:
             self.cloud, self.number = before
@@ -93,7 +94,7 @@ class Search:
         self.gradients(here.entry, here.vector, np.eye(1 + len(self.wet))[0])
         return here
 
-    def at(self, vector: Float[np.ndarray, " n"]) -> "Evaluation":
+    def at(self, vector: Float[Array, " d"]) -> "Evaluation":
         """`Evaluation` of a scaled design (n,); raises `Invalid`, or `Exhausted` once the number of evaluations is used up."""
         vector = np.array(vector, dtype=float)
         entry = self.known.get((self.number, vector.tobytes()))
@@ -109,7 +110,7 @@ class Search:
             raise Invalid(entry["invalid"])
         return Evaluation(self, entry, vector, np.array(entry["values"]))
 
-    def best(self, worth: Callable | None = None) -> dict:
+    def best(self, worth: Callable[[dict], Any] | None = None) -> dict:
         """The valid entry of least ``worth(entry)``, by default of least violation and then least objective.
 
         Only those of the cloud in use, as values differ from cloud to cloud by the discretisation error.
@@ -117,7 +118,7 @@ class Search:
         worth = worth or (lambda entry: (max(violation(entry), FEASIBLE), entry["values"][0]))
         return min((entry for entry in self.log if not entry["invalid"] and entry["cloud"] == self.number), key=worth)
 
-    def gradients(self, entry: dict, vector: Float[np.ndarray, " n"], weights: Float[Array, " w"]) -> Float[np.ndarray, " n"]:
+    def gradients(self, entry: dict, vector: Float[Array, " d"], weights: Float[Array, " c"]) -> Float[Array, " d"]:
         """Gradient (n,) of the sum of objective and path constraints with ``weights`` (1 + w,) at an entry; one reverse pass."""
         asked = list(map(float, weights))
         for known, row in entry["gradients"]:
@@ -134,12 +135,12 @@ class Search:
         self.write()
         return np.asarray(row)
 
-    def dry_values(self, vector: Float[Array, " n"]) -> Float[Array, " d"]:
+    def dry_values(self, vector: Float[Array, " d"]) -> Float[Array, " c"]:
         """Scaled values (d,) of the constraints on the dry plate; traceable."""
         plate = self.problem.plate(self.problem.parameters(vector))
         return jnp.concatenate([jnp.zeros(0), *(jnp.ravel(c.function(plate)) / c.scale for c in self.dry)])
 
-    def recall(self):
+    def recall(self) -> None:
         """Take the log of the folder for granted; ValueError unless it is of this problem."""
         log = read_log(self.folder)
         if log["problem"] != self._identity():
@@ -238,13 +239,13 @@ class Evaluation:
     values: np.ndarray
     """(1 + c,) objective, constraints on the path, constraints on the dry plate."""
 
-    def gradient(self, weights: Float[np.ndarray, " w"]) -> Float[np.ndarray, " n"]:
+    def gradient(self, weights: Float[Array, " c"]) -> Float[Array, " d"]:
         """Gradient (n,) of ``weights`` (1 + c,) times the values: one reverse pass through the sweep, whatever c."""
         wet = 1 + len(self.search.wet)
         (dry,) = jax.vjp(self.search.dry_values, jnp.asarray(self.vector))[1](jnp.asarray(weights[wet:]))
         return self.search.gradients(self.entry, self.vector, weights[:wet]) + np.asarray(dry)
 
-    def jacobian(self):
+    def jacobian(self) -> Float[Array, "c d"]:
         """Gradients (1 + c, n) of all values: a reverse pass for the objective and for each constraint on the path."""
         wet = 1 + len(self.search.wet)
         rows = [self.search.gradients(self.entry, self.vector, row) for row in np.eye(wet)]
@@ -266,7 +267,7 @@ def check_path(path: Path, allow_unstable: bool = False) -> None:
         raise Invalid(f"self-contact at mu = {float(path.mu[int(np.argmax(touching))]):.4f}")
 
 
-def read_log(folder: str | File) -> dict:
+def read_log(folder: pathlib.Path | str) -> dict:
     """The log of a design's folder as a dict; ValueError for a folder without one, or a damaged one."""
     file = open_folder(folder) / LOG
     try:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
+from .._types import Array, Float
 from ..cloud import Cloud
 from ..continuation import Path
 from ..observables import CURVES, min_gap, surface_ratio
@@ -49,8 +50,8 @@ def verify(problem: DesignProblem, parameters: dict, *, spacing: float, mu: Sequ
 
 
 def intervals(
-    problem: DesignProblem, parameters: dict, curve: Callable, noise: float, *, cloud: Cloud | None = None
-) -> tuple[dict, np.ndarray]:
+    problem: DesignProblem, parameters: dict, curve: Callable[[Path], Float[Array, " k"]], noise: float, *, cloud: Cloud | None = None
+) -> tuple[dict, Float[Array, "d d"]]:
     """Standard deviations and covariance of parameters fitted to ``curve`` (a function of the path, (k,)) with the given noise.
 
     Gauss and Newton's Hessian of the sum of squares over 2 noise^2, J^T J / noise^2, inverted: a dict name -> standard deviation, and
