@@ -36,8 +36,6 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Sequence
-from concurrent.futures import Executor
 from pathlib import Path as File
 
 import numpy as np

@@ -10,7 +10,7 @@ import numpy as np
 from ..continuation import Path
 from ..discretisation import Model
 from ..equilibrium import Stability, State, Status
-from ..io import NUMERICAL, STEP_ARRAYS, Recorder, Run, load_run, read_summary
+from ..io import NUMERICAL, STEP_ARRAYS, Recorder, load_run, read_summary
 from ..mechanics import all_volumes, free_dofs
 from .case import Case, from_table
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from .._validation import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
 from ..continuation import Path
-from ..design import DRY, METHODS, Design, DesignProblem, Outcome, limit, misfit, optimise, read_log, reading, verify, weighted_sum
+from ..design import DRY, METHODS, Design, DesignProblem, Outcome, bound, misfit, optimise, read_log, value_at, verify, weighted_sum
 from ..io import write_atomically
 from ..observables import CURVES
 from .case import Case

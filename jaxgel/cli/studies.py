@@ -57,7 +57,7 @@ def _own_cloud(row):
     return row["own_cloud"]
 
 
-def run_points(study, folder, args, resume) -> int:
+def run_points(study: object, folder: File | str, args: argparse.Namespace, resume: bool) -> int:
     """Run the points of a map and report; the exit code."""
     try:
         with (
@@ -76,11 +76,13 @@ def run_points(study, folder, args, resume) -> int:
 
 def paper(args: argparse.Namespace) -> int:
     """``jaxgel paper``: the paper's table and figures, with a report."""
+    import jax
+
     from ..paper import REPORT, run_paper
 
     say = printer(args)
     try:
-        failed = run_paper(args.items, args.out, quiet=args.quiet, say=say)
+        failed = run_paper(args.items, args.out, quiet=args.quiet, say=say, after_item=jax.clear_caches)
     except KeyboardInterrupt:
         print(f"jaxgel: interrupted; finished items are in {args.out}, jaxgel paper goes on", file=sys.stderr)
         return INTERRUPTED

@@ -59,7 +59,7 @@ DRY = {"ligament": ligaments, "porosity": porosity, "hole_area": hole_areas}
 """Quantities of the dry plate by name; each gives (c,) values."""
 
 
-def limit(
+def bound(
     name: str, *, above: float | None = None, below: float | None = None, within: float | None = None, at: float | None = None
 ) -> Constraint:
     """`Constraint` that keeps the quantity ``name`` of ``CURVES`` or ``DRY`` above or below a value, or its magnitude within one.

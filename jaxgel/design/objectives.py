@@ -1,6 +1,6 @@
 """What a design is judged by: functions of a swollen path, or of the dry plate alone, whose values JAX differentiates.
 
-An objective is any function of a `path.Path` that gives a number; `reading` and `misfit` make the usual ones. A constraint is a
+An objective is any function of a `path.Path` that gives a number; `value_at` and `misfit` make the usual ones. A constraint is a
 function of the path, or of the plate, that is met where it is not negative. Lengths in mm, angles in degrees.
 """
 
@@ -13,7 +13,7 @@ from .._types import Array, Float
 from ..continuation import Path
 
 
-def reading(quantity: Callable[[Path], Float[Array, " k"]], mu: float) -> Callable[[Path], Float[Array, ""]]:
+def value_at(quantity: Callable[[Path], Float[Array, " k"]], mu: float) -> Callable[[Path], Float[Array, ""]]:
     """Function of a path: ``quantity(path)`` (k,), such as ``rotation_angle``, at one ``mu``, linear between the states of the path."""
     return lambda path: jnp.interp(mu, jnp.asarray(path.mu), quantity(path))
 

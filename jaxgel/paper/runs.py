@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path as File
 from typing import Any
 
-import jax
 from tqdm import tqdm
 
 from .._validation import did_you_mean
@@ -41,9 +40,17 @@ def items() -> dict[str, Callable[[Runs], Entry]]:
     }
 
 
-def run_paper(names: Sequence[str], folder: str | File, *, quiet: bool = False, say: Callable[[str], Any] = print) -> list[str]:
+def run_paper(
+    names: Sequence[str],
+    folder: str | File,
+    *,
+    quiet: bool = False,
+    say: Callable[[str], Any] = print,
+    after_item: Callable[[], Any] = lambda: None,
+) -> list[str]:
     """Compute the items ``names`` (all that are missing if there are none) in ``folder``, and its report; the names that failed.
 
+    ``after_item`` is called after each item: a process of its own may forget compiled programs there, which would fill gigabytes.
     Raises ValueError for an unknown item and KeyboardInterrupt once Ctrl-C was pressed; finished items are kept in every case.
     """
     known, folder = items(), open_folder(folder)
@@ -65,7 +72,7 @@ def run_paper(names: Sequence[str], folder: str | File, *, quiet: bool = False, 
             record |= {"seconds": time.perf_counter() - start, "cpu_seconds": time.process_time() - cpu}
             _write_json(folder / f"{name}.json", record)
             _write_report(folder, known)
-            jax.clear_caches()  # compiled programs of many clouds would fill gigabytes
+            after_item()
             bar.update()
             with contextlib.nullcontext() if quiet else tqdm.external_write_mode():
                 say(f"{name}: {record['verdict']} ({record['seconds']:.0f} s)")

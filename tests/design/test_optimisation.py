@@ -45,7 +45,7 @@ def problem(plate):
         plate=lambda p: plate.at([p]),
         gel=plate.gel,
         mu=MU,
-        objective=objectives.reading(jaxgel.area_reduction, MU[-1]),
+        objective=objectives.value_at(jaxgel.area_reduction, MU[-1]),
         maximise=True,
         constraints=(constraints.bound("hole_area", above=10.0), constraints.bound("ligament", above=1.0)),
     )
