@@ -5,21 +5,23 @@ import difflib
 import functools
 import sys
 import tomllib
+from collections.abc import Collection, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 MAX_TOML = 2**24  # bytes of a file that a person writes
 
 
-def did_you_mean(name, known):
+def did_you_mean(name: object, known: Iterable[str]) -> str:
     """The end of an error message for an unknown ``name``: the nearest of the ``known`` names, and all of them."""
     known = list(known)
     near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
     return (f"did you mean {near[0]!r}? " if near else "") + "accepted: " + ", ".join(known)
 
 
-def finite_numbers(value, shape, field):
+def finite_numbers(value: object, shape: tuple[int, ...], field: str) -> tuple:
     """``value`` as nested tuples of floats of ``shape``; ValueError that starts with ``field`` for what is not finite numbers."""
     try:
         array = np.asarray(value, dtype=float)
@@ -41,7 +43,7 @@ def read_toml(file: Path, field: str) -> dict:
         raise ValueError(f"{field}: {str(file)!r} is not TOML: {' '.join(str(problem).split())}") from None
 
 
-def is_number(word):
+def is_number(word: str) -> bool:
     """Whether a word can be read as a number."""
     try:
         float(word)
@@ -56,7 +58,7 @@ NAMES = {"number": "finite number", "integer": "whole number", "string": "text",
 BOUNDS = {"exclusiveMinimum": "above", "minimum": "of at least", "exclusiveMaximum": "below", "maximum": "of at most"}
 
 
-def word(choices):
+def word(choices: Iterable[str]) -> dict:
     """One of some names."""
     return {"type": "string", "enum": list(choices)}
 
@@ -64,27 +66,27 @@ def word(choices):
 MOST = 100_000  # of a whole number that says how many: more would fill the memory
 
 
-def whole(least, most=MOST):
+def whole(least: int, most: int | None = MOST) -> dict:
     """A whole number; ``most`` None is any of at least ``least``."""
     return {"type": "integer", "minimum": least} | ({} if most is None else {"maximum": most})
 
 
-def listed(item, least=0, most=None):
+def listed(item: dict, least: int = 0, most: int | None = None) -> dict:
     """A list of ``item``; ``most`` None is any number of them."""
     return {"type": "array", "items": item} | ({"minItems": least} if least else {}) | ({} if most is None else {"maxItems": most})
 
 
-def tabled(properties, required=()):
+def tabled(properties: dict, required: Iterable[str] = ()) -> dict:
     """A table with these entries and no others; unknown ones are found first, then missing ones, then wrong values."""
     return {"type": "object", "additionalProperties": False, "required": list(required), "properties": properties}
 
 
-def exactly_one(names):
+def exactly_one(names: Iterable[str]) -> dict:
     """Rule, to be joined to that of a table, that one of some entries is given."""
     return {"oneOf": [{"required": [name]} for name in names]}
 
 
-def not_both(names):
+def not_both(names: Iterable[str]) -> dict:
     """Rule, to be joined to that of a table, that not all of some entries are given."""
     return {"not": {"required": list(names)}}
 
@@ -92,7 +94,7 @@ def not_both(names):
 PAIR = listed(NUMBER, 2, 2)
 
 
-def check(value, rule, where):
+def check(value: object, rule: dict, where: str) -> None:
     """Raise ValueError unless ``value`` is as the rule says: one line with the entry, its value and what is accepted.
 
     ``where`` is what the line calls the whole of ``value``.
@@ -154,7 +156,7 @@ def _brackets(path, rule):
     return f", written [[{path[0]}]]" if "items" in rule else f", written [{path[0]}]"
 
 
-def accepted(rule, number="a"):
+def accepted(rule: dict, number: str = "a") -> list[str]:
     """What a piece of schema accepts in words, a list with one text for each alternative; ``number`` of it, "a", "2" or "1 or more"."""
     kind = rule.get("type")
     if "anyOf" in rule or isinstance(kind, list):
@@ -171,13 +173,13 @@ def accepted(rule, number="a"):
     return [text]
 
 
-def one_of(name, value, known):
+def one_of(name: str, value: object, known: Collection[str]) -> None:
     """Raise ValueError, one line that begins with ``name``, for a ``value`` that is not among the ``known`` ones."""
     if value not in known:
         raise ValueError(f"{name}: {value!r} is not one of {', '.join(known)}")
 
 
-def option(default, rule, stage=""):
+def option(default: Any, rule: dict, stage: str = "") -> Any:
     """Field of a section of a case file: its default, the rule of its values (JSON schema), and the ``stage`` that takes it as a keyword.
 
     None, where that is the default, stands for an entry that is not given.
@@ -185,13 +187,13 @@ def option(default, rule, stage=""):
     return dataclasses.field(default=default, metadata={"schema": rule, "stage": stage})
 
 
-def check_options(section, options):
+def check_options(section: str, options: Any) -> None:
     """Raise ValueError, naming section and key, for a value that its field does not accept."""
     fields = dataclasses.fields(options)
     given = {f.name: value for f in fields if (value := getattr(options, f.name)) is not None or f.default is not None}
     check({section: given}, tabled({section: tabled({f.name: f.metadata["schema"] for f in fields})}), section)
 
 
-def keywords_of(options, stage):
+def keywords_of(options: Any, stage: str) -> dict[str, Any]:
     """Name -> value of the fields of ``options`` that a stage takes as its keywords."""
     return {f.name: getattr(options, f.name) for f in dataclasses.fields(options) if f.metadata.get("stage") == stage}

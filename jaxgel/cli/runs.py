@@ -2,18 +2,21 @@
 
 import dataclasses
 import sys
+from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path as File
 
 import numpy as np
 
-from ..cases import load_case
+from ..cases import OutputOptions, load_case
+from ..continuation import Path
 from ..io import Progress, Recorder, interruptible, open_folder, write_points
 from ..observables import events
 from .exit_codes import DONE, INTERRUPTED, STOPPED
 from .inputs import changes
 
 
-def run(args) -> int:
+def run(args: Namespace) -> int:
     """``jaxgel run``: sweep a case and write its folder."""
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / case.name)
@@ -23,7 +26,7 @@ def run(args) -> int:
     return run_recorded(Recorder(folder, case, model, case.gel), args)
 
 
-def run_recorded(recorder, args) -> int:
+def run_recorded(recorder: Recorder, args: Namespace) -> int:
     """Sweep what is left of a case, draw and report; the exit code."""
     say, output = printer(args), recorder.case.output
     output = dataclasses.replace(output, figures=False, animation=False) if args.no_plots else output
@@ -59,7 +62,7 @@ def _sweep(recorder, quiet):
         return case.path(recorder.model, on_step=on_step, before=recorder.steps)
 
 
-def draw(path, folder, table, output):
+def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
     """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
     import matplotlib as mpl
 
@@ -95,7 +98,7 @@ def _report(recorder, say, most_rows=9):
     say(f"{k} states in {recorder.folder}")
 
 
-def critical(args) -> int:
+def critical(args: Namespace) -> int:
     """``jaxgel critical``: locate the bifurcations and folds of a case's symmetric branch, and draw their modes."""
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / f"{case.name}-critical")
@@ -122,7 +125,7 @@ def _draw_modes(model, points, folder):
     save_figure(plot_modes(model, points)[0].figure, folder / "modes.png")
 
 
-def check_grad(args) -> int:
+def check_grad(args: Namespace) -> int:
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
     from .taylor_test import OBJECTIVES, check_gradient, failures, write_table
 
@@ -149,6 +152,6 @@ def check_grad(args) -> int:
     return STOPPED if failed else DONE
 
 
-def printer(args):
+def printer(args: Namespace) -> Callable:
     """`print`, or a function that prints nothing where the command is to be quiet."""
     return (lambda *_: None) if args.quiet else print

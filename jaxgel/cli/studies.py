@@ -2,25 +2,26 @@
 
 import collections
 import sys
+from argparse import Namespace
 from pathlib import Path as File
 
 import numpy as np
 
 from .._threads import usable_cores
-from ..cases import TABLE, Workers, dask_executor, load_map, load_study, run_map, run_study
+from ..cases import TABLE, MapStudy, Study, Workers, dask_executor, load_map, load_study, run_map, run_study
 from ..io import open_folder
 from .environment import one_thread
 from .exit_codes import DONE, INTERRUPTED, STOPPED
 from .runs import printer
 
 
-def design(args) -> int:
+def design(args: Namespace) -> int:
     """``jaxgel design``: search the best holes of a study, verify them, and write the study's folder."""
     study = load_study(args.study)
     return run_design(study, args.out or File("out") / study.name, args)
 
 
-def run_design(study, folder, args, resume=False) -> int:
+def run_design(study: Study, folder: File | str, args: Namespace, resume: bool = False) -> int:
     """Search, verify and report a study; the exit code."""
     import matplotlib as mpl
 
@@ -45,13 +46,13 @@ def run_design(study, folder, args, resume=False) -> int:
     return DONE if valid else STOPPED
 
 
-def map_points(args) -> int:
+def map_points(args: Namespace) -> int:
     """``jaxgel map``: sweep the points of a study on the processes of this machine or of a cluster."""
     study = load_map(args.study)
     return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)
 
 
-def run_points(study, folder, args, resume) -> int:
+def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> int:
     """Run the points of a map and report; the exit code."""
     try:
         with dask_executor(args.scheduler) if args.scheduler else Workers(args.workers or usable_cores(), one_thread) as executor:
@@ -66,7 +67,7 @@ def run_points(study, folder, args, resume) -> int:
     return DONE if complete else STOPPED
 
 
-def paper(args) -> int:
+def paper(args: Namespace) -> int:
     """``jaxgel paper``: the paper's table and figures, with a report."""
     from ..paper import REPORT, run_paper
 
