@@ -28,7 +28,8 @@ def check_jaxlib(found: str | None = None) -> None:
 def prepare_environment(cache: str | None = None) -> bool:
     """Set what JAX reads when it is imported; variables that the user has set are kept.
 
-    Where JAX is imported already nothing is set, and the result is False. ``cache`` is the folder of compiled programs or "off"; None takes ``JAXGEL_CACHE`` or else the user's cache folder.
+    Where JAX is imported already nothing is set, and the result is False. ``cache`` is the folder of compiled programs or "off", see
+    `cache_folder`.
     """
     if "jax" in sys.modules:
         return False
