@@ -21,7 +21,7 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     return (f"did you mean {near[0]!r}? " if near else "") + "accepted: " + ", ".join(known)
 
 
-def finite_numbers(value: Any, shape: tuple[int, ...], field: str) -> tuple:
+def finite_numbers(value: object, shape: tuple[int, ...], field: str) -> tuple:
     """``value`` as nested tuples of floats of ``shape``; ValueError that starts with ``field`` for what is not finite numbers."""
     try:
         array = np.asarray(value, dtype=float)
@@ -66,7 +66,7 @@ def word(choices: Iterable[str]) -> dict:
 MOST = 100_000  # of a whole number that says how many: more would fill the memory
 
 
-def whole(least: int, most: int = MOST) -> dict:
+def whole(least: int, most: int | None = MOST) -> dict:
     """A whole number; ``most`` None is any of at least ``least``."""
     return {"type": "integer", "minimum": least} | ({} if most is None else {"maximum": most})
 
@@ -94,7 +94,7 @@ def not_both(names: Iterable[str]) -> dict:
 PAIR = listed(NUMBER, 2, 2)
 
 
-def check(value: Any, rule: dict, where: str) -> None:
+def check(value: object, rule: dict, where: str) -> None:
     """Raise ValueError unless ``value`` is as the rule says: one line with the entry, its value and what is accepted.
 
     ``where`` is what the line calls the whole of ``value``.

@@ -2,11 +2,11 @@
 
 from .case import Case, from_table, load_case
 from .page import write_page
-from .parameter_map import POINT, TABLE, TRIES, load_map, resumed_map, run_map
+from .parameter_map import POINT, TABLE, TRIES, MapStudy, load_map, resumed_map, run_map
 from .resume import load_path, other_versions, resumed
 from .samples import GRID, SIDE, sample, sample_names
 from .schema import OutputOptions, case_schema
-from .study import VERIFIED, load_study, resumed_study, run_study, study_from_table
+from .study import VERIFIED, Study, load_study, resumed_study, run_study, study_from_table
 from .toml import case_text, example, explicit
 from .workers import Workers, dask_executor
 
@@ -18,7 +18,9 @@ __all__ = [
     "TRIES",
     "VERIFIED",
     "Case",
+    "MapStudy",
     "OutputOptions",
+    "Study",
     "Workers",
     "case_schema",
     "case_text",

@@ -8,7 +8,7 @@ import importlib
 import os
 import sys
 
-from .environment import check_jaxlib, prepare_environment
+from .environment import check_jaxlib, collect_seldom, prepare_environment
 from .exit_codes import STOPPED, UNREAD, UNUSABLE
 from .inputs import check_inputs
 from .parser import parse
@@ -21,9 +21,12 @@ def main(argv: list[str] | None = None) -> int:
             args = parse(sys.argv[1:] if argv is None else list(argv))
             check_jaxlib()
             check_inputs(args)
-            prepare_environment(getattr(args, "cache", None))
-            module, command = args.command.split(".")
-            return getattr(importlib.import_module(f"{__package__}.{module}"), command)(args)
+            own = prepare_environment(getattr(args, "cache", None))
+            name, command = args.command.split(".")
+            module = importlib.import_module(f"{__package__}.{name}")
+            if own:
+                collect_seldom()
+            return getattr(module, command)(args)
         finally:
             sys.stdout.flush()
     except ValueError as problem:

@@ -9,6 +9,7 @@ import dataclasses
 import platform
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
@@ -45,7 +46,7 @@ class Finding:
         return self.difference < AGREEMENT
 
 
-def doctor(_: argparse.Namespace) -> int:
+def doctor(_: Namespace) -> int:
     """``jaxgel doctor``: versions, float64, threads, and the audit; the exit code."""
     print(*describe(), f"audit at {POINTS:,} points, compiled at once and in batches of {BATCH:,}:", sep="\n")
     began, failed = time.perf_counter(), []

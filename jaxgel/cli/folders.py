@@ -1,6 +1,6 @@
 """Commands on a folder of results: plot, resume, outline, export and view."""
 
-import argparse
+from argparse import Namespace
 from pathlib import Path as File
 
 import numpy as np
@@ -14,7 +14,7 @@ from .runs import draw, printer, run_recorded
 from .studies import run_design, run_points
 
 
-def plot(args: argparse.Namespace) -> int:
+def plot(args: Namespace) -> int:
     """``jaxgel plot``: draw the figures of a run's folder again."""
     folder = File(args.folder)
     table = load_run(folder).history
@@ -27,7 +27,7 @@ def plot(args: argparse.Namespace) -> int:
     return DONE
 
 
-def resume(args: argparse.Namespace) -> int:
+def resume(args: Namespace) -> int:
     """``jaxgel resume``: continue what was interrupted in a folder, a run, a design or a map by the file that it holds."""
     kind = kind_of_folder(args.folder)
     if kind == DESIGN:
@@ -43,7 +43,7 @@ def _resume_run(args):
     return run_recorded(recorder, args)
 
 
-def outline(args: argparse.Namespace) -> int:
+def outline(args: Namespace) -> int:
     """``jaxgel outline``: write the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``."""
     is_run = File(args.source).is_dir()
     if args.mu is not None:
@@ -57,13 +57,13 @@ def outline(args: argparse.Namespace) -> int:
     return DONE
 
 
-def export(args: argparse.Namespace) -> int:
+def export(args: Namespace) -> int:
     """``jaxgel export``: write a run's folder as netCDF."""
     print(write_netcdf(args.folder, args.out))
     return DONE
 
 
-def view(args: argparse.Namespace) -> int:
+def view(args: Namespace) -> int:
     """``jaxgel view``: write one HTML page of a run's folder."""
     print(write_page(args.folder, args.out))
     return DONE

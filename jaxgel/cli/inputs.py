@@ -3,6 +3,7 @@
 import argparse
 import itertools
 import math
+from argparse import Namespace
 from pathlib import Path
 
 from .._validation import check, did_you_mean, read_toml
@@ -18,7 +19,7 @@ COUNTS = {"most": 100, "states": 1000, "workers": 1024}  # options that are no e
 FORMATS = ("dxf", "svg", "stl")
 
 
-def check_inputs(args: argparse.Namespace) -> None:
+def check_inputs(args: Namespace) -> None:
     """Raise ValueError, one line, for a case, study or folder that is not there, and for a case that breaks the schema."""
     for name, value in ((name, getattr(args, name, None)) for name in COUNTS):
         if value is not None and not 1 <= value <= COUNTS[name]:
@@ -33,7 +34,7 @@ def check_inputs(args: argparse.Namespace) -> None:
         _check_folder(args)
 
 
-def changes(args: argparse.Namespace) -> dict:
+def changes(args: Namespace) -> dict:
     """Sections and entries of a case that the options replace."""
     given = vars(args)
     changed = {section: {key: given[key] for key in keys if given.get(key) is not None} for section, keys in OPTIONS.items()}

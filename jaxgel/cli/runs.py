@@ -3,18 +3,21 @@
 import argparse
 import dataclasses
 import sys
+from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path as File
 
 import numpy as np
 
-from ..cases import load_case
+from ..cases import OutputOptions, load_case
+from ..continuation import Path
 from ..io import Progress, Recorder, interruptible, open_folder, write_points
 from ..observables import events
 from .exit_codes import DONE, INTERRUPTED, STOPPED
 from .inputs import changes
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """``jaxgel run``: sweep a case and write its folder."""
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / case.name)
@@ -24,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     return run_recorded(Recorder(folder, case, model, case.gel), args)
 
 
-def run_recorded(recorder: object, args: argparse.Namespace) -> int:
+def run_recorded(recorder: Recorder, args: Namespace) -> int:
     """Sweep what is left of a case, draw and report; the exit code."""
     say, output = printer(args), recorder.case.output
     output = dataclasses.replace(output, figures=False, animation=False) if args.no_plots else output
@@ -60,7 +63,7 @@ def _sweep(recorder, quiet):
         return case.path(recorder.model, on_step=on_step, before=recorder.steps)
 
 
-def draw(path: object, folder: File, table: dict, output: object) -> None:
+def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
     """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
     import matplotlib as mpl
 
@@ -96,7 +99,7 @@ def _report(recorder, say, most_rows=9):
     say(f"{k} states in {recorder.folder}")
 
 
-def critical(args: argparse.Namespace) -> int:
+def critical(args: Namespace) -> int:
     """``jaxgel critical``: locate the bifurcations and folds of a case's symmetric branch, and draw their modes."""
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / f"{case.name}-critical")
@@ -123,7 +126,7 @@ def _draw_modes(model, points, folder):
     save_figure(plot_modes(model, points)[0].figure, folder / "modes.png")
 
 
-def check_grad(args: argparse.Namespace) -> int:
+def check_grad(args: Namespace) -> int:
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
     from .taylor_test import OBJECTIVES, check_gradient, failures, write_table
 
@@ -150,6 +153,6 @@ def check_grad(args: argparse.Namespace) -> int:
     return STOPPED if failed else DONE
 
 
-def printer(args: argparse.Namespace):
+def printer(args: Namespace) -> Callable:
     """`print`, or a function that prints nothing where the command is to be quiet."""
     return (lambda *_: None) if args.quiet else print

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from argparse import Namespace
 from pathlib import Path
 
 from .._validation import did_you_mean
@@ -10,7 +11,7 @@ from .generated import EXAMPLE, samples
 from .generated import schema as case_schema
 
 
-def init(args: argparse.Namespace) -> int:
+def init(args: Namespace) -> int:
     """``jaxgel init``: a commented case file to start from, with an example's or a built-in case's numbers."""
     text, file = _text(args.sample), Path(f"{args.name or (args.sample or 'case')}.toml".replace(".toml.toml", ".toml"))
     try:
@@ -36,13 +37,13 @@ def _text(source):
     return case_text(explicit(load_case(source)))
 
 
-def schema(_: argparse.Namespace) -> int:
+def schema(_: Namespace) -> int:
     """``jaxgel schema``: the JSON schema of a case file."""
     print(json.dumps(case_schema(), indent=1, ensure_ascii=False))
     return DONE
 
 
-def list_samples(_: argparse.Namespace) -> int:
+def list_samples(_: Namespace) -> int:
     """``jaxgel samples``: one line per built-in case."""
     print(*(samples()[name]["line"] for name in sample_names()), sep="\n")
     return DONE

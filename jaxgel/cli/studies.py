@@ -3,25 +3,26 @@
 import argparse
 import collections
 import sys
+from argparse import Namespace
 from pathlib import Path as File
 
 import numpy as np
 
 from .._threads import usable_cores
-from ..cases import TABLE, Workers, dask_executor, load_map, load_study, run_map, run_study
+from ..cases import TABLE, MapStudy, Study, Workers, dask_executor, load_map, load_study, run_map, run_study
 from ..io import open_folder
 from .environment import one_thread
 from .exit_codes import DONE, INTERRUPTED, STOPPED
 from .runs import printer
 
 
-def design(args: argparse.Namespace) -> int:
+def design(args: Namespace) -> int:
     """``jaxgel design``: search the best holes of a study, verify them, and write the study's folder."""
     study = load_study(args.study)
     return run_design(study, args.out or File("out") / study.name, args)
 
 
-def run_design(study: object, folder: File | str, args: argparse.Namespace, resume: bool = False) -> int:
+def run_design(study: Study, folder: File | str, args: Namespace, resume: bool = False) -> int:
     """Search, verify and report a study; the exit code."""
     import matplotlib as mpl
 
@@ -46,18 +47,13 @@ def run_design(study: object, folder: File | str, args: argparse.Namespace, resu
     return DONE if valid else STOPPED
 
 
-def map_points(args: argparse.Namespace) -> int:
+def map_points(args: Namespace) -> int:
     """``jaxgel map``: sweep the points of a study on the processes of this machine or of a cluster."""
     study = load_map(args.study)
     return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)
 
 
-def _own_cloud(row):
-    """Whether a map's point left programs in its process that no other point uses."""
-    return row["own_cloud"]
-
-
-def run_points(study: object, folder: File | str, args: argparse.Namespace, resume: bool) -> int:
+def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> int:
     """Run the points of a map and report; the exit code."""
     try:
         with (
@@ -74,7 +70,7 @@ def run_points(study: object, folder: File | str, args: argparse.Namespace, resu
     return DONE if complete else STOPPED
 
 
-def paper(args: argparse.Namespace) -> int:
+def paper(args: Namespace) -> int:
     """``jaxgel paper``: the paper's table and figures, with a report."""
     import jax
 

@@ -3,6 +3,7 @@
 import contextlib
 import signal
 import threading
+from collections.abc import Callable, Iterator
 
 from tqdm import tqdm
 
@@ -23,7 +24,7 @@ class Progress:
     def __exit__(self, *_):
         self.bar.close()
 
-    def show(self, mu: float, iterations: int, rotation: float | None = None):
+    def show(self, mu: float, iterations: int, rotation: float | None = None) -> None:
         """A state at ``mu``, in kT, that took so many Newton iterations, with its rotation in degrees where that is known yet."""
         self.bar.n = min(float(mu) - self.start, self.bar.total)
         turned = "" if rotation is None else f", rotation {rotation:.2f} deg"
@@ -31,7 +32,7 @@ class Progress:
 
 
 @contextlib.contextmanager
-def interruptible():
+def interruptible() -> Iterator[Callable[[], None]]:
     """A function that raises KeyboardInterrupt once Ctrl-C was pressed: the exception itself is lost where it meets a destructor."""
     pressed = []
 
