@@ -185,13 +185,13 @@ def run_point(text: str, values: dict, folder: str) -> dict:
     ``text`` is JSON with the study's name and table, ``values`` a point. For an executor's processes.
     """
     study, cloud = _prepared(text)
-    began, recorder, own, folder = time.perf_counter(), None, False, open_folder(folder)
-    (folder / POINT).unlink(missing_ok=True)
+    began, recorder, own, place = time.perf_counter(), None, False, open_folder(folder)
+    (place / POINT).unlink(missing_ok=True)
     try:
         case = study.at(values)
         model = case.model(cloud)
         own = model.cloud.topology is not cloud.topology
-        recorder = Recorder(folder, case, model, case.gel, durable=False)
+        recorder = Recorder(place, case, model, case.gel, durable=False)
         path = case.path(model, on_step=recorder)
         status, reason = "complete" if path.stop.ok else "stopped", path.stop_text
     except (OSError, MemoryError):
@@ -201,7 +201,7 @@ def run_point(text: str, values: dict, folder: str) -> dict:
     if recorder is not None:
         recorder.finish(status, reason)
     row = dict(status=status, own_cloud=own, **_last_state(recorder), seconds=round(time.perf_counter() - began, 3), reason=reason)
-    _write_json(folder / POINT, {"format": FORMAT, "values": values, "row": row})
+    _write_json(place / POINT, {"format": FORMAT, "values": values, "row": row})
     return row
 
 

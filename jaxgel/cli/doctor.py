@@ -4,7 +4,6 @@ A released jaxlib (0.10.2) sums float64 numbers wrongly beyond 16,384 rows, with
 than that and compared with the same points in small batches, which are another program; and one number is compared with its known digits.
 """
 
-import argparse
 import dataclasses
 import platform
 import sys

@@ -1,6 +1,5 @@
 """What a command is given, checked against the schema before JAX is imported; what needs geometry is checked by the packages later."""
 
-import argparse
 import itertools
 import math
 from argparse import Namespace

@@ -1,6 +1,5 @@
 """Commands on a case: run, critical and check-grad."""
 
-import argparse
 import dataclasses
 import sys
 from argparse import Namespace

@@ -1,6 +1,5 @@
 """Commands with which work starts: the built-in cases, a case file to change, the schema. None of them imports JAX for a built-in case."""
 
-import argparse
 import json
 from argparse import Namespace
 from pathlib import Path

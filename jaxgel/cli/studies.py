@@ -1,6 +1,5 @@
 """Commands that run many sweeps: design, map and paper."""
 
-import argparse
 import collections
 import sys
 from argparse import Namespace
@@ -51,6 +50,11 @@ def map_points(args: Namespace) -> int:
     """``jaxgel map``: sweep the points of a study on the processes of this machine or of a cluster."""
     study = load_map(args.study)
     return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)
+
+
+def _own_cloud(row):
+    """Whether a map's point left programs in its process that no other point uses."""
+    return row["own_cloud"]
 
 
 def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> int:

@@ -59,15 +59,15 @@ def partition(
     known = np.concatenate([background, outline_vertices])
     segments = np.asarray(outline_loops, dtype=int).reshape(-1, 2) + len(background)
     lines = shapely.STRtree(shapely.linestrings(known[segments]))
-    squares = np.array([*squares, None], dtype=object)[:-1]  # an array of arrays, also if all loops are equally long
-    boxes = _polygons(background, squares)
+    around = np.array([*squares, None], dtype=object)[:-1]  # an array of arrays, also if all loops are equally long
+    boxes = _polygons(background, around)
     tolerance = SNAP * np.sqrt(np.median(shapely.area(boxes)))
     shapely.prepare(gel)
     whole = shapely.covers(gel, boxes)
     whole[lines.query(boxes, predicate="dwithin", distance=tolerance)[0]] = False  # a side may lie along an outline
     pieces, square = _clip(boxes, np.flatnonzero(~whole), gel)
     vertices, loops, cut_ends, cut_fractions = _number_vertices(pieces, known, segments, lines, tolerance)
-    triangles, piece_of_triangle = _triangulate(vertices, [[loop] for loop in squares[whole]] + loops)
+    triangles, piece_of_triangle = _triangulate(vertices, [[loop] for loop in around[whole]] + loops)
     squares_area = shapely.area(np.concatenate([boxes[whole], boxes[square]]))
     cell_of_triangle = _merge_slivers(vertices, triangles, piece_of_triangle, squares_area)
     return Partition(vertices, cut_ends, cut_fractions, triangles, cell_of_triangle)

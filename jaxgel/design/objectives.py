@@ -22,9 +22,9 @@ def misfit(
     quantity: Callable[[Path], Float[Array, " k"]], mu: Sequence[float], curve: Sequence[float] | Float[Array, " k"]
 ) -> Callable[[Path], Float[Array, ""]]:
     """Function of a path: mean square () of ``quantity(path)``, read at ``mu`` (k,), less ``curve`` (k,); nan in it are left out."""
-    mu, curve = np.asarray(mu, dtype=float), np.asarray(curve, dtype=float)
-    given = np.isfinite(curve)
-    return lambda path: jnp.mean((jnp.interp(mu[given], jnp.asarray(path.mu), quantity(path)) - curve[given]) ** 2)
+    at, wanted = np.asarray(mu, dtype=float), np.asarray(curve, dtype=float)
+    given = np.isfinite(wanted)
+    return lambda path: jnp.mean((jnp.interp(at[given], jnp.asarray(path.mu), quantity(path)) - wanted[given]) ** 2)
 
 
 def weighted_sum(weights: Sequence[float], functions: Sequence[Callable]) -> Callable[[Path], Float[Array, ""]]:

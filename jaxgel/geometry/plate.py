@@ -58,7 +58,7 @@ class Plate:
     """Default ``materials.Gel`` with concrete numbers, or None."""
     unit: str = "mm"
     """What a length of 1 stands for in figures and tables; swelling itself knows no length, so read every mm of this package as this."""
-    reference: "Plate | None" = None
+    reference: "Plate | None" = None  # pyright: ignore[reportGeneralTypeIssues]
     """The concrete plate that this one was moved from by ``at``; None for a plate that was not moved."""
 
     def __post_init__(self):
@@ -84,7 +84,7 @@ class Plate:
     @property
     def theta(self) -> tuple[dict[str, Array], ...]:
         """Parameters of all holes: a tuple of dicts, name -> array; a pytree, the argument of ``at``."""
-        return tuple(hole.theta for hole in self.holes)
+        return tuple(hole.theta for hole in self.holes)  # pyright: ignore[reportGeneralTypeIssues]
 
     def at(self, theta: Sequence[Mapping[str, object]]) -> "Plate":
         """The plate with new hole parameters, which may be traced.
