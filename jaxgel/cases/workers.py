@@ -23,7 +23,7 @@ class Workers(concurrent.futures.Executor):
     loses 39, `Workers` 1. Nor can it replace one process after a call that has filled its memory with programs.
     """
 
-    def __init__(self, number: int, start: Callable[[], object] | None = None, spent: Callable[[Any], bool] = lambda _: False) -> None:
+    def __init__(self, number: int, start: Callable[[], object] | None = None, spent: Callable[[Any], bool] | None = None) -> None:
         """``start``, a function that a new process can import, is called first in each; ``spent`` says of a result to end its process."""
         self._start, self._spent = start, spent
         self._threads = concurrent.futures.ThreadPoolExecutor(number)
@@ -38,7 +38,7 @@ class Workers(concurrent.futures.Executor):
         try:
             pool = getattr(self._own, "pool", None) or self._new_pool()
             result = pool.submit(function, *args).result()
-            if self._spent(result):
+            if self._spent is not None and self._spent(result):
                 self._pids.pop(pool, None)
                 self._own.pool = None
                 pool.shutdown()

@@ -12,6 +12,7 @@ import optax
 import pytest
 
 import jaxgel
+from jaxgel.continuation import SweepFailed
 from jaxgel.design import DesignProblem, Outcome, constraints, intervals, objectives, optimise, optimisers, read_log, search, verify
 from jaxgel.observables import gaps
 
@@ -279,7 +280,7 @@ def test_a_failed_sweep_shrinks_the_step_and_is_logged(problem, monkeypatch, tmp
     def failing(model, gel, *args, **options):
         axes = jax.lax.stop_gradient(model.cloud.plate.holes[0].semi_axes)
         if not isinstance(axes, jax.core.Tracer) and axes[0] < 2.395:
-            raise jaxgel.sweep.__globals__["SweepFailed"]("sweep: planted failure")
+            raise SweepFailed("sweep: planted failure")
         return true(model, gel, *args, **options)
 
     monkeypatch.setattr(inverse, "sweep_by_options", failing)
@@ -296,7 +297,7 @@ def test_a_start_that_fails_is_refused_in_one_line(problem, monkeypatch):
     from jaxgel.design import problem as inverse
 
     def failing(*_, **__):
-        raise jaxgel.sweep.__globals__["SweepFailed"]("sweep: planted failure")
+        raise SweepFailed("sweep: planted failure")
 
     monkeypatch.setattr(inverse, "sweep_by_options", failing)
     with pytest.raises(ValueError, match=r"^start: the first design is not valid: sweep: planted failure$"):
