@@ -94,7 +94,7 @@ class Plate:
         """
         if len(theta) != len(self.holes):
             raise ValueError(f"theta: {len(theta)} entries for {len(self.holes)} holes; give one dict of parameters per hole")
-        holes = tuple(_hole_at(hole, new, f"theta[{k}]") for k, (hole, new) in enumerate(zip(self.holes, theta, strict=True)))
+        holes = tuple(_hole_at(hole, new, f"theta[{k}]") for k, (hole, new) in enumerate(zip(self.holes, theta, strict=True)))  # pyright: ignore[reportGeneralTypeIssues]
         reference = self if self.reference is None and not _traced(self) else self.reference
         return dataclasses.replace(self, holes=holes, reference=reference)
 
