@@ -54,7 +54,7 @@ def faults(path):
         most = _imbalance(J, gel)
         if not np.linalg.norm(f.ravel()[free]) < most * scale:
             found.append(f"mu = {mu:.4g}: imbalance {np.linalg.norm(f.ravel()[free]) / scale:.2g}")
-        touching = model.contact is not None and touches(model, x)  # where a wall's mirror image may push
+        touching = model.contact is not None and touches(x, model)  # where a wall's mirror image may push
         if not touching and not np.all(np.abs(f.sum(axis=0)) < most * scale):
             found.append(f"mu = {mu:.4g}: forces add up to {f.sum(axis=0)}")
         if (path.lowest_eigenvalue[k] < 0) != (path.negative_pivots[k] > 0):

@@ -187,16 +187,15 @@ def test_a_case_file_can_say_all_of_it():
     np.testing.assert_allclose(path.x[0][base], np.asarray(model.cloud.nodes)[base] * [1.1, 1.0] + [0.0, 0.5], atol=1e-14)
 
 
-def test_a_case_file_keeps_how_its_plate_is_held_and_a_study_refuses_loads():
+def test_a_case_file_keeps_how_its_plate_is_held_and_a_study_its_loads():
     plate = jaxgel.Plate(2, 1, HOLE[:0], edges={"top": "fixed"}, deformation=((1.1, 0.0), (0.0, 1.0)), displacement={"top": (0.0, 0.1)})
     case = dataclasses.replace(from_table({"plate": {"width": 2.0, "height": 1.0}}, "held"), plate=plate)
     again = from_table(tomllib.loads(case_text(explicit(case))), "again").plate
     assert (again.edges, again.deformation, again.displacement) == (plate.edges, plate.deformation, plate.displacement)
-    loaded = {"plate": {"width": 2.0, "height": 1.0}, "loads": {"body_force": [0.0, 0.0]}}
+    loaded = {"plate": {"width": 2.0, "height": 1.0}, "loads": {"body_force": [0.0, 1e-4]}, "sweep": {"mu": [-2.0, -1.0]}}
     loaded["parameters"] = [{"of": "chi", "lower": 0.1, "upper": 0.2}]
     loaded["objective"] = [{"of": "area_reduction", "goal": "maximise", "at": -1.0}]
-    with pytest.raises(ValueError, match=r"^loads: a study takes none; leave the section out$"):
-        study_from_table(loaded, "loaded")
+    assert study_from_table(loaded, "loaded").case.loads.body_force == (0.0, 1e-4)
 
 
 @pytest.mark.parametrize(
