@@ -193,9 +193,9 @@ def test_a_case_file_keeps_how_its_plate_is_held_and_a_study_its_loads():
     again = from_table(tomllib.loads(case_text(explicit(case))), "again").plate
     assert (again.edges, again.deformation, again.displacement) == (plate.edges, plate.deformation, plate.displacement)
     loaded = {"plate": {"width": 2.0, "height": 1.0}, "loads": {"body_force": [0.0, 1e-4]}, "sweep": {"mu": [-2.0, -1.0]}}
-    loaded["parameters"] = [{"of": "chi", "lower": 0.1, "upper": 0.2}]
+    loaded["parameters"] = [{"of": "chi", "lower": 1e-5, "upper": 0.2}]
     loaded["objective"] = [{"of": "area_reduction", "goal": "maximise", "at": -1.0}]
-    assert study_from_table(loaded, "loaded").case.loads.body_force == (0.0, 1e-4)
+    assert study_from_table(loaded, "loaded").problem.loads.body_force == (0.0, 1e-4)
 
 
 @pytest.mark.parametrize(
