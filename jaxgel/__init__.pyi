@@ -30,8 +30,10 @@ from .continuation import switch_branch as switch_branch
 from .design import Constraint as Constraint
 from .design import Design as Design
 from .design import DesignProblem as DesignProblem
+from .design import bound as bound
 from .design import misfit as misfit
 from .design import optimise as optimise
+from .design import value_at as value_at
 from .design import verify as verify
 from .design import weighted_sum as weighted_sum
 from .discretisation import Model as Model
