@@ -21,6 +21,7 @@ from .consistency import corrected_gradients
 from .interpolation import SKIN, Interpolation, evaluate_points, interpolate, neighbours_of_points
 from .neighbours import is_moved
 
+OUTLINE_ROOM = 1 / 400  # of the plate's width: further room in the neighbour lists of outline points, on a cloud that moves far
 DMAX = 2.95  # support radius over spacing: nearly three grid lines to each side, and clear of the third, where round-off would decide
 PAPER_DMAX = 3.5
 PENALTY = 1e3  # kT/v per mm, the paper's
@@ -158,7 +159,8 @@ def _points_of(vertices, numbers):
 def _outline(topology: Topology, dmax: float, moved: bool):
     """Vertex numbers (p,) of all outlines, arc after arc, and their neighbour lists."""
     numbers = np.concatenate([outline.vertices for outline in topology.outlines])
-    return numbers, neighbours_of_points(topology, dmax, topology.partition.vertices[numbers], SKIN * topology.spacing * moved)
+    room = SKIN * topology.spacing * moved + OUTLINE_ROOM * topology.plate.width
+    return numbers, neighbours_of_points(topology, dmax, topology.partition.vertices[numbers], room)
 
 
 def _blocks(lists, dphi, weight):
