@@ -68,21 +68,21 @@ class Study:
     problem: DesignProblem
     """What is varied and judged."""
     search: dict
-    """Options of `inverse.optimise`: method, evaluations, step, tolerance."""
+    """Options of `optimise`: method, evaluations, step, tolerance."""
     verification: dict
-    """Options of `inverse.verify`: spacing, mu."""
+    """Options of `verify`: spacing, mu."""
     aim: dict
     """First entry of the objective, with ``values`` (k,), its target at every mu (nan where there is none), for the figure."""
     table: dict
     """The study as a table that `study_from_table` reads; JSON can hold it."""
 
     def run(self, folder: File | str | None = None, *, resume: bool = False, quiet: bool = True) -> Design:
-        """`inverse.Design` of the search, logged in ``folder`` if given; see `inverse.optimise`."""
+        """`Design` of the search, logged in ``folder`` if given; see `optimise`."""
         record = {"study": self.table, "name": self.name}
         return optimise(self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search)
 
     def verify(self, parameters: dict) -> tuple[dict, Path]:
-        """`inverse.verify` of a dict of parameters with the study's spacing: its dict, and the path."""
+        """`verify` of a dict of parameters with the study's spacing: its dict, and the path."""
         return verify(self.problem, parameters, **self.verification)
 
 
@@ -130,7 +130,7 @@ def run_study(study: Study, folder: File | str, *, resume: bool = False, quiet: 
     """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png
     (unless the case wants no figures).
 
-    Returns the `inverse.Design` and the content of verified.json: ``start`` and ``best``, each as `inverse.verify` gives it. An
+    Returns the `Design` and the content of verified.json: ``start`` and ``best``, each as `verify` gives it. An
     interrupted search leaves its log alone: None in place of the content.
     """
     folder = File(folder)
@@ -220,7 +220,7 @@ def _constraint(i, entry, mu):
 
 
 def _verification(table, case):
-    """Options of `inverse.verify`; by default half the search's spacing."""
+    """Options of `verify`; by default half the search's spacing."""
     own, plate = table.get("verification", {}), case.plate
     spacing = case.discretisation.spacing or plate.spacing or min(plate.width, plate.height) / 40
     return dict(spacing=float(own.get("spacing", spacing / 2)), mu=own.get("mu"))

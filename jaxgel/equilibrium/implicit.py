@@ -2,7 +2,7 @@
 
 Invariant: the residual r(x; model, gel, mu, loads) vanishes on the free degrees of freedom. Differentiated, K dx = -dr at fixed x, with
 the tangent K of the state itself. Written as a rule for tangents, it gives forward, reverse and second derivatives alike; the linear
-solves run on the host with the factors that the sweep left behind (``linear_solve.solve_near``), and a state that nothing asks about
+solves run on the host with the factors that the sweep left behind (`linalg.solve_near`), and a state that nothing asks about
 costs none. Outside ``jax.jit`` the solves lie between compiled programs, not in one: JAX's compilation cache on disk keeps no program
 that calls the host, and would leave the whole of the rule to be compiled by every process.
 """
