@@ -54,7 +54,6 @@ def folder(coarse_path, tmp_path_factory):
         patch.setattr(paper_square, "make_cloud", lambda plate: plate.cells + 1)
         patch.setattr(paper_curves, "CENTRE", 0)
         patch.setattr(paper, "Runs", lambda _: OnePath(coarse_path))
-        patch.setattr(paper.jax, "clear_caches", lambda: None)
         patch.setattr(Figure, "savefig", lambda *_, **__: None)
         out = tmp_path_factory.mktemp("report")
         failed = paper.run_paper([name for name in ITEMS if name != "algorithm"], out, quiet=True, say=lambda _: None)
