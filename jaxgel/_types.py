@@ -1,7 +1,7 @@
 """Types of arguments and fields: arrays with their shapes, as in ``Float[Array, "n 2"]``.
 
 Letters of shapes: ``n`` nodes, ``k`` states, ``f`` free degrees of freedom, ``c`` cells, ``q`` quadrature points of a cell, ``p`` points,
-``a`` nodes of a cell, ``g`` volume groups, ``m`` modes, ``v`` vertices, ``t`` triangles.
+``a`` nodes of a cell, ``g`` volume groups, ``m`` modes, ``w`` modes that are followed, ``v`` vertices, ``t`` triangles.
 """
 
 import jax

@@ -57,11 +57,11 @@ class Topology:
     """Vertex number of each node."""
     node_spacing: Float[np.ndarray, " n"]
     """Local distance of the nodes, mm; a node's support is dmax times this."""
-    edge_nodes: dict[str, Int[np.ndarray, " k"]]
+    edge_nodes: dict[str, Int[np.ndarray, " _"]]
     """Edge of the plate -> numbers of the nodes on it, in order along it."""
 
     @property
-    def wall_nodes(self) -> dict[str, Int[np.ndarray, " k"]]:
+    def wall_nodes(self) -> dict[str, Int[np.ndarray, " _"]]:
         """Former name of ``edge_nodes``."""
         return self.edge_nodes
 

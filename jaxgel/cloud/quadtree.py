@@ -26,11 +26,11 @@ class Background:
     """Sides of a square that was not halved, mm."""
     counts: Int[np.ndarray, "2"]
     """Numbers of such squares along x and y."""
-    halved: tuple[Int[np.ndarray, " h"], ...]
+    halved: tuple[Int[np.ndarray, " _"], ...]
     """Per k the numbers, ascending, of the squares of the k-th halving that are halved again."""
     vertices: Float[np.ndarray, "b 2"]
     """Corners of all squares, mm."""
-    loops: list[Int[np.ndarray, " l"]]
+    loops: list[Int[np.ndarray, " _"]]
     """Vertex numbers around each square, anticlockwise, with the corners of smaller neighbours that lie on its sides."""
 
     def halvings(self, points: Float[np.ndarray, "p 2"]) -> Int[np.ndarray, " p"]:
@@ -68,7 +68,7 @@ def make_background(plate: Plate, spacing: float, ligaments: tuple | None = None
 
 
 def find_ligaments(
-    sides: list[shapely.LineString], curves: list[Float[np.ndarray, "k 2"]], arcs: list[Arc], gel: shapely.Geometry
+    sides: list[shapely.LineString], curves: list[Float[np.ndarray, "_ 2"]], arcs: list[Arc], gel: shapely.Geometry
 ) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:
     """Strips of gel between an outline and the nearest other outline or edge of the plate: polygons (m,) and widths (m,), mm.
 

@@ -36,9 +36,9 @@ class CellBlock:
     """Cell numbers."""
     nodes: Int[Array, "c a"]
     """Node numbers in ascending order, padded with the first one."""
-    dphi: Float[Array, "c q a 2"]
-    """Shape function gradients, 1/mm; 0 for padded nodes."""
-    weight: Float[Array, "c q"]
+    dphi: Float[Array, " c #q a 2"]
+    """Shape function gradients, 1/mm, at each point or their mean over the cell; 0 for padded nodes."""
+    weight: Float[Array, " c #q"]
     """Quadrature weights, mm^2; 0 for padded points."""
 
 
@@ -55,8 +55,8 @@ class Model:
     """Nodes and cell vertices."""
     blocks: tuple[CellBlock, ...]
     """Cells, in blocks of similar size."""
-    outline: Interpolation
-    """Shape functions at all outline vertices, arc after arc."""
+    outline: Interpolation | None
+    """Shape functions at all outline vertices, arc after arc; None where a derivative does not depend on them."""
     lists: Connectivity
     """Neighbours and layout of the quadrature points; static."""
     basis: str

@@ -52,7 +52,7 @@ def state_tangents(
     problem: Problem,
     mu: Float[Array, " k"],
     problem_dot: Problem,
-    mu_dot: jax.Array,
+    mu_dot: Float[Array, " k"],
 ) -> Float[Array, "k n 2"]:
     """Tangents of the equilibria ``x`` with ``pressure`` at ``mu`` for tangents of the ``problem`` and of mu.
 

@@ -19,8 +19,8 @@ class Stability:
 
     eigenvalues: Float[np.ndarray, " m"]
     """Ascending, dimensionless; the first is as accurate as asked for."""
-    vectors: Float[np.ndarray, "f m"] | None
-    """Modes on the free degrees of freedom, 1 / sqrt(kT/v), of either sign; None where they were not kept."""
+    vectors: Float[np.ndarray, "f w"] | None
+    """At least as many modes, on the free degrees of freedom, 1 / sqrt(kT/v), of either sign; None where they were not kept."""
     negative: int
     """Number of negative eigenvalues of the tangent, tracked or not."""
 
@@ -69,7 +69,7 @@ class State:
         return float(self.stability.eigenvalues[0]) if self.stability is not None else float("nan")
 
     @property
-    def modes(self) -> Float[np.ndarray, "f m"] | None:
+    def modes(self) -> Float[np.ndarray, "f w"] | None:
         """Lowest modes, where those of the next state are looked for; None where they were not kept."""
         return self.stability.vectors if self.stability is not None else None
 

@@ -63,7 +63,7 @@ def remedy(model: Model, status: Status) -> str:
     )
 
 
-def of_iterate(residual: float, solved: bool, exhausted: bool) -> Status | None:
+def of_iterate(residual: float, solved: bool | np.bool_, exhausted: bool) -> Status | None:
     """Status of an iterate with this residual norm; None where the iteration goes on."""
     if not np.isfinite(residual):
         return Status.NOT_FINITE

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float
+from .._types import Array, Float, Scalar
 
 
 def pytree(*, meta: Sequence[str] = ()) -> Callable[[type], type]:
@@ -64,7 +64,7 @@ class Hole:
         """The hole's parameters as a dict, name -> array."""
         return {name: getattr(self, name) for name in self.shapes}
 
-    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
+    def point(self, t: Scalar) -> Float[Array, "2"]:
         """Point of the outline at t; t and t + 1 are the same point."""
         raise NotImplementedError
 

@@ -21,11 +21,11 @@ class _Radial:
 
     centre: Float[Array, "2"]
 
-    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
+    def radius_at(self, phi: Scalar) -> Float[Array, ""]:
         """Distance of the outline from the centre, mm, at the polar angle ``phi`` in the hole's own axes."""
         raise NotImplementedError
 
-    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
+    def point(self, t: Scalar) -> Float[Array, "2"]:
         phi = 2 * jnp.pi * t
         return self.centre + self.radius_at(phi) * _direction(phi + self._turn)
 
@@ -53,7 +53,7 @@ class Circle(_Radial, Hole):
     shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "radius": ()}
     positive: ClassVar[tuple[str, ...]] = ("radius",)
 
-    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
+    def radius_at(self, phi: Scalar) -> Float[Array, ""]:
         return self.radius + 0 * phi
 
     def area(self) -> Float[Array, ""]:
@@ -75,10 +75,10 @@ class Ellipse(_Radial, Hole):
     shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "semi_axes": (2,), "angle": ()}
     positive: ClassVar[tuple[str, ...]] = ("semi_axes",)
 
-    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
+    def point(self, t: Scalar) -> Float[Array, "2"]:
         return self.centre + _rotation(self.angle) @ (self.semi_axes * _direction(2 * jnp.pi * t))
 
-    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
+    def radius_at(self, phi: Scalar) -> Float[Array, ""]:
         u = _direction(phi) / self.semi_axes
         return 1 / jnp.sqrt(u @ u)
 
@@ -103,7 +103,7 @@ class Superellipse(_Radial, Hole):
     shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "semi_axes": (2,), "exponent": (), "angle": ()}
     positive: ClassVar[tuple[str, ...]] = ("semi_axes", "exponent")
 
-    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
+    def radius_at(self, phi: Scalar) -> Float[Array, ""]:
         # lengths over sqrt(ab), so that the powers neither overflow nor vanish together
         a, n = jnp.sqrt(self.semi_axes[0] * self.semi_axes[1]), self.exponent
         u = jnp.abs(_direction(phi)) * (a / self.semi_axes)
@@ -139,7 +139,7 @@ class Fourier(_Radial, Hole):
         if self.cos.shape != self.sin.shape:
             raise ValueError(f"Fourier.cos, Fourier.sin: {len(self.cos)} and {len(self.sin)} coefficients; both must have the same number")
 
-    def radius_at(self, phi: Float[Array, ""]) -> Float[Array, ""]:
+    def radius_at(self, phi: Scalar) -> Float[Array, ""]:
         k = jnp.arange(2, len(self.cos) + 2)
         return self.radius * (1 + self.cos @ jnp.cos(k * phi) + self.sin @ jnp.sin(k * phi))
 
@@ -166,7 +166,7 @@ class Rectangle(Hole):
     def corners(self) -> tuple[float, ...]:
         return (0.0, 0.25, 0.5, 0.75)
 
-    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
+    def point(self, t: Scalar) -> Float[Array, "2"]:
         vertices = jnp.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
         return self.centre + _rotation(self.angle) @ (self.sides * _along(vertices, t))
 
@@ -192,7 +192,7 @@ class Polygon(Hole):
         n = len(self.vertices)
         return tuple(k / n for k in range(n))
 
-    def point(self, t: Float[Array, ""]) -> Float[Array, "2"]:
+    def point(self, t: Scalar) -> Float[Array, "2"]:
         return _along(self.vertices, t)
 
     def excess(self, x: Float[Array, "2"]) -> Float[Array, ""]:

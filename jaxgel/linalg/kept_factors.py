@@ -22,7 +22,7 @@ class FactorCache:
     time that it takes, since `solve_near` factorises anew. Threads may add and ask at the same time.
     """
 
-    def __init__(self, bytes: int):  # noqa: A002
+    def __init__(self, bytes: float):  # noqa: A002
         self.bytes = bytes
         self._lock = threading.Lock()
         self._kept: collections.deque[tuple[Factor, Float[np.ndarray, "n 2"]]] = collections.deque()  # newest last

@@ -5,7 +5,7 @@ model's own quadrature is. So the sum of the nodal forces is the total load, and
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +24,7 @@ BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that cou
 class Loads:
     """Constant dead loads, as a case file gives them; ValueError for what is not two numbers or an unknown edge."""
 
-    body_force: tuple[float, float] | None = dataclasses.field(default=None, metadata={"schema": PAIR})
+    body_force: Sequence[float] | Float[Array, "2"] | None = dataclasses.field(default=None, metadata={"schema": PAIR})
     """(2,) force per dry area, kT/v per mm; None for none."""
     traction: Mapping = dataclasses.field(default_factory=dict, metadata={"schema": tabled(dict.fromkeys(EDGES, PAIR))})
     """Edge -> force (2,) per dry length, kT/v."""
@@ -45,7 +45,9 @@ class Loads:
         return load_vector(model, body_force=self.body_force, traction=self.traction) if self.body_force or self.traction else None
 
 
-def load_vector(model: Model, *, body_force: tuple | Callable | None = None, traction: Mapping | None = None) -> Float[Array, "n 2"]:
+def load_vector(
+    model: Model, *, body_force: Sequence[float] | Float[Array, "2"] | Callable | None = None, traction: Mapping | None = None
+) -> Float[Array, "n 2"]:
     """Nodal forces (n, 2), kT/v mm, of dead loads: the ``loads`` of ``sweep``. Their work is sum(loads * x).
 
     ``body_force`` is a constant (2,) or a function from a dry point (2,), mm, to (2,): force per dry area in kT/v per mm. ``traction``

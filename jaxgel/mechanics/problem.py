@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from typing import cast
 
 import jax
 import jax.numpy as jnp
@@ -26,8 +25,8 @@ class Problem:
     """Material."""
     loads: Float[Array, "n 2"]
     """Dead nodal loads, kT/v mm."""
-    operators: Operators
-    """Precomputed operators of the model; None for formulations that assemble dense matrices."""
+    operators: Operators | None
+    """Precomputed operators of the model; None for formulations that assemble dense matrices, and for rates of change."""
 
     @property
     def free(self) -> Int[Array, "f ..."]:
@@ -57,4 +56,4 @@ def prepare(model: Model, gel: Gel, loads: Float[Array, "n 2"] | None = None, *,
     """
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
-    return Problem(model, gel, loads, precomputed_operators(model) if operators else cast(Operators, None))
+    return Problem(model, gel, loads, precomputed_operators(model) if operators else None)

@@ -146,7 +146,8 @@ def test_forces_on_each_hole_sum_to_zero_along_its_walls(squeezed):
 def _carried(model):
     """The model with outline positions themselves as its degrees of freedom."""
     m = len(model.outline.points)
-    outline = dataclasses.replace(model.outline, nodes=np.arange(m)[:, None], phi=jnp.ones((m, 1)))
+    one = jnp.ones((m, 1))
+    outline = dataclasses.replace(model.outline, nodes=np.arange(m)[:, None], support=one, phi=one, dphi=jnp.zeros((m, 1, 2)))
     return dataclasses.replace(model, outline=outline)
 
 

@@ -27,8 +27,9 @@ MU, MIDLINE, CORE, AREA, ENERGY = (KNOWN[name] for name in ("mu", "rotation", "c
 
 
 def with_states(path, x):
-    """The path with other positions (k, n, 2)."""
-    return dataclasses.replace(path, x=jnp.asarray(x))
+    """The path's first k states with other positions (k, n, 2)."""
+    of_states = ("mu", "pressure", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
+    return dataclasses.replace(path, x=jnp.asarray(x), **{name: getattr(path, name)[: len(x)] for name in of_states})
 
 
 def turned(path, degrees):
