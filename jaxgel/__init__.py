@@ -5,12 +5,8 @@ against locking. Importing it switches JAX to 64-bit numbers and changes nothing
 package that ``__init__.pyi`` lists for it.
 """
 
-import pathlib
-
-import lazy_loader
-
 from ._float64 import always_on
+from ._lazy import attach
 
 always_on()
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__all__ = [name for name in __all__ if not (pathlib.Path(__file__).parent / name).is_dir()]  # a star import takes no packages
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -2,9 +2,12 @@
 
 import functools
 from collections.abc import Callable
+from typing import TypeVar
+
+F = TypeVar("F", bound=Callable[..., object])
 
 
-def once_per_owner(function: Callable) -> Callable:
+def once_per_owner(function: F) -> F:
     """``function(owner, *args)``, evaluated once for each owner and arguments (hashable).
 
     The owner, an object that does not change and is compared by identity, carries the values: they live as long as it does, and no

@@ -32,7 +32,7 @@ def finite_numbers(value: object, shape: tuple[int, ...], field: str) -> tuple:
     return tuple(map(tuple, array.tolist())) if len(shape) == 2 else tuple(array.tolist())
 
 
-def read_toml(file: Path, field: str) -> dict:
+def read_toml(file: Path, field: str) -> dict[str, Any]:
     """The table of a TOML file; ValueError, one line that begins with ``field``, for a file that cannot be read or is not TOML."""
     try:
         content = file.read_bytes() if file.stat().st_size <= MAX_TOML else b"="
@@ -76,7 +76,7 @@ def listed(item: dict, least: int = 0, most: int | None = None) -> dict:
     return {"type": "array", "items": item} | ({"minItems": least} if least else {}) | ({} if most is None else {"maxItems": most})
 
 
-def tabled(properties: dict, required: Iterable[str] = ()) -> dict:
+def tabled(properties: dict[str, Any], required: Iterable[str] = ()) -> dict[str, Any]:
     """A table with these entries and no others; unknown ones are found first, then missing ones, then wrong values."""
     return {"type": "object", "additionalProperties": False, "required": list(required), "properties": properties}
 

@@ -20,6 +20,7 @@ Every table is checked against `schema.case_schema` first.
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 
@@ -106,7 +107,7 @@ class Case:
         return self.source | {"gel": gel} | {section: given for section, given in options.items() if given}
 
 
-def load_case(case: str | File, changes: dict | None = None) -> Case:
+def load_case(case: str | File, changes: dict[str, Any] | None = None) -> Case:
     """The `Case` of a built-in name or of a TOML file; ``changes`` maps sections to entries that replace its own.
 
     Raises ValueError for an unknown name, a file that cannot be read or is not TOML, and every wrong entry.
@@ -125,7 +126,7 @@ def load_case(case: str | File, changes: dict | None = None) -> Case:
     return from_table(found, name, folder)
 
 
-def from_table(table: dict, name: str, folder: str | File | None = None) -> Case:
+def from_table(table: dict[str, Any], name: str, folder: str | File | None = None) -> Case:
     """The `Case` of a table as described at the top of this module; ValueError names the section and key of a wrong entry.
 
     Drawings and a module that the table names are looked for in ``folder``, the module also in the working folder and where Python looks

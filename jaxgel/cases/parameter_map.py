@@ -37,6 +37,7 @@ import json
 import math
 import time
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -134,7 +135,7 @@ def map_from_table(table: dict, name: str) -> MapStudy:
 
 def run_map(
     study: MapStudy, folder: File | str, executor: concurrent.futures.Executor, *, resume: bool = False, quiet: bool = True
-) -> list[dict]:
+) -> list[dict[str, Any]]:
     """Run the points of a `MapStudy` on an executor and write its folder; the list of rows of points.csv, dicts, by point.
 
     Points that have ended, complete, stopped early or failed, are not run again; ``resume`` says that there may be such. A call that

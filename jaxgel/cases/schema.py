@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import inspect
 import sys
+from typing import Any
 
 from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, listed, not_both, option, tabled, whole, word
 from ..continuation import SweepOptions
@@ -28,7 +29,7 @@ ENERGY = {
 
 
 @functools.cache
-def case_schema() -> dict:
+def case_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a case file, a dict."""
     sections = {"plate": _plate(), "holes": listed(_hole()), "gel": _gel()}
     sections["moved"] = listed({"type": "object"} | not_both(("angle", "angle_deg"))) | {

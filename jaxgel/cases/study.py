@@ -17,6 +17,7 @@ A study takes all options of its case but ``imperfection``, whose load has no de
 import dataclasses
 import json
 from pathlib import Path as File
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -81,7 +82,7 @@ class Study:
         record = {"study": self.table, "name": self.name}
         return optimise(self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search)
 
-    def verify(self, parameters: dict) -> tuple[dict, Path]:
+    def verify(self, parameters: dict[str, Any]) -> tuple[dict[str, Any], Path]:
         """`verify` of a dict of parameters with the study's spacing: its dict, and the path."""
         return verify(self.problem, parameters, **self.verification)
 
@@ -99,7 +100,7 @@ def resumed_study(folder: File | str) -> Study:
     return study_from_table(record["study"], str(record.get("name", "design")))
 
 
-def study_from_table(table: dict, name: str) -> Study:
+def study_from_table(table: dict[str, Any], name: str) -> Study:
     """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
     case = study_case(table, name, SECTIONS)
     if case.sweep.steps == "auto" and case.sweep.mu is None:
@@ -126,7 +127,7 @@ def study_from_table(table: dict, name: str) -> Study:
     return Study(name, case, problem, search, _verification(table, case), _aim(table["objective"][0], mu), table)
 
 
-def run_study(study: Study, folder: File | str, *, resume: bool = False, quiet: bool = True) -> tuple[Design, dict | None]:
+def run_study(study: Study, folder: File | str, *, resume: bool = False, quiet: bool = True) -> tuple[Design, dict[str, Any] | None]:
     """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png
     (unless the case wants no figures).
 

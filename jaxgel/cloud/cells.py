@@ -46,7 +46,7 @@ class Partition:
 
 def partition(
     background: Float[np.ndarray, "b 2"],
-    squares: list,
+    squares: list[Int[np.ndarray, " _"]],
     outline_loops: Int[np.ndarray, "s 2"],
     outline_vertices: Float[np.ndarray, "o 2"],
     gel: shapely.Geometry,

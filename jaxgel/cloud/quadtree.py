@@ -47,7 +47,12 @@ class Background:
         return np.min([self.halvings(points + 1e-6 * self.side * (2 * corner - 1)) for corner in _CORNERS], axis=0)
 
 
-def make_background(plate: Plate, spacing: float, ligaments: tuple | None = None, intervals: int = 0) -> Background:
+def make_background(
+    plate: Plate,
+    spacing: float,
+    ligaments: tuple[np.ndarray, Float[np.ndarray, " m"]] | None = None,
+    intervals: int = 0,
+) -> Background:
     """``Background`` of squares nearly ``spacing`` wide (mm), each halved until it is narrower than its ligament over ``intervals``.
 
     ``ligaments`` are strips and widths as found by ``find_ligaments``. Raises ValueError where that takes too many halvings.

@@ -1,5 +1,7 @@
 """Symmetries of a square plate: those that a cloud has, and how they act on modes."""
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -16,7 +18,7 @@ SYMMETRIES = {
 }
 
 
-def symmetries(model: Model) -> dict[str, tuple]:
+def symmetries(model: Model) -> dict[str, tuple[Any, ...]]:
     """Name of each of ``SYMMETRIES`` that the cloud has -> (matrix (2, 2), number (n,) of the node where each node goes)."""
     nodes, plate = np.asarray(model.cloud.nodes), model.cloud.plate
     tree, found = cKDTree(nodes), {}
@@ -38,7 +40,7 @@ def _edges_after(values, matrix):
     return {names[tuple(int(c) for c in matrix @ normals[edge])]: value for edge, value in dict(values).items()}
 
 
-def characters(modes: Float[np.ndarray, "m n 2"], permutations: dict[str, tuple]) -> dict[str, float]:
+def characters(modes: Float[np.ndarray, "m n 2"], permutations: dict[str, tuple[Any, ...]]) -> dict[str, float]:
     """Name -> trace of the symmetry in the space of the modes (m, n, 2), orthonormalised."""
     flat = np.linalg.qr(modes.reshape(len(modes), -1).T)[0]
     traces = {}

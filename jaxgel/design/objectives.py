@@ -5,6 +5,7 @@ function of the path, or of the plate, that is met where it is not negative. Len
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -27,7 +28,7 @@ def misfit(
     return lambda path: jnp.mean((jnp.interp(at[given], jnp.asarray(path.mu), quantity(path)) - wanted[given]) ** 2)
 
 
-def weighted_sum(weights: Sequence[float], functions: Sequence[Callable]) -> Callable[[Path], Float[Array, ""]]:
+def weighted_sum(weights: Sequence[float], functions: Sequence[Callable[..., Any]]) -> Callable[[Path], Float[Array, ""]]:
     """Function of a path: the sum of ``functions``, each times its weight."""
     pairs = list(zip(weights, functions, strict=True))
     return lambda path: sum(weight * function(path) for weight, function in pairs)

@@ -67,7 +67,7 @@ def optimise(
     tolerance: float = 1e-5,
     folder: pathlib.Path | str | None = None,
     resume: bool = False,
-    record: dict | None = None,
+    record: dict[str, Any] | None = None,
     quiet: bool = True,
 ) -> Design:
     """The `Design` found by ``method`` within a number of sweeps, starting at ``problem.start``.

@@ -267,7 +267,7 @@ def check_path(path: Path, allow_unstable: bool = False) -> None:
         raise Invalid(f"self-contact at mu = {float(path.mu[int(np.argmax(touching))]):.4f}")
 
 
-def read_log(folder: pathlib.Path | str) -> dict:
+def read_log(folder: pathlib.Path | str) -> dict[str, Any]:
     """The log of a design's folder as a dict; ValueError for a folder without one, or a damaged one."""
     file = open_folder(folder) / LOG
     try:

@@ -1,6 +1,7 @@
 """A design on a fresh cloud, and the confidence intervals of fitted parameters."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +17,9 @@ from .problem import DesignProblem
 from .search import check_path
 
 
-def verify(problem: DesignProblem, parameters: dict, *, spacing: float, mu: Sequence[float] | None = None) -> tuple[dict, Path]:
+def verify(
+    problem: DesignProblem, parameters: dict[str, Any], *, spacing: float, mu: Sequence[float] | None = None
+) -> tuple[dict[str, Any], Path]:
     """Objective, constraints and state of a design on a fresh cloud built from its final holes: a dict, and the path.
 
     ``spacing`` in mm; ``mu`` (k,) defaults to the problem's own with a value between every two. The dict holds value, constraints
@@ -50,8 +53,13 @@ def verify(problem: DesignProblem, parameters: dict, *, spacing: float, mu: Sequ
 
 
 def intervals(
-    problem: DesignProblem, parameters: dict, curve: Callable[[Path], Float[Array, " k"]], noise: float, *, cloud: Cloud | None = None
-) -> tuple[dict, Float[Array, "d d"]]:
+    problem: DesignProblem,
+    parameters: dict[str, Any],
+    curve: Callable[[Path], Float[Array, " k"]],
+    noise: float,
+    *,
+    cloud: Cloud | None = None,
+) -> tuple[dict[str, Any], Float[Array, "d d"]]:
     """Standard deviations and covariance of parameters fitted to ``curve`` (a function of the path, (k,)) with the given noise.
 
     Gauss and Newton's Hessian of the sum of squares over 2 noise^2, J^T J / noise^2, inverted: a dict name -> standard deviation, and

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float, Int
+from .._types import Array, Float, Inexact, Int
 from ..cloud import EDGE_POINTS, edge_points
 from .connectivity import Connectivity
 from .interpolation import evaluate_points
@@ -17,7 +17,7 @@ def corrected_gradients(
     basis: str,
     kind: str,
     edge_ends: Int[np.ndarray, "e 2"],
-) -> tuple[Float[Array, "p a 2"], Float[Array, " p"]]:
+) -> tuple[Inexact[Array, "p a 2"], Float[Array, " p"]]:
     """Shape function gradients at the quadrature points of all cells, corrected cell by cell, and the quadrature weights.
 
     The correction adds one constant vector per cell and node so that sum_q w_q dphi_a(q) equals the contour integral of phi_a n, the

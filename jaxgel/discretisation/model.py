@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._types import Array, Float, Int
+from .._types import Array, Float, Inexact, Int
 from ..cloud import Cloud, Topology
 from .checks import check_conditions, check_options, check_reproduction
 from .connectivity import Connectivity, conforming_connectivity, paper_connectivity
@@ -36,7 +36,7 @@ class CellBlock:
     """Cell numbers."""
     nodes: Int[Array, "c a"]
     """Node numbers in ascending order, padded with the first one."""
-    dphi: Float[Array, " c #q a 2"]
+    dphi: Inexact[Array, " c #q a 2"]
     """Shape function gradients, 1/mm, at each point or their mean over the cell; 0 for padded nodes."""
     weight: Float[Array, " c #q"]
     """Quadrature weights, mm^2; 0 for padded points."""

@@ -11,6 +11,7 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -166,8 +167,8 @@ def _moved(motion, correction, free):
     return motion + jax.vmap(lambda dx: scatter(dx, motion.shape[1:], free))(correction)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(1,))
-def first_order_only(values: object, what: str):  # noqa: ARG001
+@functools.partial(jax.custom_jvp[Any], nondiff_argnums=(1,))
+def first_order_only(values: Any, what: str) -> Any:  # noqa: ARG001
     """The ``values`` of ``what``; used in a rule for tangents, ValueError where that is differentiated once more."""
     return values
 
@@ -195,8 +196,8 @@ class Tangent:
         return jax.jvp(values, [fixed[i] for i in self.which], list(args[count:]))[1]
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def with_derivatives_of(function: Callable, values: object, *inputs: object):  # noqa: ARG001
+@functools.partial(jax.custom_jvp[Any], nondiff_argnums=(0,))
+def with_derivatives_of(function: Callable[..., Any], values: Any, *inputs: Any) -> Any:  # noqa: ARG001
     """The ``values`` of ``function(*inputs)``, found otherwise; what their derivatives need is computed where these are asked for."""
     return values
 

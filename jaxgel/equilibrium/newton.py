@@ -6,7 +6,7 @@ changes along a sweep traced.
 
 import dataclasses
 import functools
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -37,10 +37,13 @@ LARGEST_RISE = 3.0  # of the error in an iteration with contact: a larger rise m
 MAX_HALVINGS = 6  # of such a correction
 
 
-class Correction(Protocol):
+P = TypeVar("P", contravariant=True)  # a problem of one formulation
+
+
+class Correction(Protocol[P]):
     """One kind of Newton correction, used for one solve."""
 
-    def assess(self, problem: Problem, state: State) -> tuple[float, bool]:
+    def assess(self, problem: P, state: State) -> tuple[float, bool]:
         """Residual norm of the iterate, nan or inf where a part is not finite, and whether it solves all equations."""
         ...
 
@@ -48,16 +51,16 @@ class Correction(Protocol):
         """Whether the iteration ends here without a solution."""
         ...
 
-    def __call__(self, problem: Problem, state: State) -> State:
+    def __call__(self, problem: P, state: State) -> State:
         """The next iterate; raises `linalg.SingularTangent`."""
         ...
 
-    def finish(self, problem: Problem, state: State) -> State:
+    def finish(self, problem: P, state: State) -> State:
         """The solution with its factor; raises `linalg.SingularTangent`."""
         ...
 
 
-def iterate(problem: Problem, state: State, correction: Correction) -> State:
+def iterate(problem: P, state: State, correction: Correction[P]) -> State:
     """The `State` in which the iteration from ``state`` with a kind of ``correction`` ends; its status says how."""
     while True:
         residual, solved = correction.assess(problem, state)
@@ -200,7 +203,7 @@ def with_own_factor(problem: Problem, state: State) -> State:
 # --- inside jit and vmap -----------------------------------------------------------------------------------------------------
 
 
-def solve_traced(problem: Problem, mu: jax.Array, x: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array, dict]:
+def solve_traced(problem: Problem, mu: jax.Array, x: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array, dict[str, Any]]:
     """`solve` inside jit or vmap: positions (n, 2), pressures (g,) and a dict of status, newton_iterations and residual.
 
     The loop is a ``while_loop``; only the sparse solves leave for the host. Positions are nan where it did not converge.

@@ -50,8 +50,8 @@ class WeakProblem:
     """int lambda_i u_n ds of the multipliers, mm; none without."""
 
 
-def prepare_weak(model: Model, gel: Gel, loads: Float[Array, "n 2"] | None, free: Int[np.ndarray, " f"]) -> WeakProblem:
-    """`WeakProblem` of a model; ``free`` are the degrees of freedom that conditions at the nodes would leave."""
+def prepare_weak(model: Model, gel: Gel, loads: Float[Array, "n 2"] | None, free: Int[np.ndarray, " f"] | None) -> WeakProblem:
+    """`WeakProblem` of a model; ``free`` are the degrees of freedom that conditions at the nodes leave; others need none."""
     size = 2 * model.n_nodes
     normal, weight, hat = _traces(model)
     stiffness, rows = np.zeros((size, size)), np.zeros((0, size))

@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -11,8 +11,10 @@ import numpy as np
 
 from .._types import Array, Float, Scalar
 
+C = TypeVar("C", bound=type)
 
-def pytree(*, meta: Sequence[str] = ()) -> Callable[[type], type]:
+
+def pytree(*, meta: Sequence[str] = ()) -> Callable[[C], C]:
     """Register a dataclass as a JAX pytree whose fields named in ``meta`` are static.
 
     Unlike ``jax.tree_util.register_dataclass`` it rebuilds objects without calling the constructor, so that a constructor may

@@ -7,7 +7,7 @@ parameters. ``arcs``, ``equal_arc_length`` and ``inside_holes`` work on the host
 import dataclasses
 import functools
 import itertools
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -96,7 +96,7 @@ def equal_arc_length(plate: "Plate", arc: Arc, n_intervals: int) -> Float[np.nda
     return s[:-1] if arc.closed else s
 
 
-def inside_holes(plate: "Plate", points: Float[Array, "p 2"] | list, tolerance: float = 0.0) -> Bool[np.ndarray, " p"]:
+def inside_holes(plate: "Plate", points: Float[Array, "p 2"] | list[Any], tolerance: float = 0.0) -> Bool[np.ndarray, " p"]:
     """Boolean (p,): whether each of ``points`` (p, 2) lies in a hole, on its outline, or within ``tolerance`` mm of it."""
     points, inside = np.asarray(points, dtype=float), np.zeros(len(points), dtype=bool)
     with jax.ensure_compile_time_eval():  # numbers, also where a program around it is being compiled

@@ -34,7 +34,7 @@ class Plate:
     """Length along x, mm."""
     height: float
     """Length along y, mm."""
-    holes: Sequence[Hole] | Hole = ()
+    holes: Sequence[Hole] = ()
     """The holes; kept as a tuple."""
     _: dataclasses.KW_ONLY
     edges: Mapping[str, str] | str = "roller"

@@ -23,7 +23,7 @@ from .files import write_atomically
 
 FORMATS = ("dxf", "svg", "stl")
 FITS = ("fourier", "polygon")
-OUTLINE = tabled(
+OUTLINE: dict[str, Any] = tabled(
     {
         "kind": {"const": "outline"},
         "file": TEXT | {"$comment": "give the path of a CSV, DXF or SVG file"},

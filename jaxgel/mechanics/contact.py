@@ -14,6 +14,7 @@ kappa in kT/v. Index letters: ``h`` hole, ``m`` point, ``n`` node of a hole, ``g
 import dataclasses
 import functools
 import itertools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -84,7 +85,7 @@ def touches(x: Float[Array, "n 2"], model: Model) -> Bool[Array, ""]:
     return ~(closest(x, model) >= 1.0)
 
 
-contact_force = jax.grad(contact_energy)
+contact_force: Callable[..., Array] = jax.grad(contact_energy)
 """Gradient (n, 2) of ``contact_energy`` with respect to the nodal positions, kT/v mm."""
 
 

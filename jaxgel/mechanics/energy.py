@@ -4,6 +4,8 @@ Energies are in kT/v times mm^2, forces in kT/v times mm. Index letters as in ``
 (method "mixed") or a single quadrature point (method "displacement"). Quantities of all groups are one vector, block after block.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -111,7 +113,7 @@ def _network_energy(gradients, model, gel):
     return sum(jnp.sum(block.weight * density(F)) for F, block in zip(gradients, model.blocks, strict=True))
 
 
-residual = jax.grad(total_energy)
+residual: Callable[..., Array] = jax.grad(total_energy)
 """Residual (n, 2) of the total energy, kT/v mm: zero on the free degrees of freedom at equilibrium."""
 energy_at = jax.jit(total_energy)
 """Compiled `total_energy`."""

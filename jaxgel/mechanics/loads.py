@@ -6,6 +6,7 @@ model's own quadrature is. So the sum of the nodal forces is the total load, and
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -46,7 +47,10 @@ class Loads:
 
 
 def load_vector(
-    model: Model, *, body_force: Sequence[float] | Float[Array, "2"] | Callable | None = None, traction: Mapping | None = None
+    model: Model,
+    *,
+    body_force: Sequence[float] | Float[Array, "2"] | Callable[..., Any] | None = None,
+    traction: Mapping[str, Any] | None = None,
 ) -> Float[Array, "n 2"]:
     """Nodal forces (n, 2), kT/v mm, of dead loads: the ``loads`` of ``sweep``. Their work is sum(loads * x).
 

@@ -1,6 +1,7 @@
 """Which nodes interact: the node pairs of a model's cells and hole outlines, and the pattern of its tangent; NumPy on the host."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ CELLS_TOGETHER = 1024  # cells whose node pairs are listed together
 
 
 @once_per_owner
-def node_pairs(lists: Connectivity) -> tuple[Int[Array, "p 2"], tuple]:
+def node_pairs(lists: Connectivity) -> tuple[Int[Array, "p 2"], tuple[Any, ...]]:
     """Node pairs (p, 2), i <= j, that share a cell, and per block of cells the slots (c, t) of `operators.Operators`.
 
     ``lists`` are the model's ``lists``.
@@ -38,7 +39,7 @@ def node_pairs(lists: Connectivity) -> tuple[Int[Array, "p 2"], tuple]:
 
 
 @once_per_owner
-def contact_pairs(lists: Connectivity, dmax: float) -> tuple[Int[Array, "e 2"], list]:
+def contact_pairs(lists: Connectivity, dmax: float) -> tuple[Int[Array, "e 2"], list[Any]]:
     """Node pairs (e, 2), i <= j, that share a hole's outline but no cell, and for each of `contact.contact_groups` the slots (h, t).
 
     The slots count the pairs that share a cell first; padding has the number after the last pair.

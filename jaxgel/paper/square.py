@@ -23,7 +23,7 @@ ENOUGH = 4.0  # s of one point, after which it is not repeated
 LIMIT = 5.0  # s, of every point
 _PAPER = dict(basis="linear", quadrature="paper", dmax=3.5)
 _PENALTY = dict(conditions="penalty", penalty=1e3)
-METHODS = {
+METHODS: dict[str, dict[str, Any]] = {
     "IICVEFG, mixed, consistent (default)": dict(),
     "IICVEFG, mixed, paper's cells": _PAPER | dict(kind="iicvmls"),
     "IICVEFG, displacement (as printed)": _PAPER | dict(kind="iicvmls", method="displacement"),

@@ -3,7 +3,7 @@
 import functools
 import os
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -13,7 +13,8 @@ from .._types import Scalar
 from ..cloud import Cloud
 from ..observables import QUANTITIES
 
-STYLE = {
+F = TypeVar("F", bound=Callable[..., Any])
+STYLE: dict[str, Any] = {
     "font.size": 8.5,
     "axes.titlesize": 8.5,
     "axes.linewidth": 0.6,
@@ -27,7 +28,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito: distinguishable wi
 MU = QUANTITIES["mu"].axis_label()
 
 
-def styled(draw: Callable) -> Callable:
+def styled(draw: F) -> F:
     """``draw`` with the settings ``STYLE`` of Matplotlib, which are restored afterwards."""
 
     @functools.wraps(draw)
@@ -35,7 +36,7 @@ def styled(draw: Callable) -> Callable:
         with mpl.rc_context(STYLE):
             return draw(*args, **kwargs)
 
-    return with_style
+    return cast(F, with_style)
 
 
 def colour_scale(count: int) -> list[str]:

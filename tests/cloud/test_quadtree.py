@@ -59,7 +59,7 @@ def test_two_nodes_across_change_nothing():
 
 
 def test_wedge_between_a_cut_hole_and_its_wall_is_no_ligament():
-    plate = Plate(10, 10, Circle((-4.5, 0), 2))
+    plate = Plate(10, 10, [Circle((-4.5, 0), 2)])
     curve = np.stack([plate.holes[0].point(t) for t in np.linspace(arcs(plate)[0].start, arcs(plate)[0].end, 50)])
     walls = [shapely.LineString(side) for side in ([(-5, -5), (-5, 5)], [(5, -5), (5, 5)], [(-5, -5), (5, -5)], [(-5, 5), (5, 5)])]
     gel = shapely.difference(shapely.box(-5, -5, 5, 5), shapely.Polygon(np.concatenate([curve, [(-6, 1), (-6, -1)]])))
