@@ -74,6 +74,7 @@ def test_a_run_killed_after_a_state_ends_with_the_same_bits(mu, tmp_path):
         assert (killed / "series.pvd").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
 def test_a_run_killed_twice_at_any_moment_ends_with_the_same_bits(swept, tmp_path):
     """The proof with twenty kills is benchmarks/kill.py."""
