@@ -3,12 +3,14 @@
 import functools
 import json
 from importlib import resources
+from importlib.resources.abc import Traversable
+from typing import Any
 
 EXAMPLE = "example"  # name of the case that ``jaxgel init`` writes without --from
 
 
 @functools.cache
-def schema() -> dict:
+def schema() -> dict[str, Any]:
     """The JSON schema of a case file."""
     return json.loads(file("schema.json").read_text(encoding="utf-8"))
 
@@ -24,11 +26,11 @@ def choices(section: str, key: str) -> list[str]:
     return schema()["properties"][section]["properties"][key]["enum"]
 
 
-def default(section: str, key: str):
+def default(section: str, key: str) -> object:
     """The default of an entry of a case file."""
     return schema()["properties"][section]["properties"][key].get("default")
 
 
-def file(name: str):
+def file(name: str) -> Traversable:
     """The file of package data with that name."""
     return resources.files("jaxgel.cli").joinpath("data", name)

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float
+from .._types import Array, Float, Scalar
 from ..discretisation import Model
 from ..equilibrium import Conditions, Stability, first_order_only, mu_force, solve, solve_bordered
 from ..linalg import Bordered, nearest_modes
@@ -41,38 +41,38 @@ KEPT = 0.5  # a symmetry takes at most this share of a simple mode to other mode
 class CriticalPoint:
     """A state of a branch with a vanishing eigenvalue of multiplicity m."""
 
-    mu: float
+    mu: Scalar
     """Chemical potential, kT; differentiable with respect to the model and the gel."""
     kind: str
     """"bifurcation" or "fold"."""
-    x: np.ndarray
-    """(n, 2) nodal positions, mm."""
-    pressure: np.ndarray
-    """(g,) pressures of the volume groups, kT/v."""
-    modes: np.ndarray
-    """(m, n, 2) modes, normalised and signed as in ``stability``."""
-    eigenvalues: np.ndarray
-    """(m,) eigenvalues that are left at mu: round-off, or half the split of a double one on an unsymmetric cloud."""
+    x: Float[Array, "n 2"]
+    """Nodal positions, mm."""
+    pressure: Float[Array, " g"]
+    """Pressures of the volume groups, kT/v."""
+    modes: Float[np.ndarray, "m n 2"]
+    """Modes, normalised and signed as in ``stability``."""
+    eigenvalues: Float[np.ndarray, " m"]
+    """Eigenvalues that are left at mu: round-off, or half the split of a double one on an unsymmetric cloud."""
     slope: float
     """d lambda / d mu along the branch, mean over the modes; at a fold -dr/dmu . v."""
     curvature: float
     """d^2 mu / d a^2 along the branch that leaves, a the amplitude of the mode: stable branch above mu if positive; nan if m > 1."""
     imperfection: float
     """Size of the force that holds the state on its branch, over that which would hold an amplitude of one spacing in the network."""
-    symmetries: dict
+    symmetries: dict[str, float]
     """Name of each symmetry of the cloud -> character of the modes: 1 keeps a simple mode, -1 reverses it."""
     unstable: int
     """Negative eigenvalues of the branch just before the point."""
-    correction: np.ndarray
-    """(n, 2) field w of the derivative, see the module."""
+    correction: Float[np.ndarray, "n 2"]
+    """Field w of the derivative, see the module."""
 
     @property
-    def multiplicity(self):
+    def multiplicity(self) -> int:
         """Number of modes."""
         return len(self.modes)
 
     @property
-    def text(self):
+    def text(self) -> str:
         """One line that says what it is."""
         if self.kind == "fold":
             return "fold: the branch turns back"

@@ -1,6 +1,7 @@
 """Further equilibria at one chemical potential, by deflation."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,8 +21,8 @@ def find_states_by_deflation(
     gel: Gel,
     *,
     mu: Scalar,
-    known: Float[Array, "k n 2"],
-    starts: Float[Array, "s n 2"],
+    known: Sequence[Float[Array, "n 2"]] | Float[Array, "k n 2"],
+    starts: Sequence[Float[Array, "n 2"]] | Float[Array, "s n 2"],
     loads: Float[Array, "n 2"] | None = None,
 ) -> list[State]:
     """Equilibria at one mu that are not among the positions ``known``, from the positions ``starts``, mm.

@@ -1,6 +1,7 @@
 """What a sweep leaves: its accepted states, together an equilibrium path."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import numpy as np
@@ -78,6 +79,11 @@ class Path:
             stability=stability,
             switched=bool(self.switched[i]),
         )
+
+    def chosen(self, states: Sequence[int] | Int[Array, " m"]) -> "Path":
+        """The path of the states with these numbers alone."""
+        columns = {name: np.asarray(getattr(self, name))[list(states)] for name in ("x", "pressure", *_SCALARS)}
+        return dataclasses.replace(self, **columns)
 
     def __repr__(self) -> str:
         """States, range of mu, stability and how the sweep ended; `plotting` draws it."""

@@ -6,6 +6,7 @@ neutral state 0. Modes have v . N v = 1.
 """
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
@@ -111,7 +112,7 @@ class StabilityAnalysis:
                 break
         return eigenvalues, vectors @ turn, last
 
-    def product(self, state: State):
+    def product(self, state: State) -> Callable[[Float[np.ndarray, "f m"]], Float[np.ndarray, "f m"]]:
         """Function that multiplies vectors (f, m) with the tangent of a state."""
         operator = self._without_contact if acting_problem(self.problem, state).model.contact is None else self._with_contact
         (of_one,) = operator.at(np.asarray(state.x)[None], np.asarray(state.pressure)[None], np.array([state.mu]))

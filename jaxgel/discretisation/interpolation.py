@@ -42,8 +42,8 @@ class Interpolation:
     dphi: Inexact[Array, "p a 2"]
     """Their gradients, 1/mm."""
 
-    def position(self, x: Float[Array, "n 2"]) -> Float[Array, "p 2"]:
-        """Deformed positions of the points for nodal positions ``x``, mm."""
+    def position(self, x: Float[Array, "n d"]) -> Float[Array, "p d"]:
+        """Deformed positions of the points for nodal positions ``x``, mm, or other fields (d) of the nodes."""
         return in_plane(jnp.einsum("pa,pai->pi", self.phi, x[self.nodes]))
 
     def deformation_gradient(self, x: Float[Array, "n 2"]) -> Float[Array, "p 2 2"]:

@@ -5,7 +5,6 @@ SVG points down and is turned over. DXF and SVG drawings are read by the librari
 """
 
 import csv
-import dataclasses
 import io
 from pathlib import Path as File
 from typing import Any
@@ -185,7 +184,7 @@ def dry_gel(plate: Plate) -> shapely.Geometry:
 
 def swollen_gel(path: Path, k: int) -> shapely.Geometry:
     """The gel of state ``k`` of a path as a shapely polygon, mm; ValueError where its outline crosses itself."""
-    chosen = dataclasses.replace(path, x=np.asarray(path.x)[[k]])
+    chosen = path.chosen([k])
     vertices, edges = np.asarray(deformed_vertices(chosen))[0], boundary_edges(np.asarray(path.model.cloud.triangles))
     faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(vertices[edges])))
     gel = max(faces, key=lambda face: face.area, default=shapely.Polygon())

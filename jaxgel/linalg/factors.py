@@ -21,7 +21,7 @@ from .._types import Array, Float
 from .multifrontal import Fronts, factorise
 from .pattern import Pattern
 
-Columns = Float[np.ndarray, " f"] | Float[np.ndarray, "f r"]
+Columns = Float[Array, " f"] | Float[Array, "f r"]
 
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution

@@ -51,7 +51,7 @@ class Fronts:
         numbers = zip(self.tree.fronts, self.corners, self.sides, self.signs, strict=True)
         return [(slice(front.first, front.end), front.below, *own) for front, *own in numbers]
 
-    def solve(self, rhs: Float[np.ndarray, " f"] | Float[np.ndarray, "f r"]) -> Float[np.ndarray, " f"] | Float[np.ndarray, "f r"]:
+    def solve(self, rhs: Float[Array, " f"] | Float[Array, "f r"]) -> Float[np.ndarray, " f"] | Float[np.ndarray, "f r"]:
         """Solution (f,) or (f, r), without refinement: as accurate as the precision in which the factor is kept."""
         y = np.asarray(rhs, dtype=float)[self.tree.order]
         y = y.ravel() if y.size == len(y) else y  # one vector: BLAS of level 2, which takes three quarters of the time

@@ -1,5 +1,6 @@
 """Curves of a path's quantities."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -80,7 +81,9 @@ def plot_curves(path: Path, *, axes: Any = None, table: dict[str, Any] | None = 
     return axes
 
 
-def _draw_branch(ax: Axes, x: Float[Array, " k"], y: Float[Array, " k"], unstable: Bool[np.ndarray, " k"], colour: str, label: str) -> None:
+def _draw_branch(
+    ax: Axes, x: Sequence[float] | Float[Array, " k"], y: Float[Array, " k"], unstable: Bool[np.ndarray, " k"], colour: str, label: str
+) -> None:
     """One curve, solid where both ends of a piece are stable and dashed elsewhere, with a dot per state."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     dashed = unstable.copy()

@@ -4,7 +4,6 @@ Patterns are drawn in mm on the triangles of the integration cells, so holes kee
 a stable branch, a dashed line one with negative pivots, and what follows a self-contact is shaded.
 """
 
-import dataclasses
 from types import SimpleNamespace
 from typing import Any
 
@@ -106,7 +105,7 @@ def _nearest(path: Path, at: Any) -> list[int]:
 
 def pictured_states(path: Path, states: Any, field: str | None) -> tuple[list, list]:
     """Two lists over the given ``states``: vertices (v, 2), and values (t,) on the triangles, or None without a field."""
-    chosen = dataclasses.replace(path, x=np.asarray(path.x)[states])
+    chosen = path.chosen(states)
     vertices = np.asarray(deformed_vertices(chosen))
     values = [None] * len(states) if field is None else list(field_on_triangles(chosen, vertices, field))
     return list(vertices), values
@@ -152,7 +151,7 @@ def draw_frame(ax: Axes, cloud: Cloud, states: Any, mu: Scalar) -> None:
     ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=mu_text(mu))
 
 
-def _vertex_mean(cloud: Cloud) -> scipy.sparse.csr_array:
+def _vertex_mean(cloud: Cloud) -> scipy.sparse.sparray:
     """Sparse matrix (v, t) that takes values on triangles to the mean over the cells around each vertex."""
     triangles, cells = np.asarray(cloud.triangles), np.asarray(cloud.cell_of_triangle)
     _, representative = np.unique(cells, return_index=True)  # values are constant in a cell: one triangle stands for it
