@@ -24,8 +24,8 @@ from jaxgel import sample
 
 FILE = Path(__file__).with_name("references.json")
 MESHES = (Mesh(5, 1.0, 0.12), Mesh(4, 1.2, 0.25))
-MU = (-4.9678, -4.4678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.7178, -1.4678, -1.3678, -1.2178, -1.0678, -0.9678, -0.9178)  # kT
-LAST = {"sample-1": -0.9178, "sample-2": -0.9678, "sample-3": -1.3678}  # mu up to which the meshes agree, kT
+MU = (-4.9678, -4.4678, -3.9678, -3.4678, -2.9678, -2.4678, -1.9678, -1.7178, -1.4678, -1.4178, -1.2178, -1.0678, -0.9678, -0.9178)  # kT
+LAST = {"sample-1": -0.9178, "sample-2": -1.0678, "sample-3": -1.4178}  # mu up to which all meshes keep the smooth branch, kT
 OBSERVED = {
     "core": lambda gel: abs(gel.core_rotation()),
     "midline": lambda gel: abs(gel.midline_rotation()),
@@ -61,9 +61,10 @@ def curve(name):
     """Observed values of a sample along its stable branch, with their spread."""
     results, sizes = [], []
     wanted = [mu for mu in MU if mu <= LAST[name]]
+    path = sorted({*wanted, *np.arange(AT, LAST[name], 0.05).round(4).tolist()})  # smaller steps where the surface is strongly compressed
     for mesh in MESHES:
         gel = MixedGel(*meshed(sample(name), mesh), steps=4)
-        rows = [[value(gel) for value in OBSERVED.values()] for mu in gel.follow(stops(START, wanted)) if mu in wanted]
+        rows = [[value(gel) for value in OBSERVED.values()] for mu in gel.follow(stops(START, path)) if mu in wanted]
         results.append({"mu": wanted} | dict(zip(OBSERVED, map(list, zip(*rows, strict=True)), strict=True)))
         sizes.append(size_of(mesh, gel))
         print(f"{name}, {sizes[-1]}: {results[-1]}", flush=True)
