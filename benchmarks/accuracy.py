@@ -230,7 +230,7 @@ def row_onset(runs, options):
 def row_sensitivities(runs, options):
     """Derivatives of both rotations of sample 1 at ``AT`` with respect to geometry and gel."""
     table, plate, found = REFERENCES["sensitivities"], jaxgel.sample("sample-1"), []
-    names = list(table["core"])
+    names = list(table["core"]["spread"])
     start = jnp.array([5.0, 4.0, 0.0, *map(float, plate.holes[0].centre), plate.gel.Nv, plate.gel.chi])
     spacing, begin = SPACINGS[options.sensitivity_nodes], time.perf_counter()
 
