@@ -1,4 +1,4 @@
-"""Every finite-element value that jaxgel quotes, by NGSolve (extra ``[bench]``): writes jaxgel/finite_elements.json.
+"""Every finite-element value that jaxgel quotes, by NGSolve (extra ``[bench]``): writes jaxgel/paper/finite_elements.json.
 
     python benchmarks/finite_elements.py [sample-1 ...]
 
@@ -29,7 +29,7 @@ from scipy.interpolate import BarycentricInterpolator
 from jaxgel import sample
 from jaxgel.observables import CREASE_RATIO
 
-FILE = Path(__file__).parents[1] / "jaxgel" / "finite_elements.json"
+FILE = Path(__file__).parents[1] / "jaxgel" / "paper" / "finite_elements.json"
 START, STEP = -4.9678, 0.125  # mu of the first state, reached from the dry plate at once, and the largest step, kT
 PAST = (0.02, 0.04, 0.06, 0.1)  # beyond the critical mu: where the buckled branch is entered and first followed, kT
 OBSERVED = {
@@ -96,8 +96,12 @@ def main(names):
         **{name: known[name] for name in CASES},
         "areas": families(known),
     }
-    text = re.sub(r"\[[^][]*\]", lambda row: f"[{' '.join(row[0][1:-1].split())}]", json.dumps(content, indent=1))
-    FILE.write_text(text + "\n", encoding="utf-8")
+    FILE.write_text(compact(content), encoding="utf-8")
+
+
+def compact(content):
+    """JSON with each list of numbers on one line."""
+    return re.sub(r"\[[^][]*\]", lambda row: f"[{' '.join(row[0][1:-1].split())}]", json.dumps(content, indent=1)) + "\n"
 
 
 def values_of(name, mesh):

@@ -91,7 +91,7 @@ class MixedGel:
     """One mesh of a plate with its state (u, p), residual, tangent and factorisation."""
 
     def __init__(self, plate, mesh, order, steps=2):
-        self.plate, self.mesh, self.mu, gel = plate, mesh, ng.Parameter(0.0), plate.gel
+        self.plate, self.mesh, self.order, self.mu, gel = plate, mesh, order, ng.Parameter(0.0), plate.gel
         displacement = ng.VectorH1(mesh, order=order, dirichletx="x", dirichlety="y")
         space = displacement * ng.L2(mesh, order=order - 1)
         self.free_dofs, self.n_displacement = sum(displacement.FreeDofs()), displacement.ndof
@@ -114,6 +114,7 @@ class MixedGel:
         self.residual += q * (ng.Det(self.F) - self.J).Compile() * self.dx
         self.step = self.state.vec.CreateVector()
         self.inverse, self.free = None, space.FreeDofs(True)
+        self.midline = np.linspace(-0.5, 0.5, 1001) * plate.width  # where extrema of the deformed line y = 0 are sought, mm
 
     @functools.cached_property
     def mass(self):
@@ -163,17 +164,31 @@ class MixedGel:
             history = [*history[-2:], (mu, state.copy())]
             yield mu
 
+    def points(self, x, y):
+        """Points of the mesh (m,) at the dry coordinates ``x`` and ``y`` (m,), mm."""
+        return self.mesh(x, y)
+
     def core_rotation(self):
         """Polar rotation of F at the plate's core, degrees."""
-        F11, F12, F21, F22 = self.F(self.mesh(*self.plate.core))
+        F11, F12, F21, F22 = self.F(self.points(*np.array(self.plate.core)[:, None])).ravel()
         return float(np.degrees(np.arctan2(F21 - F12, F11 + F22)))
 
     def midline_rotation(self):
         """Angle to the x axis of the line from the lowest to the highest point of the deformed midline y = 0, degrees."""
-        x = np.linspace(-0.5, 0.5, 4001) * self.plate.width
-        x, y = (np.array(self.u(self.mesh(x, 0 * x))) + np.stack([x, 0 * x], axis=1)).T
-        low, high = y.argmin(), y.argmax()
-        return float(np.degrees(np.arctan((y[high] - y[low]) / (x[high] - x[low]))))
+        x = self.midline
+        y = self.u(self.points(x, 0 * x))[:, 1]
+        run, rise = self._extremum(x[y.argmax()]) - self._extremum(x[y.argmin()])
+        return float(np.degrees(np.arctan(rise / run)))
+
+    def _extremum(self, x, reach=0.05, degree=4):
+        """Point (2,) of the deformed midline that is extremal in y within ``reach`` of x, mm, of a polynomial fitted to the line there."""
+        t = np.cos(np.pi * np.arange(2 * degree + 1) / (2 * degree))
+        dry = np.stack([x + reach * t, 0 * t], axis=1)
+        line = np.polynomial.chebyshev.Chebyshev.fit
+        along, height = (line(t, column, degree, domain=[-1, 1]) for column in (dry + self.u(self.points(*dry.T))).T)
+        roots = height.deriv().roots()
+        root = roots[np.abs(roots).argmin()].real
+        return np.array([along(root), height(root)])
 
     def energy(self):
         """Total free energy of the dry plate (kT/v mm^2)."""
