@@ -1,6 +1,6 @@
 """The node cloud of a plate and its integration cells, which follow the holes."""
 
-from .cells import SLIVER, boundary_edges, partition
+from .cells import SLIVER, boundary_edges, contour_edges, partition
 from .cloud import GRADING, Cloud, Topology, assemble, make_cloud, place
 from .morph import thin_plate_matrix
 from .outlines import OUTLINE_SEGMENTS, Outline
@@ -17,6 +17,7 @@ __all__ = [
     "Topology",
     "assemble",
     "boundary_edges",
+    "contour_edges",
     "edge_points",
     "find_ligaments",
     "make_background",

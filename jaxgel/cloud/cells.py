@@ -1,7 +1,7 @@
 """Partition of the dry gel into integration cells: background squares clipped by a fine polygon along the true hole outlines.
 
 Everything here is host NumPy on the reference plate and is run once per cloud. Vertices carry how they move with the holes:
-they lie on an outline, on a chord between two outline vertices (where a grid line cuts it), or follow the morph. A cell is a set
+they lie on an outline, on a segment between two outline vertices (where a grid line cuts it), or follow the morph. A cell is a set
 of triangles; its contour is what is left of their directed edges after opposite pairs cancel.
 """
 
@@ -24,8 +24,8 @@ class Partition:
 
     vertices: Float[np.ndarray, "v 2"]
     """All vertices, background and outline vertices first, then cut points; mm."""
-    cut_ends: Int[np.ndarray, "n_cut 2"]
-    """Vertex numbers of the two ends of the outline segment on which the last n_cut vertices lie."""
+    cut_segments: Int[np.ndarray, " n_cut"]
+    """Number of the outline segment on which each of the last n_cut vertices lies."""
     cut_fractions: Float[np.ndarray, " n_cut"]
     """Position of each cut point on its segment, 0 at the first end."""
     triangles: Int[np.ndarray, "t 3"]
@@ -41,7 +41,7 @@ class Partition:
     @functools.cached_property
     def contour_edges(self) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " e"]]:
         """Directed edges of all cell contours, vertex numbers with the gel on the left, and their cells."""
-        return _contour_edges(self.triangles, self.cell_of_triangle)
+        return contour_edges(self.triangles, self.cell_of_triangle)
 
 
 def partition(
@@ -66,11 +66,11 @@ def partition(
     whole = shapely.covers(gel, boxes)
     whole[lines.query(boxes, predicate="dwithin", distance=tolerance)[0]] = False  # a side may lie along an outline
     pieces, square = _clip(boxes, np.flatnonzero(~whole), gel)
-    vertices, loops, cut_ends, cut_fractions = _number_vertices(pieces, known, segments, lines, tolerance)
+    vertices, loops, cut_segments, cut_fractions = _number_vertices(pieces, known, segments, lines, tolerance)
     triangles, piece_of_triangle = _triangulate(vertices, [[loop] for loop in around[whole]] + loops)
     squares_area = shapely.area(np.concatenate([boxes[whole], boxes[square]]))
     cell_of_triangle = _merge_slivers(vertices, triangles, piece_of_triangle, squares_area)
-    return Partition(vertices, cut_ends, cut_fractions, triangles, cell_of_triangle)
+    return Partition(vertices, cut_segments, cut_fractions, triangles, cell_of_triangle)
 
 
 def _polygons(vertices, loops):
@@ -101,7 +101,7 @@ def _number_vertices(pieces, known, segments, lines, tolerance):
     number, fresh = usable[nearest], distance > tolerance
     cuts, inverse = _unique_points(coordinates[fresh], tolerance)
     number[fresh] = len(known) + inverse
-    cut_ends, cut_fractions = _locate_on_segments(cuts, known, segments, lines, tolerance)
+    cut_segments, cut_fractions = _locate_on_segments(cuts, known, segments, lines, tolerance)
 
     loops, start = [], 0
     for piece in rings:
@@ -111,7 +111,7 @@ def _number_vertices(pieces, known, segments, lines, tolerance):
             start += len(ring)
             numbered.append(loop[loop != np.roll(loop, 1)])
         loops.append(numbered)
-    return np.concatenate([known, cuts]), loops, cut_ends, cut_fractions
+    return np.concatenate([known, cuts]), loops, cut_segments, cut_fractions
 
 
 def _unique_points(points, tolerance):
@@ -126,9 +126,9 @@ def _unique_points(points, tolerance):
 
 
 def _locate_on_segments(cuts, known, segments, lines, tolerance):
-    """Outline segment (n, 2) and fraction (n,) of each cut point."""
+    """Number of the outline segment (n,) and fraction (n,) of each cut point."""
     if len(cuts) == 0:
-        return np.zeros((0, 2), dtype=int), np.zeros(0)
+        return np.zeros(0, dtype=int), np.zeros(0)
     _, nearest = lines.query_nearest(shapely.points(cuts), all_matches=False)
     ends = segments[nearest]
     along = known[ends[:, 1]] - known[ends[:, 0]]
@@ -136,7 +136,7 @@ def _locate_on_segments(cuts, known, segments, lines, tolerance):
     off = np.abs(known[ends[:, 0]] + fraction[:, None] * along - cuts).max()
     if off > 100 * tolerance:
         raise RuntimeError(f"partition: a clipped vertex lies {off:.1e} off every hole outline; please report this plate")
-    return ends, fraction
+    return nearest, fraction
 
 
 def _triangulate(vertices, loops):
@@ -172,7 +172,7 @@ def _merge_slivers(vertices, triangles, piece_of_triangle, square_area):
     area = np.bincount(piece_of_triangle, _signed_areas(vertices, triangles))
     small = area < SLIVER * square_area
     root = np.arange(len(area))
-    common = _common_edges(vertices, *_contour_edges(triangles, piece_of_triangle), small)
+    common = _common_edges(vertices, *contour_edges(triangles, piece_of_triangle), small)
     for piece in np.flatnonzero(small)[np.argsort(area[small])]:
         if area[piece] >= SLIVER * square_area[piece]:
             continue  # others joined it
@@ -201,7 +201,8 @@ def _common_edges(vertices, edges, owner, small):
     return common
 
 
-def _contour_edges(triangles, owner):
+def contour_edges(triangles: Int[np.ndarray, "t 3"], owner: Int[np.ndarray, " t"]) -> tuple[np.ndarray, np.ndarray]:
+    """Directed edges (e, 2) of the contours of all owners of triangles, vertex numbers with the gel on the left, and the owners (e,)."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     owners = np.tile(owner, 3)
     n = triangles.max() + 1

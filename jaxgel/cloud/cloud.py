@@ -26,6 +26,7 @@ from ..geometry import (
     reference_plate,
 )
 from .cells import Partition, partition
+from .curves import Curves, curves_of, middles
 from .morph import Morph, make_morph
 from .outlines import OUTLINE_SEGMENTS, Outline, fine_outlines, gel_polygon, join, loop
 from .quadrature import Quadrature, cell_quadrature
@@ -47,8 +48,8 @@ class Topology:
     """Nodes on the outline of each whole hole."""
     across: int | None
     """Nodes asked for across every ligament; None for no refinement."""
-    n_background: int
-    """Number of background vertices; outline vertices follow them, cut points come last."""
+    background: Background
+    """The background squares; their vertices come first, outline vertices follow them, cut points come last."""
     partition: Partition
     """Cells of the reference plate."""
     outlines: tuple[Outline, ...]
@@ -61,6 +62,11 @@ class Topology:
     """Edge of the plate -> numbers of the nodes on it, in order along it."""
 
     @property
+    def n_background(self) -> int:
+        """Number of background vertices."""
+        return len(self.background.vertices)
+
+    @property
     def wall_nodes(self) -> dict[str, Int[np.ndarray, " _"]]:
         """Former name of ``edge_nodes``."""
         return self.edge_nodes
@@ -69,6 +75,17 @@ class Topology:
     def quadrature(self) -> Quadrature:
         """Quadrature points of the cells, ``quadrature.Quadrature``."""
         return cell_quadrature(self.partition, self.n_background)
+
+    @functools.cached_property
+    def curves(self) -> Curves:
+        """The curved sides of cells, ``curves.Curves``."""
+        return curves_of(self.outlines)
+
+    def middles(self, edges: Int[np.ndarray, "e 2"]) -> tuple[Int[np.ndarray, "e 3"], Float[np.ndarray, "e 3"]]:
+        """Vertex numbers and weights that give the middle of every edge, see ``curves.middles``."""
+        part, uncut = self.partition, len(self.partition.vertices) - len(self.partition.cut_segments)
+        segments = np.concatenate([np.full(uncut, -1), part.cut_segments])
+        return middles(edges, self.curves, segments, np.concatenate([np.zeros(uncut), part.cut_fractions]))
 
     @functools.cached_property
     def morph(self) -> Morph:
@@ -139,18 +156,18 @@ def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
     """Positions of all vertices for the holes of ``plate``; a pure function, smooth in every hole parameter."""
     part, n = topology.partition, topology.n_background
     on_outlines = [arc_points(plate, o.arc, o.s) for o in topology.outlines]
-    return _carried(on_outlines, part.vertices, topology.morph if on_outlines else None, part.cut_ends, part.cut_fractions, n)
+    cuts = topology.curves.points(part.cut_segments, part.cut_fractions)
+    return _carried(on_outlines, part.vertices, topology.morph if on_outlines else None, *cuts, n)
 
 
 @functools.partial(jax.jit, static_argnames="n")
-def _carried(outlines, vertices, morph, cut_ends, cut_fractions, n):
+def _carried(outlines, vertices, morph, cut_vertices, cut_weights, n):
     """Positions (v, 2) of all vertices for those of the ``outlines``; ``vertices`` (v, 2) on the reference, ``n`` of the background."""
     placed = jnp.asarray(vertices[:n])
     if outlines:
         outline = jnp.concatenate(outlines)
         placed = jnp.concatenate([placed + morph.displacement(outline - vertices[n : n + len(outline)]), outline])
-    ends, f = placed[cut_ends], cut_fractions[:, None]
-    return jnp.concatenate([placed, (1 - f) * ends[:, 0] + f * ends[:, 1]])
+    return jnp.concatenate([placed, jnp.einsum("pk,pki->pi", cut_weights, placed[cut_vertices])])
 
 
 @jax.jit
@@ -187,7 +204,7 @@ def assemble(
     n = len(background.vertices)
     segments = [np.stack([loop(o)[:-1], loop(o)[1:]], axis=1) - n for o in outlines]
     gel = gel_polygon(plate, outlines, points, n)
-    part = partition(background.vertices, background.loops, join(segments, int), points, gel)
+    part = _with_cuts_on_curves(partition(background.vertices, background.loops, join(segments, int), points, gel), outlines)
     free = np.flatnonzero(~inside_holes(plate, background.vertices, 1e-9 * spacing))
     node_vertices = np.concatenate([free, *(o.vertices[::OUTLINE_SEGMENTS] for o in outlines)])
     nodes = part.vertices[node_vertices]
@@ -196,13 +213,21 @@ def assemble(
         spacing=spacing,
         nodes_per_hole=nodes_per_hole,
         across=across,
-        n_background=n,
+        background=background,
         partition=part,
         outlines=outlines,
         node_vertices=node_vertices,
         node_spacing=_graded(nodes, spacing / 2.0 ** background.fewest_halvings(nodes)),
         edge_nodes=_edge_nodes(plate, nodes, 1e-9 * spacing),
     )
+
+
+def _with_cuts_on_curves(part, outlines):
+    """The partition with its cut points on the curves of the ``outlines`` instead of on their chords."""
+    at, weights = curves_of(outlines).points(part.cut_segments, part.cut_fractions)
+    vertices = part.vertices.copy()
+    vertices[len(vertices) - len(at) :] = np.einsum("pk,pki->pi", weights, vertices[at])
+    return dataclasses.replace(part, vertices=vertices)
 
 
 def _graded(nodes, spacing):

@@ -39,7 +39,7 @@ def test_triangles_fill_the_gel_up_to_the_fine_outlines(name, cloud_of):
     else:
         holes = sum(shoelace(found.partition.vertices[o.vertices]) for o in found.outlines)
     gel = plate.width * plate.height - holes
-    assert areas.sum() == pytest.approx(gel, rel=1e-12)  # round-off of some 1e3 areas
+    assert areas.sum() == pytest.approx(gel, rel=1e-4)  # cut points lie on the outline's parabolas, up to 3e-4 mm off its chords
 
 
 @each_case
@@ -73,9 +73,9 @@ def test_inner_edges_appear_twice_and_the_others_lie_on_walls_or_outlines(name, 
         [part.vertices[np.append(o.vertices, o.vertices[0]) if o.closed else o.vertices] for o in found.outlines]
     )
     off = shapely.distance(shapely.points(middle[~on_wall]), lines)
-    assert np.max(off, initial=0.0) < 1e-9
+    assert np.max(off, initial=0.0) < 1e-3  # chords between cut points, which lie on parabolas
     length = np.linalg.norm(np.diff(part.vertices[boundary], axis=1)[:, 0], axis=1)
-    assert length[~on_wall].sum() == pytest.approx(lines.length, rel=1e-12)
+    assert length[~on_wall].sum() == pytest.approx(lines.length, rel=2e-5)  # 8e-6 longer by way of the cut points
 
 
 @each_case
@@ -87,19 +87,21 @@ def test_no_cell_is_a_sliver(name, cloud_of):
 
 
 @pytest.mark.parametrize("name", ["sample-1", "sample-7", "lattice"])
-def test_cut_points_lie_on_their_outline_segments(name, cloud_of):
+def test_cut_points_lie_on_the_curves_of_the_outlines(name, cloud_of):
     found = cloud_of(name).topology
-    part = found.partition
+    part, curves = found.partition, found.curves
     assert len(part.cut_fractions) > 0
     assert np.all((part.cut_fractions > 0) & (part.cut_fractions < 1))
-    ends, f = part.vertices[part.cut_ends], part.cut_fractions[:, None]
+    numbers, weights = curves.points(part.cut_segments, part.cut_fractions)
     cuts = part.vertices[-len(part.cut_fractions) :]
-    np.testing.assert_allclose((1 - f) * ends[:, 0] + f * ends[:, 1], cuts, atol=1e-12)
-    neighbours = {tuple(sorted(e)) for o in found.outlines for e in zip(o.vertices, np.roll(o.vertices, -1), strict=True)}
-    assert all(tuple(sorted(e)) in neighbours for e in part.cut_ends)
-    spacing = found.spacing  # every cut is one with a grid line
-    grid = np.abs(cuts / spacing - np.round(cuts / spacing)).min(axis=1)
+    np.testing.assert_allclose(np.einsum("pk,pki->pi", weights, part.vertices[numbers]), cuts, atol=1e-12)
+    ends, f = part.vertices[curves.ends[part.cut_segments]], part.cut_fractions[:, None]
+    on_chord = (1 - f) * ends[:, 0] + f * ends[:, 1]
+    spacing = found.spacing  # every cut is one of a chord with a grid line
+    grid = np.abs(on_chord / spacing - np.round(on_chord / spacing)).min(axis=1)
     np.testing.assert_allclose(grid, 0.0, atol=1e-9)
+    sagitta = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) ** 2 / 8 / 0.5  # no outline here is bent more than with a radius of 0.5 mm
+    assert np.all(np.linalg.norm(cuts - on_chord, axis=1) < sagitta)
 
 
 @each_case

@@ -104,7 +104,7 @@ def test_moved_ellipses_leave_the_gel_the_area_they_should(cloud_of):
     assert np.bincount(cloud.cell_of_triangle, areas).min() > 0.25 * cloud.spacing**2
     outline = [np.asarray(placed.vertices)[o.vertices] for o in cloud.topology.outlines]
     polygons = sum(shapely.Polygon(loop).area for loop in outline)
-    assert areas.sum() == pytest.approx(22.0**2 - polygons, rel=1e-12)
+    assert areas.sum() == pytest.approx(22.0**2 - polygons, rel=1e-4)  # cut points lie on parabolas, not on the polygons
     holes = sum(float(hole.area()) for hole in plate.holes)
     # polygons of 160 equal chords miss 2 pi^2 / (3 n^2) = 2.6e-4 of a circle's area, of a moved ellipse little more
     assert areas.sum() == pytest.approx(22.0**2 - holes, abs=4e-4 * holes)

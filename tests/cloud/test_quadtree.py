@@ -79,7 +79,7 @@ def test_cells_fill_the_gel_without_gaps_at_hanging_vertices(name, across):
     middle = part.vertices[open_edges].mean(axis=1)
     on_wall = (np.abs(np.abs(middle) - 5) < 1e-9).any(axis=1)
     outline = np.concatenate([[o.vertices[0], *o.vertices] for o in topology.outlines])
-    on_outline = np.isin(open_edges, outline) | (open_edges >= len(part.vertices) - len(part.cut_ends))
+    on_outline = np.isin(open_edges, outline) | (open_edges >= len(part.vertices) - len(part.cut_segments))
     assert np.all(on_wall | on_outline.all(axis=1))
 
 

@@ -1,0 +1,75 @@
+"""Curved sides of cells: an edge along an outline is part of the parabola through three neighbouring fine vertices of the outline.
+
+Points on a parabola are sums of its three vertices with the weights of `parabola`, so that they follow the outline smoothly.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from .._types import Float, Int
+from .outlines import Outline, loop
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Curves:
+    """The fine segments of all outlines, two to a parabola; NumPy arrays."""
+
+    ends: Int[np.ndarray, "s 2"]
+    """Vertex numbers of the ends of each segment."""
+    vertices: Int[np.ndarray, "s 3"]
+    """Vertex numbers of its parabola."""
+    start: Float[np.ndarray, " s"]
+    """Parameter of its first end on the parabola: 0 or 1/2."""
+
+    def points(self, segment: Int[np.ndarray, " p"], fraction: Float[np.ndarray, " p"]) -> tuple[np.ndarray, np.ndarray]:
+        """Vertex numbers (p, 3) and weights (p, 3) of the points at a ``fraction`` of their ``segment``."""
+        return self.vertices[segment], parabola(self.start[segment] + fraction / 2)
+
+
+def curves_of(outlines: tuple[Outline, ...]) -> Curves:
+    """``Curves`` of all outlines."""
+    lines = [loop(outline) for outline in outlines]
+    none = np.zeros((0, 2), int)
+    ends = np.concatenate([none, *(np.stack([line[:-1], line[1:]], axis=1) for line in lines)])
+    first = [np.arange(len(line) - 1) // 2 * 2 for line in lines]
+    vertices = np.concatenate([np.zeros((0, 3), int), *(line[k[:, None] + np.arange(3)] for line, k in zip(lines, first, strict=True))])
+    return Curves(ends, vertices, np.concatenate([np.zeros(0), *(np.arange(len(k)) % 2 / 2 for k in first)]))
+
+
+def parabola(t: Float[np.ndarray, " p"]) -> Float[np.ndarray, "p 3"]:
+    """Weights of the three points of a parabola, at the parameters 0, 1/2 and 1, in its point at ``t``."""
+    return np.stack([(1 - t) * (1 - 2 * t), 4 * t * (1 - t), t * (2 * t - 1)], axis=-1)
+
+
+def middles(
+    edges: Int[np.ndarray, "e 2"], curves: Curves, cut_segments: Int[np.ndarray, " v"], cut_fractions: Float[np.ndarray, " v"]
+) -> tuple[Int[np.ndarray, "e 3"], Float[np.ndarray, "e 3"]]:
+    """Vertex numbers and weights of the middle of every edge: on the parabola of an edge along an outline, half-way elsewhere.
+
+    ``cut_segments`` (v,) is the segment on which a vertex was cut, -1 for other vertices, at the fraction ``cut_fractions`` (v,).
+    """
+    numbers, weights = edges[:, [0, 1, 1]], np.tile([0.5, 0.5, 0.0], (len(edges), 1))
+    if len(curves.ends) == 0:
+        return numbers, weights
+    segment = np.where(cut_segments[edges[:, 0]] >= 0, cut_segments[edges[:, 0]], cut_segments[edges[:, 1]])
+    segment = np.where(segment >= 0, segment, _whole_segments(edges, curves.ends))
+    own = curves.ends[segment]
+    fractions = []
+    for end in edges.T:
+        cut = (cut_segments[end] == segment) & (segment >= 0)
+        at = np.where(end == own[:, 0], 0.0, np.where(end == own[:, 1], 1.0, np.nan))
+        fractions.append(np.where(cut, cut_fractions[end], at))
+    middle = np.mean(fractions, axis=0)
+    on = (segment >= 0) & np.isfinite(middle)
+    numbers[on], weights[on] = curves.points(segment[on], middle[on])
+    return numbers, weights
+
+
+def _whole_segments(edges, ends):
+    """The segment (e,) that is an edge, in either direction; -1 for none."""
+    size = max(edges.max(), ends.max()) + 1
+    key, wanted = np.sort(ends, axis=1) @ [size, 1], np.sort(edges, axis=1) @ [size, 1]
+    order = np.argsort(key)
+    at = order[np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)]
+    return np.where(key[at] == wanted, at, -1)
