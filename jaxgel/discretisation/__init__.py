@@ -4,7 +4,7 @@ from .checks import BASES, METHODS, QUADRATURES
 from .connectivity import Connectivity, plate_edge_ends
 from .interpolation import NEIGHBOURS, Interpolation, in_plane, make_probe
 from .midline import core_probe, midline_probe
-from .model import CellBlock, Model, discretise
+from .model import Model, PatchBlock, discretise
 from .moving_least_squares import KINDS, n_monomials, shape_functions, shape_functions_and_gradients
 from .neighbours import reaching_nodes
 from .options import DiscretisationOptions
@@ -18,11 +18,11 @@ __all__ = [
     "NEIGHBOURS",
     "QUADRATURES",
     "SPENT",
-    "CellBlock",
     "Connectivity",
     "DiscretisationOptions",
     "Interpolation",
     "Model",
+    "PatchBlock",
     "Quality",
     "cell_sizes",
     "core_probe",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
 REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
 BASES = ("linear", "quadratic")
-METHODS = ("mixed", "displacement")
+METHODS = ("mixed", "patches", "displacement")
 QUADRATURES = ("conforming", "paper")
 CONDITIONS = ("nodes", "penalty", "lagrange")
 INTERPOLATING = ("imls", "iicvmls")
@@ -28,7 +28,7 @@ def check_options(basis: str, method: str, quadrature: str, kind: str, solver: s
     """Raise ValueError, which names the option and what is accepted, for an unknown one."""
     n_monomials(basis)
     if method not in METHODS:
-        raise ValueError(f"method: {method!r} is not 'mixed' or 'displacement'")
+        raise ValueError(f"method: {method!r} is not one of {', '.join(METHODS)}")
     if quadrature not in QUADRATURES:
         raise ValueError(f"quadrature: {quadrature!r} is not 'conforming' or 'paper'")
     if kind not in KINDS:

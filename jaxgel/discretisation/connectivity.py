@@ -1,16 +1,20 @@
-"""Which nodes reach which integration cells, and which quadrature points a cell has: NumPy arrays found once on the reference plate."""
+"""Which nodes reach which patches of cells, and which quadrature points and contour edges a patch has: NumPy arrays found once on the
+reference plate.
+"""
 
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._types import Array, Float, Int
+from .._types import Array, Bool, Float, Int
 from ..cloud import EDGE_POINTS, Topology, edge_points, square_cells
 from ..geometry import edge_lines, inside_holes
 from .checks import check_support
 from .neighbours import pad_nodes, pad_rows, reaching_nodes
+from .patches import patches
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -20,58 +24,122 @@ class Connectivity:
     topology: Topology
     """The cloud's topology."""
     nodes: Int[np.ndarray, "c a"]
-    """Node numbers of each cell in ascending order, padded with the first one."""
+    """Node numbers of each patch in ascending order, padded with the first one."""
     support: Float[np.ndarray, "c a"]
     """Support radius of each node, mm; 0 for padding."""
+    patch_of_cell: Int[np.ndarray, " cells"]
+    """Patch number of each integration cell."""
+    linear: Bool[np.ndarray, " c"]
+    """Whether the pressure is linear over the patch; constant otherwise."""
+    cell_of_point: Int[np.ndarray, " p"]
+    """Cell number of each quadrature point."""
     points: tuple[Int[np.ndarray, "..."], ...]
-    """Per block (c, q) numbers of the cells' quadrature points, -1 for padding."""
-    cells: tuple[Int[np.ndarray, " _"], ...]
-    """Per block (c,) cell numbers."""
-    edge_ends: Int[np.ndarray, "e 2"]
-    """Positions in the cell's node list of the two nodes of the plate's edge between which each contour edge lies; -1 where the edge is
-    free or the contour edge lies inside the plate."""
+    """Per block (c, q) numbers of the patches' quadrature points, -1 for padding."""
+    patches: tuple[Int[np.ndarray, " _"], ...]
+    """Per block (c,) patch numbers."""
+    contour: "Contour"
+    """Contours of the patches."""
 
     @property
     def owner(self) -> Int[np.ndarray, " p"]:
-        """Cell number of each quadrature point."""
-        return np.concatenate([np.repeat(c, (n >= 0).sum(axis=1)) for c, n in zip(self.cells, self.points, strict=True)])
+        """Patch number of each quadrature point."""
+        return self.patch_of_cell[self.cell_of_point]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Contour:
+    """Directed edges of the contours of all cells, the gel on the left."""
+
+    ends: Int[np.ndarray, "e 2"]
+    """Vertex numbers."""
+    middles: tuple[Int[np.ndarray, "e 3"], Float[np.ndarray, "e 3"]] | None
+    """Vertex numbers and weights of the middle of every edge, where patches have curved sides; None where the sides are chords."""
+    cell: Int[np.ndarray, " e"]
+    """Cell numbers, ascending."""
+    owner: Int[np.ndarray, " e"]
+    """Patch numbers."""
+    following: Int[np.ndarray, " e"]
+    """Number of the edge of the same cell that starts where this one ends."""
+    edge_ends: Int[np.ndarray, "e 2"]
+    """Positions in the patch's node list of the two nodes of the plate's edge between which the edge lies; -1 where the edge of the plate
+    is free or the edge lies inside the plate."""
+    numbers: tuple[Int[np.ndarray, "..."], ...]
+    """Per block (c, e) numbers of the edges on the patches' own contours, -1 for padding."""
+
+    def points(self, vertices: Float[Array, "v 2"]) -> Float[Array, "r 2"]:
+        """Points of the contours, r = 2 e, for these positions of the vertices: start and middle of every edge, or two Gauss points."""
+        return edge_points(vertices, self.ends) if self.middles is None else _starts_and_middles(vertices, self.ends, *self.middles)
+
+
+@jax.jit
+def _starts_and_middles(vertices, ends, at, weights):
+    return jnp.stack([vertices[ends[:, 0]], jnp.einsum("ek,eki->ei", weights, vertices[at])], axis=1).reshape(-1, 2)
 
 
 @once_per_owner
-def conforming_connectivity(topology: Topology, basis: str, dmax: float, skin: float) -> Connectivity:
-    """``Connectivity`` of the cells that partition the gel; nodes that come closer by ``skin`` (mm) are listed too.
+def conforming_connectivity(topology: Topology, method: str, basis: str, dmax: float, skin: float) -> Connectivity:
+    """``Connectivity`` of the patches of a ``method``; nodes that come closer by ``skin`` (mm) are listed too.
 
     Raises ValueError where a point has too few neighbours for the basis.
     """
     with jax.ensure_compile_time_eval():  # made of numbers, also inside jit
-        return _conforming(topology, basis, dmax, skin)
+        return _conforming(topology, method, basis, dmax, skin)
 
 
-def _conforming(topology, basis, dmax, skin):
+def _conforming(topology, method, basis, dmax, skin):
     part, quadrature = topology.partition, topology.quadrature
-    edges, edge_owner = part.contour_edges
-    inner, on_edge = np.asarray(quadrature.points(part.vertices)), edge_points(part.vertices, edges)
+    patch_of_cell, linear = patches(topology, method)
+    contour = _contour(topology, patch_of_cell, curved=method == "patches")
+    inner, on_edge = np.asarray(quadrature.points(part.vertices)), np.asarray(contour.points(part.vertices))
     support = dmax * topology.node_spacing
     points = np.concatenate([inner, on_edge])
     check_support(topology, points, support, basis)
-    owner = np.concatenate([quadrature.owner, np.repeat(edge_owner, len(EDGE_POINTS))])
+    point_owner = patch_of_cell[quadrature.owner]
+    owner = np.concatenate([point_owner, np.repeat(contour.owner, 2)])
     nodes, supports = pad_nodes(*reaching_nodes(topology, points, owner, support, skin), support)
 
-    counts = np.bincount(quadrature.owner)
-    groups = _groups_of_similar_size(counts)
-    numbers = tuple(pad_rows(np.arange(len(inner)), counts, group) for group in groups)
-    end_nodes = plate_edge_ends(topology, edges)
-    listed = (nodes[edge_owner][:, None, :] == end_nodes[:, :, None]) & (supports[edge_owner] > 0)[:, None, :]
+    groups = _groups_of_similar_size(linear, quadrature.owner, patch_of_cell)
+    end_nodes = plate_edge_ends(topology, contour.ends)
+    listed = (nodes[contour.owner][:, None, :] == end_nodes[:, :, None]) & (supports[contour.owner] > 0)[:, None, :]
     edge_ends = np.where(listed.any(axis=2), listed.argmax(axis=2), -1)
     if np.any((edge_ends < 0) != (end_nodes < 0)):
         raise ValueError(f"dmax: {dmax} is too small for the supports to reach along the plate's edges; use a larger one")
-    return Connectivity(topology, nodes, supports, numbers, groups, edge_ends)
+    outer = np.flatnonzero(_is_outer(contour, len(part.vertices)))
+    numbers = tuple(np.where(rows >= 0, outer[rows], -1) for rows in _rows_of(contour.owner[outer], len(linear), groups))
+    contour = dataclasses.replace(contour, edge_ends=edge_ends, numbers=numbers)
+    points_of = _rows_of(point_owner, len(linear), groups)
+    return Connectivity(topology, nodes, supports, patch_of_cell, linear, quadrature.owner, points_of, groups, contour)
 
 
-def _groups_of_similar_size(counts):
-    """Cell numbers in groups of similar numbers of points: whole squares and cut cells."""
-    cut = counts > len(EDGE_POINTS) ** 2
-    return tuple(group for group in (np.flatnonzero(~cut), np.flatnonzero(cut)) if len(group))
+def _contour(topology, patch_of_cell, *, curved):
+    """``Contour`` of the cells, without what depends on node lists."""
+    part = topology.partition
+    ends, cell = part.contour_edges
+    start, end = (cell * len(part.vertices) + vertex for vertex in ends.T)
+    order = np.argsort(start)
+    following = order[np.searchsorted(start, end, sorter=order)]
+    middles = topology.middles(ends) if curved else None
+    return Contour(ends, middles, cell, patch_of_cell[cell], following, np.full_like(ends, -1), ())
+
+
+def _is_outer(contour, n):
+    """Whether each edge lies on the contour of its patch; the others have a cell of the patch on either side."""
+    key, reverse = ((contour.owner * n + a) * n + b for a, b in (contour.ends.T, contour.ends.T[::-1]))
+    return ~np.isin(reverse, key)
+
+
+def _rows_of(owner, count, groups):
+    """Per group of owners the numbers of what each owns, padded with -1."""
+    order, counts = np.argsort(owner, kind="stable"), np.bincount(owner, minlength=count)
+    return tuple(pad_rows(order, counts, group) for group in groups)
+
+
+def _groups_of_similar_size(linear, owner, patch_of_cell):
+    """Patch numbers in groups: of linear and of constant pressures, without and with cut cells."""
+    is_cut = np.bincount(owner) > len(EDGE_POINTS) ** 2
+    cut = np.bincount(patch_of_cell, is_cut) > 0
+    kinds = [linear & ~cut, linear & cut, ~linear & ~cut, ~linear & cut]
+    return tuple(group for group in map(np.flatnonzero, kinds) if len(group))
 
 
 @once_per_owner
@@ -94,7 +162,11 @@ def paper_connectivity(
     members = np.arange(len(counts))
     nodes, supports = pad_nodes(*reaching_nodes(topology, points, np.repeat(members, counts), support, 0.0), support)
     numbers = pad_rows(np.arange(len(points)), counts, members)
-    return Connectivity(topology, nodes, supports, (numbers,), (members,), np.full((0, 2), -1)), points, weight
+    none = np.zeros(0, dtype=int)
+    contour = Contour(np.full((0, 2), -1), None, none, none, none, np.full((0, 2), -1), ())
+    owner = np.repeat(members, counts)
+    lists = Connectivity(topology, nodes, supports, members, np.zeros(len(members), bool), owner, (numbers,), (members,), contour)
+    return lists, points, weight
 
 
 def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, "e 2"]:

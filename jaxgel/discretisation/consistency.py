@@ -1,59 +1,80 @@
-"""Corrected shape function gradients: linear fields are integrated exactly (patch test)."""
+"""Shape functions over the patches that integrate linear fields exactly (patch test), and the areas of the patches' contours."""
+
+import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Inexact, Int
-from ..cloud import EDGE_POINTS, edge_points
+from ..cloud import EDGE_POINTS
 from .connectivity import Connectivity
 from .interpolation import evaluate_points
 
 
-def corrected_gradients(
+def consistent_gradients(
     nodes: Float[Array, "n 2"],
     vertices: Float[Array, "v 2"],
     connectivity: Connectivity,
     basis: str,
     kind: str,
     edge_ends: Int[np.ndarray, "e 2"],
-) -> tuple[Inexact[Array, "p a 2"], Float[Array, " p"]]:
-    """Shape function gradients at the quadrature points of all cells, corrected cell by cell, and the quadrature weights.
+) -> tuple[Inexact[Array, "p a 2"], Float[Array, " p"], Inexact[Array, "e 2 2 a"] | None]:
+    """Shape function gradients at all quadrature points, the quadrature weights, and the `area_rows` of the contours, None for chords.
 
-    The correction adds one constant vector per cell and node so that sum_q w_q dphi_a(q) equals the contour integral of phi_a n, the
-    integration constraint of Chen et al. (2001). Contour edges with ``edge_ends``, see ``Connectivity``, carry the linear trace between
-    these two nodes.
+    One constant vector per cell and node is added to the gradients so that sum_q w_q dphi_a(q) is the contour integral of phi_a n, the
+    integration constraint of Chen et al. (2001). With curved sides the weights are scaled to the area inside each cell's dry contour, and
+    the contour integral is the derivative of that area by the position of node a. Contour edges with ``edge_ends``, see ``Contour``, carry
+    the linear trace between these two nodes.
     """
-    topology, lists, supports = connectivity.topology, connectivity.nodes, connectivity.support
-    edges, edge_owner = topology.partition.contour_edges
-    quadrature = topology.quadrature
+    lists, supports, contour = connectivity.nodes, connectivity.support, connectivity.contour
+    quadrature = connectivity.topology.quadrature
     shared = dict(lists=lists, supports=supports, basis=basis, kind=kind)
-    _, dphi = evaluate_points(nodes, quadrature.points(vertices), owner=quadrature.owner, **shared)
-    on_edges = edge_points(vertices, edges)
-    trace = evaluate_points(nodes, on_edges, owner=np.repeat(edge_owner, len(EDGE_POINTS)), gradients=False, **shared)
+    _, dphi = evaluate_points(nodes, quadrature.points(vertices), owner=connectivity.owner, **shared)
+    on_contour = contour.points(vertices)
+    trace = evaluate_points(nodes, on_contour, owner=np.repeat(contour.owner, 2), gradients=False, **shared)
+    numbers = connectivity.cell_of_point, connectivity.patch_of_cell, contour.ends, contour.cell
+    following = None if contour.middles is None else contour.following
     weight = quadrature.weights(vertices)
-    corrected = _correct(nodes, vertices, trace, dphi, weight, quadrature.owner, edges, edge_owner, lists, supports, edge_ends)
-    return corrected, weight
+    return _consistent(nodes, vertices, on_contour, trace, dphi, weight, *numbers, following, lists, supports, edge_ends)
 
 
 @jax.jit
-def _correct(nodes, vertices, trace, dphi, weight, owner, edges, edge_owner, lists, supports, edge_ends):
-    n_cells = len(lists)
-    start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
-    along = end - start
-    linear = jax.vmap(_linear_trace)(start, along, nodes[lists[edge_owner]], edge_ends)
-    trace = jnp.where(edge_ends[:, :1, None] >= 0, linear, trace.reshape(len(edges), 2, -1))
-    normal = jnp.stack([along[:, 1], -along[:, 0]], axis=1)  # outward, times the edge's length
-    flux = jax.ops.segment_sum(jnp.mean(trace, axis=1)[:, :, None] * normal[:, None, :], edge_owner, n_cells)
-    integral = jax.ops.segment_sum(weight[:, None, None] * dphi, owner, n_cells)
-    correction = (flux - integral) / jax.ops.segment_sum(weight, owner, n_cells)[:, None, None]
-    real = (supports > 0)[owner][:, :, None]
-    return jnp.where(real, dphi + correction[owner], 0.0)
+def _consistent(nodes, vertices, on_contour, trace, dphi, weight, cell, patch, ends, edge_cell, following, lists, supports, edge_ends):
+    start, along = vertices[ends[:, 0]], vertices[ends[:, 1]] - vertices[ends[:, 0]]
+    at = EDGE_POINTS if following is None else np.array([0.0, 0.5])
+    linear = jax.vmap(functools.partial(_linear_trace, at))(start, along, nodes[lists[patch[edge_cell]]], edge_ends)
+    trace = jnp.where(edge_ends[:, :1, None] >= 0, linear, trace.reshape(len(ends), 2, -1))
+    if following is None:
+        rows, normal = None, jnp.stack([along[:, 1], -along[:, 0]], axis=1)  # outward, times the edge's length
+        flux = jnp.mean(trace, axis=1)[:, :, None] * normal[:, None, :]
+    else:
+        rows, dry = area_rows(trace, following), area_rows(on_contour.reshape(len(ends), 2, 2), following)
+        turned = jnp.stack([dry[..., 1], -dry[..., 0]], axis=-1)
+        flux = jnp.einsum("era,eri->eai", rows[:, 0], turned[:, 1]) - jnp.einsum("era,eri->eai", rows[:, 1], turned[:, 0])
+        sides = jnp.sum(dry[:, 0, :, 0] * dry[:, 1, :, 1] - dry[:, 0, :, 1] * dry[:, 1, :, 0], axis=1)
+        area = jax.ops.segment_sum(sides, edge_cell, len(patch))
+        weight = weight * (area / jax.ops.segment_sum(weight, cell, len(patch)))[cell]
+    flux = jax.ops.segment_sum(flux, edge_cell, len(patch))
+    integral = jax.ops.segment_sum(weight[:, None, None] * dphi, cell, len(patch))
+    correction = (flux - integral) / jax.ops.segment_sum(weight, cell, len(patch))[:, None, None]
+    real = (supports > 0)[patch[cell]][:, :, None]
+    return jnp.where(real, dphi + correction[cell], 0.0), weight, rows
 
 
-def _linear_trace(start, along, nodes, ends):
-    """Linear interpolation (2, a) between the two nodes ``ends`` on the plate's edge, at the two points of a contour edge."""
+def area_rows(trace: Inexact[Array, "e 2 *v"], following: Int[Array, " e"]) -> Inexact[Array, "e 2 2 *v"]:
+    """Rows R, S (e, 2, *v) per edge of the area form: the area inside a contour is the sum of (R x) x (S x) over its edges.
+
+    ``trace`` holds values at the start, y_0, and the middle, y_m, of every edge; its end is the start of the ``following`` one. The edge's
+    image is the parabola through the three, and 1/2 of the integral of y x dy along it is 2/3 (y_0 x y_m + y_m x y_1) - 1/6 y_0 x y_1.
+    """
+    start, middle, end = trace[:, 0], trace[:, 1], trace[following, 0]
+    return jnp.stack([jnp.stack([start, middle], axis=1), jnp.stack([2 / 3 * middle - end / 6, 2 / 3 * end], axis=1)], axis=1)
+
+
+def _linear_trace(at, start, along, nodes, ends):
+    """Linear interpolation (2, a) between the two nodes ``ends`` on the plate's edge, ``at`` two fractions of a contour edge."""
     first, span = nodes[ends[0]], nodes[ends[1]] - nodes[ends[0]]
-    s = (start + EDGE_POINTS[:, None] * along - first) @ span / jnp.where(ends[0] >= 0, span @ span, 1.0)
+    s = (start + at[:, None] * along - first) @ span / jnp.where(ends[0] >= 0, span @ span, 1.0)
     number = jnp.arange(len(nodes))
     return (1 - s)[:, None] * (number == ends[0]) + s[:, None] * (number == ends[1])

@@ -1,8 +1,9 @@
-"""The discretised gel: cells, quadrature points and shape function gradients of a cloud.
+"""The discretised gel: patches, quadrature points and shape function gradients of a cloud.
 
-Index letters: ``c`` cell, ``q`` quadrature point of a cell, ``p`` point, ``a b`` node of a cell's list, ``i j`` space. A cell's node list
-holds all nodes whose support reaches the cell or its contour; padding has support 0. Cells of similar size share a ``CellBlock`` of
-padded arrays.
+Index letters: ``c`` patch, ``q`` quadrature point of a patch, ``g`` volume group, ``p`` point, ``a b`` node of a patch's list, ``i j``
+space, ``r`` row of an area form. A patch is a group of integration cells with one pressure field; see `patches` and `pressures`. Its node
+list holds all nodes whose support reaches the patch or its contour; padding has support 0. Patches of similar size share a ``PatchBlock``
+of padded arrays.
 """
 
 import dataclasses
@@ -17,9 +18,10 @@ from .._types import Array, Float, Inexact, Int
 from ..cloud import Cloud, Topology
 from .checks import check_conditions, check_options, check_reproduction
 from .connectivity import Connectivity, conforming_connectivity, paper_connectivity
-from .consistency import corrected_gradients
+from .consistency import consistent_gradients
 from .interpolation import SKIN, Interpolation, evaluate_points, interpolate, neighbours_of_points
 from .neighbours import is_moved
+from .pressures import group_weights, n_carrying
 
 OUTLINE_ROOM = 1 / 400  # of the plate's width: further room in the neighbour lists of outline points, on a cloud that moves far
 DMAX = 2.95  # support radius over spacing: nearly three grid lines to each side, and clear of the third, where round-off would decide
@@ -27,19 +29,41 @@ PAPER_DMAX = 3.5
 PENALTY = 1e3  # kT/v per mm, the paper's
 
 
-@jax.tree_util.register_dataclass
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["patches", "nodes", "dphi", "weight", "group_weight", "contour"],
+    meta_fields=["carrying"],
+)
 @dataclasses.dataclass(frozen=True)
-class CellBlock:
-    """Cells of similar size; a pytree."""
+class PatchBlock:
+    """Patches of similar size; a pytree."""
 
-    cells: Int[Array, " c"]
-    """Cell numbers."""
+    patches: Int[Array, " c"]
+    """Patch numbers."""
     nodes: Int[Array, "c a"]
     """Node numbers in ascending order, padded with the first one."""
     dphi: Inexact[Array, " c #q a 2"]
     """Shape function gradients, 1/mm, at each point or their mean over the cell; 0 for padded nodes."""
     weight: Float[Array, " c #q"]
     """Quadrature weights, mm^2; 0 for padded points."""
+    group_weight: Float[Array, "c _ g"] | None
+    """Weights of J at the points in each volume group, see `pressures`; None where J is the mean over a cell, or that of a point."""
+    contour: Inexact[Array, "c 2 r a"] | None
+    """Rows of the area form of the contour, see `consistency.area_rows`; None where volumes are those of the points."""
+    carrying: int
+    """Number of the groups of a patch that carry its volume, in equal shares; the others are held. 0 where every point is a group."""
+
+    @property
+    def has_mean(self) -> bool:
+        """Whether each patch has one volume ratio, the mean over its quadrature points."""
+        return self.carrying == 1 and self.group_weight is None
+
+    @property
+    def n_groups(self) -> int:
+        """Number of volume groups of a patch."""
+        if self.group_weight is not None:
+            return self.group_weight.shape[2]
+        return 1 if self.has_mean else self.weight.shape[1]
 
 
 @functools.partial(
@@ -53,8 +77,8 @@ class Model:
 
     cloud: Cloud
     """Nodes and cell vertices."""
-    blocks: tuple[CellBlock, ...]
-    """Cells, in blocks of similar size."""
+    blocks: tuple[PatchBlock, ...]
+    """Patches, in blocks of similar size."""
     outline: Interpolation | None
     """Shape functions at all outline vertices, arc after arc; None where a derivative does not depend on them."""
     lists: Connectivity
@@ -64,7 +88,7 @@ class Model:
     dmax: float
     """Support radius over node spacing."""
     method: str
-    """``"mixed"``: one pressure per cell; ``"displacement"``: J at every quadrature point."""
+    """``"mixed"``: one pressure per cell; ``"patches"``: linear over patches; ``"displacement"``: J at every quadrature point."""
     quadrature: str
     """``"conforming"`` or ``"paper"``."""
     kind: str
@@ -85,8 +109,8 @@ class Model:
 
     @property
     def n_cells(self) -> int:
-        """Number of cells."""
-        return len(self.lists.nodes)
+        """Number of integration cells."""
+        return len(self.lists.patch_of_cell)
 
     @property
     def n_points(self) -> int:
@@ -110,9 +134,12 @@ def discretise(
 ) -> Model:
     """``Model`` of a cloud: cells, quadrature points, shape function gradients.
 
-    ``dmax`` is the support radius over the node spacing (2.95 by default, 3.5 for the paper's quadrature). ``quadrature="conforming"``
-    partitions the gel exactly and corrects the gradients so that linear fields are integrated exactly (patch test);
-    ``"paper"`` takes 4 x 4 Gauss points in each of ``cells`` x ``cells`` squares and drops the points in holes (Table 1).
+    ``method="mixed"`` has one pressure per cell. ``"patches"`` has pressures linear over patches of 2 x 2 squares and constant over single
+    cells along outlines and in narrow ligaments, and holds what they do not see of the volume ratio J. ``"displacement"`` takes J at
+    every quadrature point. ``dmax`` is the support radius over the node spacing (2.95 by default, 3.5 for the paper's quadrature).
+    ``quadrature="conforming"`` partitions the gel into cells with curved sides along the outlines and corrects weights and gradients so
+    that linear fields are integrated exactly (patch test); ``"paper"`` takes 4 x 4 Gauss points in each of ``cells`` x ``cells`` squares
+    and drops the points in holes (Table 1); it has no patches, and ``"patches"`` is refused with it.
     ``kind`` is that of ``shape_functions``. Those that do not interpolate, ``"icvmls"`` and ``"mls"``, need ``conditions="penalty"``, with
     the factor ``penalty`` in kT/v per mm, or ``"lagrange"`` instead of conditions at the ``"nodes"``.
     ``skin`` (mm) enlarges the neighbour lists by the distance that points of a moved cloud may have come closer; by default 0 on
@@ -128,16 +155,22 @@ def discretise(
     if quadrature == "paper":
         if is_moved(cloud):
             raise ValueError("quadrature: 'paper' drops points in holes and cannot follow moving holes; use 'conforming'")
+        if method == "patches":
+            raise ValueError("method: 'patches' needs quadrature 'conforming', not 'paper'")
         lists, points, weight = paper_connectivity(topology, basis, dmax, cells)
+        rows = None
         _, dphi = evaluate_points(cloud.nodes, points, lists.nodes, lists.support, lists.owner, basis=basis, kind=kind)
     else:
         skin = (SKIN * cloud.spacing if is_moved(cloud) else 0.0) if skin is None else float(skin)
-        lists = conforming_connectivity(topology, basis, dmax, skin)
-        edge_ends = lists.edge_ends if conditions == "nodes" else np.full_like(lists.edge_ends, -1)
-        dphi, weight = corrected_gradients(cloud.nodes, cloud.vertices, lists, basis, kind, edge_ends)
+        lists = conforming_connectivity(topology, method, basis, dmax, skin)
+        edge_ends = lists.contour.edge_ends if conditions == "nodes" else np.full_like(lists.contour.edge_ends, -1)
+        dphi, weight, rows = consistent_gradients(cloud.nodes, cloud.vertices, lists, basis, kind, edge_ends)
+        points = topology.quadrature.points(cloud.vertices)
     outline = _outline_interpolation(cloud, dmax, basis, kind)
     weak = conditions, float(penalty) if conditions == "penalty" else 0.0
-    model = Model(cloud, _blocks(lists, dphi, weight), outline, lists, basis, dmax, method, quadrature, kind, *weak, solver)
+    model = Model(
+        cloud, _blocks(lists, method, points, dphi, weight, rows), outline, lists, basis, dmax, method, quadrature, kind, *weak, solver
+    )
     check_reproduction(model)
     return model
 
@@ -163,18 +196,28 @@ def _outline(topology: Topology, dmax: float, moved: bool):
     return numbers, neighbours_of_points(topology, dmax, topology.partition.vertices[numbers], room)
 
 
-def _blocks(lists, dphi, weight):
-    """``CellBlock``s from gradients (p, a, 2) and weights (p,) of all quadrature points."""
-    widths = tuple(int((lists.support[cells] > 0).sum(axis=1).max()) for cells in lists.cells)
-    values = _by_cell(dphi, weight, lists.points, widths)
-    return tuple(CellBlock(c, lists.nodes[c, :n], *of_cells) for c, n, of_cells in zip(lists.cells, widths, values, strict=True))
+def _blocks(lists, method, points, dphi, weight, rows):
+    """``PatchBlock``s from positions (p, 2), gradients (p, a, 2) and weights (p,) of all quadrature points and the `area_rows`."""
+    widths = tuple(int((lists.support[patches] > 0).sum(axis=1).max()) for patches in lists.patches)
+    numbers = lists.contour.numbers if rows is not None else (None,) * len(lists.points)
+    linear = tuple(bool(lists.linear[patches[0]]) for patches in lists.patches)
+    values = _by_patch(points, dphi, weight, rows, lists.points, numbers, widths=widths, linear=linear, method=method)
+    carrying = [n_carrying(of) if method != "displacement" else 0 for of in linear]
+    parts = zip(lists.patches, widths, values, carrying, strict=True)
+    return tuple(PatchBlock(patches, lists.nodes[patches, :n], *of_patches, many) for patches, n, of_patches, many in parts)
 
 
-@functools.partial(jax.jit, static_argnames="widths")
-def _by_cell(dphi, weight, points, widths):
-    """Per block the gradients (c, q, a, 2), with lists of the given width, and weights (c, q) of the numbered ``points`` (c, q)."""
+@functools.partial(jax.jit, static_argnames=("widths", "linear", "method"))
+def _by_patch(points, dphi, weight, rows, point_numbers, edge_numbers, *, widths, linear, method):
+    """Per block the gradients (c, q, a, 2), with lists of the given width, weights (c, q), weights of the groups and area forms."""
     values = []
-    for numbers, n in zip(points, widths, strict=True):
-        at = jnp.where(numbers >= 0, numbers, numbers[:, :1])  # padding repeats a point of its own cell, where every energy is finite
-        values.append((dphi[at, :n], jnp.where(numbers >= 0, weight[at], 0.0)))
+    for numbers, edges, n, of in zip(point_numbers, edge_numbers, widths, linear, strict=True):
+        at = jnp.where(numbers >= 0, numbers, numbers[:, :1])  # padding repeats a point of its own patch, where every energy is finite
+        w = jnp.where(numbers >= 0, weight[at], 0.0)
+        groups = contour = None
+        if method == "patches":
+            groups = group_weights(points[at], w, of)
+            own = jnp.where((edges >= 0)[..., None, None, None], rows[edges][..., :n], 0.0)
+            contour = jnp.moveaxis(own, 2, 1).reshape(len(own), 2, -1, n)
+        values.append((dphi[at, :n], w, groups, contour))
     return values

@@ -29,7 +29,6 @@ from ..linalg import solve_near
 from ..mechanics import (
     Problem,
     TangentOperator,
-    area_form_entries,
     deformation_gradients,
     free_dofs,
     gather,
@@ -60,9 +59,8 @@ def state_tangents(
     Constrained degrees of freedom move with the nodes of the dry plate. The ``operators`` of the problem need no tangents: they follow from
     the model. nan where a tangent is singular.
     """
-    entries = area_form_entries(problem.operators) if is_sparse(problem) else None  # runs while the rest is traced
     motion, rhs = _residual_changes(x, pressure, problem, mu, problem_dot, mu_dot)
-    leaves, structure = jax.tree.flatten((x, pressure, mu, problem, entries))
+    leaves, structure = jax.tree.flatten((x, pressure, mu, problem))
     return _moved(motion, _solutions.bind(rhs, *leaves, structure=structure), problem.free)
 
 
@@ -155,7 +153,7 @@ def _nodal_gradients(x, model):
 def _nearest_cells(lists):
     """The cell (n,), counted block after block, nearest each node of the reference cloud; host."""
     points = lists.topology.partition.vertices[lists.topology.node_vertices]
-    cells = np.concatenate(lists.cells)
+    cells = np.concatenate(lists.patches)
     real = lists.support[cells, :, None] > 0
     centres = np.sum(np.where(real, points[lists.nodes[cells]], 0.0), axis=1) / real.sum(axis=1)
     return cKDTree(centres).query(points)[1]
@@ -240,7 +238,7 @@ def _together(count, model):
 
 _solutions = Primitive("equilibrium_solutions")
 """Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
-(x (k, n, 2), pressure (k, g), mu (k,), `Problem`, area form entries for `TangentOperator` or None) with the tree ``structure``."""
+(x (k, n, 2), pressure (k, g), mu (k,), `Problem`) with the tree ``structure``."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -251,7 +249,7 @@ class _Products:
     """Tree structure of the leaves."""
 
     def __call__(self, v, *leaves):
-        x, pressure, mu, problem, _ = jax.tree.unflatten(self.structure, leaves)
+        x, pressure, mu, problem = jax.tree.unflatten(self.structure, leaves)
 
         def product(state):
             v, x, pressure, mu = state
@@ -291,7 +289,7 @@ def _solved(rhs, *leaves, structure):
 
     Tangents with sparse products are not assembled, unless no recent factor will do; other small ones are solved side by side in threads.
     """
-    x, pressure, mu, problem, entries = jax.tree.unflatten(structure, leaves)
+    x, pressure, mu, problem = jax.tree.unflatten(structure, leaves)
     pattern = problem.pattern
     rhs, x, pressure, mu = map(np.asarray, (rhs, x, pressure, mu))
     wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
@@ -301,8 +299,8 @@ def _solved(rhs, *leaves, structure):
         solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or pattern.matrix(pairs()).__matmul__, pairs)
 
     with few_threads(len(pattern.free)):
-        if entries is not None and len(wanted):
-            products = TangentOperator(problem, entries).at(x[wanted], pressure[wanted], mu[wanted])
+        if is_sparse(problem) and len(wanted):
+            products = TangentOperator(problem).at(x[wanted], pressure[wanted], mu[wanted])
             for k, product in zip(wanted, products, strict=True):
                 solve(k, product)
         else:
@@ -313,7 +311,7 @@ def _solved(rhs, *leaves, structure):
 
 def _solved_traced(rhs, *leaves, structure):
     """Inside jit and vmap, by one callback for each state."""
-    x, pressure, mu, problem, _ = jax.tree.unflatten(structure, leaves)
+    x, pressure, mu, problem = jax.tree.unflatten(structure, leaves)
     pattern = problem.pattern
 
     def on_host(x, rhs, pairs):

@@ -17,6 +17,7 @@ from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import (
     Linearisation,
     Problem,
+    carries_volume,
     condensed_rhs,
     factorised_tangent,
     linearise,
@@ -161,7 +162,8 @@ def advanced(
 def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share, dmu, *, limited=True):
     dx = scatter(correction, x.shape, problem.free)
     share = share * step_limit(x, dx, problem.model) if problem.has_contact and limited else share
-    x, p = x + share * dx, p + share * (pressure_step(dx, linearisation, factorised_at, problem.model) - dmu)
+    dp = pressure_step(dx, linearisation, factorised_at, problem.model) - jnp.where(carries_volume(problem.model), dmu, 0.0)
+    x, p = x + share * dx, p + share * dp
     return x, p, linearise(problem, x, p, mu)
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from .._types import Array, Float, Scalar
 from ..linalg import Factor
-from ..materials import osmotic
-from ..mechanics import Linearisation, Problem, all_volumes, energy_at, start_positions, volume_ratios
+from ..mechanics import Linearisation, Problem, carries_volume, energy_at, pressure_at, start_positions, volume_ratios
 from .status import Status
 
 
@@ -100,8 +99,9 @@ def dry_state(problem: Problem, mu: Scalar | None = None) -> tuple[Float[Array, 
     """
     model, gel = problem.model, problem.gel
     plate = model.lists.topology.plate
-    x, pressure = start_positions(model.lists.topology, model.cloud.nodes), -gel.Nv * jnp.ones_like(all_volumes(model))
+    x, pressure = start_positions(model.lists.topology, model.cloud.nodes), jnp.where(carries_volume(model), -gel.Nv, 0.0)
     if mu is None or not plate.moved:
         return x, pressure
     J = volume_ratios(x, model)
-    return x, jnp.where(J > 1, jnp.maximum(osmotic(jnp.where(J > 1, J, 2.0), mu, gel), pressure), pressure)
+    roomy = carries_volume(model) & (J > 1)
+    return x, jnp.where(roomy, jnp.maximum(pressure_at(jnp.where(roomy, J, 2.0), model, gel, mu), pressure), pressure)

@@ -18,11 +18,23 @@ import numpy as np
 import scipy.linalg
 
 from .._types import Array, Float, Int, Scalar
-from ..discretisation import CellBlock, Model, make_probe
+from ..discretisation import Model, PatchBlock, make_probe
 from ..geometry import edge_lines
 from ..linalg import SingularTangent
-from ..materials import Gel, bulk_stiffness, volume_ratio_at
-from ..mechanics import ROTATION, ROUND_OFF, all_volumes, by_block, deformation_gradients, energy_at, volume_ratios
+from ..materials import Gel
+from ..mechanics import (
+    ROUND_OFF,
+    all_volumes,
+    by_block,
+    carries_volume,
+    contents,
+    deformation_gradients,
+    energy_at,
+    network_energy,
+    ratio_at,
+    stiffness_at,
+    volume_ratios,
+)
 from .newton import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, iterate
 from .state import Stability, State
 
@@ -115,7 +127,7 @@ class _WeakCorrection:
     def __call__(self, problem, state):
         model, free, m = problem.model, problem.free, len(problem.rows)
         condensed, reaction, u, parts = self.terms
-        K = dense(model, _cells(state.x, state.pressure, parts["stiffness"], model, problem.gel)) + problem.stiffness
+        K = dense(model, _patches(state.x, state.pressure, parts["stiffness"], model, problem.gel)) + problem.stiffness
         matrix = np.block([[K, problem.rows.T], [problem.rows, np.zeros((m, m))]])
         kept = np.append(free, 2 * model.n_nodes + np.arange(m))
         self.matrix = matrix[np.ix_(kept, kept)]
@@ -161,8 +173,8 @@ def _traces(model):
     return normal.reshape(len(phi), -1), np.concatenate(weight), scipy.linalg.block_diag(*hats)
 
 
-def strain_operators(block: CellBlock) -> Float[Array, "c q 2 2 a 2"]:
-    """Matrices (c, q, 2, 2, a, 2) that take the values of a cell's nodes to F_ij; complex shape functions mix the components."""
+def strain_operators(block: PatchBlock) -> Float[Array, "c q 2 2 a 2"]:
+    """Matrices (c, q, 2, 2, a, 2) that take the values of a patch's nodes to F_ij; complex shape functions mix the components."""
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     return jnp.einsum("cqaj,ik->cqijak", block.dphi.real, np.eye(2)) + jnp.einsum("cqaj,ik->cqijak", block.dphi.imag, turn)
 
@@ -170,68 +182,55 @@ def strain_operators(block: CellBlock) -> Float[Array, "c q 2 2 a 2"]:
 @jax.jit
 def _residual(x, p, model, gel, mu, loads):
     """Loads less internal forces (n, 2), the same condensed, and what a Newton step needs of the state."""
-    J, volumes = volume_ratios(x, model), all_volumes(model)
-    star = volume_ratio_at(p, mu, gel)
-    stiffness, error = bulk_stiffness(star, gel), jnp.where(volumes > 0, J - star, 0.0)
-    network = _nodal(lambda F, _: jax.grad(gel.network)(F, gel), x, p, model)
-    volumetric, corrected = (_nodal(lambda F, p: p * _cofactor(F), x, q, model) for q in (p, p + stiffness * error))
-    worst = jnp.max(jnp.abs(error) / (star - 1 + ROUND_OFF))
+    J, volumes, star = volume_ratios(x, model), all_volumes(model), ratio_at(p, model, gel, mu)
+    stiffness, error = stiffness_at(star, model, gel), jnp.where(volumes > 0, J - star, 0.0)
+    network = jax.grad(network_energy)(x, model, gel)
+    volumetric, corrected = (jax.grad(_work)(x, q, model) for q in (p, p + stiffness * error))
+    swelling = jnp.where(carries_volume(model), star - 1, 0.0)
+    worst = jnp.max(jnp.abs(error) / (swelling + ROUND_OFF))
     now = dict(stiffness=stiffness, error_by_group=error, error=worst, network=jnp.linalg.norm(network))
     return loads - network - volumetric, loads - network - corrected, now
 
 
-def _nodal(stress, x, p, model):
-    """Nodal forces (n, 2) of ``stress(F, p)`` (2, 2)."""
-    total = jnp.zeros_like(x)
-    for block, pressure in zip(model.blocks, by_block(p, model), strict=True):
-        F = deformation_gradients(x, block)
-        P = jax.vmap(jax.vmap(stress))(F, jnp.broadcast_to(pressure, F.shape[:2]))
-        total = total.at[block.nodes].add(jnp.einsum("cq,cqij,cqijak->cak", block.weight, P, strain_operators(block)))
-    return total
-
-
-def _cofactor(F):
-    return ROTATION @ F @ ROTATION.T
+def _work(x, p, model):
+    """Sum of p V J over all volume groups."""
+    return jnp.sum(p * all_volumes(model) * volume_ratios(x, model))
 
 
 @jax.jit
-def _cells(x, p, stiffness, model, gel):
-    """Condensed tangents (c, 2 a, 2 a) of all cells, block by block."""
+def _patches(x, p, stiffness, model, gel):
+    """Condensed tangents (c, 2 a, 2 a) of all patches, block by block."""
     matrices = []
     volumes = all_volumes(model)
     k_over_V = jnp.where(volumes > 0, stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
     for block, pressure, k in zip(model.blocks, by_block(p, model), by_block(k_over_V, model), strict=True):
         F, B = deformation_gradients(x, block), strain_operators(block)
         c, q, a = block.dphi.shape[:3]
-        pressure = jnp.broadcast_to(pressure, (c, q))
-
-        def energy(F, p):
-            return gel.network(F, gel) + p * (F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0])
-
-        A = jax.vmap(jax.vmap(jax.hessian(energy)))(F, pressure).reshape(c, q, 4, 4)
-        B = B.reshape(c, q, 4, 2 * a)
-        G = block.weight[..., None] * jnp.einsum("cqi,cqia->cqa", jax.vmap(jax.vmap(_cofactor))(F).reshape(c, q, 4), B)
-        G = G.sum(axis=1, keepdims=True) if model.method == "mixed" else G
+        A, B = jax.vmap(jax.vmap(jax.hessian(lambda F: gel.network(F, gel))))(F).reshape(c, q, 4, 4), B.reshape(c, q, 4, 2 * a)
         weighted = jnp.einsum("cqij,cqja->cqia", block.weight[..., None, None] * A, B)
         K = jnp.einsum("cxa,cxb->cab", B.reshape(c, 4 * q, -1), weighted.reshape(c, 4 * q, -1))
-        matrices.append(K + jnp.einsum("cga,cgb->cab", k[..., None] * G, G))
+        alone = jax.tree.map(lambda v: v[:, None], dataclasses.replace(block, nodes=jnp.tile(jnp.arange(a), (c, 1))))
+
+        def volume_terms(x, p, k, one):
+            def content(x):
+                return contents(deformation_gradients(x, one), x, one)[0]
+
+            G = jax.jacobian(content)(x).reshape(len(p), -1)
+            return jax.hessian(lambda x: p @ content(x))(x).reshape(x.size, x.size) + (k[:, None] * G).T @ G
+
+        matrices.append(K + jax.vmap(volume_terms)(x[block.nodes], pressure, k, alone))
     return matrices
 
 
 @jax.jit
 def _advance(x, p, dx, now, model):
     """Positions and pressures after the step ``dx`` (n, 2): dp = k (G dx / V + J - J*) group by group."""
-    change, volumes = [], all_volumes(model)
-    for block in model.blocks:
-        F, dF = (deformation_gradients(v, block) for v in (x, dx))
-        dJ = block.weight * jnp.sum(jax.vmap(jax.vmap(_cofactor))(F) * dF, axis=(2, 3))
-        change.append((jnp.sum(dJ, axis=1, keepdims=True) if model.method == "mixed" else dJ).ravel())
-    dJ = jnp.concatenate(change) / jnp.where(volumes > 0, volumes, 1.0)
+    dJ = jax.jvp(lambda x: volume_ratios(x, model), (x,), (dx,))[1]
     return x + dx, p + now["stiffness"] * (dJ + now["error_by_group"])
 
 
 def dense(model: Model, matrices: list, chunk: int = 256) -> Float[np.ndarray, "N N"]:
-    """The sum (N, N) of cell matrices (c, 2 a, 2 a), block by block."""
+    """The sum (N, N) of the patches' matrices (c, 2 a, 2 a), block by block."""
     size = 2 * model.n_nodes
     total = np.zeros(size * size)
     for block, K in zip(model.blocks, matrices, strict=True):

@@ -3,28 +3,29 @@
 from .assembly import factorised_tangent, tangent
 from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, touches, with_contact
 from .dofs import check_edges, check_room, free_dofs, gather, prescribed_motion, restrict, scatter, start_positions, with_free_values
-from .energy import (
-    all_volumes,
-    by_block,
-    curvature,
-    deformation_gradients,
-    energy_at,
-    network_energy,
-    residual,
-    total_energy,
-    volume_ratios,
-)
+from .energy import curvature, energy_at, network_energy, residual, total_energy
 from .loads import Loads, load_vector
 from .mixed import ROUND_OFF, Linearisation, condensed_rhs, linearise, pressure_step, state_pressure
-from .operators import ROTATION, Operators, area_form_entries, precomputed_operators
+from .operators import Operators, precomputed_operators
 from .outlines import crosses, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, prepare
 from .tangent_operator import STATES_TOGETHER, TangentOperator, is_sparse, tangent_product
+from .volumes import (
+    all_volumes,
+    at_points,
+    by_block,
+    carries_volume,
+    contents,
+    deformation_gradients,
+    pressure_at,
+    ratio_at,
+    stiffness_at,
+    volume_ratios,
+)
 
 __all__ = [
     "RANGE",
-    "ROTATION",
     "ROUND_OFF",
     "STATES_TOGETHER",
     "STIFFNESS",
@@ -34,8 +35,9 @@ __all__ = [
     "Problem",
     "TangentOperator",
     "all_volumes",
-    "area_form_entries",
+    "at_points",
     "by_block",
+    "carries_volume",
     "check_edges",
     "check_room",
     "closest",
@@ -43,6 +45,7 @@ __all__ = [
     "contact_energy",
     "contact_force",
     "contact_pairs",
+    "contents",
     "crosses",
     "curvature",
     "deformation_gradients",
@@ -61,13 +64,16 @@ __all__ = [
     "precomputed_operators",
     "prepare",
     "prescribed_motion",
+    "pressure_at",
     "pressure_step",
+    "ratio_at",
     "residual",
     "restrict",
     "scatter",
     "start_positions",
     "state_pressure",
     "step_limit",
+    "stiffness_at",
     "tangent",
     "tangent_pattern",
     "tangent_product",

@@ -1,13 +1,13 @@
 """The mixed form: the pressure of each volume group as an unknown next to the positions, linearised and condensed.
 
-L(x, p) = network(x) + sum_g V_g [p_g J_g - g*(p_g)] with J_g the mean volume ratio of the group and J*(p) = dg*/dp the volume ratio at
+L(x, p) = network(x) + sum_g V_g [p_g J_g - g*(p_g)] with J_g the volume ratio of the group and J*(p) = dg*/dp the volume ratio at
 which the gel carries the pressure p, so every p is feasible. One Newton step, with G_g = d(V_g J_g)/dx and k = dp/dJ at J*(p):
 
     [network'' + sum p_g S_g    G     ] [dx]   [loads - network' - G p]
     [G^T                       -V / k ] [dp] = [V (J* - J)            ]
 
 Eliminating dp = k (G^T dx / V + J - J*) group by group leaves the condensed tangent K = network'' + sum_g [p S_g + (k/V) G_g G_g^T], which
-is the Hessian of the total energy wherever J = J*(p). The area forms S are those of `operators`.
+is the Hessian of the total energy wherever J = J*(p). V_g J_g is quadratic in x, and S_g its second derivative.
 """
 
 import dataclasses
@@ -18,13 +18,25 @@ import jax.numpy as jnp
 from jax import lax
 
 from .._types import Array, Float, Scalar
-from ..discretisation import Model
-from ..materials import Gel, bulk_stiffness, neo_hookean, osmotic, volume_ratio_at
+from ..discretisation import Model, PatchBlock
+from ..materials import Gel, neo_hookean
 from .contact import contact_force
 from .dofs import gather
-from .energy import all_volumes, by_block, deformation_gradients, network_energy, volume_ratios
-from .operators import ROTATION, Operators, area_gradients, local_positions
+from .energy import network_energy
+from .operators import Operators, area_gradients
 from .problem import Problem
+from .volumes import (
+    all_volumes,
+    by_block,
+    carries_volume,
+    cofactors,
+    contour_shares,
+    local_positions,
+    pressure_at,
+    ratio_at,
+    stiffness_at,
+    volume_ratios,
+)
 
 PAIRS_PER_SUM = 2**16  # node pairs whose forces are added up together: few enough to stay in the processor's cache
 ROUND_OFF = 1e-3  # swelling J* - 1 below which the constraint violation is measured absolutely
@@ -58,17 +70,18 @@ def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], m
     """`Linearisation` at positions ``x``, mm, and pressures ``p``, kT/v, at the chemical potential ``mu`` (kT)."""
     model, gel = problem.model, problem.gel
     gradients, J = volume_gradients(x, model, problem.operators)
-    star = volume_ratio_at(p, mu, gel)
+    star = ratio_at(p, model, gel, mu)
     error = jnp.where(all_volumes(model) > 0, J - star, 0.0)
     network = _network_force(x, model, gel, problem.operators)
     touch = contact_force(x, model) if model.contact is not None else 0.0
     rhs = problem.loads - network - touch - _nodal_sum(gradients, p, model)
     topology = model.lists.topology
     across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
-    violation = jnp.max(jnp.abs(error) / (star - 1 + ROUND_OFF)) / max(1.0, across / FINE)
+    swelling = jnp.where(carries_volume(model), star - 1, 0.0)
+    violation = jnp.max(jnp.abs(error) / (swelling + ROUND_OFF)) / max(1.0, across / FINE)
     per_force = 1 / (jnp.linalg.norm(network) + jnp.linalg.norm(problem.loads))
     residual_norm = jnp.linalg.norm(gather(rhs, problem.free)) * per_force
-    return Linearisation(rhs, gradients, bulk_stiffness(star, gel), error, residual_norm, violation, per_force)
+    return Linearisation(rhs, gradients, stiffness_at(star, model, gel), error, residual_norm, violation, per_force)
 
 
 @jax.jit
@@ -89,24 +102,36 @@ def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factori
 
 def state_pressure(x: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
     """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``."""
-    return osmotic(volume_ratios(x, model), mu, gel)
+    return pressure_at(volume_ratios(x, model), model, gel, mu)
 
 
 def volume_gradients(x: Float[Array, "n 2"], model: Model, operators: Operators) -> tuple[tuple, Float[Array, " g"]]:
     """Per block the gradients (c, g, a, 2) of the groups' volumes V J, mm, and the volume ratios J of all groups; 2 for padding."""
     gradients, content = [], []
     for block, S in zip(model.blocks, operators.area_forms, strict=True):
-        if model.method == "mixed":
+        if block.has_mean:
             G, contents = area_gradients(S, x, block.nodes)
             G, contents = G[:, None], contents[:, None]
         else:
-            cofactor = jnp.einsum("ik,cqkl,jl->cqij", ROTATION, deformation_gradients(x, block), ROTATION)
-            G = jnp.einsum("cq,cqij,cqaj->cqai", block.weight, cofactor, block.dphi)
-            contents = 0.5 * jnp.einsum("cgai,cai->cg", G, local_positions(x, block.nodes))
+            local = local_positions(x, block.nodes)
+            cofactor = block.weight[..., None, None] * cofactors(jnp.einsum("cai,cqaj->cqij", local, block.dphi))
+            if block.group_weight is None:
+                G = jnp.einsum("cqij,cqaj->cqai", cofactor, block.dphi)
+            else:
+                G = jnp.einsum("cqg,cqij,cqaj->cgai", block.group_weight, cofactor, block.dphi)
+                G += contour_shares(block)[:, None, None] * contour_gradients(local, block)[:, None]
+            contents = 0.5 * jnp.einsum("cgai,cai->cg", G, local)  # V J is quadratic in x
         gradients.append(G)
         content.append(contents.ravel())
     volumes = all_volumes(model)
     return tuple(gradients), jnp.where(volumes > 0, jnp.concatenate(content) / jnp.where(volumes > 0, volumes, 1.0), 2.0)
+
+
+def contour_gradients(local: Float[Array, "c a 2"], block: PatchBlock) -> Float[Array, "c a 2"]:
+    """Gradients of the areas inside the contours with respect to the nodes' ``local`` positions, mm."""
+    first, second = jnp.moveaxis(jnp.einsum("csra,cai->csri", block.contour, local), 1, 0)
+    turned = [jnp.stack([y[..., 1], -y[..., 0]], axis=-1) for y in (first, second)]
+    return jnp.einsum("cra,cri->cai", block.contour[:, 0], turned[1]) - jnp.einsum("cra,cri->cai", block.contour[:, 1], turned[0])
 
 
 def _nodal_sum(gradients, p, model):

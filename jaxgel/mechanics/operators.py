@@ -1,8 +1,8 @@
 """Precomputed operators of a model: what its tangents have in common at every state.
 
-In the plane the volume V J of a cell is the quadratic form x_1^T S x_2 with the antisymmetric area form S_ab = sum_q w (dphi_a1 dphi_b2 -
-dphi_a2 dphi_b1), and the network of a neo-Hookean gel is Nv/2 times the Laplacian: both are constant, so that a Newton step needs no
-quadrature points.
+In the plane the volume V J of a cell with one volume ratio, the mean, is the quadratic form x_1^T S x_2 with the antisymmetric area form
+S_ab = sum_q w (dphi_a1 dphi_b2 - dphi_a2 dphi_b1), and the network of a neo-Hookean gel is Nv/2 times the Laplacian: both are constant, so
+that a Newton step needs no quadrature points.
 """
 
 import dataclasses
@@ -18,10 +18,10 @@ from .._types import Array, Float, Int
 from ..discretisation import Model
 from .dofs import free_dofs
 from .pairs import node_pairs
+from .volumes import local_positions
 
 CELLS_IN_CACHE = 32  # cells whose matrices are added up together: few enough to stay in the processor's cache
 CELLS_PER_PRODUCT = 1024  # cells whose volume gradients are computed together, for the same reason
-ROTATION = np.array([[0.0, 1.0], [-1.0, 0.0]])  # det(a, b) = a . ROTATION b; cof F = R F R^T
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["pairs", "slots", "laplacian", "area_forms", "free"], meta_fields=[])
@@ -36,8 +36,8 @@ class Operators:
     laplacian: Float[Array, " p"]
     """Sum of w dphi_i . dphi_j over all quadrature points."""
     area_forms: tuple
-    """Per block the area forms S of the cells: (c, a, a), or where the quadrature points are few (c, 2 q, a) with the rows w dphi_1 and
-    dphi_2 of their gradients, see `area_form_product`."""
+    """Per block the area forms S of the cells, where each has one volume ratio, the mean; None elsewhere. They are (c, a, a), or where the
+    quadrature points are few (c, 2 q, a) with the rows w dphi_1 and dphi_2 of their gradients, see `area_form_product`."""
     free: Int[Array, "f ..."]
     """Free degrees of freedom, see `dofs`."""
 
@@ -45,12 +45,14 @@ class Operators:
 def precomputed_operators(model: Model) -> Operators:
     """`Operators` of a model."""
     pairs, slots = node_pairs(model.lists)
-    laplacian, area_forms = _integrated(jnp.zeros(len(pairs)), tuple((block.dphi, block.weight) for block in model.blocks), slots)
+    means = tuple(block.has_mean for block in model.blocks)
+    arrays = tuple((block.dphi, block.weight) for block in model.blocks)
+    laplacian, area_forms = _integrated(jnp.zeros(len(pairs)), arrays, slots, means)
     return Operators(jnp.asarray(pairs), tuple(map(jnp.asarray, slots)), laplacian, area_forms, free_dofs(model.lists.topology))
 
 
-@jax.jit
-def _integrated(total, blocks, slots):
+@functools.partial(jax.jit, static_argnames="means")
+def _integrated(total, blocks, slots, means):
     """Laplacian (p,) and area forms per block."""
 
     def laplacian(arrays):
@@ -60,11 +62,13 @@ def _integrated(total, blocks, slots):
         dphi, weight = arrays
         if 2 * len(weight) < dphi.shape[1]:
             return jnp.concatenate([weight[:, None] * dphi[:, :, 0], dphi[:, :, 1]])
-        return jnp.einsum("q,qai,ij,qbj->ab", weight, dphi, ROTATION, dphi)
+        half = jnp.einsum("q,qa,qb->ab", weight, dphi[..., 0], dphi[..., 1])
+        return half - half.T
 
     for arrays, slot in zip(blocks, slots, strict=True):
         total = add_cell_matrices(total, laplacian, arrays, slot, arrays[0].shape[2])
-    return total, tuple(lax.map(area_form, arrays, batch_size=CELLS_IN_CACHE) for arrays in blocks)
+    forms = (lax.map(area_form, arrays, batch_size=CELLS_IN_CACHE) if mean else None for arrays, mean in zip(blocks, means, strict=True))
+    return total, tuple(forms)
 
 
 def add_cell_matrices(
@@ -105,11 +109,6 @@ def area_gradients(S: Float[Array, "c r a"], x: Float[Array, "n 2"], nodes: Int[
     return lax.fori_loop(0, -(-len(S) // CELLS_PER_PRODUCT), add, empty)
 
 
-def local_positions(x: Float[Array, "n 2"], nodes: Int[Array, "c a"]) -> Float[Array, "c a 2"]:
-    """Positions of the cells' ``nodes`` from the first of each cell: without this round-off grows like (x / spacing)^2."""
-    return x[nodes] - x[nodes[:, :1]]
-
-
 def area_form_product(S: Float[Array, "c r a"], v: Float[Array, "c a"]) -> Float[Array, "c a"]:
     """Products of the cells' area forms, in either form of ``Operators.area_forms``, with ``v``; sums of rows, which XLA vectorises."""
     halves = jnp.sum(S * v[:, None], axis=2)
@@ -125,9 +124,3 @@ def area_form_matrix(S: Float[Array, "r a"]) -> Float[Array, "a a"]:
         return S
     first, second = jnp.split(S, 2)
     return first.T @ second - second.T @ first
-
-
-@jax.jit
-def area_form_entries(operators: Operators) -> list[jax.Array]:
-    """Per block the entries (c, t) of the cells' area forms in the order of ``Operators.slots``."""
-    return [jax.vmap(area_form_matrix)(S)[:, *np.triu_indices(S.shape[2])] for S in operators.area_forms]

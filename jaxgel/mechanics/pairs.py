@@ -22,7 +22,7 @@ def node_pairs(lists: Connectivity) -> tuple[Int[Array, "p 2"], tuple[Any, ...]]
     ``lists`` are the model's ``lists``.
     """
     n, slots, parts = len(lists.topology.node_vertices), [], []
-    for cells in lists.cells:
+    for cells in lists.patches:
         a, b = np.triu_indices(int((lists.support[cells] > 0).sum(axis=1).max()))
         slots.append(np.empty((len(cells), len(a)), np.int32))
         for first in range(0, len(cells), CELLS_TOGETHER):  # neighbouring cells share most of their pairs, so their list is short

@@ -1,13 +1,12 @@
 """Products K v with the tangents of states, for all who multiply: eigenvalues, adjoint systems, critical points.
 
-With nodal fields as complex numbers z = v_1 + i v_2 the condensed tangent of `mixed` is, for a neo-Hookean network and one pressure per
-cell,
+With nodal fields as complex numbers z = v_1 + i v_2 the condensed tangent of `mixed` is, for a neo-Hookean network,
 
     K z = (N - i P) z + sum_g (k_g / V_g) G_g Re(conj(G_g) . z),    P = sum_g p_g S_g
 
-with the Laplacian N of the network, the area forms S_g of the cells and the gradients G_g of their volumes. A state has only P, a sum of
-matrices that the model has once, and G. The terms of the bulk stiffness stay factors: their sum, rounded, would limit how exactly a system
-can be solved. Other tangents (other networks, contact, large models) are multiplied by a derivative of the residual.
+with the Laplacian N of the network, the area forms S_g of the volume groups and the gradients G_g of their volumes. The terms of the
+bulk stiffness stay factors: their sum, rounded, would limit how exactly a system can be solved. Other tangents (other networks, contact,
+large models) are multiplied by a derivative of the residual.
 """
 
 import copy
@@ -19,16 +18,16 @@ import numpy as np
 import scipy.sparse as sp
 from jax import lax
 
-from .._memo import once_per_owner
 from .._threads import ONE_THREAD
 from .._types import Array, Float, Scalar
-from ..materials import bulk_stiffness, neo_hookean
+from ..materials import neo_hookean
+from .assembly import coupling, coupling_terms
 from .dofs import gather, scatter
-from .energy import all_volumes, residual
+from .energy import residual
 from .mixed import volume_gradients
-from .operators import area_form_entries
-from .pairs import node_pairs
+from .operators import add_cell_matrices
 from .problem import Problem
+from .volumes import all_volumes, by_block, stiffness_at
 
 STATES_TOGETHER = 4  # states whose volume gradients are computed together
 
@@ -46,12 +45,9 @@ class TangentOperator:
     np.False_
     """
 
-    def __init__(self, problem: Problem, entries: list | None = None):
-        """``entries`` are the `operators.area_form_entries`, where they are known already."""
+    def __init__(self, problem: Problem):
         self.problem = problem
-        self._sparse = (
-            _Sparse(problem, area_form_entries(problem.operators) if entries is None else entries) if is_sparse(problem) else None
-        )
+        self._sparse = _Sparse(problem) if is_sparse(problem) else None
 
     def at(self, x: Float[Array, "k n 2"], pressure: Float[Array, "k g"], mu: Float[Array, " k"]) -> Iterator[Callable]:
         """Yield for each state the function that multiplies a vector (f,) of the free degrees of freedom with its tangent, kT/v."""
@@ -65,7 +61,7 @@ class TangentOperator:
 def is_sparse(problem: Problem) -> bool:
     """Whether `TangentOperator` multiplies by sparse matrices."""
     model = problem.model
-    own = model.method == "mixed" and problem.gel.network is neo_hookean and model.contact is None
+    own = model.method != "displacement" and problem.gel.network is neo_hookean and model.contact is None
     return own and len(problem.free) <= ONE_THREAD
 
 
@@ -82,33 +78,33 @@ def tangent_product(problem: Problem, x: Float[Array, "n 2"], pressure: Float[Ar
 class _Sparse:
     """The products by sparse matrices with a fixed pattern."""
 
-    def __init__(self, problem, entries):
+    def __init__(self, problem):
         model, operators = problem.model, problem.operators
         self._problem, self._free, self._n_nodes = problem, np.asarray(operators.free), model.n_nodes
         n, (i, j) = model.n_nodes, np.asarray(operators.pairs).T
         self._upper = sp.csr_matrix((np.zeros(len(i), complex), j, np.searchsorted(i, np.arange(n + 1))), (n, n))
-        nodes = [np.asarray(block.nodes) for block in model.blocks]
+        nodes = [np.repeat(block.nodes, block.n_groups, axis=0) for block in model.blocks]
         ends = np.append(0, np.cumsum(np.concatenate([np.full(*some.shape) for some in nodes])))
         lists = np.concatenate([some.ravel() for some in nodes])
         self._volumes = sp.csr_matrix((np.zeros(len(lists), complex), lists, ends), (len(ends) - 1, n))
-        self._by_pairs = _by_pairs(model.lists, operators, entries)
         self._network = float(problem.gel.Nv) * np.where(i == j, 0.5, 1.0) * np.asarray(operators.laplacian)
 
     def at(self, x, pressure):
         together = min(STATES_TOGETHER, len(x))
         groups = [np.arange(first, min(first + together, len(x))) for first in range(0, len(x), together)]
-        coming = _volume_terms(self._problem, x[np.resize(groups[0], together)])  # one number of states, one program
+        first = np.resize(groups[0], together)
+        coming = _state_terms(self._problem, x[first], pressure[first])  # one number of states, one program
         for number, group in enumerate(groups):
             terms = coming
             if number + 1 < len(groups):  # computed while the caller works with the states of this group
-                coming = _volume_terms(self._problem, x[np.resize(groups[number + 1], together)])
-            gradients, stiffness = jax.tree.map(np.asarray, terms)
-            coupling = self._by_pairs @ np.asarray(pressure[group]).T
+                following = np.resize(groups[number + 1], together)
+                coming = _state_terms(self._problem, x[following], pressure[following])
+            gradients, stiffness, couplings = jax.tree.map(np.asarray, terms)
             for k in range(len(group)):
-                yield self._product(coupling[:, k], stiffness[k], *(part[k] for part in gradients))
+                yield self._product(couplings[k], stiffness[k], *(part[k] for part in gradients))
 
     def _product(self, coupling, stiffness, *gradients):
-        """Product of one state with its entries (p,) of P, k / V (g,) and gradients per block (c, 1, a, 2)."""
+        """Product of one state with its entries (p,) of P, k / V (g,) and gradients per block (c, g, a, 2)."""
         upper, volumes = copy.copy(self._upper), copy.copy(self._volumes)  # the constructor would check the indices once more
         upper.data = self._network.astype(complex)
         upper.data.imag = -coupling  # N - i P is this and its adjoint
@@ -135,29 +131,22 @@ class _Sparse:
 
 
 @jax.jit
-def _volume_terms(problem, x):
-    """Gradients of the volumes of several states ``x`` (k, n, 2), as in `mixed.Linearisation`, and k / V (k, g), 0 for padding."""
+def _state_terms(problem, x, pressure):
+    """Gradients of the volumes of several states ``x`` (k, n, 2), as in `mixed.Linearisation`, k / V (k, g), 0 for padding, and the
+    entries (k, p) of P at the node pairs.
+    """
+    model, operators = problem.model, problem.operators
+    volumes = all_volumes(model)
 
-    def of_state(x):
-        gradients, J = volume_gradients(x, problem.model, problem.operators)
-        volumes = all_volumes(problem.model)
-        return gradients, jnp.where(volumes > 0, bulk_stiffness(J, problem.gel) / jnp.where(volumes > 0, volumes, 1.0), 0.0)
+    def of_state(state):
+        x, pressure = state
+        gradients, J = volume_gradients(x, model, operators)
+        stiffness = jnp.where(volumes > 0, stiffness_at(J, model, problem.gel) / jnp.where(volumes > 0, volumes, 1.0), 0.0)
+        total = jnp.zeros(len(operators.pairs))
+        parts = zip(model.blocks, by_block(pressure, model), operators.area_forms, operators.slots, strict=True)
+        for block, p, area_forms, slot in parts:
+            arrays = coupling_terms(p, block, area_forms)
+            total = add_cell_matrices(total, lambda arrays: coupling(*arrays), arrays, slot, block.nodes.shape[1])
+        return gradients, stiffness, total
 
-    return lax.map(of_state, x)
-
-
-def _by_pairs(lists, operators, entries):
-    """The sparse matrix (p, c) that takes the pressures of the cells, block after block, to the entries of P at the node pairs."""
-    real, rows, ends = _entry_positions(lists)
-    values = np.concatenate([np.asarray(part).ravel() for part in entries])
-    return sp.csc_matrix((values[real], rows, ends), (len(operators.pairs), len(ends) - 1))
-
-
-@once_per_owner
-def _entry_positions(lists):
-    """Which entries of the area forms are real, the node pair of each, and where the entries of each cell begin."""
-    pairs, slots = node_pairs(lists)
-    n = len(pairs)
-    flat, counts = np.concatenate([slot.ravel() for slot in slots]), np.concatenate([np.sum(slot < n, axis=1) for slot in slots])
-    real = np.flatnonzero(flat < n)  # the others are padding
-    return real, flat[real], np.append(0, np.cumsum(counts)).astype(np.int32)
+    return lax.map(of_state, (x, pressure))

@@ -12,7 +12,7 @@ from ..continuation import Path
 from ..discretisation import Model, make_probe
 from ..materials import cauchy_stress as cauchy_stress_at
 from ..materials import free_swelling
-from ..mechanics import all_volumes, by_block, volume_ratios
+from ..mechanics import at_points, by_block, volume_ratios
 from .states import States, over_states
 
 FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
@@ -20,7 +20,7 @@ FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
 
 
 def volume_ratio(path: States) -> Float[Array, "k c"]:
-    """Volume ratio J of every cell, its mean over the cell."""
+    """Volume ratio J of every cell: the mean over the cell of the field, constant or linear, that its patch carries."""
     return over_states(_cell_volume_ratio, path)
 
 
@@ -47,10 +47,7 @@ def _host_volume_ratio(path: States) -> Float[np.ndarray, "k c"]:
 
 def cell_volumes(model: Model) -> Float[Array, " c"]:
     """Dry volume of every cell, mm^2 (per unit depth)."""
-    volumes = jnp.zeros(model.n_cells)
-    for block in model.blocks:
-        volumes = volumes.at[block.cells].add(jnp.sum(block.weight, axis=1))
-    return volumes
+    return _over_cells([block.weight for block in model.blocks], model)
 
 
 def free_stretch(path: Path) -> Float[Array, " k"]:
@@ -72,10 +69,10 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """
     model = path.model
     probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
-    mean, volumes = _node_mean(model), all_volumes(model)
+    mean = _node_mean(model)
 
     def one(x, p, mu):
-        pressure = mean @ (_by_cell(p * volumes, model) / cell_volumes(model))
+        pressure = mean @ _cell_means(p, model)
         F = probe.deformation_gradient(x)
         sigma = jax.vmap(lambda F, p: cauchy_stress_at(F, mu, path.gel, p))(F, pressure)
         return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
@@ -84,18 +81,21 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
 
 
 def _cell_volume_ratio(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:
-    J = volume_ratios(x, model)
-    if model.method == "mixed":
-        return _by_cell(J, model)
-    return _by_cell(J * all_volumes(model), model) / cell_volumes(model)
+    return _cell_means(volume_ratios(x, model), model)
 
 
-def _by_cell(values: Float[Array, " g"], model: Model) -> Float[Array, " c"]:
-    """Values of the cells, each the sum over the cell's volume groups."""
-    by_cell = jnp.zeros(model.n_cells)
-    for block, part in zip(model.blocks, by_block(values, model), strict=True):
-        by_cell = by_cell.at[block.cells].add(jnp.sum(part, axis=1))
-    return by_cell
+def _cell_means(values: Float[Array, " g"], model: Model) -> Float[Array, " c"]:
+    """Means over the cells of the fields with these values in the volume groups."""
+    fields = [block.weight * at_points(part, block) for block, part in zip(model.blocks, by_block(values, model), strict=True)]
+    return _over_cells(fields, model) / cell_volumes(model)
+
+
+def _over_cells(values: list[Float[Array, "p q"]], model: Model) -> Float[Array, " c"]:
+    """Sums over each cell of values at the quadrature points, per block."""
+    total = jnp.zeros(model.n_cells)
+    for points, part in zip(model.lists.points, values, strict=True):
+        total = total.at[model.lists.cell_of_point[points]].add(jnp.where(points >= 0, part, 0.0))
+    return total
 
 
 def _node_mean(model: Model) -> Float[Array, "n c"]:
@@ -104,7 +104,7 @@ def _node_mean(model: Model) -> Float[Array, "n c"]:
         touches = jnp.zeros((model.n_nodes, model.n_cells))
         for block in model.blocks:
             part = jnp.einsum("cq,cqai->ca", block.weight, block.dphi**2)
-            touches = touches.at[block.nodes, block.cells[:, None]].add(part)
+            touches = touches.at[block.nodes, block.patches[:, None]].add(part)
         return touches / touches.sum(axis=1, keepdims=True)
     topology, part = model.lists.topology, model.lists.topology.partition
     number = np.full(len(part.vertices), -1)

@@ -11,9 +11,9 @@ import jaxgel
 from jaxgel.cloud import EDGE_POINTS
 from jaxgel.discretisation import interpolation, midline_probe, shape_functions
 from jaxgel.materials import bulk_stiffness
-from jaxgel.mechanics import energy, free_dofs
+from jaxgel.mechanics import deformation_gradients, free_dofs, network_energy, residual
 
-deformation_gradients, network_energy, residual = map(jax.jit, (energy.deformation_gradients, energy.network_energy, energy.residual))
+deformation_gradients, network_energy, residual = map(jax.jit, (deformation_gradients, network_energy, residual))
 GAUSS_POINTS = {
     "sample-1": 12284,
     "sample-2": 15600,
@@ -127,7 +127,7 @@ def test_every_cell_integrates_gradients_to_the_flux_through_its_contour(tiny_mo
     held = held.any(axis=1) | (points[:, :, 1].max(axis=1) < -2 + 1e-9)  # and bottom
     checked = 0
     for block in tiny_model.blocks:
-        for cell, numbers, weight, dphi in zip(block.cells, block.nodes, block.weight, block.dphi, strict=True):
+        for cell, numbers, weight, dphi in zip(block.patches, block.nodes, block.weight, block.dphi, strict=True):
             own = owner == cell
             if np.any(held & own):
                 continue
@@ -168,13 +168,13 @@ def test_weights_are_positive_and_add_up_to_the_area_of_the_cells(fixture, reque
     area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
     cells = np.bincount(part.cell_of_triangle, area)
     for block in model.blocks:
-        np.testing.assert_allclose(np.sum(block.weight, axis=1), cells[np.asarray(block.cells)], rtol=1e-12)
+        np.testing.assert_allclose(np.sum(block.weight, axis=1), cells[np.asarray(block.patches)], rtol=1e-12)
         assert np.min(block.weight) >= 0
     halves = np.bincount(part.cell_of_triangle)
     whole = (halves == 2) & np.isclose(cells, model.cloud.spacing**2, rtol=1e-9)
     assert model.n_points == 4 * whole.sum() + 3 * halves[~whole].sum()
     assert model.n_cells == part.n_cells
-    np.testing.assert_array_equal(np.sort(np.concatenate([block.cells for block in model.blocks])), np.arange(model.n_cells))
+    np.testing.assert_array_equal(np.sort(np.concatenate([block.patches for block in model.blocks])), np.arange(model.n_cells))
 
 
 def test_complex_shape_functions_give_the_same_model(square_model, cloud_of):
@@ -245,7 +245,8 @@ def test_moved_cloud_passes_the_patch_test_of_a_linear_field(tiny_plate):
     ("options", "message"),
     [
         ({"basis": "cubic"}, r"basis: 'cubic' is not one of linear, quadratic"),
-        ({"method": "hybrid"}, r"method: 'hybrid' is not 'mixed' or 'displacement'"),
+        ({"method": "hybrid"}, r"method: 'hybrid' is not one of mixed, patches, displacement"),
+        ({"method": "patches", "quadrature": "paper"}, r"method: 'patches' needs quadrature 'conforming', not 'paper'"),
         ({"solver": "gmres"}, r"solver: 'gmres' is not one of auto, direct, iterative"),
         ({"quadrature": "gauss"}, r"quadrature: 'gauss' is not 'conforming' or 'paper'"),
         (

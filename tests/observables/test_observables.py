@@ -72,7 +72,7 @@ def test_holes_lose_the_area_that_the_gel_gains(sample_1):
     """In a rigid box R = (<J> - 1)(1 - phi)/phi with the hole area fraction phi; outlines and cells are independent measures."""
     volumes = np.asarray(cell_volumes(sample_1.model))
     phi = sum(area(np.asarray(loop)) for loop in dry_outlines(sample_1.model)) / 22.0**2
-    assert phi == pytest.approx(1 - volumes.sum() / 22.0**2, rel=1e-12)
+    assert phi == pytest.approx(1 - volumes.sum() / 22.0**2, rel=1e-5)  # cells also have cut points, on parabolas
     mean = np.asarray(jaxgel.volume_ratio(sample_1)) @ volumes / volumes.sum()
     np.testing.assert_allclose(jaxgel.area_reduction(sample_1), (mean - 1) * (1 - phi) / phi, rtol=5e-4)
 

@@ -262,12 +262,12 @@ def test_a_stopped_gradient_is_noticed(observables, start, jacobian, monkeypatch
     """The check of this file has teeth: a contour that pretends not to move with the nodes gives another shape gradient."""
     from jaxgel.discretisation import consistency
 
-    correct = consistency._correct
+    correct = consistency._consistent
 
-    def stopped(nodes, vertices, trace, *rest):
-        return correct(nodes, vertices, jax.lax.stop_gradient(trace), *rest)
+    def stopped(nodes, vertices, on_contour, trace, *rest):
+        return correct(nodes, vertices, on_contour, jax.lax.stop_gradient(trace), *rest)
 
-    monkeypatch.setattr(consistency, "_correct", stopped)
+    monkeypatch.setattr(consistency, "_consistent", stopped)
     gradient = jax.vjp(observables, start[0])[1](jnp.array([0.0, 0.0, 1.0]))[0]
     assert np.abs(gradient - jacobian[2]).max() > 1e-6 * np.abs(jacobian[2]).max()
 

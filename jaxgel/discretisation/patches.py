@@ -1,0 +1,72 @@
+"""Patches: groups of integration cells with one pressure field, linear over blocks of 2 x 2 squares and constant over other cells.
+
+Single squares, along outlines and in narrow ligaments, follow what varies there over one square; blocks leave out the pressures that a
+quadratic displacement cannot meet. A block counts where it has two whole squares and the area of two.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._memo import once_per_owner
+from .._types import Bool, Int
+from ..cloud import Topology
+
+SQUARES = 2  # least whole squares, and least area in squares, of a block with a linear pressure
+ROUND_OFF = 1e-9  # of areas, relative
+
+
+@once_per_owner
+def patches(topology: Topology, method: str) -> tuple[Int[np.ndarray, " c"], Bool[np.ndarray, " p"]]:
+    """The patch (c,) of every cell, and whether each patch (p,) has a linear pressure.
+
+    For other methods than "patches" every cell is a patch of its own with a constant one.
+    """
+    n_cells = topology.partition.n_cells
+    if method != "patches":
+        return np.arange(n_cells), np.zeros(n_cells, dtype=bool)
+    area, centre = _areas_and_centres(topology)
+    block, square, complete = _blocks_of_squares(topology, centre)
+    block = _connected_parts(topology, block)
+    whole, size = (np.bincount(block, of) for of in (area > square * (1 - ROUND_OFF), area / square))
+    linear = (whole >= SQUARES) & (size >= SQUARES) & (np.bincount(block, complete) > 0)
+    alone = len(linear) + np.arange(n_cells)
+    patch = np.unique(np.where(linear[block], block, alone), return_inverse=True)[1]
+    is_linear = np.zeros(patch.max() + 1, dtype=bool)
+    is_linear[patch] = linear[block]
+    return patch, is_linear
+
+
+def _areas_and_centres(topology):
+    """Areas (c,), mm^2, and centroids (c, 2), mm, of all cells."""
+    part = topology.partition
+    corners = part.vertices[part.triangles]
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    area = np.bincount(part.cell_of_triangle, areas)
+    centre = [np.bincount(part.cell_of_triangle, areas * corners[:, :, i].mean(axis=1)) / area for i in range(2)]
+    return area, np.stack(centre, axis=1)
+
+
+def _blocks_of_squares(topology, centre):
+    """The block of 2 x 2 equal squares (c,) around each cell, the area (c,) of a square, mm^2, and whether the block lies on the plate."""
+    background = topology.background
+    depth = background.halvings(centre)[:, None]
+    counts = background.counts * 2**depth
+    square = np.clip((centre - background.low) // (background.side / 2.0**depth), 0, counts - 1).astype(int)
+    block = np.concatenate([depth, square // 2], axis=1)
+    complete = (square // 2 * 2 + 1 < counts).all(axis=1)
+    return np.unique(block, axis=0, return_inverse=True)[1].ravel(), background.side.prod() / 4.0 ** depth[:, 0], complete
+
+
+def _connected_parts(topology, block):
+    """Connected part (c,) of its block that each cell belongs to: a hole may divide a block."""
+    part = topology.partition
+    edges, owner = part.contour_edges
+    n = len(part.vertices)
+    key, reverse = edges @ [n, 1], edges @ [1, n]
+    order = np.argsort(key)
+    at = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
+    inside = (key[at] == reverse) & (block[owner] == block[owner[at]])
+    pairs = owner[inside], owner[at[inside]]
+    graph = sp.coo_array((np.ones(len(pairs[0])), pairs), (len(block), len(block)))
+    return sp.csgraph.connected_components(graph, directed=False)[1]

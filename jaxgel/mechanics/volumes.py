@@ -1,0 +1,143 @@
+"""Volume groups: the parts of patches that carry a volume ratio J, and the pressure that belongs to it.
+
+Index letters as in ``discretisation``; quantities of all groups are one vector (g,), block after block. A group that carries volume
+follows the gel: its pressure is p = d volumetric / dJ - mu. A held group is a moment of J that no pressure sees; it is held with the
+stiffness of the network, p = HELD Nv J, so that its energy is HELD Nv/2 V J^2.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .._types import Array, Bool, Float, Scalar
+from ..discretisation import Model, PatchBlock, in_plane
+from ..materials import Gel, bulk_stiffness, osmotic, volume_ratio_at
+
+HELD = 2.0  # stiffness that holds what the pressures do not see of J, over the network's Nv
+
+
+def deformation_gradients(x: Float[Array, "n 2"], block: PatchBlock) -> jax.Array:
+    """Deformation gradients (c, q, 2, 2) at the quadrature points of a block for nodal positions ``x`` (n, 2)."""
+    return in_plane(jnp.einsum("cai,cqaj->cqij", local_positions(x, block.nodes), block.dphi), axis=2)
+
+
+def local_positions(x: Float[Array, "n 2"], nodes: Array) -> Float[Array, "c a 2"]:
+    """Positions of the patches' ``nodes`` from the mean of each: without this round-off grows like (x / spacing)^2."""
+    return x[nodes] - jnp.mean(x[nodes], axis=1, keepdims=True)
+
+
+def gradients_by_block(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
+    """Per block the `deformation_gradients`."""
+    return [deformation_gradients(x, block) for block in model.blocks]
+
+
+def cofactors(F: Float[Array, "*b 2 2"]) -> Float[Array, "*b 2 2"]:
+    """Cofactors of 2 x 2 matrices, without taking these apart: derivatives of single entries would be padded."""
+    return jnp.array([[1.0, -1.0], [-1.0, 1.0]]) * F[..., ::-1, ::-1]
+
+
+def group_volumes(block: PatchBlock) -> Float[Array, "c g"]:
+    """Dry volumes (c, g) of a block's volume groups, mm^2; 0 for padding. A held group counts the whole patch."""
+    if block.carrying == 0:
+        return block.weight
+    return jnp.sum(block.weight, axis=1, keepdims=True) / np.where(_carries(block), block.carrying, 1)
+
+
+def _carries(block):
+    """Which groups (g,) of a patch carry its volume."""
+    return np.arange(block.n_groups) < (block.carrying or block.n_groups)
+
+
+def all_volumes(model: Model) -> Float[Array, " g"]:
+    """Dry volumes (g,) of all volume groups, mm^2; 0 for padding."""
+    return jnp.concatenate([group_volumes(block).ravel() for block in model.blocks])
+
+
+def carries_volume(model: Model) -> Bool[np.ndarray, " g"]:
+    """Whether each group (g,) carries volume; the others are held."""
+    return np.concatenate([np.tile(_carries(block), len(block.weight)) for block in model.blocks])
+
+
+def by_block(values: Float[Array, " g"], model: Model) -> list[jax.Array]:
+    """Values (g,) of all volume groups as arrays (c, g) per block."""
+    shapes = [(len(block.weight), len(_carries(block))) for block in model.blocks]
+    cuts = np.cumsum([rows * columns for rows, columns in shapes])[:-1]
+    return [part.reshape(shape) for part, shape in zip(jnp.split(values, cuts), shapes, strict=True)]
+
+
+def volume_ratios(x: Float[Array, "n 2"], model: Model) -> Float[Array, " g"]:
+    """Volume ratios (g,) of all groups that carry volume, moments of J of those that are held; 2 for padding."""
+    return ratios_of(gradients_by_block(x, model), x, model)
+
+
+def ratios_of(gradients: list, x: Float[Array, "n 2"], model: Model) -> Float[Array, " g"]:
+    """`volume_ratios` with the deformation gradients at hand."""
+    ratios = []
+    for F, block in zip(gradients, model.blocks, strict=True):
+        volume, content = group_volumes(block), contents(F, x, block)
+        ratios.append(jnp.where(volume > 0, content / jnp.where(volume > 0, volume, 1.0), 2.0).ravel())
+    return jnp.concatenate(ratios)
+
+
+def contents(F: Float[Array, "c q 2 2"], x: Float[Array, "n 2"], block: PatchBlock) -> Float[Array, "c g"]:
+    """Volumes V J (c, g) of a block's groups, mm^2."""
+    J = block.weight * 0.5 * jnp.sum(F * cofactors(F), axis=(2, 3))
+    if block.group_weight is None:
+        return jnp.sum(J, axis=1, keepdims=True) if block.has_mean else J
+    y = in_plane(jnp.einsum("csra,cai->csri", block.contour, local_positions(x, block.nodes)), axis=3)
+    area = jnp.sum(y[:, 0, :, 0] * y[:, 1, :, 1] - y[:, 0, :, 1] * y[:, 1, :, 0], axis=1)
+    return jnp.einsum("cq,cqg->cg", J, block.group_weight) + area[:, None] * contour_shares(block)
+
+
+def contour_shares(block: PatchBlock) -> Float[np.ndarray, " g"]:
+    """Share (g,) of the area inside the contour that each group of a patch has."""
+    return _carries(block) / block.carrying
+
+
+def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c q"]:
+    """The field of a patch, volume ratio or pressure, at the quadrature points of a block, from its values in the volume groups."""
+    if block.group_weight is None:
+        return jnp.broadcast_to(values, block.weight.shape)
+    own = jnp.where(_carries(block), values, 0.0)
+    return jnp.einsum("cqg,cg->cq", block.group_weight, own) + (own @ contour_shares(block))[:, None]
+
+
+# --- the pressure of a group -------------------------------------------------------------------------------------------------
+
+
+def ratio_at(p: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
+    """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible."""
+    carries = carries_volume(model)
+    star = volume_ratio_at(jnp.where(carries, p, -1.0) if not carries.all() else p, mu, gel)
+    return jnp.where(carries, star, p / (HELD * gel.Nv))
+
+
+def pressure_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
+    """Pressure of each group at its volume ratio ``J``, kT/v; nan where a group that carries volume has J <= 1."""
+    carries = carries_volume(model)
+    return jnp.where(carries, osmotic(jnp.where(carries, J, 2.0), mu, gel), HELD * gel.Nv * J)
+
+
+def stiffness_at(J: Float[Array, " g"], model: Model, gel: Gel) -> Float[Array, " g"]:
+    """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v."""
+    carries = carries_volume(model)
+    return jnp.where(carries, bulk_stiffness(jnp.where(carries, J, 2.0), gel), HELD * gel.Nv)
+
+
+def volume_energy(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, ""]:
+    """Energy () of all volume groups, kT/v mm^2."""
+    carries = carries_volume(model)
+    swelling = jax.vmap(lambda J: gel.volumetric(J, gel) - mu * (J - 1))(jnp.where(carries, J, 2.0))
+    return jnp.sum(all_volumes(model) * jnp.where(carries, swelling, HELD * gel.Nv / 2 * J**2))
+
+
+def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
+    """The volume ratios (g,) that carry the ``pressure`` (g,), with the derivatives of those near them, ``J`` (g,).
+
+    Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,
+    which mixed second derivatives would show.
+    """
+    stiffness = stiffness_at(J, model, gel)
+    real = (all_volumes(model) > 0) & (stiffness > 0)
+    return J + lax.stop_gradient(jnp.where(real, (pressure - pressure_at(J, model, gel, mu)) / jnp.where(real, stiffness, 1.0), 0.0))
