@@ -23,7 +23,7 @@ import jaxgel
 from jaxgel.paper import FINITE_ELEMENTS
 
 REFERENCES = json.loads(Path(__file__).with_name("references.json").read_text(encoding="utf-8"))
-SPACINGS = {1000: 0.55, 1800: 0.4, 3000: 0.3, 5400: 0.22}  # mm: number of nodes of sample 1, about -> spacing
+SPACINGS = {1000: 22 / 40, 1800: 22 / 56, 3000: 22 / 72, 5400: 22 / 100}  # mm: number of nodes of sample 1, about -> spacing
 AT = -1.4678  # mu of the nodal displacements and sensitivities, kT
 START = -4.9678  # mu of the first state, kT
 ONSETS = {  # case -> spacings, and the target of each in %
