@@ -25,8 +25,9 @@ if os.environ.get("JAXGEL_CHECK_SHAPES", "0") != "0":  # before jaxgel is import
 
 from jaxgel.cli.environment import in_one_part, quick_flags
 
-# read when the first program is compiled: test processes leave LLVM no idle cores, and a program in parts is more work
-os.environ["XLA_FLAGS"] = " ".join([*quick_flags(), *(f"--{name}={value}" for name, value in in_one_part().items())])
+# read when the first program is compiled: most tests compile more than they compute, and a program in parts is more work
+unoptimised = [flag.replace("level=2", "level=0") for flag in quick_flags()] + [f"--{name}={value}" for name, value in in_one_part().items()]
+os.environ.setdefault("XLA_FLAGS", " ".join(unoptimised))
 
 import jax
 import numpy as np

@@ -113,10 +113,10 @@ def _volume_ratio(energy, target, gel):
         left = slope < target
         below, above = jnp.where(left, u, below), jnp.where(left, above, u)
         newton = (target - slope) / (stiffness * jnp.exp(u))
-        accepted = (u + newton > below) & (u + newton < above) & (2 * jnp.abs(newton) <= last)
-        u_next = jnp.where(slope == target, u, jnp.where(accepted, u + newton, (below + above) / 2))
+        accepted = (u + newton >= below) & (u + newton <= above) & (2 * jnp.abs(newton) <= last)  # a step too small for u too
+        u_next = jnp.where(accepted, u + newton, (below + above) / 2)
         step = jnp.abs(u_next - u)
-        error = jnp.where(accepted | (slope == target), 100 * step**2, above - below)  # Newton's next step is about its square
+        error = jnp.where(accepted, 100 * step**2, above - below)  # Newton's next step is about its square
         return u_next, below, above, step, error, steps + 1
 
     def going(state):
