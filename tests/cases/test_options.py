@@ -7,10 +7,11 @@ import types
 import numpy as np
 import pytest
 
+from jaxgel.bifurcation import imperfections
 from jaxgel.cases import OutputOptions, load_case, load_map, load_study, parameter_map
 from jaxgel.cases import case as case_module
 from jaxgel.cli import command_line as cli
-from jaxgel.continuation import SweepOptions, by_options
+from jaxgel.continuation import SweepOptions
 from jaxgel.discretisation import DiscretisationOptions
 from jaxgel.discretisation import options as discretisation_options
 from jaxgel.io import Recorder
@@ -106,9 +107,9 @@ def asked(monkeypatch):
     bifurcation = types.SimpleNamespace(kind="bifurcation")
     monkeypatch.setattr(discretisation_options, "make_cloud", recorder("cloud", lambda: _Still(cloud)))
     monkeypatch.setattr(discretisation_options, "discretise", recorder("model", lambda: model))
-    monkeypatch.setattr(by_options, "critical_points", recorder("mode", lambda: [bifurcation]))
-    monkeypatch.setattr(by_options, "imperfection", recorder("imperfection", lambda: np.full((model.n_nodes, 2), 1e-3)))
-    monkeypatch.setattr(by_options, "sweep", recorder("sweep", ends))
+    monkeypatch.setattr(imperfections, "critical_points", recorder("mode", lambda: [bifurcation]))
+    monkeypatch.setattr(imperfections, "imperfection", recorder("imperfection", lambda: np.full((model.n_nodes, 2), 1e-3)))
+    monkeypatch.setattr(imperfections, "sweep", recorder("sweep", ends))
     monkeypatch.setattr(case_module, "critical_points", recorder("critical", ends))
     return found
 
