@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxgel.bifurcation import imperfections
-from jaxgel.cases import OutputOptions, load_case, load_map, load_study, parameter_map
+from jaxgel.cases import OutputOptions, load_case, load_map, load_study, map_runs
 from jaxgel.cases import case as case_module
 from jaxgel.cli import command_line as cli
 from jaxgel.continuation import SweepOptions
@@ -149,8 +149,8 @@ def perform(command, section, name, folder):
         return study.verify(study.problem.start)
     if command == "map":  # one point in this process
         study = load_map(file)
-        parameter_map._prepared.cache_clear()
-        row = parameter_map.run_point(parameter_map.json.dumps({"name": "x", "study": study.table}), study.points[0], str(folder / "0"))
+        map_runs._prepared.cache_clear()
+        row = map_runs.run_point(map_runs.json.dumps({"name": "x", "study": study.table}), study.points[0], str(folder / "0"))
         assert row["status"] == "failed" and row["reason"] == "Reached"
         raise Reached
     if command == "resume":
