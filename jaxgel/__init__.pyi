@@ -1,5 +1,6 @@
 """Names of `jaxgel` and the packages that they are imported from when they are first used."""
 
+from . import bifurcation as bifurcation
 from . import cases as cases
 from . import cloud as cloud
 from . import continuation as continuation
@@ -13,20 +14,20 @@ from . import materials as materials
 from . import mechanics as mechanics
 from . import observables as observables
 from . import plotting as plotting
+from .bifurcation import CriticalPoint as CriticalPoint
+from .bifurcation import continue_branch as continue_branch
+from .bifurcation import critical_points as critical_points
+from .bifurcation import find_states_by_deflation as find_states_by_deflation
+from .bifurcation import folds as folds
+from .bifurcation import imperfection as imperfection
+from .bifurcation import switch_branch as switch_branch
 from .cases import sample as sample
 from .cases import sample_names as sample_names
 from .cloud import Cloud as Cloud
 from .cloud import make_cloud as make_cloud
-from .continuation import CriticalPoint as CriticalPoint
 from .continuation import IllPosedDerivative as IllPosedDerivative
 from .continuation import Path as Path
-from .continuation import continue_branch as continue_branch
-from .continuation import critical_points as critical_points
-from .continuation import find_states_by_deflation as find_states_by_deflation
-from .continuation import folds as folds
-from .continuation import imperfection as imperfection
 from .continuation import sweep as sweep
-from .continuation import switch_branch as switch_branch
 from .design import Constraint as Constraint
 from .design import Design as Design
 from .design import DesignProblem as DesignProblem

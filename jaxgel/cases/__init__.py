@@ -1,8 +1,9 @@
 """Cases and studies in TOML files: plates with their gel and options, design studies, parameter maps, interrupted runs."""
 
 from .case import Case, from_table, load_case
+from .map_runs import POINT, TABLE, TRIES, run_map
 from .page import write_page
-from .parameter_map import POINT, TABLE, TRIES, MapStudy, load_map, resumed_map, run_map
+from .parameter_map import MapStudy, load_map, resumed_map
 from .resume import load_path, other_versions, resumed
 from .samples import GRID, SIDE, sample, sample_names
 from .schema import OutputOptions, case_schema

@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from .._validation import check
+from ..bifurcation import CriticalPoint, critical_points, sweep_by_options
 from ..cloud import Cloud
-from ..continuation import CriticalPoint, Path, SweepOptions, critical_points, sweep_by_options
+from ..continuation import Path, SweepOptions
 from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import State
 from ..geometry import Plate, check_plate

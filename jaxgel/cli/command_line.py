@@ -1,6 +1,6 @@
 """The entry point ``jaxgel``: parse, check what is given, prepare the process, then import and run the command.
 
-Help texts, lists and refusals of unusable input come before JAX is imported, so they answer at once. The exit codes are in `exit_codes`.
+Help texts, lists and refusals of unusable input come before JAX is imported, so they answer at once. The exit codes are in `environment`.
 What a run has finished is in its folder, however the command ends.
 """
 
@@ -8,8 +8,7 @@ import importlib
 import os
 import sys
 
-from .environment import check_jaxlib, collect_seldom, prepare_environment
-from .exit_codes import STOPPED, UNREAD, UNUSABLE
+from .environment import STOPPED, UNREAD, UNUSABLE, check_jaxlib, collect_seldom, prepare_environment
 from .inputs import check_inputs
 from .parser import parse
 

@@ -21,8 +21,7 @@ from threadpoolctl import threadpool_info
 from .._threads import usable_cores
 from ..discretisation import shape_functions
 from ..materials import Gel, cauchy_stress, free_energy, free_swelling
-from .environment import in_one_part
-from .exit_codes import DONE, STOPPED
+from .environment import DONE, STOPPED, in_one_part
 
 POINTS, BATCH = 16_385, 1000  # points of a compiled kernel; points that differ, the rest are repetitions of these
 AGREEMENT = 1e-9  # largest difference over the largest value: round-off stays below 1e-11, a wrong program is wrong in the first digits

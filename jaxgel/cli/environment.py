@@ -1,6 +1,9 @@
-"""The process of the command line: releases of jaxlib that are refused, XLA's flags, threads, and the cache of compiled programs.
+"""The process of the command line: its exit codes, releases of jaxlib that are refused, XLA's flags, threads, and the cache of programs.
 
 Only this module of jaxgel sets environment variables, and only before JAX is imported: as a library jaxgel leaves the process alone.
+
+Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the sweep stopped early; 130 interrupted; 141 when the reader of the
+output closes the pipe, as ``| head`` does.
 """
 
 import gc
@@ -9,6 +12,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+DONE, UNUSABLE, STOPPED, INTERRUPTED, UNREAD = 0, 2, 3, 130, 141
 REFUSED = {
     "0.10.2": "sums float64 numbers wrongly on the CPU (jax issue 39103)",
     "0.11.0": "is excluded with 0.11.1",

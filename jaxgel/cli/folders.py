@@ -8,7 +8,7 @@ import numpy as np
 from ..cases import OutputOptions, from_table, load_case, load_path, other_versions, resumed, resumed_map, resumed_study, write_page
 from ..io import dry_gel, load_run, open_folder, swollen_gel, write_outline
 from ..io import export as write_netcdf
-from .exit_codes import DONE
+from .environment import DONE
 from .inputs import DESIGN, MAP, kind_of_folder
 from .runs import draw, printer, run_recorded
 from .studies import run_design, run_points

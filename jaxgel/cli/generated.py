@@ -1,4 +1,8 @@
-"""Package data from which help texts, samples, schema, init and refusals answer without importing JAX; see `regenerate`."""
+"""Package data from which help texts, samples, schema, init and refusals answer without importing JAX.
+
+``python -c "from jaxgel.cli.generated import write; write()"`` makes the data anew, which is due after a change of the schema, of a sample
+or of the text of a case file; a test holds the data equal to what the code makes.
+"""
 
 import functools
 import json
@@ -34,3 +38,24 @@ def default(section: str, key: str) -> object:
 def file(name: str) -> Traversable:
     """The file of package data with that name."""
     return resources.files("jaxgel.cli").joinpath("data", name)
+
+
+def write() -> None:
+    """Write the files anew."""
+    for name, text in make().items():
+        file(name).write_text(text, encoding="utf-8")
+
+
+def make() -> dict[str, str]:
+    """The files as the code makes them, name -> text."""
+    from ..cases import case_schema, case_text, example, explicit, load_case, sample, sample_names
+
+    texts = {name: {"line": _line(sample(name)), "text": case_text(explicit(load_case(name)))} for name in sample_names()}
+    files = {"schema.json": case_schema(), "samples.json": texts | {EXAMPLE: {"text": case_text(example())}}}
+    return {name: json.dumps(content, indent=1, ensure_ascii=False) + "\n" for name, content in files.items()}
+
+
+def _line(plate):
+    kinds = sorted({type(hole).__name__.lower() for hole in plate.holes})
+    holes = f"{len(plate.holes)} holes ({', '.join(kinds)})" if kinds else "no hole"
+    return f"{plate.name:10s} {plate.width:g} x {plate.height:g} {plate.unit}, {holes}, Nv {plate.gel.Nv:g}, chi {plate.gel.chi:g}"

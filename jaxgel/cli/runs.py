@@ -12,7 +12,7 @@ from ..cases import OutputOptions, load_case
 from ..continuation import Path
 from ..io import Progress, Recorder, interruptible, open_folder, write_points
 from ..observables import events
-from .exit_codes import DONE, INTERRUPTED, STOPPED
+from .environment import DONE, INTERRUPTED, STOPPED
 from .inputs import changes
 
 

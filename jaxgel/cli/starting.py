@@ -5,7 +5,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from .._validation import did_you_mean
-from .exit_codes import DONE
+from .environment import DONE
 from .generated import EXAMPLE, samples
 from .generated import schema as case_schema
 

@@ -10,8 +10,7 @@ import numpy as np
 from .._threads import usable_cores
 from ..cases import TABLE, MapStudy, Study, Workers, dask_executor, load_map, load_study, run_map, run_study
 from ..io import open_folder
-from .environment import one_thread
-from .exit_codes import DONE, INTERRUPTED, STOPPED
+from .environment import DONE, INTERRUPTED, STOPPED, one_thread
 from .runs import printer
 
 

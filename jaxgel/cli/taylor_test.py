@@ -21,8 +21,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from tqdm import tqdm
 
+from ..bifurcation import imperfection_load, sweep_by_options
 from ..cases import Case
-from ..continuation import Path, imperfection_load, sweep_by_options
+from ..continuation import Path
 from ..equilibrium import acting_problem, solve
 from ..io import write_atomically
 from ..mechanics import condensed_rhs, factorised_tangent, linearise, prepare, scatter, with_contact

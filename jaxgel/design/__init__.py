@@ -1,7 +1,6 @@
 """Inverse design: parameters, objectives and constraints of a swollen path, searched with exact gradients and verified."""
 
-from .constraints import DRY, Constraint, bound, porosity
-from .objectives import misfit, value_at, weighted_sum
+from .criteria import DRY, Constraint, bound, misfit, porosity, value_at, weighted_sum
 from .optimisation import Design, Outcome, optimise
 from .optimisers import METHODS
 from .problem import DesignProblem

@@ -8,8 +8,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from .._types import Array, Float
+from ..bifurcation import sweep_by_options
 from ..cloud import Cloud
-from ..continuation import Path, SweepOptions, check_mu, sweep_by_options
+from ..continuation import Path, SweepOptions, check_mu
 from ..discretisation import DiscretisationOptions
 from ..geometry import Plate
 from ..materials import Gel

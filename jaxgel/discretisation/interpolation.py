@@ -1,4 +1,6 @@
-"""Shape functions at points of a cloud: each point has the list of the nodes whose supports reach it, padded with support 0.
+"""Shape functions at points of a cloud, also where rotations are read: on the horizontal midline of the dry plate and at its core point.
+
+Each point has the list of the nodes whose supports reach it, padded with support 0.
 
 Index letters: ``p`` point, ``a`` node of a list, ``l`` list, ``i j`` space.
 """
@@ -12,10 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._memo import once_per_owner
 from .._types import Array, Float, Inexact, Int
 from ..cloud import Cloud, Topology
+from ..geometry import inside_holes
 from .moving_least_squares import shape_functions, shape_functions_and_gradients
-from .neighbours import is_moved, pad_nodes, reaching_nodes
+from .neighbours import SKIN, is_moved, neighbours_of_points
 
 if TYPE_CHECKING:
     from .model import Model
@@ -23,7 +27,7 @@ if TYPE_CHECKING:
 BATCH = 64  # points whose shape functions are evaluated together
 LARGE, SMALL = 4096, 512  # points of one call of the program that evaluates them: two sizes, so two programs serve every cloud
 NEIGHBOURS = 16  # the program's neighbours are padded to a multiple of this
-SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of the spacing
+MIDLINE_POINTS = 401  # samples of the plate's midline, those in holes included
 
 
 @jax.tree_util.register_dataclass
@@ -62,6 +66,22 @@ def make_probe(model: "Model", points: Float[Array, "p 2"], reference_points: Fl
     return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
 
 
+def midline_probe(model: "Model") -> Interpolation:
+    """``Interpolation`` at the points (p, 2) of the gel on y = 0 in the dry plate, from left to right; it follows the model's cloud.
+
+    The neighbour lists serve all points of the line within one sample of the points too.
+    """
+    points, neighbours = _midline(model.cloud.topology, model.dmax)
+    return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
+
+
+def core_probe(model: "Model") -> Interpolation:
+    """``Interpolation`` at the plate's core point (1, 2) on the model's cloud; its gradients are nan where the core lies in a hole."""
+    points, neighbours, in_hole = _core(model.cloud.topology, model.dmax)
+    probe = interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
+    return dataclasses.replace(probe, dphi=jnp.full_like(probe.dphi, jnp.nan)) if in_hole else probe
+
+
 def interpolate(
     cloud: Cloud,
     points: Float[Array, "p 2"],
@@ -73,15 +93,6 @@ def interpolate(
     lists, supports = neighbours
     phi, dphi = evaluate_points(cloud.nodes, points, lists, supports, np.arange(len(lists)), basis=basis, kind=kind)
     return Interpolation(points, lists, supports, phi, dphi)
-
-
-def neighbours_of_points(
-    topology: Topology, dmax: float, reference_points: Float[np.ndarray, "p 2"], room: float
-) -> tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]]:
-    """Padded node lists and supports of material points and of all points within ``room`` mm of them."""
-    support = dmax * topology.node_spacing
-    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, room)
-    return pad_nodes(*reaching, support)
 
 
 def evaluate_points(
@@ -149,3 +160,25 @@ def in_plane(field: Inexact[Array, "..."], axis: int = -1) -> Float[Array, "..."
     first, second = jnp.moveaxis(field, axis, 0)
     z = first + 1j * second
     return jnp.stack([z.real, z.imag], axis=axis)
+
+
+@once_per_owner
+def _midline(topology: Topology, dmax: float):
+    """Points (p, 2) of the gel on the midline, mm, and their neighbour lists."""
+    plate = topology.plate
+    x = plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS)
+    points = np.stack([x, np.zeros_like(x)], axis=1)
+    points = points[~inside_holes(plate, points, -1e-9 * topology.spacing)]
+    return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing + plate.width / (MIDLINE_POINTS - 1))
+
+
+@once_per_owner
+def _core(topology: Topology, dmax: float):
+    """The core point (1, 2), mm, its neighbour lists, and whether it lies in a hole.
+
+    In a hole it is replaced by a point of the gel: 0 times nan would spoil every reverse derivative.
+    """
+    plate = topology.plate
+    in_hole = bool(inside_holes(plate, [plate.core])[0])
+    points = _midline(topology, dmax)[0][:1] if in_hole else np.array([plate.core])
+    return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing), in_hole

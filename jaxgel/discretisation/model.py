@@ -19,8 +19,8 @@ from ..cloud import Cloud, Topology
 from .checks import check_conditions, check_options, check_reproduction
 from .connectivity import Connectivity, conforming_connectivity, paper_connectivity
 from .consistency import consistent_gradients
-from .interpolation import SKIN, Interpolation, evaluate_points, interpolate, neighbours_of_points
-from .neighbours import is_moved
+from .interpolation import Interpolation, evaluate_points, interpolate
+from .neighbours import SKIN, is_moved, neighbours_of_points
 from .pressures import group_weights, n_carrying
 
 OUTLINE_ROOM = 1 / 400  # of the plate's width: further room in the neighbour lists of outline points, on a cloud that moves far

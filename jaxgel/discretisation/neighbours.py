@@ -6,10 +6,21 @@ from scipy.spatial import cKDTree
 from .._types import Float, Int
 from ..cloud import Cloud, Topology
 
+SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of the spacing
+
 
 def is_moved(cloud: Cloud) -> bool:
     """Whether the cloud is placed on another plate than its reference."""
     return cloud.plate is not cloud.topology.plate
+
+
+def neighbours_of_points(
+    topology: Topology, dmax: float, reference_points: Float[np.ndarray, "p 2"], room: float
+) -> tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]]:
+    """Padded node lists and supports of material points and of all points within ``room`` mm of them."""
+    support = dmax * topology.node_spacing
+    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, room)
+    return pad_nodes(*reaching, support)
 
 
 def reaching_nodes(

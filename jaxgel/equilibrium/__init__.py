@@ -1,7 +1,8 @@
 """Equilibrium: one state at one chemical potential, its status, and its derivative."""
 
 from .bordered_newton import Conditions, mu_force, solve_bordered, solve_pinned
-from .implicit import first_order_only, state_tangents, with_derivatives_of
+from .derivatives import first_order_only, with_derivatives_of
+from .implicit import state_tangents
 from .incremental import prepare_incremental, solve_incremental, strain_matrices
 from .newton import (
     CONSTRAINT_TOLERANCE,

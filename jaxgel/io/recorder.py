@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from ..continuation import CriticalPoint, Path
+from ..bifurcation import CriticalPoint
+from ..continuation import Path
 from ..discretisation import Model
 from ..equilibrium import State, Status
 from ..observables import BY_COLUMN, COLUMNS, SELF_CONTACT, events, history, outlines

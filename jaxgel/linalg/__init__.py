@@ -1,6 +1,5 @@
 """Sparse symmetric matrices: patterns, multifrontal factors, solutions, eigenvalues."""
 
-from .bordered import Bordered
 from .dissection import dissect
 from .eigen import (
     columnwise_products,
@@ -12,7 +11,7 @@ from .eigen import (
     network_matrix,
     rayleigh_ritz,
 )
-from .factors import Factor, SingularTangent, factor
+from .factors import Bordered, Factor, SingularTangent, factor
 from .kept_factors import RECENT_FACTORS, FactorCache, remember, solve_near
 from .multifrontal import factorise
 from .pattern import SOLVERS, Pattern, analyse

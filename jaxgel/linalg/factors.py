@@ -6,7 +6,8 @@ working precision.
 
 The solver ``"direct"`` keeps factors in double precision, ``"iterative"`` in single precision: half the memory, as the preconditioner of
 an iteration in double precision that ends at the same residual. Both eliminate in double precision, so the inertia is the same, and both
-serve derivatives. ``"auto"``, the default, is the direct one up to ``LARGE_BYTES`` of factor.
+serve derivatives. ``"auto"``, the default, is the direct one up to ``LARGE_BYTES`` of factor. A `Bordered` matrix is not symmetric and has
+LU factors.
 """
 
 import dataclasses
@@ -15,9 +16,10 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from .._threads import few_threads
-from .._types import Array, Float
+from .._types import Array, Float, Int
 from .multifrontal import Fronts, factorise
 from .pattern import Pattern
 
@@ -28,6 +30,7 @@ BACKWARD_ERROR = 1e-12  # largest of an accepted solution
 NEGLIGIBLE = 1e-13  # relative error of the solutions of a matrix near a factorised one
 SLOWEST = 0.3  # refactorise where one iteration leaves more than this share of the error: a new factor costs less
 ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement: that of a factor in double precision
+PIVOTING = 1e-3  # of a bordered matrix: a pivot below this share of its column's largest entry leaves the order of least fill
 COLUMNS_TOGETHER = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
 
 
@@ -138,3 +141,32 @@ def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"]) -> Factor:
             return Factor(pattern, matrix, factorise(pattern.tree, pattern.entries(pairs), pattern.precision))
     except np.linalg.LinAlgError as error:
         raise SingularTangent(str(error)) from error
+
+
+class Bordered:
+    """Factor of [[K, sides], [rows^T, corner]] with the tangent K (f, f), eliminated in ``order`` where pivots allow; SingularTangent."""
+
+    def __init__(
+        self,
+        order: Int[np.ndarray, " f"],
+        matrix: sp.csc_matrix,
+        sides: Float[np.ndarray, "f b"],
+        rows: Float[np.ndarray, "f b"],
+        corner: Float[np.ndarray, "b b"],
+    ):
+        self.order = order
+        self.matrix = sp.block_array([[matrix[order][:, order], sides[order]], [rows[order].T, corner]], format="csc")
+        try:
+            self.lu = splu(self.matrix, permc_spec="NATURAL", diag_pivot_thresh=PIVOTING, options=dict(Equil=False))
+        except RuntimeError as error:
+            raise SingularTangent(str(error)) from error
+
+    def solve(self, upper: np.ndarray, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solution (f,) and (b,) for right-hand sides (f,) and (b,), refined twice."""
+        rhs = np.concatenate([upper[self.order], lower])
+        solution = self.lu.solve(rhs)
+        for _ in range(2):
+            solution += self.lu.solve(rhs - self.matrix @ solution)
+        x = np.empty(len(upper))
+        x[self.order] = solution[: len(upper)]
+        return x, solution[len(upper) :]

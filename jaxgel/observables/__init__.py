@@ -2,11 +2,10 @@
 
 from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, dry_outlines, outlines
 from .fields import FIELDS, cauchy_stress, cell_volumes, deformed_vertices, field_on_triangles, field_values, free_stretch, volume_ratio
-from .gaps import gap, min_gap
+from .gaps import SELF_CONTACT, gap, min_gap
 from .quantities import BY_COLUMN, COLUMNS, CURVES, QUANTITIES, Quantity
 from .rotation import core_rotation, is_flat, rotation_angle
 from .states import States
-from .status import SELF_CONTACT
 from .surface import CREASE_RATIO, WRINKLE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
 from .table import events, history
 

@@ -90,7 +90,7 @@ def _cell_means(values: Float[Array, " g"], model: Model) -> Float[Array, " c"]:
     return _over_cells(fields, model) / cell_volumes(model)
 
 
-def _over_cells(values: list[Float[Array, "p q"]], model: Model) -> Float[Array, " c"]:
+def _over_cells(values: list[Float[Array, "_ _"]], model: Model) -> Float[Array, " c"]:
     """Sums over each cell of values at the quadrature points, per block."""
     total = jnp.zeros(model.n_cells)
     for points, part in zip(model.lists.points, values, strict=True):

@@ -1,4 +1,4 @@
-"""Gaps between facing points of a hole's outline.
+"""Gaps between facing points of a hole's outline, and the status of each state in words, as in ``history.csv``.
 
 Two points of an outline face each other where the line between them leaves both surfaces at less than 60 degrees to the normal. Pairs
 closer than two node spacings on the dry plate are neighbours and do not count.
@@ -12,12 +12,17 @@ import jax.numpy as jnp
 import numpy as np
 import shapely
 
+from .._memo import once_per_owner
 from .._types import Array, Bool, Float
+from ..continuation import Path
 from ..discretisation import Model
 from .areas import dry_outlines, outlines
 from .states import States
 
 FACING = 0.5  # cosine of the largest angle between a gap and the normals at its ends
+SELF_CONTACT = "invalid: self-contact"
+IN_CONTACT = "a hole's sides touch"
+SWITCHED = "switched to the stable branch"
 
 
 def min_gap(path: States) -> Float[np.ndarray, " k"]:
@@ -47,6 +52,27 @@ def gap(path: States) -> Float[Array, " k"]:
         for states, dry in zip(outlines(path), dry_outlines(path.model), strict=True)
     ]
     return jnp.min(jnp.stack(gaps), axis=0) if gaps else jnp.full(len(path.x), largest)
+
+
+min_gap_once = once_per_owner(min_gap)
+"""`min_gap`, evaluated once for a path: two columns of the table depend on it."""
+
+
+def status_texts(path: Path) -> list[str]:
+    """Status of each state (k): how Newton ended, or that the state is on another branch than the one before, or in contact.
+
+    With contact, a state is in contact where a gap is below the range of contact. Without, all states from the first one on in which a
+    hole's boundary crosses itself are ``SELF_CONTACT``.
+    """
+    smallest = min_gap_once(path)
+    switched = getattr(path, "switched", np.zeros(len(path.mu), dtype=bool))
+    crossed = np.logical_or.accumulate(smallest <= 0)
+    touching = smallest < (0.0 if path.model.contact is None else float(path.model.contact.range))
+    texts = []
+    for status, *facts in zip(path.status, switched, touching, strict=True):
+        found = [text for text, holds in zip((SWITCHED, IN_CONTACT), facts, strict=True) if holds]
+        texts.append(", ".join(found) or status.name.lower().replace("_", " "))
+    return [SELF_CONTACT if c else text for text, c in zip(texts, crossed, strict=True)]
 
 
 def _nearest_gap(loop: Float[Array, "m 2"], distant: Bool[Array, "m m"], largest: float) -> Float[Array, ""]:

@@ -9,9 +9,8 @@ from .._types import Array, Shaped
 from ..continuation import lowest_eigenvalue
 from .areas import area_reduction
 from .fields import free_stretch, largest_volume_ratio, mean_volume_ratio, smallest_volume_ratio
-from .gaps import gap
+from .gaps import gap, min_gap_once, status_texts
 from .rotation import core_rotation, rotation_angle
-from .status import min_gap_once, status_texts
 from .surface import crease_indicator, surface_ratio
 
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..continuation import Path
+from .gaps import IN_CONTACT, SWITCHED
 from .quantities import BY_COLUMN
-from .status import IN_CONTACT, SWITCHED
 from .surface import CREASE_RATIO, WRINKLE_RATIO
 
 

@@ -1,8 +1,9 @@
 """The table and figures of Deng et al. (2020) computed again, with a report."""
 
+from .counts import PRINTED, table_1
 from .items import CLOSING, CONDITION, CONFIRMED, CONTRADICTED, FINITE_ELEMENTS, Claim, Entry, Number, Runs, at, bow, crossing, stability
-from .patterns import PRINTED, table_1
-from .runs import REPORT, run_paper
+from .report import REPORT
+from .runs import run_paper
 from .square import METHODS, TIMED
 
 __all__ = [

@@ -1,9 +1,14 @@
 """The report of ``jaxgel paper`` in Markdown: claims, then a figure, a small table and a verdict for each item."""
 
+import json
+from collections.abc import Iterable
+from pathlib import Path as File
 from typing import Any
 
+from ..io import write_atomically
 from .items import CONDITION, CONFIRMED, CONTRADICTED, FINITE_ELEMENTS
 
+REPORT = "report.md"
 HEAD = """Y. Deng, X. He, L. Sun, S. Yi, Y. Dai, Engineering Analysis with Boundary Elements 113 (2020) 99-109, \
 [doi 10.1016/j.enganabound.2019.12.004](https://doi.org/10.1016/j.enganabound.2019.12.004). Verdicts follow from the numbers of this run. \
 The difference is that of this run to the finite elements or the closed form, where there are any, and otherwise to the paper. Chemical \
@@ -11,7 +16,22 @@ potentials mu are in kT. Unless an item says otherwise a run has the paper's nod
 one pressure per cell. Finite elements: {about}"""
 
 
-def report(records: dict[str, dict[str, Any]]) -> str:
+def write_report(folder: File, known: Iterable[str]) -> None:
+    """Write ``REPORT`` of those of the ``known`` items whose records lie in a folder."""
+    records = {name: read_record(folder, name) for name in known}
+    text = _report({name: record for name, record in records.items() if "numbers" in record or "error" in record})
+    write_atomically(folder / REPORT, lambda stream: stream.write(text.encode()))
+
+
+def read_record(folder: File, name: str) -> dict[str, Any]:
+    """Record of an item; empty where there is none that can be read."""
+    try:
+        return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+
+
+def _report(records: dict[str, dict[str, Any]]) -> str:
     """The report of the items' records, by name."""
     lines = ["# Deng et al. (2020), computed again", "", HEAD.format(about=FINITE_ELEMENTS["about"]), "", "## The claims", ""]
     claims = [(*claim, name) for name, record in records.items() for claim in record.get("claims", ())]

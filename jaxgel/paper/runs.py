@@ -18,17 +18,15 @@ from tqdm import tqdm
 
 from .._validation import did_you_mean
 from ..io import interruptible, open_folder, write_atomically
-from . import areas, curves, incremental, patterns, square
+from . import areas, counts, curves, incremental, patterns, square
 from .items import Entry, Runs, pyplot
-from .report import report
-
-REPORT = "report.md"
+from .report import read_record, write_report
 
 
 def items() -> dict[str, Callable[[Runs], Entry]]:
     """Name of each item -> its function, in the order of the report."""
     return {
-        "table-1": patterns.table_1,
+        "table-1": counts.table_1,
         "fig-2": square.fig_2,
         "fig-3": square.fig_3,
         "fig-4": square.fig_4,
@@ -71,12 +69,12 @@ def run_paper(
             record = _recorded(known[name], runs, folder, name)
             record |= {"seconds": time.perf_counter() - start, "cpu_seconds": time.process_time() - cpu}
             _write_json(folder / f"{name}.json", record)
-            _write_report(folder, known)
+            write_report(folder, known)
             after_item()
             bar.update()
             with contextlib.nullcontext() if quiet else tqdm.external_write_mode():
                 say(f"{name}: {record['verdict']} ({record['seconds']:.0f} s)")
-    return [name for name in known if _read(folder, name).get("error")]
+    return [name for name in known if read_record(folder, name).get("error")]
 
 
 def _recorded(item, runs, folder, name):
@@ -110,20 +108,6 @@ def _write_json(file, record):
     write_atomically(file, lambda stream: stream.write(text.encode()))
 
 
-def _read(folder, name):
-    """Record of an item; empty where there is none that can be read."""
-    try:
-        return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-
-
 def _is_done(folder, name):
-    record = _read(folder, name)
+    record = read_record(folder, name)
     return "numbers" in record and not record.get("error")
-
-
-def _write_report(folder, known):
-    records = {name: _read(folder, name) for name in known}
-    text = report({name: record for name, record in records.items() if "numbers" in record or "error" in record})
-    write_atomically(folder / REPORT, lambda stream: stream.write(text.encode()))

@@ -18,8 +18,9 @@ from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
 from .._types import Array, Float, Scalar
+from ..bifurcation import CriticalPoint
 from ..cloud import Cloud, boundary_edges
-from ..continuation import CriticalPoint, Path
+from ..continuation import Path
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
 from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines

@@ -7,10 +7,11 @@ import types
 import numpy as np
 import pytest
 
-from jaxgel.cases import OutputOptions, load_case, load_map, load_study, parameter_map
+from jaxgel.bifurcation import imperfections
+from jaxgel.cases import OutputOptions, load_case, load_map, load_study, map_runs
 from jaxgel.cases import case as case_module
 from jaxgel.cli import command_line as cli
-from jaxgel.continuation import SweepOptions, by_options
+from jaxgel.continuation import SweepOptions
 from jaxgel.discretisation import DiscretisationOptions
 from jaxgel.discretisation import options as discretisation_options
 from jaxgel.io import Recorder
@@ -106,9 +107,9 @@ def asked(monkeypatch):
     bifurcation = types.SimpleNamespace(kind="bifurcation")
     monkeypatch.setattr(discretisation_options, "make_cloud", recorder("cloud", lambda: _Still(cloud)))
     monkeypatch.setattr(discretisation_options, "discretise", recorder("model", lambda: model))
-    monkeypatch.setattr(by_options, "critical_points", recorder("mode", lambda: [bifurcation]))
-    monkeypatch.setattr(by_options, "imperfection", recorder("imperfection", lambda: np.full((model.n_nodes, 2), 1e-3)))
-    monkeypatch.setattr(by_options, "sweep", recorder("sweep", ends))
+    monkeypatch.setattr(imperfections, "critical_points", recorder("mode", lambda: [bifurcation]))
+    monkeypatch.setattr(imperfections, "imperfection", recorder("imperfection", lambda: np.full((model.n_nodes, 2), 1e-3)))
+    monkeypatch.setattr(imperfections, "sweep", recorder("sweep", ends))
     monkeypatch.setattr(case_module, "critical_points", recorder("critical", ends))
     return found
 
@@ -148,8 +149,8 @@ def perform(command, section, name, folder):
         return study.verify(study.problem.start)
     if command == "map":  # one point in this process
         study = load_map(file)
-        parameter_map._prepared.cache_clear()
-        row = parameter_map.run_point(parameter_map.json.dumps({"name": "x", "study": study.table}), study.points[0], str(folder / "0"))
+        map_runs._prepared.cache_clear()
+        row = map_runs.run_point(map_runs.json.dumps({"name": "x", "study": study.table}), study.points[0], str(folder / "0"))
         assert row["status"] == "failed" and row["reason"] == "Reached"
         raise Reached
     if command == "resume":

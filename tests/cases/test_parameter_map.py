@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.cases import POINT, TABLE, TRIES, Workers, load_map, load_path, parameter_map, resumed_map, run_map
+from jaxgel.cases import POINT, TABLE, TRIES, Workers, load_map, load_path, map_runs, parameter_map, resumed_map, run_map
 from jaxgel.cli import command_line as cli
 from jaxgel.io import load_run
 
@@ -196,7 +196,7 @@ def test_a_lost_point_is_tried_again_and_then_given_up_until_resumed(tmp_path):
 
 
 def test_an_interrupted_map_keeps_what_has_ended(tmp_path, monkeypatch):
-    run_point = parameter_map.run_point
+    run_point = map_runs.run_point
 
     def interrupted(text, values, folder):
         if values["Nv"] == 2e-3:
@@ -204,10 +204,10 @@ def test_an_interrupted_map_keeps_what_has_ended(tmp_path, monkeypatch):
         return run_point(text, values, folder)
 
     mapped = study(tmp_path, SQUARE)
-    monkeypatch.setattr(parameter_map, "run_point", interrupted)
+    monkeypatch.setattr(map_runs, "run_point", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_map(mapped, tmp_path / "out", Inline())
-    monkeypatch.setattr(parameter_map, "run_point", run_point)
+    monkeypatch.setattr(map_runs, "run_point", run_point)
     executor = Inline()
     assert [row["status"] for row in run_map(mapped, tmp_path / "out", executor, resume=True)] == ["complete"] * 3
     assert executor.calls == 1

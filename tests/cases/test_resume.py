@@ -112,7 +112,7 @@ def test_a_path_read_back_is_the_one_that_was_written(swept):
 
 def test_a_complete_run_is_only_drawn_again(swept, tmp_path, monkeypatch):
     shutil.copytree(swept[0], tmp_path / "copy")
-    monkeypatch.setattr("jaxgel.continuation.by_options.sweep", None)
+    monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", None)
     assert cli.main(["resume", str(tmp_path / "copy"), "--quiet", "--no-plots"]) == 0
     assert_same(tmp_path / "copy", swept[0])
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import jaxgel
-from jaxgel.cli import environment, generated, regenerate
+from jaxgel.cli import environment, generated
 
 
 def python(code, *arguments, folder=None, **variables):
@@ -55,8 +55,8 @@ def test_the_command_line_answers_without_jax(line, code, tmp_path):
 
 
 def test_package_data_is_what_the_code_makes():
-    """If not: python -m jaxgel.cli.regenerate."""
-    for name, text in regenerate.make().items():
+    """If not: python -c "from jaxgel.cli.generated import write; write()"."""
+    for name, text in generated.make().items():
         assert json.loads(generated.file(name).read_text(encoding="utf-8")) == json.loads(text), name
 
 

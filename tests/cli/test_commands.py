@@ -59,7 +59,7 @@ def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
         models.append(model)
         raise SweepFailed("sweep: not wanted")
 
-    monkeypatch.setattr("jaxgel.continuation.by_options.sweep", fail)
+    monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", fail)
     (tmp_path / "tiny.toml").write_text(CASE.replace("22.0", "4.0") + 'edges = { top = "free" }\n' + hole(0.1, -0.2, 1.1))
     options = dict(spacing=tiny_plate.spacing, nodes_per_hole=12, basis="linear", dmax=2.5, method="displacement", quadrature="paper")
     arguments = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
@@ -134,7 +134,7 @@ def check_refused(arguments, message, capsys):
 def test_a_sweep_that_stops_early_is_exit_code_3_with_its_reason(path, tmp_path, monkeypatch, capsys):
     stopped = dataclasses.replace(path, stop=Status.STEP_TOO_SMALL, stop_text="stopped after mu = -0.9: reason")
     steps = [path[k] for k in range(len(path))]
-    monkeypatch.setattr("jaxgel.continuation.by_options.sweep", lambda *_, on_step, **__: list(map(on_step, steps)) and stopped)
+    monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", lambda *_, on_step, **__: list(map(on_step, steps)) and stopped)
     assert cli.main(["run", "sample-1", *SMALL, "--quiet", "--out", str(tmp_path)]) == 3
     assert "stopped after mu = -0.9: reason" in capsys.readouterr().err
     run = load_run(tmp_path)
@@ -146,7 +146,7 @@ def test_a_sweep_without_a_first_state_is_exit_code_3(tmp_path, monkeypatch, cap
     def fail(*_, **__):
         raise SweepFailed("sweep: no equilibrium at mu = -4.9")
 
-    monkeypatch.setattr("jaxgel.continuation.by_options.sweep", fail)
+    monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", fail)
     assert cli.main(["run", "square", "--quiet", "--out", str(tmp_path)]) == 3
     assert "no equilibrium at mu = -4.9" in capsys.readouterr().err
     assert '"status": "failed"' in (tmp_path / "summary.json").read_text()

@@ -13,7 +13,7 @@ import pytest
 
 import jaxgel
 from jaxgel.continuation import SweepFailed
-from jaxgel.design import DesignProblem, Outcome, constraints, intervals, objectives, optimise, optimisers, read_log, search, verify
+from jaxgel.design import DesignProblem, Outcome, criteria, intervals, optimise, optimisers, read_log, search, verify
 from jaxgel.observables import gaps
 
 MU = [-3.0, -1.8]
@@ -46,9 +46,9 @@ def problem(plate):
         plate=lambda p: plate.at([p]),
         gel=plate.gel,
         mu=MU,
-        objective=objectives.value_at(jaxgel.area_reduction, MU[-1]),
+        objective=criteria.value_at(jaxgel.area_reduction, MU[-1]),
         maximise=True,
-        constraints=(constraints.bound("hole_area", above=10.0), constraints.bound("ligament", above=1.0)),
+        constraints=(criteria.bound("hole_area", above=10.0), criteria.bound("ligament", above=1.0)),
     )
 
 
@@ -158,7 +158,7 @@ def test_bounds_are_kept_and_reached():
 
 def test_ligaments_are_exact_distances():
     holes = [jaxgel.Circle((-2.0, 0.0), 1.0), jaxgel.Ellipse((2.0, 0.5), (1.5, 1.0), 0.0)]
-    widths = constraints.ligaments(jaxgel.Plate(10, 8, holes))
+    widths = criteria.ligaments(jaxgel.Plate(10, 8, holes))
     t = np.linspace(0, 1, 200001)
     outline = np.stack([2 + 1.5 * np.cos(2 * np.pi * t), 0.5 + np.sin(2 * np.pi * t)], axis=1)
     between = np.linalg.norm(outline - [-2.0, 0.0], axis=1).min() - 1.0
@@ -170,7 +170,7 @@ def test_ligaments_are_exact_distances():
 def test_ligament_gradients_are_those_of_differences(plate):
     def widths(v):
         moved = plate.at([{"centre": v[:2], "semi_axes": v[2:4], "angle": v[4]}])
-        return constraints.ligaments(moved)
+        return criteria.ligaments(moved)
 
     at = jnp.array([0.3, -0.2, 2.4, 1.6, 0.4])
     slopes = jax.jacrev(widths)(at)
@@ -182,10 +182,10 @@ def test_ligament_gradients_are_those_of_differences(plate):
 def judged(plate, cloud):
     """Constraints on a path as a function of the semi-axes."""
     limits = [
-        constraints.bound("gap", above=0.1),
-        constraints.bound("surface_ratio", below=2.4),
-        constraints.bound("core_rotation", within=1.0),
-        constraints.bound("area_reduction", below=0.5, at=MU[1]),
+        criteria.bound("gap", above=0.1),
+        criteria.bound("surface_ratio", below=2.4),
+        criteria.bound("core_rotation", within=1.0),
+        criteria.bound("area_reduction", below=0.5, at=MU[1]),
     ]
 
     def values(axes):

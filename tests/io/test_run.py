@@ -111,7 +111,7 @@ def test_a_step_to_the_stable_branch_is_a_bifurcation(path, tmp_path):
 def set_gaps(monkeypatch, gaps):
     """Other smallest gaps, ``gaps(path)``, in the table of a path."""
     monkeypatch.setitem(BY_COLUMN, "min_gap", dataclasses.replace(BY_COLUMN["min_gap"], function=gaps))
-    monkeypatch.setattr("jaxgel.observables.status.min_gap_once", gaps)
+    monkeypatch.setattr("jaxgel.observables.gaps.min_gap_once", gaps)
 
 
 def test_a_step_to_the_stable_branch_into_contact_is_both(path, tmp_path, monkeypatch):

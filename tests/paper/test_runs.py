@@ -28,8 +28,8 @@ from jaxgel.paper import (
     table_1,
 )
 from jaxgel.paper import areas as paper_areas
+from jaxgel.paper import counts as paper_counts
 from jaxgel.paper import curves as paper_curves
-from jaxgel.paper import patterns as paper_patterns
 from jaxgel.paper import runs as paper
 
 
@@ -101,7 +101,7 @@ def test_every_item_of_the_paper_is_there():
 
 def test_table_1_differs_in_one_misprint(monkeypatch):
     shown = {name: PRINTED[name] for name in ("sample-2", "sample-7", "lattice")}  # all of them: test_samples
-    monkeypatch.setattr(paper_patterns, "PRINTED", shown)
+    monkeypatch.setattr(paper_counts, "PRINTED", shown)
     entry = table_1(Runs())
     off = [row["case"] for row in entry.rows if row["gauss_points"] != row["gauss_points_paper"]]
     assert off == ["sample-7"] and len(entry.rows) == 3

@@ -95,7 +95,7 @@ def test_unstable_states_are_dashed(path):
 def test_events_are_marked_and_what_is_invalid_is_shaded(path, monkeypatch):
     gap = dataclasses.replace(BY_COLUMN["min_gap"], function=lambda _: np.array([1.0, 1.0, -0.1, -0.2]))
     monkeypatch.setitem(BY_COLUMN, "min_gap", gap)
-    monkeypatch.setattr("jaxgel.observables.status.min_gap_once", gap.function)
+    monkeypatch.setattr("jaxgel.observables.gaps.min_gap_once", gap.function)
     axes = plot_curves(path)
     assert axes.shape == (5, 2)
     for ax, against in zip(axes[0], ("mu", "free_stretch"), strict=True):

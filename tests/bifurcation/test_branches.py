@@ -84,7 +84,7 @@ def test_continuation_turns_at_the_fold_of_an_imperfect_bifurcation(buckled, buc
     """The side against the imperfection hangs on no dry state: followed back it ends in a fold, where it becomes unstable."""
     loads = jaxgel.imperfection(buckling_model, gel, point, -1e-3)
     start = buckled[0]
-    found = [jaxgel.continuation.solve_from(start, k, loads) for k in (-1, -2)]
+    found = [jaxgel.bifurcation.solve_from(start, k, loads) for k in (-1, -2)]
     path = jaxgel.continue_branch(jaxgel.Path.from_states(buckling_model, gel, found), loads=loads, max_step=0.15, max_states=14)
     turn = int(np.argmin(path.mu))
     assert 0 < turn < len(path) - 1

@@ -1,4 +1,4 @@
-"""Other branches: along a mode from a critical point, past folds, by deflation, and with an imperfection.
+"""Other branches: along a mode from a critical point, and past folds.
 
 A branch is followed in its arc length, ds^2 = dmu^2 + |dx|^2 / (n spacing^2) with the n nodes' displacements, so that folds are points
 like any other (Keller's pseudo-arc-length continuation). States form a `path.Path`, whose mu need not increase.
@@ -8,13 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
+from ..continuation import Path, StabilityAnalysis
 from ..discretisation import Model
 from ..equilibrium import Conditions, State, Status, accepted, solve, solve_bordered
 from ..materials import Gel
 from ..mechanics import Problem, prepare, restrict, scatter
-from .critical import CriticalPoint
-from .path import Path
-from .stability import StabilityAnalysis
+from .points import CriticalPoint
 
 FIRST_AMPLITUDE = 0.05  # of the spacing: largest displacement along the mode of the first state of a new branch
 MAX_STATES = 200
@@ -143,17 +142,3 @@ def _accepted(analysis, state, states):
     """A converged state with its stability; its factor is that of its own tangent."""
     stability, state = analysis.check(state, states[-1].modes if states else None)
     return accepted(analysis.problem, state, stability).light
-
-
-def imperfection(
-    model: Model, gel: Gel, point: CriticalPoint, size: float, *, direction: Float[Array, " m"] | None = None
-) -> Float[Array, "n 2"]:
-    """Dead nodal loads, kT/v mm, that push along a bifurcation's mode: a sweep under them buckles without a bifurcation.
-
-    ``size`` is the largest displacement, in node spacings, that they would cause in the dry network alone; its sign chooses the side.
-    """
-    analysis = StabilityAnalysis(prepare(model, gel))
-    direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
-    mode, free = np.tensordot(direction, point.modes, 1), analysis.problem.free
-    force = analysis.stiffness @ restrict(mode, free) * (size * model.cloud.spacing / np.linalg.norm(mode, axis=1).max())
-    return scatter(force, mode.shape, free if free.ndim == 1 else free[:, 0])  # one node takes the force of nodes that move together

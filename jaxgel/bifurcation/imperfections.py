@@ -1,19 +1,19 @@
-"""A sweep as `SweepOptions` say, for every command that takes a case."""
+"""Imperfections: loads that push along a bifurcation's mode, and sweeps under them, as `SweepOptions` say for every command."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from .._types import Array, Float
 from .._validation import keywords_of
+from ..continuation import Path, StabilityAnalysis, SweepOptions, is_traced, sweep
 from ..discretisation import Model
 from ..equilibrium import State
 from ..materials import Gel
-from .autodiff import is_traced
-from .branches import imperfection
+from ..mechanics import prepare, restrict, scatter
 from .critical import critical_points
-from .options import SweepOptions
-from .path import Path
-from .sweeps import sweep
+from .points import CriticalPoint
 
 
 def sweep_by_options(
@@ -56,3 +56,17 @@ def imperfection_load(
     if not points:
         raise ValueError(f"sweep.imperfection: {options.imperfection:g} has no mode to push along, the branch does not bifurcate")
     return imperfection(model, gel, points[0], options.imperfection)
+
+
+def imperfection(
+    model: Model, gel: Gel, point: CriticalPoint, size: float, *, direction: Float[Array, " m"] | None = None
+) -> Float[Array, "n 2"]:
+    """Dead nodal loads, kT/v mm, that push along a bifurcation's mode: a sweep under them buckles without a bifurcation.
+
+    ``size`` is the largest displacement, in node spacings, that they would cause in the dry network alone; its sign chooses the side.
+    """
+    analysis = StabilityAnalysis(prepare(model, gel))
+    direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
+    mode, free = np.tensordot(direction, point.modes, 1), analysis.problem.free
+    force = analysis.stiffness @ restrict(mode, free) * (size * model.cloud.spacing / np.linalg.norm(mode, axis=1).max())
+    return scatter(force, mode.shape, free if free.ndim == 1 else free[:, 0])  # one node takes the force of nodes that move together

@@ -1,0 +1,24 @@
+"""Bifurcations: critical points of a branch, folds, the branches that leave, further states, symmetries of modes, imperfections."""
+
+from .branches import continue_branch, solve_from, switch_branch
+from .critical import critical_points
+from .deflation import find_states_by_deflation
+from .imperfections import imperfection, imperfection_load, sweep_by_options
+from .points import CriticalPoint
+from .search import folds
+from .symmetry import characters, symmetries
+
+__all__ = [
+    "CriticalPoint",
+    "characters",
+    "continue_branch",
+    "critical_points",
+    "find_states_by_deflation",
+    "folds",
+    "imperfection",
+    "imperfection_load",
+    "solve_from",
+    "sweep_by_options",
+    "switch_branch",
+    "symmetries",
+]

@@ -1,0 +1,113 @@
+"""What a critical point is: a state with a vanishing eigenvalue, its modes, and the energy about it.
+
+phi = v . K v is the energy's second derivative along the modes v, the sum over both for a double eigenvalue; lambda is its value for
+normalised modes.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+
+from .._types import Array, Float, Scalar
+from ..equilibrium import State, mu_force
+from ..linalg import Bordered
+from ..mechanics import Problem, curvature, gather, scatter
+
+KEPT = 0.5  # a symmetry takes at most this share of a simple mode to other modes
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CriticalPoint:
+    """A state of a branch with a vanishing eigenvalue of multiplicity m."""
+
+    mu: Scalar
+    """Chemical potential, kT; differentiable with respect to the model and the gel."""
+    kind: str
+    """"bifurcation" or "fold"."""
+    x: Float[Array, "n 2"]
+    """Nodal positions, mm."""
+    pressure: Float[Array, " g"]
+    """Pressures of the volume groups, kT/v."""
+    modes: Float[np.ndarray, "m n 2"]
+    """Modes, normalised and signed as in ``stability``."""
+    eigenvalues: Float[np.ndarray, " m"]
+    """Eigenvalues that are left at mu: round-off, or half the split of a double one on an unsymmetric cloud."""
+    slope: float
+    """d lambda / d mu along the branch, mean over the modes; at a fold -dr/dmu . v."""
+    curvature: float
+    """d^2 mu / d a^2 along the branch that leaves, a the amplitude of the mode: stable branch above mu if positive; nan if m > 1."""
+    imperfection: float
+    """Size of the force that holds the state on its branch, over that which would hold an amplitude of one spacing in the network."""
+    symmetries: dict[str, float]
+    """Name of each symmetry of the cloud -> character of the modes: 1 keeps a simple mode, -1 reverses it."""
+    unstable: int
+    """Negative eigenvalues of the branch just before the point."""
+    correction: Float[np.ndarray, "n 2"]
+    """Field w of the derivative, see `critical`."""
+
+    @property
+    def multiplicity(self) -> int:
+        """Number of modes."""
+        return len(self.modes)
+
+    @property
+    def text(self) -> str:
+        """One line that says what it is."""
+        if self.kind == "fold":
+            return "fold: the branch turns back"
+        side = "" if np.isnan(self.curvature) else ", supercritical" if self.curvature > 0 else ", subcritical"
+        kept = [name for name, character in self.symmetries.items() if self.multiplicity == 1 and character > KEPT]
+        broken = [name for name, character in self.symmetries.items() if self.multiplicity == 1 and character < -KEPT]
+        said = "; ".join(f"{word} {', '.join(names)}" for word, names in (("keeps", kept), ("breaks", broken)) if names)
+        return f"{('', 'simple', 'double')[min(self.multiplicity, 2)]} bifurcation{side}" + (f"; the mode {said}" if said else "")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Expansion:
+    """Derivatives of the energy at a state along its modes, the other directions in equilibrium."""
+
+    slope: float
+    """d lambda / d mu, mean over the modes."""
+    cubic: float
+    """Third derivative of the energy along the first mode."""
+    quartic: float
+    """Fourth derivative along the first mode, relaxed; nan for several modes."""
+    correction: Float[np.ndarray, " f"]
+    """w = K^-1 (dphi/dx) across the modes."""
+
+
+def expand(problem: Problem, stiffness: sp.csr_matrix, state: State, modes: Float[np.ndarray, "f m"]) -> Expansion:
+    """`Expansion` at a state with a factor of its own tangent, along modes normalised by the network's ``stiffness`` (f, f)."""
+    m = modes.shape[1]
+    fields = jnp.stack([scatter(v, state.x.shape, problem.free) for v in modes.T])
+    slope, gradient, cubic, quartic = _derivatives(problem, state.x, fields, jnp.asarray(state.mu))
+    gradient = np.asarray(gather(gradient, problem.free))
+    held = stiffness @ modes
+    system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, held, held, np.zeros((m, m)))
+    correction, _ = system.solve(gradient, np.zeros(m))
+    slope = (float(slope) - correction @ mu_force(problem, state.x, state.mu)) / m
+    relaxed = float(quartic) - 3 * gradient @ correction if m == 1 else float("nan")
+    return Expansion(slope, float(cubic), relaxed, correction)
+
+
+@jax.jit
+def _derivatives(problem, x, modes, mu):
+    """D phi / d mu, d phi / dx (n, 2), and the third and fourth derivative of the energy along the first mode."""
+    model, gel, loads = problem.model, problem.gel, problem.loads
+
+    def phi(x, mu):
+        return sum(curvature(x, v, model, gel, mu, loads) for v in modes)
+
+    gradient, slope = jax.grad(phi, argnums=(0, 1))(x, mu)
+
+    def along(t):
+        return curvature(x + t * modes[0], modes[0], model, gel, mu, loads)
+
+    def third(t):
+        return jax.jvp(along, (t,), (1.0,))[1]
+
+    cubic, quartic = jax.jvp(third, (0.0,), (1.0,))
+    return slope, gradient, cubic, quartic

@@ -1,0 +1,199 @@
+"""How critical points are located: bifurcations where the number of negative eigenvalues changes, folds where mu turns.
+
+At a bifurcation the state is symmetric and the mode v is not. A cloud is not as symmetric as its plate, so a small force along v holds
+the state where the energy's third derivative along v vanishes: there the eigenvalue is stationary in the amplitude of the mode, and the
+critical mu is free of the cloud's imperfection to first order. At a fold v . dr/dmu is not zero, and no force is needed.
+"""
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from .._types import Array, Float
+from ..continuation import Path, StabilityAnalysis, oriented, sweep
+from ..discretisation import Model
+from ..equilibrium import Conditions, Stability, mu_force, solve, solve_bordered
+from ..linalg import Bordered, nearest_modes
+from ..materials import Gel
+from ..mechanics import Problem, prepare, restrict, scatter
+from .points import KEPT, CriticalPoint, Expansion, expand
+from .symmetry import characters, symmetries
+
+ITERATIONS = 15
+TOLERANCE = 1e-9  # of a critical mu, kT
+TOGETHER = 5e-3  # crossings closer than this in mu are searched as one multiple eigenvalue
+
+
+def locate(model: Model, gel: Gel, mu: tuple[float, float], loads: Float[Array, "n 2"], most: int) -> list[CriticalPoint]:
+    """The first ``most`` critical points of the branch that continues the dry state, in the order of mu between the two ends ``mu``."""
+    steps = []
+    path = sweep(model, gel, mu=tuple(map(float, mu)), branch="symmetric", loads=loads, on_step=lambda state: steps.append(state.light))
+    frame = _Frame.of(prepare(model, gel, loads))
+    points = []
+    for earlier, (before, after) in zip([None, *steps], itertools.pairwise(steps), strict=False):
+        if len(points) == most:
+            break
+        if before.negative_pivots != after.negative_pivots:
+            for point in _between(frame, earlier, before, after):
+                again = point.multiplicity > 1 and any(abs(point.mu - other.mu) < TOGETHER for other in points)
+                points += [] if again else [point]  # an unsymmetric cloud splits a double one
+        elif earlier is not None and _ends_before(earlier, before, after.mu):
+            points += [fold for fold in _fold(frame, earlier, before) if before.mu < fold.mu < after.mu]
+    if not path.stop.ok and len(points) < most and len(steps) > 1:
+        points += _fold(frame, *steps[-2:])
+    return sorted(points, key=lambda point: point.mu)[:most]
+
+
+def folds(path: Path, loads: Float[Array, "n 2"] | None = None) -> list[CriticalPoint]:
+    """``CriticalPoint``s of kind "fold" where mu turns along a ``Path`` of `switch_branch` or `continue_branch`; not differentiable."""
+    frame, rise = _Frame.of(prepare(path.model, path.gel, loads)), np.diff(path.mu)
+    states = [path[k] for k in range(len(path))]
+    turns = np.flatnonzero(rise[1:] * rise[:-1] < 0)
+    return [point for k in turns for point in _fold(frame, states[k], states[k + 1])]
+
+
+def _ends_before(earlier, before, mu):
+    """Whether two stable steps head for a fold below ``mu``, where the square of the lowest eigenvalue, linear in mu, vanishes."""
+    far, near = earlier.lowest_eigenvalue**2, before.lowest_eigenvalue**2
+    return before.negative_pivots == 0 and far > near and before.mu + (before.mu - earlier.mu) * near / (far - near) < mu
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Frame:
+    """What the search of all points shares."""
+
+    problem: Problem
+    analysis: StabilityAnalysis
+    permutations: dict
+
+    @classmethod
+    def of(cls, problem):
+        return cls(problem, StabilityAnalysis(problem), symmetries(problem.model))
+
+    @property
+    def stiffness(self):
+        return self.analysis.stiffness
+
+
+def _between(frame, before, low, high):
+    """Critical points between two states with different numbers of negative eigenvalues; halves the interval until they are apart.
+
+    Where Newton's method leapt from one side of a fold to the other there is no bifurcation: then the branch is followed from ``low``,
+    in the direction from the state ``before`` it (None without one).
+    """
+    crossings, close = high.negative_pivots - low.negative_pivots, high.mu - low.mu < TOGETHER
+    if crossings == 0:
+        return []
+    point = _bifurcation(frame, low, high, abs(crossings)) if abs(crossings) == 1 or close else None
+    if point is not None:
+        return [point]
+    mu = 0.5 * (low.mu + high.mu)
+    middle = None if close else solve(frame.problem, mu, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), own_factor=True)
+    if middle is None or not middle.status.ok:
+        found = _fold(frame, before, low) if before is not None else []
+        return [fold for fold in found if low.mu - TOGETHER < fold.mu < high.mu + TOGETHER]
+    count = Stability(np.array([np.nan]), None, middle.factor.negative_pivots)
+    middle = dataclasses.replace(middle.light, stability=count)
+    return _between(frame, before, low, middle) + _between(frame, low, middle, high)
+
+
+def _bifurcation(frame, low, high, multiplicity):
+    """``CriticalPoint`` between two states by Newton's method on the mean eigenvalue and a simple mode's amplitude; None if it fails."""
+    problem = frame.problem
+
+    def between(mu):
+        t = (mu - low.mu) / (high.mu - low.mu)
+        return (1 - t) * low.x + t * high.x, (1 - t) * low.pressure + t * high.pressure
+
+    mu, modes, amplitude, limit = 0.5 * (low.mu + high.mu), None, np.zeros(multiplicity), 0.1 * problem.model.cloud.spacing
+    for _ in range(ITERATIONS):
+        x, pressure = between(mu)
+        if modes is None:
+            state = solve(problem, mu, x, pressure, own_factor=True)
+            if not state.status.ok:
+                return None
+            _, modes = nearest_modes(state.factor, frame.stiffness, multiplicity)
+            if multiplicity == 1 and not _alone(frame, modes, x):
+                multiplicity, amplitude = 2, np.zeros(2)
+                _, modes = nearest_modes(state.factor, frame.stiffness, 2)
+        held = frame.stiffness @ modes
+        pins = Conditions(held, np.zeros(multiplicity), x, mu, amplitude)
+        state, forces = solve_bordered(problem, mu, x, pressure, held, pins)
+        if not state.status.ok:
+            return None
+        eigenvalues, modes = nearest_modes(state.factor, frame.stiffness, multiplicity, modes)
+        local = expand(problem, frame.stiffness, state, modes)
+        step = -np.mean(eigenvalues) / local.slope
+        if multiplicity == 1:  # to where the third derivative vanishes
+            most = limit / np.abs(modes).max()
+            amplitude = amplitude - np.clip(local.cubic / local.quartic, -most, most)
+        if abs(step) < TOLERANCE:
+            return _point(frame, state, mu + step, modes, eigenvalues, local, forces, low.negative_pivots)
+        mu += step
+        if not low.mu - TOGETHER <= mu <= high.mu + TOGETHER:
+            return None
+    return None
+
+
+def _alone(frame, modes, x):
+    """Whether the symmetries of the cloud keep or reverse the first mode (f, m); where one turns it into another there are two."""
+    field = np.asarray(scatter(modes[:, 0], x.shape, frame.problem.free))
+    return all(abs(character) > KEPT for character in characters(field[None], frame.permutations).values())
+
+
+def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="bifurcation"):
+    problem, shape = frame.problem, state.x.shape
+    signed = oriented(modes, problem)
+    fields = np.stack([np.asarray(scatter(v, shape, problem.free)) for v in signed.T])
+    spacing = problem.model.cloud.spacing
+    return CriticalPoint(
+        mu=float(mu),
+        kind=kind,
+        x=np.asarray(state.x),
+        pressure=np.asarray(state.pressure),
+        modes=fields,
+        eigenvalues=np.asarray(eigenvalues),
+        slope=float(local.slope),
+        curvature=-local.quartic / (3 * local.slope) if kind == "bifurcation" else float("nan"),
+        imperfection=float(np.linalg.norm(forces) * np.abs(fields).max() / spacing),
+        symmetries=characters(fields, frame.permutations),
+        unstable=int(unstable),
+        correction=np.asarray(scatter(local.correction, shape, problem.free)),
+    )
+
+
+def _fold(frame, before, last):
+    """The fold next to two states of a branch: where mu is stationary along it, by the secant method; [] where there is none."""
+    problem, free = frame.problem, frame.problem.free
+    along = restrict(np.asarray(last.x) - np.asarray(before.x), free)
+    between = np.sqrt(along @ (frame.stiffness @ along))
+    row, nothing = frame.stiffness @ along[:, None] / between, np.zeros((len(free), 0))
+
+    def rise(state):
+        """Tangent (f,) of the branch per unit of the row, and that of mu."""
+        column = mu_force(problem, state.x, state.mu)[:, None]
+        system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, column, row, np.zeros((1, 1)))
+        dx, dmu = system.solve(np.zeros(len(free)), np.ones(1))
+        return dx, float(dmu[0])
+
+    ends = [solve(problem, end.mu, end.x, end.pressure, own_factor=True) for end in (before, last)]
+    state, at, earlier = ends[1], 0.0, -between
+    slope_before, (dx, slope) = rise(ends[0])[1], rise(ends[1])
+    for _ in range(ITERATIONS):
+        if slope == slope_before:
+            return []
+        step = np.clip(-slope * (at - earlier) / (slope - slope_before), -5 * between, 5 * between)
+        earlier, slope_before, at = at, slope, at + step
+        start = state.x + step * scatter(dx, state.x.shape, free)
+        there = Conditions(row, np.zeros(1), np.asarray(last.x), state.mu, np.array([at]))
+        state, _ = solve_bordered(problem, state.mu, start, state.pressure, nothing, there)
+        if not state.status.ok:
+            return []
+        dx, slope = rise(state)
+        if abs(slope * step) < TOLERANCE:
+            mode = dx[:, None] / np.sqrt(dx @ (frame.stiffness @ dx))
+            local = Expansion(-float(mode[:, 0] @ mu_force(problem, state.x, state.mu)), 0.0, float("nan"), np.zeros(len(free)))
+            eigenvalue = [float(mode[:, 0] @ frame.analysis.product(state)(mode)[:, 0])]
+            return [_point(frame, state, state.mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
+    return []

@@ -1,0 +1,145 @@
+"""Solutions of K dx = b with the tangents K of many states, one JAX primitive and its rules.
+
+They are found on the host, with the factors that the sweep left behind (`linalg.solve_near`): outside ``jax.jit`` by products or one
+compiled assembly per state, inside by a callback. Outside they lie between compiled programs, not in one: JAX's compilation cache on disk
+keeps no program that calls the host, and would leave the whole of a derivative rule to be compiled by every process.
+"""
+
+import dataclasses
+import functools
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+from .._threads import ONE_THREAD, few_threads, usable_threads
+from ..discretisation import Model
+from ..linalg import solve_near
+from ..mechanics import TangentOperator, is_sparse, linearise, tangent, tangent_product
+from .derivatives import Tangent, remade
+
+STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
+BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill
+
+solutions = Primitive("equilibrium_solutions")
+"""Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
+(x (k, n, 2), pressure (k, g), mu (k,), `Problem`) with the tree ``structure``."""
+
+
+def states_together(count: int, model: Model) -> int:
+    """Number of states, of ``count``, that are differentiated together."""
+    return min(count, STATES_TOGETHER, max(1, BYTES_TOGETHER // (16 * sum(block.nodes.size for block in model.blocks))))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Products:
+    """Products like ``v`` (k, f) or (k, f, r) of the tangents with ``v``, of the leaves that `solutions` has."""
+
+    structure: object
+    """Tree structure of the leaves."""
+
+    def __call__(self, v, *leaves):
+        x, pressure, mu, problem = jax.tree.unflatten(self.structure, leaves)
+
+        def product(state):
+            v, x, pressure, mu = state
+            return tangent_product(problem, x, pressure, mu, v)
+
+        def of_all(v):
+            return lax.map(product, (v, x, pressure, mu), batch_size=states_together(len(x), problem.model))
+
+        return of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)
+
+
+def _pairs(problem, x, pressure, mu):
+    """The tangent (p, 2, 2) at the state ``x`` (n, 2) with ``pressure`` (g,), by the programs of the sweep."""
+    return tangent(problem, x, pressure, linearise(problem, x, pressure, mu))
+
+
+def _solutions_jvp(primals, tangents, *, structure):
+    """K x = b gives K dx = db - dK x, the latter by the energy, whose arguments the leaves are."""
+    (rhs, *leaves), (change, *dots) = primals, tangents
+    solution = solutions.bind(rhs, *leaves, structure=structure)
+    moving = tuple(i + 1 for i, dot in enumerate(dots) if type(dot) is not ad.Zero)
+    if moving:
+        moved = remade(Tangent(_Products(structure), moving), solution, *leaves, *(dots[i - 1] for i in moving))
+        change = -moved if type(change) is ad.Zero else change - moved
+    return solution, change if type(change) is ad.Zero else solutions.bind(change, *leaves, structure=structure)
+
+
+def _solutions_transpose(cotangent, rhs, *leaves, structure):  # noqa: ARG001
+    """Tangents are symmetric."""
+    found = cotangent if type(cotangent) is ad.Zero else solutions.bind(cotangent, *leaves, structure=structure)
+    return [found, *(None for _ in leaves)]
+
+
+@solutions.def_impl
+def _solved(rhs, *leaves, structure):
+    """On the host, with values; 0 for 0 at no cost.
+
+    Tangents with sparse products are not assembled, unless no recent factor will do; other small ones are solved side by side in threads.
+    """
+    x, pressure, mu, problem = jax.tree.unflatten(structure, leaves)
+    pattern = problem.pattern
+    rhs, x, pressure, mu = map(np.asarray, (rhs, x, pressure, mu))
+    wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
+
+    def solve(k, product=None):
+        pairs = functools.cache(lambda: _pairs(problem, x[k], pressure[k], mu[k]))
+        solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or pattern.matrix(pairs()).__matmul__, pairs)
+
+    with few_threads(len(pattern.free)):
+        if is_sparse(problem) and len(wanted):
+            products = TangentOperator(problem).at(x[wanted], pressure[wanted], mu[wanted])
+            for k, product in zip(wanted, products, strict=True):
+                solve(k, product)
+        else:
+            with ThreadPoolExecutor(usable_threads() if len(pattern.free) <= ONE_THREAD else 1) as pool:
+                list(pool.map(solve, wanted))
+    return jnp.asarray(solutions)
+
+
+def _solved_traced(rhs, *leaves, structure):
+    """Inside jit and vmap, by one callback for each state."""
+    x, pressure, mu, problem = jax.tree.unflatten(structure, leaves)
+    pattern = problem.pattern
+
+    def on_host(x, rhs, pairs):
+        return _solve_columns(pattern, np.asarray(x), rhs, pattern.matrix(pairs).__matmul__, lambda: pairs)
+
+    def solution(rhs, x, pressure, mu):
+        pairs = _pairs(problem, x, pressure, mu)
+        return jax.pure_callback(on_host, jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), x, rhs, pairs, vmap_method="sequential")
+
+    def one(state):
+        return lax.cond(jnp.any(state[0] != 0), solution, lambda rhs, *_: jnp.zeros_like(rhs), *state)
+
+    return lax.map(one, (rhs, x, pressure, mu))
+
+
+def _solve_columns(pattern, x, rhs, product, pairs):
+    """Solutions as the right-hand sides (f,) or (f, r) by `solve_near`, each as accurate as if it were alone; 0 for 0."""
+    rhs = np.asarray(rhs)
+    columns = rhs.reshape(len(rhs), -1).T
+    return np.stack([solve_near(pattern, x, b, product, pairs) if np.any(b != 0) else b for b in columns], axis=1).reshape(rhs.shape)
+
+
+def _solved_batch(args, axes, *, structure):
+    """Right-hand sides (b, k, f) for the same states are columns."""
+    (rhs, *states), (axis, *others) = args, axes
+    if any(other is not batching.not_mapped for other in others):
+        return jax.vmap(functools.partial(_solved_traced, structure=structure), axes)(*args), 0
+    columns = jnp.moveaxis(rhs, axis, -1)
+    found = solutions.bind(columns.reshape(*columns.shape[:2], -1), *states, structure=structure)
+    return found.reshape(columns.shape), columns.ndim - 1
+
+
+solutions.def_abstract_eval(lambda rhs, *_, **__: rhs)
+ad.primitive_jvps[solutions] = _solutions_jvp
+ad.primitive_transposes[solutions] = _solutions_transpose
+mlir.register_lowering(solutions, mlir.lower_fun(_solved_traced, multiple_results=False))
+batching.primitive_batchers[solutions] = _solved_batch
