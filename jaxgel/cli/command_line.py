@@ -7,6 +7,7 @@ What a run has finished is in its folder, however the command ends.
 import importlib
 import os
 import sys
+import warnings
 
 from .environment import STOPPED, UNREAD, UNUSABLE, check_jaxlib, collect_seldom, prepare_environment
 from .inputs import check_inputs
@@ -25,7 +26,10 @@ def main(argv: list[str] | None = None) -> int:
             module = importlib.import_module(f"{__package__}.{name}")
             if own:
                 collect_seldom()
-            return getattr(module, command)(args)
+            with warnings.catch_warnings():
+                warnings.filterwarnings("always", message="nodes_per_hole")
+                warnings.showwarning = _said
+                return getattr(module, command)(args)
         finally:
             sys.stdout.flush()
     except ValueError as problem:
@@ -41,6 +45,10 @@ def main(argv: list[str] | None = None) -> int:
             raise
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return STOPPED
+
+
+def _said(message, *_):
+    print(f"jaxgel: warning: {message}", file=sys.stderr)
 
 
 def _is_failed_sweep(problem):

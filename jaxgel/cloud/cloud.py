@@ -28,7 +28,7 @@ from ..geometry import (
 from .cells import Partition, partition
 from .curves import Curves, curves_of, middles
 from .morph import Morph, make_morph
-from .outlines import OUTLINE_SEGMENTS, Outline, fine_outlines, gel_polygon, join, loop
+from .outlines import OUTLINE_SEGMENTS, Outline, fine_outlines, gel_polygon, join, loop, warn_if_crowded
 from .quadrature import Quadrature, cell_quadrature
 from .quadtree import Background, find_ligaments, make_background
 
@@ -143,7 +143,7 @@ def make_cloud(plate: Plate, *, spacing: float | None = None, nodes_per_hole: in
     (or on the edge) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate
     made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Raises ValueError for
     an unusable plate, a spacing that is not positive or leaves a ligament without a node, and an ``across`` that is not at least 2
-    or takes more than ``quadtree.MAX_HALVINGS`` halvings.
+    or takes more than ``quadtree.MAX_HALVINGS`` halvings. Warns (UserWarning) of outline nodes too close for the squares around.
     """
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
@@ -188,6 +188,7 @@ def _make_topology(plate, spacing, nodes_per_hole, across):
         outlines, points = fine_outlines(plate, nodes_per_hole, background)
     topology = assemble(plate, spacing, background, outlines, points, nodes_per_hole, across)
     _check_ligaments(topology)
+    warn_if_crowded(outlines, topology.partition.vertices, background)
     return topology
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import warnings
 
 import numpy as np
 import shapely
@@ -11,6 +12,7 @@ from ..geometry import Arc, Plate, arc_points, arcs, equal_arc_length, outline_p
 from .quadtree import Background
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
+CROWDED = 2.0  # outline nodes to a side of a square beyond which their motions are not held: `benchmarks/accuracy.py --rows outline`
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,3 +92,21 @@ def gel_polygon(plate: Plate, outlines: tuple[Outline, ...], outline_vertices: F
             ring.append(np.asarray(outline_points(hole, outside % 1.0)))
         rings.append(shapely.Polygon(np.concatenate(ring)))
     return shapely.difference(box, shapely.union_all(rings))
+
+
+def warn_if_crowded(outlines: tuple[Outline, ...], vertices: Float[np.ndarray, "v 2"], background: Background) -> None:
+    """UserWarning that names the hole whose outline nodes lie closest for the squares around, where they lie too close."""
+    crowded = [_nodes_per_side(vertices[loop(o)[::OUTLINE_SEGMENTS]], background) for o in outlines]
+    if crowded and max(crowded) > CROWDED:
+        hole = outlines[int(np.argmax(crowded))].arc.hole
+        warnings.warn(
+            f"nodes_per_hole: {max(crowded):.1f} outline nodes of holes[{hole}] to a side of a background square; beyond {CROWDED:g} "
+            "displacements near the outline may be wrong: use fewer, or a smaller spacing",
+            stacklevel=4,
+        )
+
+
+def _nodes_per_side(nodes, background):
+    """Mean side of the squares around an outline's nodes (k, 2) over their mean distance."""
+    side = background.side.min() / 2.0 ** background.halvings(nodes)
+    return side.mean() / np.linalg.norm(np.diff(nodes, axis=0), axis=1).mean()

@@ -66,6 +66,13 @@ class Contour:
     numbers: tuple[Int[np.ndarray, "..."], ...]
     """Per block (c, e) numbers of the edges on the patches' own contours, -1 for padding."""
 
+    @property
+    def rule(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """The points at which a flux through a straight edge is taken, as fractions of it, and their shares of its length."""
+        if self.middles is None:
+            return EDGE_POINTS, np.full(len(EDGE_POINTS), 1 / len(EDGE_POINTS))
+        return np.array([0.0, 0.5, 1.0]), np.array([1.0, 4.0, 1.0]) / 6
+
     def points(self, vertices: Float[Array, "v 2"]) -> Float[Array, "r 2"]:
         """Points of the contours, r = 2 e, for these positions of the vertices: start and middle of every edge, or two Gauss points."""
         return edge_points(vertices, self.ends) if self.middles is None else _starts_and_middles(vertices, self.ends, *self.middles)

@@ -48,13 +48,18 @@ def _areas_and_centres(topology):
 
 
 def _blocks_of_squares(topology, centre):
-    """The block of 2 x 2 equal squares (c,) around each cell, the area (c,) of a square, mm^2, and whether the block lies on the plate."""
+    """The block of 2 x 2 equal squares (c,) around each cell, the area (c,) of a square, mm^2, and whether the block lies on the plate.
+
+    Blocks begin at the middle of the plate: no block lies across a ligament there.
+    """
     background = topology.background
     depth = background.halvings(centre)[:, None]
     counts = background.counts * 2**depth
     square = np.clip((centre - background.low) // (background.side / 2.0**depth), 0, counts - 1).astype(int)
-    block = np.concatenate([depth, square // 2], axis=1)
-    complete = (square // 2 * 2 + 1 < counts).all(axis=1)
+    shift = counts // 2 % 2 * (counts % 2 == 0)
+    number = (square + shift) // 2
+    block = np.concatenate([depth, number], axis=1)
+    complete = ((2 * number >= shift) & (2 * number + 1 < counts + shift)).all(axis=1)
     return np.unique(block, axis=0, return_inverse=True)[1].ravel(), background.side.prod() / 4.0 ** depth[:, 0], complete
 
 

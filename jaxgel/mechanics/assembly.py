@@ -5,15 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
-from ..discretisation import PatchBlock
 from ..linalg import Factor, factor
 from ..materials import neo_hookean
 from .contact import contact_tangents
 from .mixed import Linearisation
-from .operators import add_cell_matrices, area_form_matrix
+from .operators import AreaForms, add_cell_matrices, area_form_sum
 from .pairs import contact_pairs
 from .problem import Problem
-from .volumes import all_volumes, by_block, contour_shares
+from .volumes import all_volumes, by_block
 
 
 @jax.jit
@@ -29,8 +28,8 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
         total += gel.Nv * operators.laplacian[:, None] * jnp.eye(2).ravel()
 
     def patch(arrays):
-        x, dphi, weight, terms, k_over_V, G = arrays
-        S = coupling(*terms)
+        x, dphi, weight, p, forms, k_over_V, G = arrays
+        S = coupling(p, forms, dphi, weight)
         H = k_over_V[:, None, None] * G
         outer = [[jnp.sum(H[:, :, None, i] * G[:, None, :, k], axis=0) for k in range(2)] for i in range(2)]
         K = jnp.stack([outer[0][0], outer[0][1] + S, outer[1][0] - S, outer[1][1]], axis=-1)
@@ -42,34 +41,18 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
     volumes = all_volumes(model)
     k_over_V = jnp.where(volumes > 0, linearisation.stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
     groups = by_block(p, model), by_block(k_over_V, model), operators.area_forms, linearisation.gradients, operators.slots
-    for block, pressure, k_over_V, area_forms, G, slot in zip(model.blocks, *groups, strict=True):
-        arrays = x[block.nodes], block.dphi, block.weight, coupling_terms(pressure, block, area_forms), k_over_V, G
+    for block, pressure, k_over_V, forms, G, slot in zip(model.blocks, *groups, strict=True):
+        arrays = x[block.nodes], block.dphi, block.weight, pressure, forms, k_over_V, G
         total = add_cell_matrices(total, patch, arrays, slot, block.nodes.shape[1])
     total = total.reshape(-1, 2, 2)
     return total if model.contact is None else _add_contact(total, x, model)
 
 
-def coupling_terms(pressure: Float[Array, "c g"], block: PatchBlock, area_forms: Float[Array, "c r a"] | None) -> tuple:
-    """The arrays, patch by patch, of which `coupling` makes the sum of p S over the groups of each patch."""
-    if block.has_mean:
-        return pressure[:, 0], area_forms
-    if block.group_weight is None:
-        return block.weight * pressure, block.dphi
-    at_points = block.weight * jnp.einsum("cqg,cg->cq", block.group_weight, pressure)
-    return at_points, block.dphi, pressure @ contour_shares(block), block.contour
-
-
-def coupling(p: Float[Array, "*q"], form: Float[Array, "..."], *contour: Float[Array, "..."]) -> Float[Array, "a a"]:
-    """Sum over the groups of a patch of p S: the antisymmetric form whose values x_1 . S x_2 are the sum of p V J.
-
-    Of the `coupling_terms` of one patch: its pressure and area form, or the pressures at the points times the quadrature weights and the
-    gradients there, with the pressure inside the contour and its area form where there is one.
-    """
-    if p.ndim == 0:
-        return p * area_form_matrix(form)
-    half = jnp.einsum("q,qa,qb->ab", p, form[..., 0], form[..., 1])
-    for whole, rows in [contour] if contour else []:
-        half += whole * rows[0].T @ rows[1]
+def coupling(p: Float[Array, " g"], forms: AreaForms | None, dphi: Float[Array, "q a 2"], weight: Float[Array, " q"]) -> Float[Array, "a a"]:
+    """Sum over the groups of a patch of p S: the antisymmetric form whose values x_1 . S x_2 are the sum of p V J."""
+    if forms is not None:
+        return area_form_sum(p, forms)
+    half = jnp.einsum("q,qa,qb->ab", p * weight, dphi[..., 0], dphi[..., 1])
     return half - half.T
 
 

@@ -1,7 +1,8 @@
 """Dead loads, body force and edge traction, as nodal forces that are consistent with the shape functions.
 
 The integrals run over the cells and edges that partition the dry gel, with the points of the conforming quadrature, whatever the
-model's own quadrature is. So the sum of the nodal forces is the total load, and a uniform traction balances a uniform stress.
+model's own quadrature is, and along edges with those of the fluxes through cells. So the sum of the nodal forces is the total load, and a
+uniform traction balances a uniform stress.
 """
 
 import dataclasses
@@ -14,7 +15,6 @@ import numpy as np
 
 from .._types import Array, Float
 from .._validation import PAIR, did_you_mean, finite_numbers, tabled
-from ..cloud import edge_points
 from ..discretisation import Model, make_probe, plate_edge_ends
 from ..geometry import EDGES, edge_lines, held_components
 
@@ -99,13 +99,20 @@ def _edge_load(model, edge, force):
     on = np.abs(part.vertices[ends][:, :, axis] - coordinate).max(axis=1) < 1e-9 * topology.spacing
     ends = ends[on]
 
-    points = edge_points(model.cloud.vertices, ends)
+    fractions, shares = model.lists.contour.rule
+    points = _along(model.cloud.vertices, ends, fractions)
     length = jnp.linalg.norm(jnp.diff(model.cloud.vertices[ends], axis=1)[:, 0], axis=1)
-    load = jnp.repeat(length / 2, 2)[:, None] * _at_points(force, points, f"traction: {edge}")
-    wall = np.repeat(plate_edge_ends(topology, ends), 2, axis=0)
+    load = jnp.outer(length, shares).ravel()[:, None] * _at_points(force, points, f"traction: {edge}")
+    wall = np.repeat(plate_edge_ends(topology, ends), len(shares), axis=0)
     if np.all(wall < 0):
-        return _true_trace(model, points, edge_points(part.vertices, ends), load)
+        return _true_trace(model, points, np.asarray(_along(part.vertices, ends, fractions)), load)
     return _linear_trace(model, points, wall, 1 - axis, load)
+
+
+def _along(vertices, ends, fractions):
+    """Points (e k, 2) at the ``fractions`` (k,) of the straight edges between the ``ends`` (e, 2)."""
+    start, end = vertices[ends[:, 0], None], vertices[ends[:, 1], None]
+    return (start + fractions[:, None] * (end - start)).reshape(-1, 2)
 
 
 def _true_trace(model, points, reference_points, load):

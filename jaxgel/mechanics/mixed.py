@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .._types import Array, Float, Scalar
-from ..discretisation import Model, PatchBlock
+from ..discretisation import Model
 from ..materials import Gel, neo_hookean
 from .contact import contact_force
 from .dofs import gather
@@ -30,7 +30,6 @@ from .volumes import (
     by_block,
     carries_volume,
     cofactors,
-    contour_shares,
     local_positions,
     pressure_at,
     ratio_at,
@@ -108,30 +107,18 @@ def state_pressure(x: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar) -
 def volume_gradients(x: Float[Array, "n 2"], model: Model, operators: Operators) -> tuple[tuple, Float[Array, " g"]]:
     """Per block the gradients (c, g, a, 2) of the groups' volumes V J, mm, and the volume ratios J of all groups; 2 for padding."""
     gradients, content = [], []
-    for block, S in zip(model.blocks, operators.area_forms, strict=True):
-        if block.has_mean:
-            G, contents = area_gradients(S, x, block.nodes)
-            G, contents = G[:, None], contents[:, None]
+    for block, forms in zip(model.blocks, operators.area_forms, strict=True):
+        if forms is not None:
+            G, contents = area_gradients(forms, x, block.nodes)
         else:
             local = local_positions(x, block.nodes)
             cofactor = block.weight[..., None, None] * cofactors(jnp.einsum("cai,cqaj->cqij", local, block.dphi))
-            if block.group_weight is None:
-                G = jnp.einsum("cqij,cqaj->cqai", cofactor, block.dphi)
-            else:
-                G = jnp.einsum("cqg,cqij,cqaj->cgai", block.group_weight, cofactor, block.dphi)
-                G += contour_shares(block)[:, None, None] * contour_gradients(local, block)[:, None]
+            G = jnp.einsum("cqij,cqaj->cqai", cofactor, block.dphi)
             contents = 0.5 * jnp.einsum("cgai,cai->cg", G, local)  # V J is quadratic in x
         gradients.append(G)
         content.append(contents.ravel())
     volumes = all_volumes(model)
     return tuple(gradients), jnp.where(volumes > 0, jnp.concatenate(content) / jnp.where(volumes > 0, volumes, 1.0), 2.0)
-
-
-def contour_gradients(local: Float[Array, "c a 2"], block: PatchBlock) -> Float[Array, "c a 2"]:
-    """Gradients of the areas inside the contours with respect to the nodes' ``local`` positions, mm."""
-    first, second = jnp.moveaxis(jnp.einsum("csra,cai->csri", block.contour, local), 1, 0)
-    turned = [jnp.stack([y[..., 1], -y[..., 0]], axis=-1) for y in (first, second)]
-    return jnp.einsum("cra,cri->cai", block.contour[:, 0], turned[1]) - jnp.einsum("cra,cri->cai", block.contour[:, 1], turned[0])
 
 
 def _nodal_sum(gradients, p, model):

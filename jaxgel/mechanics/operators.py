@@ -1,8 +1,8 @@
 """Precomputed operators of a model: what its tangents have in common at every state.
 
-In the plane the volume V J of a cell with one volume ratio, the mean, is the quadratic form x_1^T S x_2 with the antisymmetric area form
-S_ab = sum_q w (dphi_a1 dphi_b2 - dphi_a2 dphi_b1), and the network of a neo-Hookean gel is Nv/2 times the Laplacian: both are constant, so
-that a Newton step needs no quadrature points.
+In the plane the volume V J of a group is the quadratic form x_1^T S x_2 with an antisymmetric area form S; that of the mean J of a cell
+is S_ab = sum_q w (dphi_a1 dphi_b2 - dphi_a2 dphi_b1). The network of a neo-Hookean gel is Nv/2 times the Laplacian. Both are constant, so
+that a Newton step needs no deformation gradients.
 """
 
 import dataclasses
@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._types import Array, Float, Int
-from ..discretisation import Model
+from .._types import Array, Float, Inexact, Int
+from ..discretisation import Model, PatchBlock
 from .dofs import free_dofs
 from .pairs import node_pairs
-from .volumes import local_positions
+from .volumes import contour_shares, local_positions
 
 CELLS_IN_CACHE = 32  # cells whose matrices are added up together: few enough to stay in the processor's cache
 CELLS_PER_PRODUCT = 1024  # cells whose volume gradients are computed together, for the same reason
@@ -36,8 +36,7 @@ class Operators:
     laplacian: Float[Array, " p"]
     """Sum of w dphi_i . dphi_j over all quadrature points."""
     area_forms: tuple
-    """Per block the area forms S of the cells, where each has one volume ratio, the mean; None elsewhere. They are (c, a, a), or where the
-    quadrature points are few (c, 2 q, a) with the rows w dphi_1 and dphi_2 of their gradients, see `area_form_product`."""
+    """Per block the `AreaForms` of its volume groups; None where every quadrature point is a group."""
     free: Int[Array, "f ..."]
     """Free degrees of freedom, see `dofs`."""
 
@@ -45,30 +44,20 @@ class Operators:
 def precomputed_operators(model: Model) -> Operators:
     """`Operators` of a model."""
     pairs, slots = node_pairs(model.lists)
-    means = tuple(block.has_mean for block in model.blocks)
-    arrays = tuple((block.dphi, block.weight) for block in model.blocks)
-    laplacian, area_forms = _integrated(jnp.zeros(len(pairs)), arrays, slots, means)
+    laplacian, area_forms = _integrated(jnp.zeros(len(pairs)), model.blocks, slots)
     return Operators(jnp.asarray(pairs), tuple(map(jnp.asarray, slots)), laplacian, area_forms, free_dofs(model.lists.topology))
 
 
-@functools.partial(jax.jit, static_argnames="means")
-def _integrated(total, blocks, slots, means):
+@jax.jit
+def _integrated(total, blocks, slots):
     """Laplacian (p,) and area forms per block."""
 
     def laplacian(arrays):
         return jnp.einsum("q,qai,qbi->ab", arrays[1], arrays[0], arrays[0])
 
-    def area_form(arrays):
-        dphi, weight = arrays
-        if 2 * len(weight) < dphi.shape[1]:
-            return jnp.concatenate([weight[:, None] * dphi[:, :, 0], dphi[:, :, 1]])
-        half = jnp.einsum("q,qa,qb->ab", weight, dphi[..., 0], dphi[..., 1])
-        return half - half.T
-
-    for arrays, slot in zip(blocks, slots, strict=True):
-        total = add_cell_matrices(total, laplacian, arrays, slot, arrays[0].shape[2])
-    forms = (lax.map(area_form, arrays, batch_size=CELLS_IN_CACHE) if mean else None for arrays, mean in zip(blocks, means, strict=True))
-    return total, tuple(forms)
+    for block, slot in zip(blocks, slots, strict=True):
+        total = add_cell_matrices(total, laplacian, (block.dphi, block.weight), slot, block.nodes.shape[1])
+    return total, tuple(map(area_forms, blocks))
 
 
 def add_cell_matrices(
@@ -90,37 +79,76 @@ def add_cell_matrices(
 # --- area forms --------------------------------------------------------------------------------------------------------------
 
 
-def area_gradients(S: Float[Array, "c r a"], x: Float[Array, "n 2"], nodes: Int[Array, "c a"]) -> tuple[jax.Array, jax.Array]:
-    """Gradients (c, a, 2) of the cells' volumes V J at their ``nodes``, mm, and V J (c,), mm^2, from their area forms ``S``."""
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["rows", "weights"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class AreaForms:
+    """The antisymmetric forms S_g of the volume groups of a block's patches, the shorter of two ways; a pytree.
 
-    def of(S, nodes):
+    As matrices, or as products of rows: x_1 . S_g x_2 = sum_r w_rg [(A_r x_1) (B_r x_2) - (B_r x_1) (A_r x_2)] with the derivatives of the
+    shape functions at the quadrature points, or the rows of the contours, as A and B.
+    """
+
+    rows: Inexact[Array, "*c s a"]
+    """The matrices S_g one after the other, s = g a; or the rows A and then B, s = 2 r."""
+    weights: Float[Array, "*c r g"] | None
+    """The weights w; None for matrices."""
+
+
+def area_forms(block: PatchBlock) -> AreaForms | None:
+    """The `AreaForms` of a block; None where every quadrature point is a group."""
+    if block.carrying == 0:
+        return None
+    first, second, weights = block.dphi[..., 0], block.dphi[..., 1], block.weight[..., None]
+    if block.group_weight is not None:
+        first, second = (jnp.concatenate(both, axis=1) for both in ((first, block.contour[:, 0]), (second, block.contour[:, 1])))
+        inside = jnp.broadcast_to(contour_shares(block), (*block.contour.shape[:1], block.contour.shape[2], block.n_groups))
+        weights = jnp.concatenate([weights * block.group_weight, inside], axis=1)
+    if 4 * weights.shape[1] < block.n_groups * first.shape[2]:
+        return AreaForms(jnp.concatenate([first, second], axis=1), weights)
+
+    def matrices(arrays):
+        half = jnp.einsum("rg,ra,rb->gab", *arrays)
+        return (half - half.swapaxes(1, 2)).reshape(-1, half.shape[2])
+
+    return AreaForms(lax.map(matrices, (weights, first, second), batch_size=CELLS_IN_CACHE), None)
+
+
+def area_gradients(forms: AreaForms, x: Float[Array, "n 2"], nodes: Int[Array, "c a"]) -> tuple[jax.Array, jax.Array]:
+    """Gradients (c, g, a, 2) of the groups' volumes V J at the patches' ``nodes``, mm, and V J (c, g), mm^2."""
+
+    def of(forms, nodes):
         local = local_positions(x, nodes)  # S annihilates translations
-        G = jnp.stack([area_form_product(S, local[..., 1]), -area_form_product(S, local[..., 0])], axis=-1)
-        return G, 0.5 * jnp.sum(G * local, axis=(1, 2))  # V J is quadratic in x
+        products = jnp.einsum("csa,cai->csi", forms.rows, local)
+        if forms.weights is None:
+            G = _turned(products.reshape(len(nodes), -1, *local.shape[1:]))
+        else:
+            first, second = jnp.split(_turned(products), 2, axis=1)
+            factors = jnp.concatenate([forms.weights[..., None] * turned[:, :, None] for turned in (second, -first)], axis=1)
+            G = jnp.einsum("csgi,csa->cgai", factors, forms.rows)
+        return G, 0.5 * jnp.einsum("cgai,cai->cg", G, local)  # V J is quadratic in x
 
     def add(k, total):  # the last chunk overlaps the one before
-        first = jnp.minimum(k * CELLS_PER_PRODUCT, len(S) - CELLS_PER_PRODUCT)
-        parts = of(*(lax.dynamic_slice_in_dim(v, first, CELLS_PER_PRODUCT) for v in (S, jnp.asarray(nodes))))
+        first = jnp.minimum(k * CELLS_PER_PRODUCT, len(nodes) - CELLS_PER_PRODUCT)
+        parts = of(*jax.tree.map(lambda v: lax.dynamic_slice_in_dim(v, first, CELLS_PER_PRODUCT), (forms, jnp.asarray(nodes))))
         return tuple(lax.dynamic_update_slice_in_dim(t, part, first, 0) for t, part in zip(total, parts, strict=True))
 
-    if len(S) <= CELLS_PER_PRODUCT:
-        return of(S, nodes)
-    empty = jnp.zeros((*nodes.shape, 2), x.dtype), jnp.zeros(len(S), x.dtype)
-    return lax.fori_loop(0, -(-len(S) // CELLS_PER_PRODUCT), add, empty)
+    if len(nodes) <= CELLS_PER_PRODUCT:
+        return of(forms, nodes)
+    groups = (len(nodes), forms.weights.shape[2] if forms.weights is not None else forms.rows.shape[1] // nodes.shape[1])
+    empty = jnp.zeros((*groups, nodes.shape[1], 2), x.dtype), jnp.zeros(groups, x.dtype)
+    return lax.fori_loop(0, -(-len(nodes) // CELLS_PER_PRODUCT), add, empty)
 
 
-def area_form_product(S: Float[Array, "c r a"], v: Float[Array, "c a"]) -> Float[Array, "c a"]:
-    """Products of the cells' area forms, in either form of ``Operators.area_forms``, with ``v``; sums of rows, which XLA vectorises."""
-    halves = jnp.sum(S * v[:, None], axis=2)
-    if S.shape[1] == S.shape[2]:
-        return halves
-    first, second = jnp.split(halves, 2, axis=1)
-    return jnp.sum(S * jnp.concatenate([second, -first], axis=1)[:, :, None], axis=1)
+def _turned(y):
+    """Vectors (..., 2) turned by -90 degrees."""
+    return jnp.stack([y[..., 1], -y[..., 0]], axis=-1)
 
 
-def area_form_matrix(S: Float[Array, "r a"]) -> Float[Array, "a a"]:
-    """The area form of one cell as a matrix, from either form of ``Operators.area_forms``."""
-    if S.shape[0] == S.shape[1]:
-        return S
-    first, second = jnp.split(S, 2)
-    return first.T @ second - second.T @ first
+def area_form_sum(p: Float[Array, " g"], forms: AreaForms) -> Float[Array, "a a"]:
+    """Sum of p S over the groups of one patch."""
+    if forms.weights is None:
+        n = forms.rows.shape[1]
+        return jnp.einsum("g,gab->ab", p, forms.rows.reshape(-1, n, n))
+    first, second = jnp.split(forms.rows, 2)
+    half = ((forms.weights @ p)[:, None] * first).T @ second
+    return half - half.T

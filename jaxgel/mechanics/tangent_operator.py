@@ -21,7 +21,7 @@ from jax import lax
 from .._threads import ONE_THREAD
 from .._types import Array, Float, Scalar
 from ..materials import neo_hookean
-from .assembly import coupling, coupling_terms
+from .assembly import coupling
 from .dofs import gather, scatter
 from .energy import residual
 from .mixed import volume_gradients
@@ -144,8 +144,8 @@ def _state_terms(problem, x, pressure):
         stiffness = jnp.where(volumes > 0, stiffness_at(J, model, problem.gel) / jnp.where(volumes > 0, volumes, 1.0), 0.0)
         total = jnp.zeros(len(operators.pairs))
         parts = zip(model.blocks, by_block(pressure, model), operators.area_forms, operators.slots, strict=True)
-        for block, p, area_forms, slot in parts:
-            arrays = coupling_terms(p, block, area_forms)
+        for block, p, forms, slot in parts:
+            arrays = p, forms, block.dphi, block.weight
             total = add_cell_matrices(total, lambda arrays: coupling(*arrays), arrays, slot, block.nodes.shape[1])
         return gradients, stiffness, total
 

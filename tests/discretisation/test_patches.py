@@ -47,9 +47,9 @@ def coarse_model(coarse_model):
 
 
 @pytest.fixture(scope="module")
-def tiny_model(tiny_model):
-    """The same cloud with patches."""
-    return jaxgel.discretise(tiny_model.cloud, method="patches")
+def tiny_model(tiny_plate):
+    """The tiny plate with 8 x 8 squares and patches."""
+    return jaxgel.discretise(jaxgel.make_cloud(tiny_plate, spacing=0.5, nodes_per_hole=12), method="patches")
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +81,9 @@ def wide_model():
 def slit_model():
     """Four by four blocks of 2 x 2 squares of 0.5 mm, of which a slit 0.06 mm wide divides two."""
     slit = jaxgel.Rectangle((0.5, 0.0), (0.06, 1.9))
-    return jaxgel.discretise(
-        jaxgel.make_cloud(jaxgel.Plate(4, 4, [slit], spacing=0.5, nodes_per_hole=32)), basis="linear", method="patches"
-    )
+    with pytest.warns(UserWarning, match=r"nodes_per_hole: 4.1 outline nodes of holes\[0\] to a side of a background square; beyond 2"):
+        cloud = jaxgel.make_cloud(jaxgel.Plate(4, 4, [slit], spacing=0.5, nodes_per_hole=32))
+    return jaxgel.discretise(cloud, basis="linear", method="patches")
 
 
 # --- which cells make a patch --------------------------------------------------------------------------------------------------
@@ -263,8 +263,8 @@ def test_derivative_of_volume_ratios_by_a_hole_matches_central_differences(tiny_
         placed = cloud.at(cloud.plate.at(({"radius": radius, "centre": jnp.array([0.1, -0.2])},)))
         return volume_ratios(x, jaxgel.discretise(placed, method="patches"))
 
-    _, slope = jax.jvp(of_radius, (1.1,), (1.0,))
-    J = {k: of_radius(1.1 + k * step) for k in (-2, -1, 1, 2)}
+    _, slope = jax.jvp(of_radius, (1.045,), (1.0,))  # where no point enters or leaves a support
+    J = {k: of_radius(1.045 + k * step) for k in (-2, -1, 1, 2)}
     difference = (8 * (J[1] - J[-1]) - (J[2] - J[-2])) / (12 * step)
     assert np.abs(slope).max() > 0.1
     # truncation step^4 = 1e-16 times a fifth derivative; round-off 1e-14 / step
