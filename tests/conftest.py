@@ -26,8 +26,12 @@ if os.environ.get("JAXGEL_CHECK_SHAPES", "0") != "0":  # before jaxgel is import
 from jaxgel.cli.environment import in_one_part, quick_flags
 
 # read when the first program is compiled: most tests compile more than they compute, and a program in parts is more work
-unoptimised = [flag.replace("level=2", "level=0") for flag in quick_flags()] + [f"--{name}={value}" for name, value in in_one_part().items()]
-os.environ.setdefault("XLA_FLAGS", " ".join(unoptimised))
+os.environ.setdefault(
+    "XLA_FLAGS",
+    " ".join(
+        [flag.replace("level=2", "level=0") for flag in quick_flags()] + [f"--{name}={value}" for name, value in in_one_part().items()]
+    ),
+)
 
 import jax
 import numpy as np

@@ -95,7 +95,10 @@ def gel_polygon(plate: Plate, outlines: tuple[Outline, ...], outline_vertices: F
 
 
 def warn_if_crowded(outlines: tuple[Outline, ...], vertices: Float[np.ndarray, "v 2"], background: Background) -> None:
-    """UserWarning that names the hole whose outline nodes lie closest for the squares around, where they lie too close."""
+    """UserWarning that names the hole whose outline nodes lie closest for the squares around, where they lie too close.
+
+    Outlines shorter than the contour of a square are left out: few nodes make these crowded.
+    """
     crowded = [_nodes_per_side(vertices[loop(o)[::OUTLINE_SEGMENTS]], background) for o in outlines]
     if crowded and max(crowded) > CROWDED:
         hole = outlines[int(np.argmax(crowded))].arc.hole
@@ -107,6 +110,7 @@ def warn_if_crowded(outlines: tuple[Outline, ...], vertices: Float[np.ndarray, "
 
 
 def _nodes_per_side(nodes, background):
-    """Mean side of the squares around an outline's nodes (k, 2) over their mean distance."""
-    side = background.side.min() / 2.0 ** background.halvings(nodes)
-    return side.mean() / np.linalg.norm(np.diff(nodes, axis=0), axis=1).mean()
+    """Mean side of the squares around an outline's nodes (k, 2) over their mean distance; 0 for an outline shorter than four sides."""
+    side = np.mean(background.side.min() / 2.0 ** background.halvings(nodes))
+    distances = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    return side / distances.mean() if distances.sum() > 4 * side else 0.0

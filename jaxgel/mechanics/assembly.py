@@ -48,7 +48,9 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
     return total if model.contact is None else _add_contact(total, x, model)
 
 
-def coupling(p: Float[Array, " g"], forms: AreaForms | None, dphi: Float[Array, "q a 2"], weight: Float[Array, " q"]) -> Float[Array, "a a"]:
+def coupling(
+    p: Float[Array, " g"], forms: AreaForms | None, dphi: Float[Array, "q a 2"], weight: Float[Array, " q"]
+) -> Float[Array, "a a"]:
     """Sum over the groups of a patch of p S: the antisymmetric form whose values x_1 . S x_2 are the sum of p V J."""
     if forms is not None:
         return area_form_sum(p, forms)

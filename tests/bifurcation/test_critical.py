@@ -1,6 +1,7 @@
 """Critical points: where they are, what they are, and how they move with the design."""
 
 import dataclasses
+import functools
 import json
 
 import jax
@@ -46,21 +47,22 @@ def critical_mu(buckling_model):
     """Critical mu of sample 4 as a function of radius (mm), Nv and chi."""
     cloud = buckling_model.cloud
 
-    def critical_mu(v):
-        model = jaxgel.discretise(cloud.at(cloud.plate.at([{"radius": v[0]}] * 4)))
+    def critical_mu(v, moved=True):
+        model = jaxgel.discretise(cloud.at(cloud.plate.at([{"radius": v[0]}] * 4))) if moved else buckling_model
         return jaxgel.critical_points(model, jaxgel.Gel(v[1], v[2]), mu=WINDOW)[0].mu
 
     return critical_mu
 
 
-@pytest.mark.parametrize("of", [0, *(pytest.param(of, marks=pytest.mark.slow) for of in (1, 2))], ids=["radius", "Nv", "chi"])
+@pytest.mark.parametrize("of", [*(pytest.param(of, marks=pytest.mark.slow) for of in (0, 1)), 2], ids=["radius", "Nv", "chi"])
 def test_derivatives_are_differences_of_relocated_points(critical_mu, of):
     """Extrapolated differences, to 1e-5. A critical mu carries 3e-11 of round-off, from bulk stiffnesses 1e5 times the network's, which
     asks for a step of 6 % in Nv, its weakest influence; the kinks of the weight functions ask for a short one in the radius."""
     at, step = np.array([np.sqrt(20.0), 1e-3, 0.05]), (4e-4, 6e-5, 1e-2)[of]
     e = np.eye(3)[of] * step
-    _, slope = jax.jvp(critical_mu, (jnp.asarray(at),), (jnp.asarray(np.eye(3)[of]),))
-    near, far = ((critical_mu(at + s * e) - critical_mu(at - s * e)) / (2 * s * step) for s in (0.5, 1.0))
+    located = functools.partial(critical_mu, moved=of == 0)
+    _, slope = jax.jvp(located, (jnp.asarray(at),), (jnp.asarray(np.eye(3)[of]),))
+    near, far = ((located(at + s * e) - located(at - s * e)) / (2 * s * step) for s in (0.5, 1.0))
     assert float(slope) == pytest.approx((4 * near - far) / 3, rel=1e-5)
 
 

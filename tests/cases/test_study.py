@@ -176,11 +176,15 @@ def test_a_study_may_vary_an_angle_in_degrees():
         study_from_table(table, "both")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Folder of ``jaxgel design`` of the small study, interrupted in its third sweep and resumed."""
+@pytest.fixture(scope="module", params=["whole", pytest.param("interrupted", marks=pytest.mark.slow)])
+def folder(request, tmp_path_factory):
+    """Folder of ``jaxgel design`` of the small study, at once or interrupted in its third sweep and resumed."""
     folder = tmp_path_factory.mktemp("design")
     (folder / "small.toml").write_text(SMALL)
+    command = ["design", str(folder / "small.toml"), "--out", str(folder / "out"), "--quiet"]
+    if request.param == "whole":
+        assert cli.main(command) == 0
+        return folder / "out"
     forward, calls = search.Search._forward, []
 
     def interrupted(self, vector):
@@ -191,13 +195,13 @@ def folder(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(search.Search, "_forward", interrupted)
-        assert cli.main(["design", str(folder / "small.toml"), "--out", str(folder / "out"), "--quiet"]) == 130
+        assert cli.main(command) == 130
     assert json.loads((folder / "out" / "design.json").read_text())["outcome"] == Outcome.INTERRUPTED
     assert cli.main(["resume", str(folder / "out")]) == 0
     return folder / "out"
 
 
-def test_a_resumed_command_leaves_its_files_and_a_valid_design(folder):
+def test_the_command_leaves_its_files_and_a_valid_design(folder):
     assert {file.name for file in folder.iterdir()} == {"design.json", "best.toml", VERIFIED, "design.png"}
     verified = json.loads((folder / VERIFIED).read_text())
     assert verified["best"]["valid"] and verified["best"]["value"] > verified["start"]["value"]

@@ -60,7 +60,14 @@ def test_package_data_is_what_the_code_makes():
         assert json.loads(generated.file(name).read_text(encoding="utf-8")) == json.loads(text), name
 
 
-@pytest.mark.parametrize("imports", ["import jaxgel, jax", "import jax, jaxgel", "import jaxgel, jax.numpy", "import jaxgel.linalg, jax"])
+@pytest.mark.parametrize(
+    "imports",
+    [
+        "import jaxgel, jax",
+        *(pytest.param(line, marks=pytest.mark.slow) for line in ("import jax, jaxgel", "import jaxgel, jax.numpy")),
+        "import jaxgel.linalg, jax",
+    ],
+)
 def test_jax_has_64_bits_in_every_order_of_imports(imports):
     assert python(f"{imports}\nprint(jax.numpy.zeros(()).dtype)") == "float64"
 

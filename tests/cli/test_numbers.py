@@ -61,10 +61,10 @@ NUMERIC = {parser._real, parser._whole, parser._steps}
 
 
 def entries():
-    """``ENTRIES``, slow where a parameter of a hole was walked for another kind."""
+    """``ENTRIES``, slow where a parameter of a hole was walked for another kind, and for kinds other than circles and ellipses."""
     walked, marked = set(), []
     for name, path in ENTRIES:
-        again = name.startswith("hole") and path[2] in walked
+        again = name.startswith("hole") and (path[2] in walked or name not in ("hole circle", "hole ellipse"))
         marked.append(pytest.param(name, path, marks=[pytest.mark.slow] * again, id=f"{name}-{'.'.join(map(str, path))}"))
         walked |= {path[2]} if name.startswith("hole") else set()
     return marked

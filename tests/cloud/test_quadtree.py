@@ -68,7 +68,7 @@ def test_wedge_between_a_cut_hole_and_its_wall_is_no_ligament():
 
 
 @pytest.mark.parametrize("name", AWKWARD)
-@pytest.mark.parametrize("across", [4, 6])
+@pytest.mark.parametrize("across", [4, pytest.param(6, marks=pytest.mark.slow)])
 def test_cells_fill_the_gel_without_gaps_at_hanging_vertices(name, across):
     topology = make_cloud(AWKWARD[name], across=across).topology  # sides of "straight" lie along grid lines
     part = topology.partition
@@ -128,7 +128,7 @@ def test_patch_test_stays_exact_where_a_square_is_refined(basis, region):
     assert (np.abs(path.x - exact).max(axis=(1, 2)) / stretch[:, 0]).max() < 1e-10
 
 
-@pytest.mark.parametrize("basis", ["linear", "quadratic"])
+@pytest.mark.parametrize("basis", [pytest.param("linear", marks=pytest.mark.slow), "quadratic"])
 def test_gradients_of_inner_nodes_integrate_to_zero(refined, basis):
     model = discretise(refined, basis=basis, dmax=2.5)  # so that there are inner nodes
     total = np.zeros((model.n_nodes, 2))

@@ -106,6 +106,7 @@ def test_modes_that_were_followed_may_have_become_the_same(unstable_path):
         np.testing.assert_allclose(found.eigenvalues[0], eigenvalues[0], rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_negative_eigenvalues_are_counted_for_the_state_itself(unstable_path):
     exact = dense_eigenvalues(unstable_path)
     np.testing.assert_array_equal(unstable_path.negative_pivots, np.sum(exact < 0, axis=1))

@@ -72,22 +72,22 @@ def inf_sup(model):
     return values[count - 1]
 
 
-REFINEMENT = [(0.75, 20), (0.5, 24), (0.375, 32), pytest.param(0.25, 48, marks=pytest.mark.slow)]
+REFINEMENT = [(0.75, 20), (0.375, 32), *(pytest.param(*sizes, marks=pytest.mark.slow) for sizes in ((0.5, 24), (0.25, 48)))]
 
 
 @pytest.mark.parametrize(("spacing", "nodes_per_hole"), REFINEMENT)
 def test_conformal_motions_cost_energy_under_refinement(spacing, nodes_per_hole):
-    assert least_quotient(round_hole(spacing, nodes_per_hole, "patches")) > LEAST  # 0.78, 0.72, 0.68, 0.67 measured
+    assert least_quotient(round_hole(spacing, nodes_per_hole, "patches")) > LEAST  # 0.78, 0.68, 0.72, 0.67 measured
 
 
 @pytest.mark.parametrize(("spacing", "nodes_per_hole"), REFINEMENT)
 def test_displacements_and_pressures_have_an_inf_sup_constant_under_refinement(spacing, nodes_per_hole):
-    assert inf_sup(round_hole(spacing, nodes_per_hole, "patches")) > LEAST_INF_SUP  # 0.597, 0.604, 0.594, 0.597 measured
+    assert inf_sup(round_hole(spacing, nodes_per_hole, "patches")) > LEAST_INF_SUP  # 0.597, 0.594, 0.604, 0.597 measured
 
 
 def test_one_pressure_per_cell_has_no_inf_sup_constant():
-    """It falls with the spacing: 0.477, 0.384, 0.273 measured."""
-    coarse, _, fine = (inf_sup(round_hole(*sizes, "mixed")) for sizes in REFINEMENT[:3])
+    """It falls with the spacing: 0.477, 0.273 measured, and 0.384 with a spacing of 0.5 mm."""
+    coarse, fine = (inf_sup(round_hole(*sizes, "mixed")) for sizes in REFINEMENT[:2])
     assert fine < 0.6 * coarse
     assert fine < 0.6 * LEAST_INF_SUP
 
@@ -96,7 +96,7 @@ def test_one_pressure_per_cell_has_no_inf_sup_constant():
     "nodes_per_hole",
     [
         20,
-        40,
+        pytest.param(40, marks=pytest.mark.slow),
         80,
         *(pytest.param(many, marks=[pytest.mark.slow, pytest.mark.xfail(reason="0.42 measured with 120")]) for many in (120, 160)),
     ],

@@ -29,7 +29,7 @@ GAUSS_POINTS = {
 }  # Deng et al. (2020), Table 1 and sections 5.1, 5.5; the printed 12,114 of sample 7 is a misprint
 
 
-@pytest.mark.parametrize("name", GAUSS_POINTS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name[-1] in "2345689")) for name in GAUSS_POINTS])
 def test_sample_has_the_papers_number_of_gauss_points(name):
     plate = jaxgel.sample(name)
     model = jaxgel.discretise(jaxgel.make_cloud(plate), quadrature="paper", basis="linear", dmax=1.8)  # the count is that of any support
@@ -81,7 +81,7 @@ def test_patch_test_gives_the_uniaxial_stretch_at_every_mu(side, basis, dmax):
     assert np.all(path.newton_iterations[:-1] <= 3)
 
 
-@pytest.mark.parametrize(("side", "basis"), [(9, "linear"), (11, "quadratic"), (13, "linear")])
+@pytest.mark.parametrize(("side", "basis"), [(9, "linear"), (11, "quadratic"), pytest.param(13, "linear", marks=pytest.mark.slow)])
 def test_exact_uniaxial_state_is_in_equilibrium_on_other_clouds(side, basis):
     model, gel = square(side, basis, 2.5), jaxgel.sample("square").gel
     free = free_dofs(model.cloud.topology)

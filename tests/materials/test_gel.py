@@ -204,7 +204,7 @@ def test_a_poor_solvent_has_a_spinodal(Nv, excess):
 # --- the inverse of the pressure -----------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=100)
 @given(
     st.floats(-12.0, 3.0),
     st.floats(-8.0, 0.0),
@@ -219,7 +219,7 @@ def test_volume_ratio_at_inverts_the_pressure(log_swelling, mu, log_Nv, chi):
     assert abs(found - J) < roundoff
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=100)
 @given(st.floats(-1e3, 1e3), st.floats(-1e2, 1e2), st.floats(-6.0, 1.0), st.floats(1e-6, 1.999999))
 def test_volume_ratio_at_is_finite_and_solves_wherever_a_root_exists(p, mu, log_Nv, chi):
     gel = Gel(10.0**log_Nv, chi)

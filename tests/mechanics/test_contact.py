@@ -38,8 +38,7 @@ MU = [-3.0, -2.0, -1.4]  # the slit's tips close between the last two
 def slit():
     """Cloud of a small plate with a flat hole, a round one cut by a wall, and one in a corner."""
     holes = [jaxgel.Ellipse((0.1, -0.05), (1.2, 0.45), 0.1), jaxgel.Circle((0.2, -2.0), 0.4), jaxgel.Circle((-2.0, 2.0), 0.6)]
-    with pytest.warns(UserWarning, match="nodes_per_hole: 3.2 outline nodes"):  # of the round one
-        return jaxgel.make_cloud(jaxgel.Plate(4, 4, holes, spacing=0.5, nodes_per_hole=16, gel=GEL))
+    return jaxgel.make_cloud(jaxgel.Plate(4, 4, holes, spacing=0.5, nodes_per_hole=16, gel=GEL))
 
 
 @pytest.fixture(scope="module")

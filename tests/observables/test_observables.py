@@ -122,6 +122,7 @@ def test_state_of_sample_1_is_nearly_symmetric_under_quarter_turns(coarse_path):
     np.testing.assert_allclose(per_hole, per_hole.mean(), rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_mirrored_plate_turns_the_other_way(coarse_path):
     """The mirror y = x keeps the cloud and its cells."""
     plate = coarse_path.model.cloud.plate
@@ -214,7 +215,10 @@ def test_freely_swollen_plate_has_no_stress_and_surface_ratio_one(coarse_path):
     np.testing.assert_allclose(jaxgel.surface_ratio(path), 1.0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("method", "quadrature"), [("mixed", "conforming"), ("displacement", "conforming"), ("mixed", "paper")])
+@pytest.mark.parametrize(
+    ("method", "quadrature"),
+    [("mixed", "conforming"), pytest.param("displacement", "conforming", marks=pytest.mark.slow), ("mixed", "paper")],
+)
 def test_stress_of_the_uniaxially_swollen_square_is_the_closed_form(method, quadrature, square_model):
     gel, mu = jaxgel.sample("square").gel, np.array([-2.0, -1.0])
     cloud, own = square_model.cloud, (method, quadrature) == ("mixed", "conforming")

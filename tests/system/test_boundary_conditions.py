@@ -54,7 +54,7 @@ def test_film_on_a_rigid_base_swells_uniaxially(sides):
     ("edges", "F"),
     [
         pytest.param("roller", ((1.2, 0.0), (0.0, 0.9)), marks=pytest.mark.slow),
-        ("fixed", ((1.2, 0.2), (0.1, 0.9))),
+        pytest.param("fixed", ((1.2, 0.2), (0.1, 0.9)), marks=pytest.mark.slow),
         ("periodic", ((1.2, 0.2), (0.1, 0.9))),
     ],
 )
@@ -87,6 +87,7 @@ def test_edges_that_cannot_be_moved_at_once_move_in_steps():
     np.testing.assert_allclose(path.x[0][np.abs(X[:, 1] - 0.5) < 1e-9, 1], 0.75, rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_traction_presses_a_film_as_the_uniaxial_closed_form_says():
     """With rollers at the sides the stress along y is dW/dl at F = diag(1, l): the traction that belongs to l."""
     mu = -2.0
@@ -97,6 +98,7 @@ def test_traction_presses_a_film_as_the_uniaxial_closed_form_says():
     np.testing.assert_allclose(path.x[1, :, 1] + 0.5, stretch * (X[:, 1] + 0.5), rtol=0, atol=EXACT)
 
 
+@pytest.mark.slow
 def test_column_under_its_weight_has_the_closed_form_of_its_height():
     """dW/dl = -b (H - Y) at every height Y: the top lies at the integral of l, here by Gauss quadrature of the inverse function.
 
