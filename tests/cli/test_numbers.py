@@ -113,7 +113,7 @@ def ends(monkeypatch, capsys, tmp_path):
 
     def run(arguments):
         code = cli.main(arguments)
-        error = capsys.readouterr().err
+        error = re.sub(r"jaxgel: warning: nodes_per_hole: [^\n]*\n", "", capsys.readouterr().err)
         assert code in (0, 2, 3), error
         assert re.fullmatch(r"(jaxgel: [^\n]*\n)?", error)
         assert (code == 0) == (error == "")
