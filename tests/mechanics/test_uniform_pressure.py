@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,8 +12,8 @@ import scipy.linalg
 from scipy.optimize import brentq
 
 import jaxgel
-from jaxgel.materials import osmotic
-from jaxgel.mechanics import carries_volume, linearise, prepare, state_pressure, tangent
+from jaxgel.materials import free_energy, osmotic
+from jaxgel.mechanics import carries_volume, linearise, prepare, residual, state_pressure, tangent
 
 GEL, MU = jaxgel.Gel(Nv=1e-3, chi=1e-4), -2.0
 PRESSURES = (45, 71, 150, 500, -150, -600)  # Nv
@@ -54,3 +55,15 @@ def test_tangent_costs_no_motion_less_than_the_network_does(p, spacing):
     K, network = tangents(p, spacing)
     least = scipy.linalg.eigh(K, network, eigvals_only=True, subset_by_index=[0, 0])[0]
     assert least > 1 - 1e-9  # equal where no volume changes, to round-off of the bulk stiffness of some 1e3 Nv
+
+
+@pytest.mark.parametrize("method", ["mixed", "patches"])
+def test_a_traction_balances_a_uniform_stress(method):
+    """Nodal forces of P n on the free edges hold the freely deformed gel, whatever rule the method takes along edges."""
+    plate = jaxgel.Plate(4, 2, edges=dict.fromkeys(("left", "right", "bottom", "top"), "free") | {"bottom": "roller"}, spacing=0.3)
+    model = jaxgel.discretise(jaxgel.make_cloud(plate), method=method)
+    A = jnp.array([[1.3, 0.0], [0.0, 1.1]])
+    stress = jax.grad(lambda F: free_energy(F, MU, GEL))(A)
+    loads = jaxgel.load_vector(model, traction={"right": stress[:, 0], "left": -stress[:, 0], "top": stress[:, 1], "bottom": -stress[:, 1]})
+    forces = np.asarray(residual(model.cloud.nodes @ A, model, GEL, MU, loads))
+    np.testing.assert_allclose(forces, 0.0, atol=1e-13 * float(jnp.abs(stress).max()))
