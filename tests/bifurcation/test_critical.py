@@ -62,8 +62,9 @@ def test_derivatives_are_differences_of_relocated_points(critical_mu, of):
     e = np.eye(3)[of] * step
     located = functools.partial(critical_mu, moved=of == 0)
     _, slope = jax.jvp(located, (jnp.asarray(at),), (jnp.asarray(np.eye(3)[of]),))
-    near, far = ((located(at + s * e) - located(at - s * e)) / (2 * s * step) for s in (0.5, 1.0))
-    assert float(slope) == pytest.approx((4 * near - far) / 3, rel=1e-5)
+    shares = (1.0,) if of == 2 else (0.5, 1.0)  # by chi there is nothing to extrapolate: the first difference is good to 5e-10
+    near, *far = ((located(at + s * e) - located(at - s * e)) / (2 * s * step) for s in shares)
+    assert float(slope) == pytest.approx((4 * near - far[0]) / 3 if far else near, rel=1e-5)
 
 
 @pytest.mark.slow

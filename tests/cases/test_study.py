@@ -13,7 +13,7 @@ import jaxgel
 from jaxgel.cases import VERIFIED, load_study, study_from_table
 from jaxgel.cases import case as cases
 from jaxgel.cli import command_line as cli
-from jaxgel.design import Outcome, porosity, search
+from jaxgel.design import DesignProblem, Outcome, porosity, search
 from jaxgel.observables import CURVES, QUANTITIES
 
 DESIGN = Path(__file__).parents[2] / "design"
@@ -183,7 +183,16 @@ def folder(request, tmp_path_factory):
     (folder / "small.toml").write_text(SMALL)
     command = ["design", str(folder / "small.toml"), "--out", str(folder / "out"), "--quiet"]
     if request.param == "whole":
-        assert cli.main(command) == 0
+        made, make = [], DesignProblem.make_cloud
+
+        def once(self, plate, spacing=None):  # one cloud for search and verification, so that their programs are compiled once
+            if not made:
+                made.append(make(self, plate, spacing))
+            return made[0]
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(DesignProblem, "make_cloud", once)
+            assert cli.main(command) == 0
         return folder / "out"
     forward, calls = search.Search._forward, []
 

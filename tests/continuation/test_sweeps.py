@@ -120,7 +120,7 @@ def test_interruption_passes_through_with_all_finished_steps_delivered(tiny_mode
 # --- how sweeps end ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mu", [[-2.0, -1.0, 0.0, 0.5], (-2.0, 0.5)], ids=["given", "chosen"])
+@pytest.mark.parametrize("mu", [pytest.param([-2.0, -1.0, 0.0, 0.5], marks=pytest.mark.slow), (-2.0, 0.5)], ids=["given", "chosen"])
 def test_sweep_into_a_swelling_jump_stops_at_the_fold_and_says_so(mu, square_model):
     """With chi = 1.5 no state connected with the dry one exists above the fold: the gel would jump to a hundredfold volume."""
     gel = Gel(Nv=1e-3, chi=1.5)
@@ -193,7 +193,7 @@ def test_prediction_is_exact_on_a_polynomial_and_cautious_after_a_turn(tiny_mode
     np.testing.assert_allclose(x, 1.5)
 
 
-@pytest.mark.parametrize("method", ["mixed", "displacement"])
+@pytest.mark.parametrize("method", ["mixed", pytest.param("displacement", marks=pytest.mark.slow)])
 def test_a_first_state_predicts_the_second_to_second_order(tiny_model, method):
     model = tiny_model if method == "mixed" else jaxgel.discretise(tiny_model.cloud, method=method)
     problem, steps, misses = prepare(model, model.cloud.plate.gel), 0.2 * 0.5 ** np.arange(3), []

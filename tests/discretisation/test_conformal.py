@@ -95,8 +95,7 @@ def test_one_pressure_per_cell_has_no_inf_sup_constant():
 @pytest.mark.parametrize(
     "nodes_per_hole",
     [
-        20,
-        pytest.param(40, marks=pytest.mark.slow),
+        *(pytest.param(few, marks=pytest.mark.slow) for few in (20, 40)),
         80,
         *(pytest.param(many, marks=[pytest.mark.slow, pytest.mark.xfail(reason="0.42 measured with 120")]) for many in (120, 160)),
     ],

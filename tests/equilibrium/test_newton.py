@@ -38,7 +38,7 @@ def state(problem):
     return found
 
 
-@pytest.mark.parametrize(("step", "most"), [(0.25, 4), (0.5, 4), (1.0, 5)])
+@pytest.mark.parametrize(("step", "most"), [pytest.param(0.25, 4, marks=pytest.mark.slow), (0.5, 4), (1.0, 5)])
 def test_newton_takes_few_iterations_from_the_dry_nodes_on(step, most, coarse_model):
     """Each state from the one before, without a predictor, with a new factor in every iteration."""
     gel = coarse_model.cloud.plate.gel

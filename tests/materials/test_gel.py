@@ -151,7 +151,9 @@ def test_uniaxial_swelling_satisfies_equation_59_to_the_last_digits(gel, mu):
     np.testing.assert_allclose(uniaxial_swelling(mu, gel), expected, rtol=1e-14)
 
 
-@pytest.mark.parametrize("gel", [*GELS, Gel(1e-3, 0.1, network=Gent(20.0)), Gel(1e-3, 0.1, network=ArrudaBoyce(10.0))])
+@pytest.mark.parametrize(
+    "gel", [*GELS, Gel(1e-3, 0.1, network=Gent(20.0)), pytest.param(Gel(1e-3, 0.1, network=ArrudaBoyce(10.0)), marks=pytest.mark.slow)]
+)
 def test_swollen_states_are_free_of_stress(gel):
     for mu in MUS:
         l1, l2 = free_swelling(mu, gel), uniaxial_swelling(mu, gel)
@@ -263,7 +265,9 @@ FUNCTIONS = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "gent")) for name in FUNCTIONS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("gent", "uniaxial_swelling"))) for name in FUNCTIONS]
+)
 def test_implicit_derivatives_forward_and_reverse_agree_with_finite_differences(name):
     function, x = jax.jit(FUNCTIONS[name]), jnp.array([-0.4, 0.01, 0.2, 1.0])
     g = jax.jit(jax.grad(function))

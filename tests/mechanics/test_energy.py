@@ -110,7 +110,7 @@ def test_energy_below_the_dry_volume_is_nan_and_says_so(fixture, request):
     ("fixture", "gel"),
     [
         ("tiny_model", Gel()),
-        ("tiny_displacement_model", Gel(network=Gent(30.0))),
+        pytest.param("tiny_displacement_model", Gel(network=Gent(30.0)), marks=pytest.mark.slow),
         pytest.param("tiny_model", Gel(network=Gent(30.0)), marks=pytest.mark.slow),
         pytest.param("tiny_displacement_model", Gel(), marks=pytest.mark.slow),
     ],

@@ -16,7 +16,7 @@ from jaxgel.materials import free_energy, osmotic
 from jaxgel.mechanics import carries_volume, linearise, prepare, residual, state_pressure, tangent
 
 GEL, MU = jaxgel.Gel(Nv=1e-3, chi=1e-4), -2.0
-PRESSURES = (45, 71, 150, 500, -150, -600)  # Nv
+PRESSURES = (45, *(pytest.param(p, marks=pytest.mark.slow) for p in (71, 150, 500, -150)), -600)  # Nv
 EACH_SPACING = [0.25, pytest.param(0.125, marks=pytest.mark.slow)]
 LOWEST = {0.25: 0.6003, 0.125: 0.15115}  # eigenvalue of the tangent over Nv, that of a smooth motion: it has an area per node in it
 
