@@ -32,7 +32,7 @@ GRID = {
 }
 SOBOL = tabled({"samples": word(SAMPLES), "points": whole(1), "seed": whole(0, None)}, ["points"])
 MAP = "map.json"
-FORMAT = 1  # of map.json and point.json
+FORMAT = 2  # of map.json and point.json
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from .optimisers import Exhausted, Invalid
 from .problem import DesignProblem
 
 LOG = "design.json"
-FORMAT = 2  # of the log
+FORMAT = 3  # of the log
 FEASIBLE = 1e-4  # violation of a scaled constraint that still counts as met
 _STATES = ("x", "pressure", "mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 

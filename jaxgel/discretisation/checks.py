@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
 REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
 BASES = ("linear", "quadratic")
-METHODS = ("mixed", "patches", "displacement")
+METHODS = ("mixed", "cells", "displacement")
 QUADRATURES = ("conforming", "paper")
 CONDITIONS = ("nodes", "penalty", "lagrange")
 INTERPOLATING = ("imls", "iicvmls")

@@ -96,7 +96,7 @@ def conforming_connectivity(topology: Topology, method: str, basis: str, dmax: f
 def _conforming(topology, method, basis, dmax, skin):
     part, quadrature = topology.partition, topology.quadrature
     patch_of_cell, linear = patches(topology, method)
-    contour = _contour(topology, patch_of_cell, curved=method == "patches")
+    contour = _contour(topology, patch_of_cell, curved=method == "mixed")
     inner, on_edge = np.asarray(quadrature.points(part.vertices)), np.asarray(contour.points(part.vertices))
     support = dmax * topology.node_spacing
     points = np.concatenate([inner, on_edge])

@@ -88,7 +88,7 @@ class Model:
     dmax: float
     """Support radius over node spacing."""
     method: str
-    """``"mixed"``: one pressure per cell; ``"patches"``: linear over patches; ``"displacement"``: J at every quadrature point."""
+    """``"mixed"``: pressures linear over patches; ``"cells"``: one per cell; ``"displacement"``: J at every quadrature point."""
     quadrature: str
     """``"conforming"`` or ``"paper"``."""
     kind: str
@@ -134,12 +134,12 @@ def discretise(
 ) -> Model:
     """``Model`` of a cloud: cells, quadrature points, shape function gradients.
 
-    ``method="mixed"`` has one pressure per cell. ``"patches"`` has pressures linear over patches of 2 x 2 squares and constant over single
-    cells along outlines and in narrow ligaments, and holds what they do not see of the volume ratio J. ``"displacement"`` takes J at
+    ``method="mixed"`` has pressures linear over patches of 2 x 2 squares and constant over single cells along outlines and in narrow
+    ligaments, and holds what they do not see of the volume ratio J. ``"cells"`` has one pressure per cell. ``"displacement"`` takes J at
     every quadrature point. ``dmax`` is the support radius over the node spacing (2.95 by default, 3.5 for the paper's quadrature).
     ``quadrature="conforming"`` partitions the gel into cells with curved sides along the outlines and corrects weights and gradients so
     that linear fields are integrated exactly (patch test); ``"paper"`` takes 4 x 4 Gauss points in each of ``cells`` x ``cells`` squares
-    and drops the points in holes (Table 1); it has no patches, and ``"patches"`` is refused with it.
+    and drops the points in holes (Table 1); it has no patches, and ``"mixed"`` is ``"cells"`` with it.
     ``kind`` is that of ``shape_functions``. Those that do not interpolate, ``"icvmls"`` and ``"mls"``, need ``conditions="penalty"``, with
     the factor ``penalty`` in kT/v per mm, or ``"lagrange"`` instead of conditions at the ``"nodes"``.
     ``skin`` (mm) enlarges the neighbour lists by the distance that points of a moved cloud may have come closer; by default 0 on
@@ -155,8 +155,8 @@ def discretise(
     if quadrature == "paper":
         if is_moved(cloud):
             raise ValueError("quadrature: 'paper' drops points in holes and cannot follow moving holes; use 'conforming'")
-        if method == "patches":
-            raise ValueError("method: 'patches' needs quadrature 'conforming', not 'paper'")
+        if method == "mixed":
+            method = "cells"
         lists, points, weight = paper_connectivity(topology, basis, dmax, cells)
         rows = None
         _, dphi = evaluate_points(cloud.nodes, points, lists.nodes, lists.support, lists.owner, basis=basis, kind=kind)
@@ -215,7 +215,7 @@ def _by_patch(points, dphi, weight, rows, point_numbers, edge_numbers, *, widths
         at = jnp.where(numbers >= 0, numbers, numbers[:, :1])  # padding repeats a point of its own patch, where every energy is finite
         w = jnp.where(numbers >= 0, weight[at], 0.0)
         groups = contour = None
-        if method == "patches":
+        if method == "mixed":
             groups = group_weights(points[at], w, of)
             own = jnp.where((edges >= 0)[..., None, None, None], rows[edges][..., :n], 0.0)
             contour = jnp.moveaxis(own, 2, 1).reshape(len(own), 2, -1, n)

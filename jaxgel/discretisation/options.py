@@ -29,7 +29,7 @@ class DiscretisationOptions:
     dmax: float | None = option(None, POSITIVE | {"maximum": 10.0}, "model")
     """Support radius over spacing."""
     method: str = option("mixed", word(METHODS), "model")
-    """One pressure per cell, pressures linear over patches, or displacement only"""
+    """Pressures linear over patches, one pressure per cell, or displacement only"""
     quadrature: str = option("conforming", word(QUADRATURES), "model")
     """Cells along the true outline, or the paper's"""
     solver: str = option("auto", word(SOLVERS), "model")

@@ -19,10 +19,10 @@ ROUND_OFF = 1e-9  # of areas, relative
 def patches(topology: Topology, method: str) -> tuple[Int[np.ndarray, " c"], Bool[np.ndarray, " p"]]:
     """The patch (c,) of every cell, and whether each patch (p,) has a linear pressure.
 
-    For other methods than "patches" every cell is a patch of its own with a constant one.
+    For other methods than "mixed" every cell is a patch of its own with a constant one.
     """
     n_cells = topology.partition.n_cells
-    if method != "patches":
+    if method != "mixed":
         return np.arange(n_cells), np.zeros(n_cells, dtype=bool)
     area, centre = _areas_and_centres(topology)
     block, square, complete = _blocks_of_squares(topology, centre)

@@ -13,7 +13,8 @@ from ..equilibrium import Status
 from ..observables import BY_COLUMN, COLUMNS
 from .files import MAX_BYTES, guarded, read_arrays
 
-FORMAT = 2  # raised when the meaning of a file changes
+FORMAT = 3  # raised when the meaning of a file changes
+EARLIER = 2  # read too: its method "mixed" is today's "cells"
 STEP_ARRAYS = (
     "mu",
     "x",
@@ -89,8 +90,8 @@ def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, An
 
 def _read_summary(content: bytes, _: int) -> dict[str, Any]:
     summary = json.loads(content)
-    if summary["format"] != FORMAT:
-        raise ValueError(f"format {summary['format']}, this version reads {FORMAT}")
+    if summary["format"] not in (EARLIER, FORMAT):
+        raise ValueError(f"format {summary['format']}, this version reads {EARLIER} and {FORMAT}")
     wanted = {
         "case": str,
         "options": dict,
@@ -106,6 +107,10 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
             raise ValueError(f"{key} is not of type {kind.__name__}")
     if summary["stop"] not in Status.__members__:
         raise ValueError(f"stop {summary['stop']!r} is no status")
+    if summary["format"] == EARLIER:
+        discretisation = summary["options"].setdefault("discretisation", {})
+        if discretisation.get("method", "mixed") == "mixed":
+            discretisation["method"] = "cells"
     return summary
 
 

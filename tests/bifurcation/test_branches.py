@@ -59,7 +59,7 @@ def test_the_stable_sweep_is_on_the_switched_branch(buckled, buckling_model, gel
 
 def test_deflation_finds_both_sides_from_next_to_the_symmetric_state(buckling_model, gel, buckled, point):
     symmetric = jaxgel.sweep(buckling_model, gel, mu=[-2.2, -1.3], branch="symmetric").x[-1]
-    push = 0.05 * point.modes[0] / np.abs(point.modes[0]).max()
+    push = 0.1 * point.modes[0] / np.abs(point.modes[0]).max()
     found = jaxgel.find_states_by_deflation(buckling_model, gel, mu=-1.3, known=[symmetric], starts=[symmetric + push, symmetric - push])
     assert len(found) == 2
     for side in buckled:

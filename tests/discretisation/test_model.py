@@ -245,8 +245,7 @@ def test_moved_cloud_passes_the_patch_test_of_a_linear_field(tiny_plate):
     ("options", "message"),
     [
         ({"basis": "cubic"}, r"basis: 'cubic' is not one of linear, quadratic"),
-        ({"method": "hybrid"}, r"method: 'hybrid' is not one of mixed, patches, displacement"),
-        ({"method": "patches", "quadrature": "paper"}, r"method: 'patches' needs quadrature 'conforming', not 'paper'"),
+        ({"method": "hybrid"}, r"method: 'hybrid' is not one of mixed, cells, displacement"),
         ({"solver": "gmres"}, r"solver: 'gmres' is not one of auto, direct, iterative"),
         ({"quadrature": "gauss"}, r"quadrature: 'gauss' is not 'conforming' or 'paper'"),
         (

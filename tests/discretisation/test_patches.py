@@ -41,40 +41,16 @@ def held(values, model):
 
 
 @pytest.fixture(scope="module")
-def coarse_model(coarse_model):
-    """The same cloud with patches."""
-    return jaxgel.discretise(coarse_model.cloud, method="patches")
-
-
-@pytest.fixture(scope="module")
-def tiny_model(tiny_plate):
-    """The tiny plate with 8 x 8 squares and patches."""
-    return jaxgel.discretise(jaxgel.make_cloud(tiny_plate, spacing=0.5, nodes_per_hole=12), method="patches")
-
-
-@pytest.fixture(scope="module")
-def buckling_model(buckling_model):
-    """The same cloud with patches."""
-    return jaxgel.discretise(buckling_model.cloud, method="patches")
-
-
-@pytest.fixture(scope="module")
-def square_model(square_model):
-    """The same cloud with patches."""
-    return jaxgel.discretise(square_model.cloud, method="patches")
-
-
-@pytest.fixture(scope="module")
 def bare_model():
     """A plate of 4 x 4 mm without holes, held at all edges, with 9 x 9 nodes."""
-    return jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, edges="fixed", spacing=0.5)), method="patches")
+    return jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, edges="fixed", spacing=0.5)))
 
 
 @pytest.fixture(scope="module")
 def wide_model():
     """A plate of 8 x 8 mm with one small hole in a corner, and 17 x 17 nodes."""
     hole = jaxgel.Circle((1.6, 1.7), 1.0)
-    return jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(8, 8, [hole], spacing=0.5, nodes_per_hole=12)), method="patches")
+    return jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(8, 8, [hole], spacing=0.5, nodes_per_hole=12)))
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +59,7 @@ def slit_model():
     slit = jaxgel.Rectangle((0.5, 0.0), (0.06, 1.9))
     with pytest.warns(UserWarning, match=r"nodes_per_hole: 4.1 outline nodes of holes\[0\] to a side of a background square; beyond 2"):
         cloud = jaxgel.make_cloud(jaxgel.Plate(4, 4, [slit], spacing=0.5, nodes_per_hole=32))
-    return jaxgel.discretise(cloud, basis="linear", method="patches")
+    return jaxgel.discretise(cloud, basis="linear")
 
 
 # --- which cells make a patch --------------------------------------------------------------------------------------------------
@@ -127,8 +103,8 @@ def check_mirror_images(model):
 
 
 @pytest.mark.parametrize("fixture", ["coarse_model", "tiny_model"])
-def test_the_mixed_method_gives_one_patch_with_one_pressure_per_cell(fixture, request):
-    model = jaxgel.discretise(request.getfixturevalue(fixture).cloud, method="mixed")
+def test_the_method_of_cells_gives_one_patch_with_one_pressure_per_cell(fixture, request):
+    model = jaxgel.discretise(request.getfixturevalue(fixture).cloud, method="cells")
     np.testing.assert_array_equal(model.lists.patch_of_cell, np.arange(model.n_cells))
     assert not model.lists.linear.any()
     assert all(block.carrying == block.n_groups == 1 for block in model.blocks)
@@ -261,7 +237,7 @@ def test_derivative_of_volume_ratios_by_a_hole_matches_central_differences(tiny_
     @jax.jit
     def of_radius(radius):
         placed = cloud.at(cloud.plate.at(({"radius": radius, "centre": jnp.array([0.1, -0.2])},)))
-        return volume_ratios(x, jaxgel.discretise(placed, method="patches"))
+        return volume_ratios(x, jaxgel.discretise(placed))
 
     _, slope = jax.jvp(of_radius, (1.045,), (1.0,))  # where no point enters or leaves a support
     J = {k: of_radius(1.045 + k * step) for k in (-2, -1, 1, 2)}

@@ -57,8 +57,8 @@ def test_consistent_conditions_are_exact_and_the_others_are_not(path_of):
 
 
 def test_a_wall_gives_way_as_one_over_the_penalty(path_of):
-    soft, stiff = (slip(path_of(kind="mls", conditions="penalty", penalty=alpha)) for alpha in (1e2, 1e4))
-    assert soft / stiff == pytest.approx(100, rel=0.2)  # the traction depends on the slip in the next order
+    soft, stiff = (slip(path_of(kind="mls", conditions="penalty", penalty=alpha)) for alpha in (1e1, 1e3))
+    assert soft / stiff == pytest.approx(100, rel=0.05)  # the states, solved to 1e-10, leave 1e-9 mm of the smaller, 4e-7
 
 
 def test_multipliers_hold_the_walls_better_than_a_penalty(path_of):

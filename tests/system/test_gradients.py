@@ -87,23 +87,6 @@ def test_gradients_are_those_of_the_resolved_problem(name, observables, start, j
 
 
 @pytest.mark.slow
-def test_gradients_by_patches_are_those_of_the_resolved_problem(cloud):
-    """By the semi-axes and Nv; differences of second order of states solved to 1e-13 are good to about 1e-6."""
-    hole = cloud.plate.holes[0]
-
-    def values(v):
-        plate = cloud.plate.at([{"semi_axes": hole.semi_axes * v[:2]}])
-        model = jaxgel.discretise(cloud.at(plate), method="patches")
-        path = jaxgel.sweep(model, jaxgel.Gel(cloud.plate.gel.Nv * v[2], 1e-4), mu=MU[:2], contact="off")
-        return jnp.stack([path.energy[-1], jaxgel.area_reduction(path)[-1], path.x[-1, 7, 0]])
-
-    start, steps = jnp.ones(3), 1e-4 * np.eye(3)
-    found = np.asarray(jax.jacrev(values)(start))
-    differences = np.stack([(values(start + step) - values(start - step)) / 2e-4 for step in steps], axis=1)
-    np.testing.assert_allclose(found, differences, rtol=1e-6, atol=1e-7 * np.abs(differences).max())
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("read", [[1, 2], [0, 1, 2]], ids=["without the midline", "all"])
 def test_forward_equals_reverse(read, observables, start, jacobian, without_callbacks):
     """The midline's rotation, whose forward rule its reverse mode transposes, takes as long as the others together."""
