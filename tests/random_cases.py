@@ -23,7 +23,7 @@ from jaxgel.cases import schema as sections
 from jaxgel.continuation import SweepFailed
 from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE
 from jaxgel.materials import bulk_stiffness
-from jaxgel.mechanics import ROUND_OFF, all_volumes, free_dofs, network_energy, residual, touches, volume_ratios
+from jaxgel.mechanics import ROUND_OFF, all_volumes, carries_volume, free_dofs, network_energy, residual, touches, volume_ratios
 
 QUADRATURE = 0.2  # error of the area over area x reduction^2 of the pores x (spacing / size)^3 of them: 0.14 is seen, an eighth at half h
 OUTLINE = 2e-3  # error of the area over spacing and length of outlines: chords of spacing / 8 at curvatures of 1 / spacing miss 1.3e-3
@@ -40,9 +40,10 @@ def faults(path):
     gap, loads = np.array([jaxgel.min_gap(one)[0] for one in states]), np.zeros((model.n_nodes, 2))
     areas = [np.asarray(jaxgel.area_reduction_per_hole(one))[0] if plate.holes else np.zeros(0) for one in states]
     for k, mu in enumerate(path.mu):
-        x, real = path.x[k], np.asarray(all_volumes(model)) > 0
-        J = np.asarray(volume_ratios(x, model))[real]
-        if not (np.all(np.isfinite(x)) and np.all(np.isfinite(path.pressure[k][real]))):
+        x, volumes = path.x[k], np.asarray(all_volumes(model))
+        carries = carries_volume(model) & (volumes > 0)
+        J = np.asarray(volume_ratios(x, model))[carries]
+        if not (np.all(np.isfinite(x)) and np.all(np.isfinite(path.pressure[k][volumes > 0]))):
             found.append(f"mu = {mu:.4g}: not finite")
             continue
         if not J.min() > 1:
@@ -59,7 +60,7 @@ def faults(path):
             found.append(f"mu = {mu:.4g}: forces add up to {f.sum(axis=0)}")
         if (path.lowest_eigenvalue[k] < 0) != (path.negative_pivots[k] > 0):
             found.append(f"mu = {mu:.4g}: eigenvalue {path.lowest_eigenvalue[k]:.3g} with {path.negative_pivots[k]} negative pivots")
-        found += [] if gap[k] <= 0 else _area_faults(model, mu, J, areas[k])
+        found += [] if gap[k] <= 0 else _area_faults(model, mu, J @ volumes[carries], areas[k])
     return found
 
 
@@ -69,14 +70,13 @@ def _imbalance(J, gel):
     return IMBALANCE * (TOLERANCE + float(error.max()) / float(gel.Nv))
 
 
-def _area_faults(model, mu, J, reductions):
+def _area_faults(model, mu, gel, reductions):
     """The gel and its pores fill the box whose walls do not move: by the volumes of the cells and by the outlines of the holes."""
     plate = model.cloud.plate
     if model.quadrature == "paper" or any(condition == "free" for condition in plate.edges.values()):
         return []
-    volumes = np.asarray(all_volumes(model))
     dry = np.array([loop_area(loop) for loop in jaxgel.observables.dry_outlines(model)])
-    pores, gel = float(np.sum(dry * (1 - reductions))), float(volumes[volumes > 0] @ J)
+    pores = float(np.sum(dry * (1 - reductions)))
     perimeter = sum(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum() for loop in jaxgel.observables.dry_outlines(model))
     error, most = abs(gel + pores - plate.width * plate.height), OUTLINE * model.cloud.spacing * perimeter
     most += QUADRATURE * float(np.sum(dry * reductions**2 * (model.cloud.spacing / np.sqrt(dry / np.pi)) ** 3))

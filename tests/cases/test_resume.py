@@ -166,7 +166,10 @@ def other_rate(folder):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda folder: edit(folder, format=1), r"summary\.json' is damaged or not written by jaxgel: format 1, this version reads 2 and 3"),
+        (
+            lambda folder: edit(folder, format=1),
+            r"summary\.json' is damaged or not written by jaxgel: format 1, this version reads 2 and 3",
+        ),
         (lambda folder: edit(folder, format=99), "format 99, this version reads 2 and 3"),
         (lambda folder: edit(folder, stop="GONE"), "'GONE' is no status"),
         (lambda folder: (folder / "summary.json").write_text("{"), r"summary\.json' is damaged"),

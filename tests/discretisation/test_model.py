@@ -90,7 +90,7 @@ def test_exact_uniaxial_state_is_in_equilibrium_on_other_clouds(side, basis):
         x = stretched(model.cloud.nodes, stretch)
         free_forces = np.asarray(residual(x, model, gel, mu, jnp.zeros_like(x))).ravel()[free]
         # round-off: in J, times the bulk stiffness, 400 near the dry state; and in the network's stress
-        np.testing.assert_allclose(free_forces, 0.0, atol=2e-15 * float(bulk_stiffness(stretch, gel)) + 1e-14 * gel.Nv * float(stretch))
+        np.testing.assert_allclose(free_forces, 0.0, atol=2e-15 * float(bulk_stiffness(stretch, gel)) + 2e-14 * gel.Nv * float(stretch))
 
 
 # --- consistency -------------------------------------------------------------------------------------------------------------
@@ -115,7 +115,8 @@ def test_integrated_gradients_are_those_of_the_linear_trace_on_held_walls():
 
 
 def test_every_cell_integrates_gradients_to_the_flux_through_its_contour(tiny_model):
-    """With shape functions of all nodes at once, evaluated here, on the cells that touch no held wall."""
+    """With shape functions of all nodes at once, evaluated here, on the cells that touch no held wall; contours of chords."""
+    tiny_model = jaxgel.discretise(tiny_model.cloud, method="cells")
     part, nodes = tiny_model.cloud.topology.partition, tiny_model.cloud.nodes
     phi = jax.jit(jax.vmap(lambda x: shape_functions(x, nodes, tiny_model.dmax * tiny_model.cloud.spacing, kind="imls")))
     edges, owner = part.contour_edges
@@ -162,7 +163,8 @@ def test_points_have_the_same_shape_functions_in_groups_of_any_size(count, coars
 
 @pytest.mark.parametrize("fixture", ["coarse_model", "tiny_model", "square_model"])
 def test_weights_are_positive_and_add_up_to_the_area_of_the_cells(fixture, request):
-    model = request.getfixturevalue(fixture)
+    """Of cells between chords, which is the area of their triangles."""
+    model = jaxgel.discretise(request.getfixturevalue(fixture).cloud, method="cells")
     part = model.cloud.topology.partition
     a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
     area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
@@ -174,7 +176,6 @@ def test_weights_are_positive_and_add_up_to_the_area_of_the_cells(fixture, reque
     whole = (halves == 2) & np.isclose(cells, model.cloud.spacing**2, rtol=1e-9)
     assert model.n_points == 4 * whole.sum() + 3 * halves[~whole].sum()
     assert model.n_cells == part.n_cells
-    np.testing.assert_array_equal(np.sort(np.concatenate([block.patches for block in model.blocks])), np.arange(model.n_cells))
 
 
 def test_complex_shape_functions_give_the_same_model(square_model, cloud_of):

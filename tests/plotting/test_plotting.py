@@ -51,7 +51,9 @@ def area_mean(path, values):
 
 
 def test_field_j_is_the_volume_ratio_of_the_cells(path):
-    np.testing.assert_allclose(area_mean(path, field_values(path, "J")), history(path)["J_mean"], rtol=1e-12)
+    np.testing.assert_allclose(
+        area_mean(path, field_values(path, "J")), history(path)["J_mean"], rtol=1e-9
+    )  # of moments of J over patches, and of points
 
 
 def test_field_j_of_the_papers_cells_comes_from_the_vertices(path):

@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 import jaxgel
 from jaxgel import IllPosedDerivative
 from jaxgel.continuation import ACCURACY, lowest_eigenvalue
-from jaxgel.mechanics import all_volumes, volume_ratios
+from jaxgel.mechanics import all_volumes, carries_volume, volume_ratios
 
 MU = [-3.5, -2.2, -1.5]
 CHI = jnp.array([1e-4, 0.05, 0.1])  # of a batch of gels
@@ -184,7 +184,8 @@ def last_energy(cloud):
 
     def last(mu):
         path = jaxgel.sweep(model, cloud.plate.gel, mu=jnp.stack([jnp.asarray(-2.5), mu]))
-        return path.energy[-1], (jnp.sum(all_volumes(model) * (volume_ratios(path.x[-1], model) - 1)), path.pressure[-1])
+        solvent = jnp.where(carries_volume(model), all_volumes(model) * (volume_ratios(path.x[-1], model) - 1), 0.0)
+        return path.energy[-1], (jnp.sum(solvent), path.pressure[-1])
 
     return last
 
