@@ -51,7 +51,8 @@ def box():
     for name in ("sample-1", "sample-4", "sample-7"):
         plate = jaxgel.sample(name)
         path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel, mu=[*MU[:-1], -0.9178])
-        print(f"{name}: p / Nv from {path.pressure.min() / plate.gel.Nv:.2f} to {path.pressure.max() / plate.gel.Nv:.2f}", flush=True)
+        p = path.pressure[:, jaxgel.mechanics.carries_volume(path.model)] / plate.gel.Nv
+        print(f"{name}: p / Nv from {p.min():.2f} to {p.max():.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """jaxgel: a JAX differentiable meshless solver for the swelling of perforated hydrogel sheets.
 
-The improved interpolating complex variable element free Galerkin method of Deng, He, Sun, Yi & Dai (2020), with one pressure per cell
-against locking. Importing it switches JAX to 64-bit numbers and changes nothing else; a name is imported when it is first used, from the
-package that ``__init__.pyi`` lists for it.
+The improved interpolating complex variable element free Galerkin method of Deng, He, Sun, Yi & Dai (2020), with pressures linear over
+patches of cells against locking. Importing it switches JAX to 64-bit numbers and changes nothing else; a name is imported when it is first
+used, from the package that ``__init__.pyi`` lists for it.
 """
 
 from ._float64 import always_on

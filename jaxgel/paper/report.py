@@ -13,7 +13,7 @@ HEAD = """Y. Deng, X. He, L. Sun, S. Yi, Y. Dai, Engineering Analysis with Bound
 [doi 10.1016/j.enganabound.2019.12.004](https://doi.org/10.1016/j.enganabound.2019.12.004). Verdicts follow from the numbers of this run. \
 The difference is that of this run to the finite elements or the closed form, where there are any, and otherwise to the paper. Chemical \
 potentials mu are in kT. Unless an item says otherwise a run has the paper's nodes, the quadratic basis, cells along the true outlines and \
-one pressure per cell. Finite elements: {about}"""
+pressures linear over patches of them. Finite elements: {about}"""
 
 
 def write_report(folder: File, known: Iterable[str]) -> None:

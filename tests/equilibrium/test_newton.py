@@ -132,7 +132,7 @@ def test_start_that_is_no_number_is_named(bad, problem):
 
 
 def test_tangent_without_stiffness_is_singular(tiny_model):
-    """A network without chains: nothing resists a change of shape at constant volume. Its stress-free J = 1 asks for the pressure 0 by cells."""
+    """A network without chains: by cells, where nothing is held, nothing resists a change of shape at constant volume."""
     gel = Gel(Nv=0.0, chi=1e-4)
     model = jaxgel.discretise(tiny_model.cloud, method="cells")
     problem = prepare(model, gel, jnp.ones_like(tiny_model.cloud.nodes))

@@ -1,4 +1,4 @@
-"""Facts about the tangent of a plate without holes whose edges all move: a uniform state, which pressures linear over patches keep stable."""
+"""Facts about the tangent of a plate without holes whose edges all move: a uniform state, which linear pressures keep stable."""
 
 import dataclasses
 import functools
