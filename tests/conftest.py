@@ -43,6 +43,7 @@ from jaxgel.cases import load_path
 from jaxgel.io import write_atomically
 
 ROOM = 4.5  # GiB that a test process may fill from one module to the next
+MAPPINGS = 10_000  # of its memory: compiled programs take some each, Linux allows 65530, and they slow down the next compilation
 
 
 def pytest_xdist_auto_num_workers(config):
@@ -169,7 +170,7 @@ def _forget_compiled_programs():
     The C library keeps most of what is freed; unless it is told to give that back, every module from here on would begin without programs.
     """
     yield
-    if _resident() > ROOM:
+    if _resident() > ROOM or _mappings() > MAPPINGS:
         jax.clear_caches()
         gc.collect()
         if sys.platform == "linux":
@@ -181,3 +182,9 @@ def _resident():
     """GiB that this process fills; without bound where the system does not tell."""
     file = Path("/proc/self/statm")
     return int(file.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**30 if file.exists() else float("inf")
+
+
+def _mappings():
+    """Number of memory mappings of this process; 0 where the system does not tell."""
+    file = Path("/proc/self/maps")
+    return file.read_text().count("\n") if file.exists() else 0
