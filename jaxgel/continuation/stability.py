@@ -18,7 +18,7 @@ from ..linalg import columnwise_products, inverse_iteration, lowest_of_factor, n
 from ..mechanics import Problem, TangentOperator, restrict
 
 TRACKED = 2  # modes whose eigenvalues are made accurate where all may be unstable: both of a double eigenvalue
-ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 8e-3 is seen next to a crease, where a local mode falls fast
+ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 8e-3 is seen after large steps of mu and next to a crease
 NEAR = 0.1  # largest relative difference of d . K d for a mode's correction d between a state and the factor that its solution left
 IDLE = 0.1  # part of the accuracy below which a correction is not worth its cost
 ITERATIONS = 40
@@ -99,7 +99,7 @@ class StabilityAnalysis:
             weighted = columnwise_products(self.stiffness, d)
             share = vectors.T @ weighted
             d, weighted = d - vectors @ share, weighted - weights @ share
-            image, small = residual - images @ share, accuracy / NEAR
+            image, small = residual - images @ share, IDLE * accuracy if own else accuracy / NEAR
             better, turn = rayleigh_ritz(eigenvalues, images, d, image, weighted)
             gains = residual[:, 0] @ d[:, 0], better[0] - eigenvalues[0]  # parts of the first may cancel where the factor is indefinite
             last = np.abs(gains).max() <= small * min(abs(eigenvalues[0]), abs(better[0]))
