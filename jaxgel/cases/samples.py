@@ -33,8 +33,8 @@ def sample(name: str) -> Plate:
 
 def _four_holes(name, distance, hole):
     """A 22 mm plate with ``hole(centre, angle)`` at (+-distance, +-distance); the angle alternates between 0 and a right angle."""
-    places = [(x * distance, y * distance) for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    holes = [hole(centre, 0.0 if centre[0] * centre[1] > 0 else math.pi / 2) for centre in places]
+    centres = [(x * distance, y * distance) for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    holes = [hole(centre, 0.0 if centre[0] * centre[1] > 0 else math.pi / 2) for centre in centres]
     gel = Gel(Nv=1e-3, chi=1e-4)
     return Plate(SIDE, SIDE, holes, name=name, spacing=SIDE / GRID, nodes_per_hole=40, cells=GRID, gel=gel)
 

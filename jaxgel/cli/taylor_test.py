@@ -106,19 +106,19 @@ def check_gradient(
     _, pullback = jax.vjp(lambda tree: read(path(tree), names), point)
     gradients = [pullback(row)[0] for row in jnp.eye(len(names))]
 
-    def judge(tree):
+    def evaluate(tree):
         model, gel, loads = made(tree)
         model = with_contact(model, gel) if options.contact == "on" else model
         return read(_beside(start, model, gel, tree["mu"], loads), names)
 
-    values = judge(point)
+    values = evaluate(point)
     random, rows = np.random.default_rng(seed), []
     with tqdm(total=len(point) * directions, unit="direction", disable=True if quiet else None, leave=False) as bar:
         for family in point:
-            floors = _round_off(judge, point, family, _direction(random, family, point, cloud.spacing), _steps(halvings)[-1])
+            floors = _round_off(evaluate, point, family, _direction(random, family, point, cloud.spacing), _steps(halvings)[-1])
             for number in range(directions):
                 towards = _direction(random, family, point, cloud.spacing)
-                remainders = _remainders(judge, point, family, towards, values, gradients, halvings)
+                remainders = _remainders(evaluate, point, family, towards, values, gradients, halvings)
                 found = zip(names, remainders, floors, strict=True)
                 rows += [_row(name, family, number, one, floor, halvings) for name, one, floor in found]
                 bar.update()
@@ -171,12 +171,12 @@ def _direction(random, family, point, spacing):
     return unravel(jnp.asarray(normal * size * np.sqrt(len(flat)) * random.uniform(0.5, 1.0)))
 
 
-def _remainders(judge, point, family, towards, values, gradients, halvings):
+def _remainders(evaluate, point, family, towards, values, gradients, halvings):
     """(slope, remainders) of each objective along one direction of a family."""
     slopes = [float(np.vdot(ravel_pytree(g[family])[0], ravel_pytree(towards)[0])) for g in gradients]
     found = [[] for _ in slopes]
     for h in _steps(halvings):
-        for remainders, slope, change in zip(found, slopes, _moved(judge, point, family, towards, h) - values, strict=True):
+        for remainders, slope, change in zip(found, slopes, _moved(evaluate, point, family, towards, h) - values, strict=True):
             remainders.append(abs(float(change) - h * slope))
     return list(zip(slopes, found, strict=True))
 
@@ -206,22 +206,22 @@ def _to_round_off(problem, state):
     return state.x + scatter(dx, state.x.shape, problem.free)
 
 
-def _round_off(judge, point, family, towards, step):
+def _round_off(evaluate, point, family, towards, step):
     """Remainders (o,) below which a rate is in doubt by more than ``RATE_ERROR``, from the noise of the objectives along a direction.
 
     The noise is that of More & Wild (2011), ECNoise: differences of order k of values at equal distances have sqrt((2k)!) / k! times
     their standard deviation, once k is so large that the function itself drops out. A remainder is made of two values and known to
     3 sqrt(2) standard deviations; its rate with one four times as large then to 5/4 of its relative error over ln 2.
     """
-    values = np.array([_moved(judge, point, family, towards, k * step) for k in range(NOISE_VALUES)])
+    values = np.array([_moved(evaluate, point, family, towards, k * step) for k in range(NOISE_VALUES)])
     orders = [(np.diff(values, k, axis=0), math.factorial(k) ** 2 / math.factorial(2 * k)) for k in (4, 5, 6)]
     noise = np.max([np.sqrt(share * np.mean(differences**2, axis=0)) for differences, share in orders], axis=0)
     return 3 * np.sqrt(2) * noise * 1.25 / (RATE_ERROR * np.log(2))
 
 
-def _moved(judge, point, family, towards, h):
+def _moved(evaluate, point, family, towards, h):
     """Values (o,) of the objectives at the start plus ``h`` times a direction of a family."""
-    return judge(point | {family: jax.tree.map(lambda x, d: x + h * d, point[family], towards)})
+    return evaluate(point | {family: jax.tree.map(lambda x, d: x + h * d, point[family], towards)})
 
 
 def _row(name, family, number, found, floor, halvings):

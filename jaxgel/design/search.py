@@ -59,7 +59,7 @@ class Search:
         self.bar = tqdm(total=evaluations, unit="sweep", disable=True if quiet else None, leave=False)
         dry = self._plate(self.start)
         self.dry = [c for c in problem.constraints if c.dry]
-        self.wet = [c for c in problem.constraints if not c.dry]
+        self.of_path = [c for c in problem.constraints if not c.dry]
         self._dry_parts = [(c, np.size(c.function(dry))) for c in self.dry]
 
     def first(self) -> None:
@@ -91,7 +91,7 @@ class Search:
     def _sound(self, vector):
         """`Evaluation` of a design whose objective has a gradient, the first on its cloud."""
         here = self.at(vector)
-        self.gradients(here.entry, here.vector, np.eye(1 + len(self.wet))[0])
+        self.gradients(here.entry, here.vector, np.eye(1 + len(self.of_path))[0])
         return here
 
     def at(self, vector: Float[Array, " d"]) -> "Evaluation":
@@ -163,9 +163,9 @@ class Search:
 
     def constraints(self, entry: dict) -> dict[str, float]:
         """Name -> smallest value, in its own unit, of each constraint at a valid entry."""
-        wet = entry["values"][1 : 1 + len(self.wet)]
-        values = {c.name: v * c.scale for c, v in zip(self.wet, wet, strict=True)}
-        position = 1 + len(self.wet)
+        path_values = entry["values"][1 : 1 + len(self.of_path)]
+        values = {c.name: v * c.scale for c, v in zip(self.of_path, path_values, strict=True)}
+        position = 1 + len(self.of_path)
         for c, size in self._dry_parts:
             values[c.name] = min(entry["values"][position : position + size]) * c.scale
             position += size
@@ -206,13 +206,13 @@ class Search:
         if not cell_sizes(self.cloud.at(plate))[0] > SPENT:
             raise Invalid("too far from the last design for its cloud")
 
-        def judge(vector):
+        def evaluate(vector):
             path = problem.path(problem.parameters(vector), self.cloud)
             values = [jnp.asarray(problem.objective(path)) * (-1.0 if problem.maximise else 1.0)]
-            values += [jnp.asarray(c.function(path)) / c.scale for c in self.wet]
+            values += [jnp.asarray(c.function(path)) / c.scale for c in self.of_path]
             return jnp.stack(values), (path.model, path.gel, {name: getattr(path, name) for name in _STATES})
 
-        values, pullback, (model, gel, states) = jax.vjp(judge, jnp.asarray(vector), has_aux=True)
+        values, pullback, (model, gel, states) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
         check_path(Path(model=model, gel=gel, stop=None, stop_text="", **states), problem.allow_unstable)
         if not np.all(np.isfinite(values)):
             raise Invalid("its objective or a constraint is not a number")
@@ -241,14 +241,14 @@ class Evaluation:
 
     def gradient(self, weights: Float[Array, " c"]) -> Float[Array, " d"]:
         """Gradient (n,) of ``weights`` (1 + c,) times the values: one reverse pass through the sweep, whatever c."""
-        wet = 1 + len(self.search.wet)
-        (dry,) = jax.vjp(self.search.dry_values, jnp.asarray(self.vector))[1](jnp.asarray(weights[wet:]))
-        return self.search.gradients(self.entry, self.vector, weights[:wet]) + np.asarray(dry)
+        first = 1 + len(self.search.of_path)
+        (dry,) = jax.vjp(self.search.dry_values, jnp.asarray(self.vector))[1](jnp.asarray(weights[first:]))
+        return self.search.gradients(self.entry, self.vector, weights[:first]) + np.asarray(dry)
 
     def jacobian(self) -> Float[Array, "c d"]:
         """Gradients (1 + c, n) of all values: a reverse pass for the objective and for each constraint on the path."""
-        wet = 1 + len(self.search.wet)
-        rows = [self.search.gradients(self.entry, self.vector, row) for row in np.eye(wet)]
+        first = 1 + len(self.search.of_path)
+        rows = [self.search.gradients(self.entry, self.vector, row) for row in np.eye(first)]
         dry = np.asarray(jax.jacrev(self.search.dry_values)(jnp.asarray(self.vector)))
         return np.concatenate([np.array(rows), dry.reshape(-1, len(self.vector))])
 

@@ -237,8 +237,8 @@ def dense(model: Model, matrices: list, chunk: int = 256) -> Float[np.ndarray, "
         dofs = (2 * np.asarray(block.nodes)[:, :, None] + np.arange(2)).reshape(len(K), -1)
         for k in range(0, len(K), chunk):
             part = dofs[k : k + chunk]
-            places = (part[:, :, None] * size + part[:, None, :]).ravel()
-            total += np.bincount(places, np.asarray(K[k : k + chunk]).ravel(), minlength=size * size)
+            indices = (part[:, :, None] * size + part[:, None, :]).ravel()
+            total += np.bincount(indices, np.asarray(K[k : k + chunk]).ravel(), minlength=size * size)
     return total.reshape(size, size)
 
 

@@ -23,9 +23,9 @@ class Front:
     below: Int[np.ndarray, " m"]
     """(m,) ranks of the later unknowns that its pivots are coupled to, ascending."""
     corner: tuple
-    """Sources and places of the matrix entries in the (k, k) pivot block, lower triangle, column by column."""
+    """Sources and positions of the matrix entries in the (k, k) pivot block, lower triangle, column by column."""
     side: tuple
-    """Sources and places of the matrix entries in the (m, k) block below it, column by column."""
+    """Sources and positions of the matrix entries in the (m, k) block below it, column by column."""
     children: tuple
     """For each child its number, how many of its rows below are pivots here, and the slices (of its update, of the block here) of both
     parts: runs of consecutive rows."""
@@ -124,7 +124,7 @@ def _coupled(graph, parts):
 
 
 def _entries(pairs, rank, ends, below):
-    """Per front sources and places of the matrix entries in its pivot block and in the block below, lower triangle by columns."""
+    """Per front sources and positions of the matrix entries in its pivot block and in the block below, lower triangle by columns."""
     row, column = (np.broadcast_to(r, (len(pairs), 2, 2)).ravel() for r in (rank[pairs[:, 0]][:, :, None], rank[pairs[:, 1]][:, None]))
     twice = np.repeat(pairs[:, 0] == pairs[:, 1], 4) & (row < column)
     source = np.flatnonzero((row >= 0) & (column >= 0) & ~twice).astype(np.int32)
@@ -150,9 +150,9 @@ def _child(number, rows, first, end, below):
     return number, pivots, (_runs(rows[:pivots] - first), _runs(np.searchsorted(below, rows[pivots:])))
 
 
-def _runs(places):
-    """Slices (of the list, of the places) of consecutive ``places`` (k,)."""
-    starts = np.flatnonzero(np.diff(places, prepend=-2) != 1)
-    stops = np.append(starts, len(places))[1:]
-    runs = zip(starts.tolist(), stops.tolist(), places[starts].tolist(), strict=True)
+def _runs(positions):
+    """Slices (of the list, of the positions) of consecutive ``positions`` (k,)."""
+    starts = np.flatnonzero(np.diff(positions, prepend=-2) != 1)
+    stops = np.append(starts, len(positions))[1:]
+    runs = zip(starts.tolist(), stops.tolist(), positions[starts].tolist(), strict=True)
     return tuple((slice(a, b), slice(place, place + b - a)) for a, b, place in runs)
