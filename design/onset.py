@@ -1,4 +1,4 @@
-"""Place the onset of buckling: sample 4 of Deng et al. (2020) is to buckle at mu = -1.2 kT instead of -1.76.
+"""Place the onset of buckling: sample 4 of Deng et al. (2020) is to buckle at mu = -1.2 kT instead of -1.77.
 
 The radii and the distance of the four circles from the middle change together, so the plate keeps its symmetry. Each step is the shortest
 change of the two that reaches the wanted onset along the gradient of the critical mu (Newton's method on one equation with two
