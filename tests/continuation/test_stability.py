@@ -156,4 +156,4 @@ def test_a_state_that_was_not_reached_has_no_lowest_eigenvalue(tiny_path):
     x[-1] = np.nan
     found = lowest_eigenvalue(dataclasses.replace(tiny_path, x=x))
     assert np.isnan(found[-1])
-    np.testing.assert_allclose(found[:-1], tiny_path.lowest_eigenvalue[:-1], rtol=2 * ACCURACY)  # of both
+    np.testing.assert_allclose(found[:-1], tiny_path.lowest_eigenvalue[:-1], rtol=ACCURACY)
