@@ -12,9 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float, Scalar
-from ..equilibrium import State, mu_force
+from ..equilibrium import State
 from ..linalg import Bordered
-from ..mechanics import Problem, curvature, gather, scatter
+from ..mechanics import Problem, curvature, gather, mu_force, scatter
 
 KEPT = 0.5  # a symmetry takes at most this share of a simple mode to other modes
 
@@ -88,7 +88,7 @@ def expand(problem: Problem, stiffness: sp.csr_matrix, state: State, modes: Floa
     held = stiffness @ modes
     system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, held, held, np.zeros((m, m)))
     correction, _ = system.solve(gradient, np.zeros(m))
-    slope = (float(slope) - correction @ mu_force(problem, state.x, state.mu)) / m
+    slope = (float(slope) - correction @ np.asarray(mu_force(problem, state.x))) / m
     relaxed = float(quartic) - 3 * gradient @ correction if m == 1 else float("nan")
     return Expansion(slope, float(cubic), relaxed, correction)
 

@@ -148,7 +148,7 @@ def make_cloud(plate: Plate, *, spacing: float | None = None, nodes_per_hole: in
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
         topology = _make_topology(reference, spacing, nodes_per_hole, across)
-    cloud = Cloud(reference, jnp.asarray(topology.partition.vertices), topology)
+    cloud = Cloud(reference, jax.device_put(topology.partition.vertices), topology)
     return cloud if reference is plate else cloud.at(plate)
 
 

@@ -151,7 +151,7 @@ def _columns(problem, states, stop, mu, options):
     status = [for_derivatives(s, e, crossing=not contact and overlaps(x, problem.model), contact=contact) for s, e, x in eigenvalues]
 
     def pad(values, fill):  # in NumPy: nothing is compiled
-        return jnp.asarray(np.concatenate([values, np.full((missing, *np.shape(values)[1:]), fill)]))
+        return jax.device_put(np.concatenate([values, np.full((missing, *np.shape(values)[1:]), fill)]))
 
     return pad(path.x, jnp.nan), dict(
         mu=jnp.asarray(mu),

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 
 from .._types import Array, Float
-from ..equilibrium import State, acting_problem, dry_state, mu_force
-from ..mechanics import Problem, scatter, state_pressure
+from ..equilibrium import State, acting_problem, dry_state
+from ..mechanics import Problem, mu_force, scatter, state_pressure
 
 EXTRAPOLATED = 7  # most states from which the next one is predicted
 
@@ -41,7 +41,7 @@ def predict(problem: Problem, mu: float, history: list[State]) -> tuple[Float[Ar
 
 def rate_of_change(problem: Problem, state: State) -> Float[np.ndarray, "n 2"]:
     """dx/dmu, mm/kT, of the branch on which a ``state`` with a factor lies."""
-    pull = -mu_force(acting_problem(problem, state), state.x, state.mu)
+    pull = -np.asarray(mu_force(acting_problem(problem, state), state.x))
     return np.asarray(scatter(state.factor.apply(pull), state.x.shape, problem.free))
 
 

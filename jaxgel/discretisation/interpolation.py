@@ -46,10 +46,12 @@ class Interpolation:
     dphi: Inexact[Array, "p a 2"]
     """Their gradients, 1/mm."""
 
+    @jax.jit
     def position(self, x: Float[Array, "n d"]) -> Float[Array, "p d"]:
         """Deformed positions of the points for nodal positions ``x``, mm, or other fields (d) of the nodes."""
         return in_plane(jnp.einsum("pa,pai->pi", self.phi, x[self.nodes]))
 
+    @jax.jit
     def deformation_gradient(self, x: Float[Array, "n 2"]) -> Float[Array, "p 2 2"]:
         """Deformation gradients at the points."""
         return in_plane(jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi), axis=1)
@@ -117,17 +119,23 @@ def evaluate_points(
     for size in sizes:
         numbers = np.minimum(np.arange(start, start + size), count - 1)
         own = owner[numbers]
-        at = _gathered(points, nodes, numbers, lists[own])
+        at = _rows(points, numbers), _rows(nodes, lists[own])
         groups.append(_evaluated(*at, supports[own], basis=basis, kind=kind, gradients=gradients))
         start += size
-    values = _joined(groups, count, width)
-    return tuple(values) if gradients else values[0]
+    values = tuple(_joined(parts, count, width) for parts in zip(*groups, strict=True))
+    return values if gradients else values[0]
 
 
-@jax.jit
-def _gathered(points, nodes, numbers, lists):
-    """The points (g, 2) of these numbers, and the nodes (g, a, 2) of their lists."""
-    return points[numbers], nodes[lists]
+def _rows(values, numbers):
+    """Rows of an array; by NumPy where nothing is traced, so that no program is compiled for every number of points."""
+    return values[numbers] if isinstance(values, jax.core.Tracer) else np.asarray(values)[numbers]
+
+
+def _joined(parts, count, width):
+    """The first ``count`` rows and ``width`` columns of the values (g, a, ...) of all groups, likewise."""
+    if isinstance(parts[0], jax.core.Tracer):
+        return jnp.concatenate(parts)[:count, :width]
+    return jax.device_put(np.concatenate(parts)[:count, :width])
 
 
 @functools.partial(jax.jit, static_argnames=("basis", "kind", "gradients"))
@@ -142,12 +150,6 @@ def _evaluated(points, neighbours, supports, *, basis, kind, gradients):
         return [value.real if kind == "iicvmls" else value for value in values]
 
     return lax.map(one, (points, neighbours, supports), batch_size=BATCH)
-
-
-@functools.partial(jax.jit, static_argnames=("count", "width"))
-def _joined(groups, count, width):
-    """The first ``count`` rows and ``width`` columns of the values (g, a, ...) of all groups."""
-    return jax.tree.map(lambda *values: jnp.concatenate(values)[:count, :width], *groups)
 
 
 def in_plane(field: Inexact[Array, "..."], axis: int = -1) -> Float[Array, "..."]:

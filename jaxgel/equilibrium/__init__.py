@@ -1,6 +1,6 @@
 """Equilibrium: one state at one chemical potential, its status, and its derivative."""
 
-from .bordered_newton import Conditions, mu_force, solve_bordered, solve_pinned
+from .bordered_newton import Conditions, solve_bordered, solve_pinned
 from .derivatives import first_order_only, with_derivatives_of
 from .implicit import state_tangents
 from .incremental import prepare_incremental, solve_incremental, strain_matrices
@@ -38,7 +38,6 @@ __all__ = [
     "first_order_only",
     "for_derivatives",
     "iterate",
-    "mu_force",
     "negative_eigenvalues",
     "of_outlines",
     "prepare_incremental",

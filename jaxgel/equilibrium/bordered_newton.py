@@ -8,13 +8,11 @@ given volume ratio falls by what mu rises.
 
 import dataclasses
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
 from ..linalg import Bordered
-from ..mechanics import Problem, condensed_rhs, factorised_tangent, gather, residual, restrict, tangent
+from ..mechanics import Problem, condensed_rhs, factorised_tangent, gather, mu_force, restrict, tangent
 from .newton import CONSTRAINT_TOLERANCE, TOLERANCE, advanced, iterate, starting
 from .state import State
 
@@ -106,7 +104,7 @@ class _Bordered:
         (b, m), slopes = (self.conditions.rows.shape[1], self.columns.shape[1]), self.conditions.slopes
         pairs = tangent(problem, state.x, state.pressure, state.linearisation)
         pattern = problem.pattern.fitting(pairs)
-        sides = np.concatenate([self.columns, -mu_force(problem, state.x, state.mu)[:, None]], axis=1)[:, :b]
+        sides = np.concatenate([self.columns, -np.asarray(mu_force(problem, state.x))[:, None]], axis=1)[:, :b]
         corner = np.concatenate([np.zeros((b, m)), slopes[:, None]], axis=1)[:, :b]
         system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner)
         rhs = np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation))
@@ -147,14 +145,3 @@ class _Pinned:
 
     def finish(self, problem, state):  # noqa: ARG002
         return dataclasses.replace(state, factor=self.factor)
-
-
-def mu_force(problem: Problem, x: Float[Array, "n 2"], mu: Scalar) -> Float[np.ndarray, " f"]:
-    """Derivative of the residual with respect to mu at the positions ``x``, mm."""
-    return np.asarray(_mu_force(problem, x, jnp.asarray(mu, dtype=float)))
-
-
-@jax.jit
-def _mu_force(problem, x, mu):
-    force = jax.jvp(lambda mu: residual(x, problem.model, problem.gel, mu, problem.loads), (mu,), (1.0,))[1]
-    return gather(force, problem.free)

@@ -153,7 +153,7 @@ def advanced(
     Where the problem has contact and the step is ``limited``, it leaves every pair of points a part of its distance.
     """
     mu = state.mu + share * dmu
-    args = problem, state.x, state.pressure, jnp.asarray(mu), jnp.asarray(dx), state.linearisation, factorised_at, share, dmu
+    args = problem, state.x, state.pressure, jnp.asarray(mu), dx, state.linearisation, factorised_at, share, dmu
     x, pressure, linearisation = _advanced(*args, limited=limited)
     return State(mu, x, pressure, newton_iterations=state.newton_iterations + 1, linearisation=linearisation)
 

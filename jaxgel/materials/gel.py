@@ -108,11 +108,13 @@ def cauchy_stress(F: Float[Array, "2 2"], mu: Scalar, gel: Any, pressure: Scalar
     return jax.grad(gel.network)(F, gel) @ F.T / J + pressure * jnp.eye(2)
 
 
+@jax.jit
 def osmotic(J: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Pressure p = d volumetric / dJ - ``mu``, in kT/v, at the volume ratio ``J`` (...) > 1."""
     return _elementwise(jax.grad(gel.volumetric), J, gel) - mu
 
 
+@jax.jit
 def bulk_stiffness(J: Numbers, gel: Any) -> Float[Array, "..."]:
     """dp/dJ, in kT/v, at the volume ratio ``J`` (...) > 1; about 1/(J-1), so 1e3 to 1e5 times Nv over most of a sweep."""
     return _elementwise(jax.grad(jax.grad(gel.volumetric)), J, gel)

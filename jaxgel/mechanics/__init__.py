@@ -5,7 +5,7 @@ from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, p
 from .dofs import check_edges, check_room, free_dofs, gather, prescribed_motion, restrict, scatter, start_positions, with_free_values
 from .energy import curvature, energy_at, network_energy, residual, total_energy
 from .loads import Loads, load_vector
-from .mixed import ROUND_OFF, Linearisation, condensed_rhs, linearise, pressure_step, state_pressure
+from .mixed import ROUND_OFF, Linearisation, condensed_rhs, linearise, mu_force, pressure_step, state_pressure
 from .operators import Operators, precomputed_operators
 from .outlines import crosses, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
@@ -56,6 +56,7 @@ __all__ = [
     "is_sparse",
     "linearise",
     "load_vector",
+    "mu_force",
     "network_energy",
     "node_pairs",
     "outline_loops",

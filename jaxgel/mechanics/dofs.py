@@ -6,6 +6,9 @@ follow the plate's macroscopic deformation and the displacement of their edge, a
 each other: a roller holds the component normal to its edge, a fixed edge both.
 """
 
+import functools
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -89,6 +92,7 @@ def gather(forces: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Arra
     return forces[free] if free.ndim == 1 else forces.at[free].get(mode="fill", fill_value=0.0).sum(axis=1)
 
 
+@functools.partial(jax.jit, static_argnames="shape")
 def scatter(vector: Float[Array, " f"], shape: tuple[int, int], free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
     """Nodal field (n, 2) of a vector (f,) of the unknowns, zero where nothing is free."""
     vector = vector if free.ndim == 1 else vector[:, None]

@@ -92,6 +92,13 @@ def condensed_rhs(problem: Problem, linearisation: Linearisation, factorised_at:
     )
 
 
+@jax.jit
+def mu_force(problem: Problem, x: Float[Array, "n 2"]) -> Float[Array, " f"]:
+    """Derivative (f,) of the residual with respect to mu at the positions ``x``, mm: less the gradient of the gel's volume, mm."""
+    gradients, _ = volume_gradients(x, problem.model, problem.operators)
+    return gather(-_nodal_sum(gradients, carries_volume(problem.model).astype(float), problem.model), problem.free)
+
+
 def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factorised_at: Linearisation, model: Model) -> Float[Array, " g"]:
     """Step of the pressures, kT/v, that belongs to the step ``dx`` of the positions."""
     volumes = all_volumes(model)
@@ -99,6 +106,7 @@ def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factori
     return factorised_at.stiffness * (jnp.concatenate(parts) / jnp.where(volumes > 0, volumes, 1.0) + linearisation.error)
 
 
+@jax.jit
 def state_pressure(x: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
     """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``."""
     return pressure_at(volume_ratios(x, model), model, gel, mu)

@@ -45,7 +45,7 @@ def precomputed_operators(model: Model) -> Operators:
     """`Operators` of a model."""
     pairs, slots = node_pairs(model.lists)
     laplacian, area_forms = _integrated(jnp.zeros(len(pairs)), model.blocks, slots)
-    return Operators(jnp.asarray(pairs), tuple(map(jnp.asarray, slots)), laplacian, area_forms, free_dofs(model.lists.topology))
+    return Operators(*jax.device_put((pairs, tuple(slots))), laplacian, area_forms, free_dofs(model.lists.topology))
 
 
 @jax.jit

@@ -66,6 +66,7 @@ def by_block(values: Float[Array, " g"], model: Model) -> list[jax.Array]:
     return [part.reshape(shape) for part, shape in zip(jnp.split(values, cuts), shapes, strict=True)]
 
 
+@jax.jit
 def volume_ratios(x: Float[Array, "n 2"], model: Model) -> Float[Array, " g"]:
     """Volume ratios (g,) of all groups that carry volume, moments of J of those that are held; 2 for padding."""
     return ratios_of(gradients_by_block(x, model), x, model)

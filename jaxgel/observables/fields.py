@@ -45,6 +45,7 @@ def _host_volume_ratio(path: States) -> Float[np.ndarray, "k c"]:
     return np.asarray(volume_ratio(path))
 
 
+@jax.jit
 def cell_volumes(model: Model) -> Float[Array, " c"]:
     """Dry volume of every cell, mm^2 (per unit depth)."""
     return _over_cells([block.weight for block in model.blocks], model)
@@ -84,6 +85,7 @@ def _cell_volume_ratio(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c
     return _cell_means(volume_ratios(x, model), model)
 
 
+@jax.jit
 def _cell_means(values: Float[Array, " g"], model: Model) -> Float[Array, " c"]:
     """Means over the cells of the fields with these values in the volume groups."""
     fields = [block.weight * at_points(part, block) for block, part in zip(model.blocks, by_block(values, model), strict=True)]
