@@ -123,8 +123,8 @@ def fig_7(runs: Runs) -> Entry:
     verdict = CONTRADICTED if not bent or not more else CONDITION if ends else CONFIRMED
     numbers += [Number(f"sample {n}, mu = {common:.4f}: pillar off its line, mm", float(b)) for n, b in zip(numbers_of, alike, strict=True)]
     reason = f"The centre lines {'bend' if bent else 'do not all bend'}, {'more' if more else 'not more'} with smaller holes at the same mu"
-    several = len(ends) > 1
-    reason += f"; without contact sample{'s' * several} {', '.join(map(str, ends))} end{'s' * (not several)} before mu = {mu}." if ends else "."
+    who = f"sample {ends[0]} ends" if len(ends) == 1 else f"samples {', '.join(map(str, ends))} end"
+    reason += f"; without contact {who} before mu = {mu}." if ends else "."
     return _entry(
         shown,
         others=free,
