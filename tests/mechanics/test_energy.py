@@ -17,7 +17,9 @@ from jaxgel.mechanics import (
     condensed_rhs,
     energy_at,
     free_dofs,
+    gather,
     linearise,
+    mu_force,
     network_energy,
     node_pairs,
     prepare,
@@ -268,3 +270,14 @@ def test_forces_at_a_given_pressure_are_those_of_the_mixed_form(tiny_model):
     mixed = linearise(prepare(tiny_model, gel), x, pressure, mu)
     given, own = (residual_at(x, tiny_model, gel, mu, loads, p) for p in (pressure, None))
     np.testing.assert_allclose(given, -mixed.rhs, rtol=0, atol=1e-5 * np.abs(own - given).max())
+
+
+@pytest.mark.parametrize("fixture", ["tiny_model", "tiny_displacement_model"])
+def test_force_of_mu_is_the_derivative_of_the_residual(fixture, request):
+    """The gradient of the gel's volume, by area forms, against automatic differentiation of the whole residual; round-off only."""
+    model = request.getfixturevalue(fixture)
+    problem = prepare(model, Gel(1e-3, 1e-4))
+    x = 1.2 * model.cloud.nodes + 0.02 * np.random.default_rng(3).standard_normal(model.cloud.nodes.shape)
+    expected = jax.jvp(lambda mu: residual(x, model, problem.gel, mu, problem.loads), (-1.0,), (1.0,))[1]
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(mu_force(problem, x), gather(expected, problem.free), rtol=0, atol=1e-12 * scale)
