@@ -52,6 +52,14 @@ def pytest_xdist_auto_num_workers(config):
     return max(1, min(os.cpu_count() or 1, memory // (6 * 2**30)))
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """The how-to pages run with the slow tests: what they show is tested on smaller plates, too."""
+    for item in items:
+        if item.path.parent.name == "howto":
+            item.add_marker("slow")
+
+
 def pytest_collection_finish():
     """Python's collector leaves alone what was imported, and comes less often: tracing makes many objects."""
     gc.collect()

@@ -7,7 +7,6 @@ What a run has finished is in its folder, however the command ends.
 import importlib
 import os
 import sys
-import warnings
 
 from .environment import STOPPED, UNREAD, UNUSABLE, check_jaxlib, collect_seldom, prepare_environment
 from .inputs import check_inputs
@@ -26,10 +25,7 @@ def main(argv: list[str] | None = None) -> int:
             module = importlib.import_module(f"{__package__}.{name}")
             if own:
                 collect_seldom()
-            with warnings.catch_warnings():
-                warnings.filterwarnings("always", message="nodes_per_hole")
-                warnings.showwarning = _said
-                return getattr(module, command)(args)
+            return getattr(module, command)(args)
         finally:
             sys.stdout.flush()
     except ValueError as problem:
@@ -45,10 +41,6 @@ def main(argv: list[str] | None = None) -> int:
             raise
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return STOPPED
-
-
-def _said(message, *_):
-    print(f"jaxgel: warning: {message}", file=sys.stderr)
 
 
 def _is_failed_sweep(problem):

@@ -2,10 +2,11 @@
 
 from .cells import SLIVER, boundary_edges, contour_edges, partition
 from .cloud import GRADING, Cloud, Topology, assemble, make_cloud, place
+from .ligaments import find_ligaments
 from .morph import thin_plate_matrix
 from .outlines import OUTLINE_SEGMENTS, Outline
 from .quadrature import EDGE_POINTS, edge_points, square_cells
-from .quadtree import find_ligaments, make_background
+from .quadtree import make_background
 
 __all__ = [
     "EDGE_POINTS",

@@ -8,12 +8,10 @@ parameters while all lists (neighbours, cells, edges) stay as they are.
 
 import dataclasses
 import functools
-import itertools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import shapely
 from scipy.spatial import cKDTree
 
 from .._types import Array, Float, Int
@@ -26,13 +24,15 @@ from ..geometry import (
     reference_plate,
 )
 from .cells import Partition, partition
+from .checks import check_ligaments, check_sizes
 from .curves import Curves, curves_of, middles
+from .ligaments import ligaments
 from .morph import Morph, make_morph
-from .outlines import OUTLINE_SEGMENTS, Outline, fine_outlines, gel_polygon, join, loop, warn_if_crowded
+from .outlines import OUTLINE_SEGMENTS, Outline, fine_outlines, gel_polygon, intervals, join, loop, renumbered
 from .quadrature import Quadrature, cell_quadrature
-from .quadtree import Background, find_ligaments, make_background
+from .quadtree import Background, make_background
 
-MAX_NODES = 1_000_000  # of a cloud: a model of a million nodes takes tens of gigabytes
+COINCIDENT = 0.02  # distance of a background vertex from an outline node, in sides of its square, below which it is no node
 GRADING = 0.75  # slope of the node spacing between large squares and small ones
 
 
@@ -75,6 +75,13 @@ class Topology:
     def quadrature(self) -> Quadrature:
         """Quadrature points of the cells, ``quadrature.Quadrature``."""
         return cell_quadrature(self.partition, self.n_background)
+
+    @functools.cached_property
+    def ligaments(self) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:
+        """Strips of gel (m,) between outlines or an edge, from node to node, and their widths (m,), mm; see ``ligaments``."""
+        if not self.outlines:
+            return np.empty(0, object), np.empty(0)
+        return ligaments(self.plate, self.outlines, self.partition.vertices[self.n_background :], self.n_background, OUTLINE_SEGMENTS)
 
     @functools.cached_property
     def curves(self) -> Curves:
@@ -141,9 +148,10 @@ def make_cloud(plate: Plate, *, spacing: float | None = None, nodes_per_hole: in
     Both default to the plate's own; a new spacing scales the number of nodes on the holes with it. ``across`` refines ligaments,
     between holes and between a hole and an edge of the plate, until at least that many nodes lie across, those on the two outlines
     (or on the edge) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate
-    made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Raises ValueError for
-    an unusable plate, a spacing that is not positive or leaves a ligament without a node, and an ``across`` that is not at least 2
-    or takes more than ``quadtree.MAX_HALVINGS`` halvings. Warns (UserWarning) of outline nodes too close for the squares around.
+    made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Squares are
+    halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side. Raises ValueError for an unusable plate, a spacing
+    that is not positive or leaves a ligament without a node, an ``across`` that is not at least 2, and where more than
+    ``quadtree.MAX_HALVINGS`` halvings are needed.
     """
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
@@ -177,18 +185,19 @@ def _nodes(vertices, numbers):
 
 def _make_topology(plate, spacing, nodes_per_hole, across):
     check_plate(plate)
-    spacing, nodes_per_hole = _check_sizes(plate, spacing, nodes_per_hole, across)
-    background = make_background(plate, spacing)
+    spacing, nodes_per_hole = check_sizes(plate, spacing, nodes_per_hole, across)
+    background, refined = make_background(plate, spacing), []
     outlines, points = fine_outlines(plate, nodes_per_hole, background)
-    if across is not None and outlines:
-        curves = [points[loop(o) - len(background.vertices)] for o in outlines]
-        gel = gel_polygon(plate, outlines, points, len(background.vertices))
-        ligaments = find_ligaments(_edge_lines_of(plate), curves, [o.arc for o in outlines], gel)
-        background = make_background(plate, spacing, ligaments, across - 2)
+    if across is not None and across > 2 and outlines:
+        strips, widths = ligaments(plate, outlines, points, len(background.vertices))
+        refined.append((strips, widths / (across - 2)))
+        background = make_background(plate, spacing, refined)
         outlines, points = fine_outlines(plate, nodes_per_hole, background)
-    topology = assemble(plate, spacing, background, outlines, points, nodes_per_hole, across)
-    _check_ligaments(topology)
-    warn_if_crowded(outlines, topology.partition.vertices, background)
+    refined += [intervals(points[loop(o)[::OUTLINE_SEGMENTS] - len(background.vertices)]) for o in outlines]
+    halved = make_background(plate, spacing, refined)
+    outlines = tuple(renumbered(o, len(halved.vertices) - len(background.vertices)) for o in outlines)
+    topology = assemble(plate, spacing, halved, outlines, points, nodes_per_hole, across)
+    check_ligaments(topology)
     return topology
 
 
@@ -206,8 +215,10 @@ def assemble(
     segments = [np.stack([loop(o)[:-1], loop(o)[1:]], axis=1) - n for o in outlines]
     gel = gel_polygon(plate, outlines, points, n)
     part = _with_cuts_on_curves(partition(background.vertices, background.loops, join(segments, int), points, gel), outlines)
+    on_outlines = np.concatenate([np.empty(0, int), *(o.vertices[::OUTLINE_SEGMENTS] for o in outlines)])
     free = np.flatnonzero(~inside_holes(plate, background.vertices, 1e-9 * spacing))
-    node_vertices = np.concatenate([free, *(o.vertices[::OUTLINE_SEGMENTS] for o in outlines)])
+    free = free[~_coincide(background, free, part.vertices[on_outlines])]
+    node_vertices = np.concatenate([free, on_outlines])
     nodes = part.vertices[node_vertices]
     return Topology(
         plate=plate,
@@ -231,6 +242,13 @@ def _with_cuts_on_curves(part, outlines):
     return dataclasses.replace(part, vertices=vertices)
 
 
+def _coincide(background, numbers, outline_nodes):
+    """Whether (m,) background vertices lie next to a node (k, 2) of an outline: two nodes there make shape functions steep."""
+    vertices = background.vertices[numbers]
+    size = background.side.min() / 2.0 ** background.halvings(vertices)
+    return cKDTree(outline_nodes).query(vertices)[0] < COINCIDENT * size if len(outline_nodes) else np.zeros(len(vertices), bool)
+
+
 def _graded(nodes, spacing):
     """Spacings (n,) of the nodes (n, 2), raised near larger ones so that none falls by more than ``GRADING`` times the distance."""
     graded = spacing.copy()
@@ -240,28 +258,6 @@ def _graded(nodes, spacing):
     return graded
 
 
-def _check_sizes(plate, spacing, nodes_per_hole, across):
-    """Spacing in mm and nodes per hole, the plate's own where they are None; ValueError for unusable ones."""
-    own, shorter = plate.spacing or min(plate.width, plate.height) / 40, min(plate.width, plate.height)
-    spacing = own if spacing is None else float(spacing)
-    if not (np.isfinite(spacing) and 0 < spacing <= shorter / 2):
-        raise ValueError(f"spacing: {spacing} is not in (0, {shorter / 2:g}], half the plate's shorter side")
-    if across is not None and not (isinstance(across, int | np.integer) and not isinstance(across, bool) and across >= 2):
-        raise ValueError(f"across: {across!r} is not a whole number of at least 2, the two nodes on the outlines included")
-    if nodes_per_hole is not None and not (isinstance(nodes_per_hole, int | np.integer) and 3 <= nodes_per_hole <= MAX_NODES):
-        raise ValueError(f"nodes_per_hole: {nodes_per_hole!r} is not a whole number of 3 to {MAX_NODES}")
-    background = plate.width / spacing * plate.height / spacing
-    if not background <= MAX_NODES:
-        raise ValueError(f"spacing: {spacing:g} mm makes about {background:.2g} nodes, {MAX_NODES} are accepted at most; use a larger one")
-    per_hole = max(8, round(plate.nodes_per_hole * own / spacing)) if nodes_per_hole is None else nodes_per_hole
-    if per_hole * len(plate.holes) > MAX_NODES // OUTLINE_SEGMENTS:
-        raise ValueError(
-            f"nodes_per_hole: {per_hole} on each of {len(plate.holes)} holes are more than the {MAX_NODES // OUTLINE_SEGMENTS} accepted; "
-            "use fewer, or a larger spacing"
-        )
-    return spacing, per_hole
-
-
 def _edge_nodes(plate, nodes, tolerance):
     """Node numbers on each edge of the plate, ordered along the edge."""
     found = {}
@@ -269,30 +265,3 @@ def _edge_nodes(plate, nodes, tolerance):
         on = np.flatnonzero(np.abs(nodes[:, axis] - coordinate) < tolerance)
         found[edge] = on[np.argsort(nodes[on, 1 - axis])]
     return found
-
-
-def _check_ligaments(topology):
-    """Refuse a cloud with a ligament narrower than the spacing and no node in it."""
-    part, n = topology.partition, topology.n_background
-    free = topology.node_vertices[topology.node_vertices < n]
-    tree = cKDTree(part.vertices[free]) if len(free) else None
-    boundaries = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(part.vertices[loop(o)])) for o in topology.outlines]
-    boundaries += [("the plate's edge", False, line) for line in _edge_lines_of(topology.plate)]
-    for (name, closed, curve), (other_name, _, other) in itertools.combinations(boundaries, 2):
-        cut = not closed and other_name == "the plate's edge"
-        line = shapely.shortest_line(curve, other)
-        if name == other_name or cut or line.length >= topology.spacing:
-            continue  # arcs of one hole, a hole that the edge cuts, a wide ligament
-        middle = np.asarray(line.centroid.coords)[0]
-        if tree is None or tree.query(middle)[0] > topology.spacing:
-            raise ValueError(
-                f"spacing: {topology.spacing:g} mm leaves no node in the {line.length:.3g} mm ligament between {name} and {other_name}; "
-                f"use a spacing below {line.length:.3g}"
-            )
-
-
-def _edge_lines_of(plate):
-    """The sides of the plate, shapely LineStrings in the order of ``geometry.EDGES``."""
-    w, h = plate.width / 2, plate.height / 2
-    left, right, bottom, top = [(-w, -h), (-w, h)], [(w, -h), (w, h)], [(-w, -h), (w, -h)], [(-w, h), (w, h)]
-    return [shapely.LineString(side) for side in (left, right, bottom, top)]

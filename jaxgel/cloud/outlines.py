@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import warnings
 
 import numpy as np
 import shapely
@@ -12,7 +11,7 @@ from ..geometry import Arc, Plate, arc_points, arcs, equal_arc_length, outline_p
 from .quadtree import Background
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
-CROWDED = 2.0  # outline nodes to a side of a square beyond which their motions are not held: `benchmarks/accuracy.py --rows outline`
+CROWDED = 1.15  # outline nodes to a side of a square beyond which no pressure holds their motions; the paper's clouds have up to 1.11
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,6 +62,11 @@ def loop(outline: Outline) -> Int[np.ndarray, " m"]:
     return np.append(outline.vertices, outline.vertices[0]) if outline.closed else outline.vertices
 
 
+def renumbered(outline: Outline, by: int) -> Outline:
+    """The outline with ``by`` added to its vertex numbers."""
+    return dataclasses.replace(outline, vertices=outline.vertices + by)
+
+
 def _fraction_of_hole(plate, arc):
     """Length of the arc over the length of its whole hole's outline."""
     hole = plate.holes[arc.hole]
@@ -94,23 +98,7 @@ def gel_polygon(plate: Plate, outlines: tuple[Outline, ...], outline_vertices: F
     return shapely.difference(box, shapely.union_all(rings))
 
 
-def warn_if_crowded(outlines: tuple[Outline, ...], vertices: Float[np.ndarray, "v 2"], background: Background) -> None:
-    """UserWarning that names the hole whose outline nodes lie closest for the squares around, where they lie too close.
-
-    Outlines shorter than the contour of a square are left out: few nodes make these crowded.
-    """
-    crowded = [_nodes_per_side(vertices[loop(o)[::OUTLINE_SEGMENTS]], background) for o in outlines]
-    if crowded and max(crowded) > CROWDED:
-        hole = outlines[int(np.argmax(crowded))].arc.hole
-        warnings.warn(
-            f"nodes_per_hole: {max(crowded):.1f} outline nodes of holes[{hole}] to a side of a background square; beyond {CROWDED:g} "
-            "displacements near the outline may be wrong: use fewer, or a smaller spacing",
-            stacklevel=4,
-        )
-
-
-def _nodes_per_side(nodes, background):
-    """Mean side of the squares around an outline's nodes (k, 2) over their mean distance; 0 for an outline shorter than four sides."""
-    side = np.mean(background.side.min() / 2.0 ** background.halvings(nodes))
-    distances = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    return side / distances.mean() if distances.sum() > 4 * side else 0.0
+def intervals(nodes: Float[np.ndarray, "m 2"]) -> tuple[np.ndarray, Float[np.ndarray, " m-1"]]:
+    """The intervals between the ``nodes`` along an outline, shapely LineStrings, and the largest side of the squares around them, mm."""
+    ends = np.stack([nodes[:-1], nodes[1:]], axis=1)
+    return shapely.linestrings(ends), CROWDED * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)

@@ -4,12 +4,13 @@ Squares are the integration cells before they are clipped, their corners the bac
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
 
 from .._types import Float, Int
-from ..geometry import EDGES, Arc, Plate
+from ..geometry import Plate
 
 MAX_HALVINGS = 8  # of a background square
 REACH = range(-2, 3)  # squares of each size are at least two abreast, so that a support spans few sizes
@@ -50,16 +51,15 @@ class Background:
 def make_background(
     plate: Plate,
     spacing: float,
-    ligaments: tuple[np.ndarray, Float[np.ndarray, " m"]] | None = None,
-    intervals: int = 0,
+    refined: Sequence[tuple[np.ndarray, Float[np.ndarray, " m"]]] = (),
 ) -> Background:
-    """``Background`` of squares nearly ``spacing`` wide (mm), each halved until it is narrower than its ligament over ``intervals``.
+    """``Background`` of squares nearly ``spacing`` wide (mm), each halved until its side is below those of all strips that it touches.
 
-    ``ligaments`` are strips and widths as found by ``find_ligaments``. Raises ValueError where that takes too many halvings.
+    ``refined`` are pairs of strips, shapely geometries (m,), and sides (m,), mm. Raises ValueError where that takes too many halvings.
     """
     size = np.array([plate.width, plate.height])
     counts = np.maximum(1, np.round(size / spacing).astype(int))
-    halved = [] if ligaments is None else _narrow_squares(*ligaments, -size / 2, size / counts, counts, intervals)
+    halved = _large_squares(*map(np.concatenate, zip(*refined, strict=True)), -size / 2, size / counts, counts) if refined else []
     for k in range(len(halved) - 1, 0, -1):  # a square may only be halved if all squares of its size around it exist
         square = np.stack(np.divmod(halved[k], counts[1] * 2**k), axis=1)
         near = np.concatenate([square + [i, j] for i in REACH for j in REACH])
@@ -72,43 +72,19 @@ def make_background(
     return Background(-size / 2, size / counts, counts, tuple(halved), vertices, loops)
 
 
-def find_ligaments(
-    sides: list[shapely.LineString], curves: list[Float[np.ndarray, "_ 2"]], arcs: list[Arc], gel: shapely.Geometry
-) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:
-    """Strips of gel between an outline and the nearest other outline or edge of the plate: polygons (m,) and widths (m,), mm.
-
-    ``curves`` are the fine outlines (k, 2) of the ``arcs``, closed ones with the first point repeated, ``sides`` the plate's
-    ``EDGES``. An edge on which an arc ends is none of its neighbours: the wedge between them is no ligament.
-    """
-    lines = shapely.linestrings(np.concatenate(curves), indices=np.repeat(np.arange(len(curves)), [len(c) for c in curves]))
-    strips, widths = [], []
-    for i, (curve, arc) in enumerate(zip(curves, arcs, strict=True)):
-        others = np.append(
-            np.delete(lines, i), [side for side, e in zip(sides, EDGES, strict=True) if e not in (arc.start_edge, arc.end_edge)]
-        )
-        across = shapely.shortest_line(shapely.points(curve), shapely.multilinestrings(others))
-        width = shapely.length(across)
-        through_gel = shapely.length(shapely.intersection(across, gel)) > 0.9 * width
-        both = np.flatnonzero(through_gel[:-1] & through_gel[1:])
-        ends = shapely.get_coordinates(across).reshape(-1, 2, 2)
-        strips.append(shapely.convex_hull(shapely.multipoints(np.concatenate([ends[both], ends[both + 1]], axis=1))))
-        widths.append(np.minimum(width[both], width[both + 1]))
-    return np.concatenate(strips), np.concatenate(widths)
-
-
-def _narrow_squares(strips, widths, low, side, counts, intervals):
-    """Per k the squares of the k-th halving that touch a ligament not wider than ``intervals`` of them."""
+def _large_squares(strips, below, low, side, counts):
+    """Per k the squares of the k-th halving that touch a strip whose squares are to be smaller."""
     halved, square = [], np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
     while True:
         size = side / 2 ** len(halved)
-        narrow = strips[widths <= intervals * size.max() * (1 + 1e-9)]
+        narrow = strips[below <= size.max() * (1 + 1e-9)]
         if len(narrow) == 0:
             return halved
         if len(halved) == MAX_HALVINGS:
             x, y = shapely.get_coordinates(shapely.centroid(narrow[0]))[0]
             raise ValueError(
-                f"across: {intervals + 2} nodes across the ligament {widths.min():.2g} mm wide near ({x:.3g}, {y:.3g}) need background "
-                f"squares below {size.max():.2g} mm; use a smaller spacing, fewer nodes across or a wider ligament"
+                f"spacing: squares of {side.max():.3g} mm would have to be halved more than {MAX_HALVINGS} times, to {below.min():.2g} mm "
+                f"near ({x:.3g}, {y:.3g}); use a smaller spacing, fewer nodes on the holes or across ligaments, or wider ligaments"
             )
         boxes = shapely.box(*(low + square * size).T, *(low + (square + 1) * size).T)
         hit = np.unique(shapely.STRtree(narrow).query(boxes, predicate="intersects")[0])

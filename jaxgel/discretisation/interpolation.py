@@ -69,10 +69,7 @@ def make_probe(model: "Model", points: Float[Array, "p 2"], reference_points: Fl
 
 
 def midline_probe(model: "Model") -> Interpolation:
-    """``Interpolation`` at the points (p, 2) of the gel on y = 0 in the dry plate, from left to right; it follows the model's cloud.
-
-    The neighbour lists serve all points of the line within one sample of the points too.
-    """
+    """``Interpolation`` at the points (p, 2) of the gel on y = 0 in the dry plate, from left to right; it follows the model's cloud."""
     points, neighbours = _midline(model.cloud.topology, model.dmax)
     return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
 
@@ -171,7 +168,7 @@ def _midline(topology: Topology, dmax: float):
     x = plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS)
     points = np.stack([x, np.zeros_like(x)], axis=1)
     points = points[~inside_holes(plate, points, -1e-9 * topology.spacing)]
-    return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing + plate.width / (MIDLINE_POINTS - 1))
+    return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing)
 
 
 @once_per_owner

@@ -1,17 +1,20 @@
 """Patches: groups of integration cells with one pressure field, linear over blocks of 2 x 2 squares and constant over other cells.
 
 Single squares, along outlines and in narrow ligaments, follow what varies there over one square; blocks leave out the pressures that a
-quadratic displacement cannot meet. A block counts where it has two whole squares and the area of two.
+quadratic displacement cannot meet. A block counts where it has two whole squares and the area of two, outside narrow ligaments: a linear
+pressure across two squares of one makes it too stiff.
 """
 
 import numpy as np
 import scipy.sparse as sp
+import shapely
 
 from .._memo import once_per_owner
 from .._types import Bool, Int
 from ..cloud import Topology
 
 SQUARES = 2  # least whole squares, and least area in squares, of a block with a linear pressure
+LIGAMENT = 2.0  # squares across a ligament up to which it has single ones: as a block of two the lattice's buckle 9 % late
 ROUND_OFF = 1e-9  # of areas, relative
 
 
@@ -29,6 +32,7 @@ def patches(topology: Topology, method: str) -> tuple[Int[np.ndarray, " c"], Boo
     block = _connected_parts(topology, block)
     whole, size = (np.bincount(block, of) for of in (area > square * (1 - ROUND_OFF), area / square))
     linear = (whole >= SQUARES) & (size >= SQUARES) & (np.bincount(block, complete) > 0)
+    linear &= np.bincount(block, _in_narrow_ligament(topology, centre)) == 0
     alone = len(linear) + np.arange(n_cells)
     patch = np.unique(np.where(linear[block], block, alone), return_inverse=True)[1]
     is_linear = np.zeros(patch.max() + 1, dtype=bool)
@@ -75,3 +79,13 @@ def _connected_parts(topology, block):
     pairs = owner[inside], owner[at[inside]]
     graph = sp.coo_array((np.ones(len(pairs[0])), pairs), (len(block), len(block)))
     return sp.csgraph.connected_components(graph, directed=False)[1]
+
+
+def _in_narrow_ligament(topology, centre):
+    """Whether (c,) the square around each cell touches a ligament that is not wider than ``LIGAMENT`` squares."""
+    (strips, widths), background = topology.ligaments, topology.background
+    side = background.side / 2.0 ** background.halvings(centre)[:, None]
+    low = background.low + (centre - background.low) // side * side
+    cell, strip = shapely.STRtree(strips).query(shapely.box(*low.T, *(low + side).T), predicate="intersects")
+    narrow = widths[strip] <= LIGAMENT * side.max(axis=1)[cell] * (1 + ROUND_OFF)
+    return np.bincount(cell[narrow], minlength=len(centre)) > 0

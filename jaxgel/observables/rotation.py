@@ -4,22 +4,25 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from .._types import Array, Bool, Float
-from ..discretisation import NEIGHBOURS, Model, core_probe, in_plane, midline_probe, shape_functions
+from ..discretisation import MIDLINE_POINTS, Model, core_probe, midline_probe
 from .states import States
 
 ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
 FLAT = 1e-9  # height over length up to which round-off chooses the extrema
 EXTREMA = 16  # that are found together, or a multiple
+DEGREE = 3  # of the polynomial that smooths the midline about a point
+SAMPLES = 5  # least reach of that polynomial, in distances of the samples
+SINGULAR = 1e-13  # added to its moments, relative: a piece of the line may have fewer samples than the polynomial has coefficients
 
 
 def angle_of_extrema(x: Float[Array, "k n 2"], model: Model) -> Float[Array, " k"]:
     """Angle (k,) to the x axis, degrees, of the line through the midline's highest and lowest point in each state of ``x`` (k, n, 2)."""
-    kind = "imls" if model.kind == "iicvmls" else model.kind  # its real twin
-    samples = _next_to_extrema(x, model.cloud.nodes, midline_probe(model))
-    return _angle_between(_extrema(*samples, basis=model.basis, kind=kind), len(x))
+    samples = _next_to_extrema(x, midline_probe(model), model.dmax * model.cloud.topology.spacing)
+    return _angle_between(_extrema(*samples), len(x))
 
 
 def is_flat(x: Float[Array, "k n 2"], model: Model) -> Bool[Array, " k"]:
@@ -29,22 +32,24 @@ def is_flat(x: Float[Array, "k n 2"], model: Model) -> Bool[Array, " k"]:
 
 
 @jax.jit
-def _next_to_extrema(x, dry_nodes, line):
+def _next_to_extrema(x, line, radius):
     """The arguments of `_extremum` for the highest and the lowest sample of the midline in each state of ``x`` (k, n, 2).
 
-    They are padded with the first one and with neighbours of no support: one program of the extrema serves most paths.
+    They are padded with the first one and with samples of no weight: one program of the extrema serves most paths.
     """
-    room = ((0, 0), (0, -line.nodes.shape[1] % (4 * NEIGHBOURS)))
-    nodes, support = jnp.pad(line.nodes, room), jnp.pad(line.support, room)
-    apart = jnp.diff(line.points[:, 0])
+    at = line.points[:, 0]
+    apart = jnp.diff(at)
     gap = apart > 1.5 * jnp.min(apart)  # a hole: the line ends at both samples, and an extremum there is no root of its slope
-    end = jnp.append(True, gap) | jnp.append(gap, True)
+    end, piece = jnp.append(True, gap) | jnp.append(gap, True), jnp.cumsum(jnp.append(False, gap))
+    radius = jnp.maximum(radius, SAMPLES * jnp.min(apart))
+    room = (0, MIDLINE_POINTS - len(at))
 
     def one(x):
-        height = line.position(x)[:, 1]
-        i = jnp.stack([jnp.argmax(height), jnp.argmin(height)])
-        reach = jnp.where(end[i], 0.0, jnp.min(apart))
-        return line.points[i], reach, dry_nodes[nodes[i]], support[i], x[nodes[i]]
+        position = line.position(x)
+        i = jnp.stack([jnp.argmax(position[:, 1]), jnp.argmin(position[:, 1])])
+        same = jnp.pad(piece == piece[i][:, None], ((0, 0), room))
+        samples = jnp.pad(at, room), jnp.pad(position, (room, (0, 0)))
+        return at[i], position[i], end[i], same, *(jnp.stack([value] * 2) for value in (*samples, radius))
 
     def padded(values):
         values = values.reshape(-1, *values.shape[2:])
@@ -53,10 +58,10 @@ def _next_to_extrema(x, dry_nodes, line):
     return jax.tree.map(padded, jax.vmap(one)(x))
 
 
-@functools.partial(jax.jit, static_argnames=("basis", "kind"))
-def _extrema(*samples, basis, kind):
+@jax.jit
+def _extrema(*samples):
     """`_extremum` (m, 2) of m samples."""
-    return jax.vmap(functools.partial(_extremum, basis=basis, kind=kind))(*samples)
+    return jax.vmap(_extremum)(*samples)
 
 
 @functools.partial(jax.jit, static_argnames="states")
@@ -66,37 +71,50 @@ def _angle_between(extrema, states):
     return jnp.degrees(jnp.arctan(rise / jnp.where(run == 0, 1.0, run)))
 
 
-def _extremum(start, reach, neighbours, support, values, *, basis, kind):
-    """Point (2,) of the deformed midline that is extremal in y within ``reach`` of the dry point ``start`` (2,).
+def _extremum(start, sample, end, same, at, position, radius):
+    """Point (2,) of the deformed midline that is extremal in y, within ``radius`` of the dry point ``start``; the ``sample`` at an ``end``.
 
-    Shape functions of the ``neighbours`` (a, 2) and their deformed positions ``values`` (a, 2) give the line. The extremum is where
-    dy/ds = 0, and moves with the state as that equation says, in derivatives of every order; without reach it is the start.
+    The line is smoothed: about each point it is the polynomial that fits the samples ``position`` (p, 2) with dry coordinates ``at`` (p,)
+    best on the ``same`` (p,) piece, weighted out to ``radius``. The extremum is where dy/ds = 0, and moves with the state as that equation
+    says, in derivatives of every order.
     """
+    low, high = (jnp.clip(bound, start - radius, start + radius) for bound in (_least(at, same), -_least(-at, same)))
 
-    def point(s):
-        return in_plane(shape_functions(jnp.stack([s, start[1]]), neighbours, support, basis=basis, kind=kind) @ values)
+    def fit(s):
+        """Point and derivative by s / radius, (2,) each, of the polynomial about ``s``."""
+        t = (at - s) / radius
+        weight = jnp.where(same, jnp.maximum(1 - t**2, 0.0), 0.0) ** 3
+        powers = t ** np.arange(DEGREE + 1)[:, None]
+        moments = (weight * powers) @ powers.T
+        coefficients = jnp.linalg.solve(moments + SINGULAR * moments[0, 0] * jnp.eye(DEGREE + 1), (weight * powers) @ position)
+        return coefficients[0], coefficients[1]
 
     def slope(s):
-        return jax.jvp(lambda s: point(s)[1], (s,), (1.0,))[1]
+        return fit(s)[1][1]
 
     def over(value, rate):
         return jnp.where(rate == 0, 0.0, value / jnp.where(rate == 0, 1.0, rate))
 
     def by_newton(slope, start):
         def step(_, s):
-            return jnp.clip(s - over(*jax.jvp(slope, (s,), (1.0,))), start - reach, start + reach)
+            return jnp.clip(s - over(*jax.jvp(slope, (s,), (1.0,))), low, high)
 
         return lax.fori_loop(0, ITERATIONS, step, start)
 
-    s = lax.custom_root(slope, start[0], by_newton, lambda rate, value: over(value, rate(1.0)))
-    return point(jnp.where(reach > 0, s, start[0]))
+    s = lax.custom_root(slope, start, by_newton, lambda rate, value: over(value, rate(1.0)))
+    return jnp.where(end, sample, fit(s)[0])
+
+
+def _least(values, counted):
+    return jnp.min(jnp.where(counted, values, jnp.inf))
 
 
 def rotation_angle(path: States) -> Float[Array, " k"]:
     """Rotation of the midline (k,), degrees: the angle to the x axis of the line through its highest and its lowest point.
 
-    The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the interpolated line, not of
-    samples, so the angle is a smooth function of the state until another extremum takes over. A level midline, such as that of the
+    The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the line smoothed over
+    a support of the shape functions by a cubic: they lie where the slope vanishes, and the interpolated slope wavers from node to node. So
+    the angle is a smooth function of the state until another extremum takes over. A level midline, such as that of the
     symmetric states of samples 4 and 7 and of the lattice, turns by 0 and has no derivative: differentiate ``core_rotation`` there.
     """
     return angle_of_extrema(jnp.asarray(path.x), path.model)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
+from scipy.spatial import cKDTree
 
 from jaxgel import core_rotation, discretise, make_cloud, sample, sweep, uniaxial_swelling
 from jaxgel.cloud import GRADING, OUTLINE_SEGMENTS, Cloud, assemble, find_ligaments, make_background, place
@@ -93,12 +94,12 @@ def test_node_spacing_follows_the_squares_and_falls_gently(refined):
 
 def test_neighbouring_squares_differ_by_one_halving_at_most():
     plate = Plate(8, 8)
-    strips = np.array([shapely.box(0.1, 0.1, 0.12, 0.9)]), np.array([0.1])
-    background = make_background(plate, 1.0, strips, 2)
+    strips = np.array([shapely.box(0.1, 0.1, 0.12, 0.9)]), np.array([0.05])
+    background = make_background(plate, 1.0, [strips])
     squares = [shapely.Polygon(background.vertices[loop]) for loop in background.loops]
     assert sum(square.area for square in squares) == pytest.approx(64, rel=1e-12)
     side = np.sqrt(shapely.area(squares))
-    assert side.min() == pytest.approx(1 / 32)  # the first below 0.1 / 2
+    assert side.min() == pytest.approx(1 / 32)  # the first below 0.05
     near = shapely.STRtree(squares).query(squares, predicate="touches")
     assert (side[near[0]] / side[near[1]]).max() < 2 + 1e-9
     inside = np.array([square.representative_point().coords[0] for square in squares])
@@ -116,7 +117,7 @@ def test_neighbouring_squares_differ_by_one_halving_at_most():
 )
 def test_patch_test_stays_exact_where_a_square_is_refined(basis, region):
     plate = sample("square")
-    background = make_background(plate, plate.spacing, (np.array([shapely.box(*region)]), np.array([0.1])), 2)
+    background = make_background(plate, plate.spacing, [(np.array([shapely.box(*region)]), np.array([0.05]))])
     topology = assemble(plate, plate.spacing, background, (), np.zeros((0, 2)))
     cloud = Cloud(plate, jnp.asarray(topology.partition.vertices), topology)
     assert len(cloud.nodes) > 120  # 49 without refinement
@@ -203,8 +204,26 @@ def test_number_across_is_refused_unless_it_is_whole_and_at_least_two(across):
 
 def test_ligament_too_narrow_to_refine_is_named():
     plate = Plate(10, 10, [Circle((-1.5001, 0), 1.5), Circle((1.5001, 0), 1.5)], spacing=0.5, nodes_per_hole=20)
-    with pytest.raises(ValueError, match=r"across: 4 nodes across the ligament 0.0002 mm wide near .* use a smaller spacing"):
+    with pytest.raises(
+        ValueError, match=r"^spacing: squares of 0.5 mm would have to be halved more than 8 times, to 0.0001 mm near .*; use a"
+    ):
         make_cloud(plate, across=4)
+
+
+@pytest.mark.parametrize("nodes_per_hole", [30, 60, 120])
+def test_squares_are_halved_where_outline_nodes_are_dense(nodes_per_hole):
+    """From 1.15 outline nodes to a side on; the outline keeps its nodes, and no node of the grid lies on one of them."""
+    plate = Plate(10, 10, [Circle((0.1, -0.2), 2.0)], spacing=0.5)
+    cloud = make_cloud(plate, nodes_per_hole=nodes_per_hole)
+    (outline,) = cloud.topology.outlines
+    nodes = cloud.topology.partition.vertices[outline.vertices[::OUTLINE_SEGMENTS]]
+    assert len(nodes) == nodes_per_hole
+    side = 0.5 / 2.0 ** cloud.topology.background.halvings(nodes)
+    distance = 2 * 2.0 * np.sin(np.pi / nodes_per_hole)
+    assert np.all(side < 1.15 * distance)
+    assert side.min() > 1.15 * distance / 2 or side.min() == 0.5
+    near = cKDTree(np.asarray(cloud.nodes)).query(nodes, k=2)[0][:, 1]
+    assert near.min() > 0.02 * side.min()
 
 
 def test_outline_nodes_are_as_dense_as_the_squares_around_them(refined):

@@ -17,10 +17,9 @@ import jaxgel
 from jaxgel.mechanics import all_volumes, carries_volume, linearise, prepare, tangent
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
-pytestmark = pytest.mark.filterwarnings("ignore:nodes_per_hole")  # of outline nodes that lie too close, which is what some tests are about
 
 LEAST = 0.5  # of the network's form; 0.67 measured on the finest of the clouds below, falling by 0.01 from the one before
-LEAST_INF_SUP = 0.5  # 0.59 to 0.60 measured on all clouds
+LEAST_INF_SUP = 0.5  # 0.585 to 0.604 measured on all clouds but the coarsest, half of whose squares are single
 ROUND_OFF = 1e-9  # of singular values
 
 
@@ -74,45 +73,40 @@ def inf_sup(model):
     return values[count - 1]
 
 
-REFINEMENT = [(0.75, 20), (0.375, 32), *(pytest.param(*sizes, marks=pytest.mark.slow) for sizes in ((0.5, 24), (0.25, 48)))]
+REFINEMENT = [(0.75, 14), (0.375, 28), *(pytest.param(*sizes, marks=pytest.mark.slow) for sizes in ((0.5, 20), (0.25, 40)))]
 
 
 @pytest.mark.parametrize(("spacing", "nodes_per_hole"), REFINEMENT)
 def test_conformal_motions_cost_energy_under_refinement(spacing, nodes_per_hole):
-    assert least_quotient(round_hole(spacing, nodes_per_hole, "mixed")) > LEAST  # 0.78, 0.68, 0.72, 0.67 measured
+    assert least_quotient(round_hole(spacing, nodes_per_hole, "mixed")) > LEAST  # 0.80, 0.69, 0.71, 0.67 measured
 
 
 @pytest.mark.parametrize(("spacing", "nodes_per_hole"), REFINEMENT)
 def test_displacements_and_pressures_have_an_inf_sup_constant_under_refinement(spacing, nodes_per_hole):
-    assert inf_sup(round_hole(spacing, nodes_per_hole, "mixed")) > LEAST_INF_SUP  # 0.597, 0.594, 0.604, 0.597 measured
+    assert inf_sup(round_hole(spacing, nodes_per_hole, "mixed")) > LEAST_INF_SUP  # 0.503, 0.596, 0.604, 0.585 measured
 
 
 def test_one_pressure_per_cell_has_no_inf_sup_constant():
-    """It falls with the spacing: 0.477, 0.273 measured, and 0.384 with a spacing of 0.5 mm."""
+    """It falls with the spacing: 0.467, 0.270 measured, and 0.190 with a spacing of 0.25 mm."""
     coarse, fine = (inf_sup(round_hole(*sizes, "cells")) for sizes in REFINEMENT[:2])
     assert fine < 0.6 * coarse
     assert fine < 0.6 * LEAST_INF_SUP
 
 
-@pytest.mark.parametrize(
-    "nodes_per_hole",
-    [
-        *(pytest.param(few, marks=pytest.mark.slow) for few in (20, 40)),
-        80,
-        *(pytest.param(many, marks=[pytest.mark.slow, pytest.mark.xfail(reason="0.42 measured with 120")]) for many in (120, 160)),
-    ],
-)
+@pytest.mark.parametrize("nodes_per_hole", [*(pytest.param(number, marks=pytest.mark.slow) for number in (20, 40, 120)), 80, 160])
 def test_conformal_motions_cost_energy_with_few_and_many_outline_nodes(nodes_per_hole):
-    assert least_quotient(large_hole(nodes_per_hole, "mixed")) > LEAST  # 0.42 measured with 120: more than two outline nodes to a square
+    """Squares are halved along an outline with many."""
+    assert least_quotient(large_hole(nodes_per_hole, "mixed")) > LEAST  # 0.69, 0.69, 0.69, 0.68, 0.68 measured
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("nodes_per_hole", [60, pytest.param(120, marks=pytest.mark.xfail(reason="-0.14 measured, -2.2 with 160"))])
+@pytest.mark.parametrize("nodes_per_hole", [60, 120])
 def test_conformal_motions_cost_energy_with_three_and_six_outline_nodes_to_a_square(nodes_per_hole):
-    assert least_quotient(round_hole(0.5, nodes_per_hole, "mixed")) > LEAST  # 0.53 measured with 60
+    assert least_quotient(round_hole(0.5, nodes_per_hole, "mixed")) > LEAST  # 0.71 measured with both
 
 
-@pytest.mark.parametrize("nodes_per_hole", [80, pytest.param(160, marks=pytest.mark.slow)])
-def test_conformal_motions_are_soft_with_one_pressure_per_cell_and_many_outline_nodes(nodes_per_hole):
-    """What the test above can find."""
-    assert least_quotient(large_hole(nodes_per_hole, "cells")) < LEAST  # 0.35 measured with 80; 0.64 with 40
+@pytest.mark.parametrize(("method", "nodes_per_hole"), [("cells", 80), pytest.param("mixed", 120, marks=pytest.mark.slow)])
+def test_conformal_motions_are_soft_with_many_outline_nodes_around_large_squares(method, nodes_per_hole, monkeypatch):
+    """What the tests above can find, on clouds whose squares are not halved."""
+    monkeypatch.setattr("jaxgel.cloud.outlines.CROWDED", np.inf)
+    assert least_quotient(large_hole.__wrapped__(nodes_per_hole, method)) < LEAST  # 0.35, 0.47 measured

@@ -1,0 +1,47 @@
+"""Ligaments: strips of gel between two holes, or between a hole and an edge of the plate, and how wide they are."""
+
+import numpy as np
+import shapely
+
+from .._types import Float
+from ..geometry import EDGES, Arc, Plate
+from .outlines import Outline, gel_polygon, loop
+
+
+def ligaments(
+    plate: Plate, outlines: tuple[Outline, ...], points: Float[np.ndarray, "o 2"], offset: int, every: int = 1
+) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:
+    """`find_ligaments` of the ``outlines``, numbered from ``offset``, with ``points`` (o, 2), along ``every`` so many of these."""
+    curves = [points[loop(o)[::every] - offset] for o in outlines]
+    return find_ligaments(sides(plate), curves, [o.arc for o in outlines], gel_polygon(plate, outlines, points, offset))
+
+
+def find_ligaments(
+    sides: list[shapely.LineString], curves: list[Float[np.ndarray, "_ 2"]], arcs: list[Arc], gel: shapely.Geometry
+) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:
+    """Strips of gel between an outline and the nearest other outline or edge of the plate: polygons (m,) and widths (m,), mm.
+
+    ``curves`` are the fine outlines (k, 2) of the ``arcs``, closed ones with the first point repeated, ``sides`` the plate's
+    ``EDGES``. An edge on which an arc ends is none of its neighbours: the wedge between them is no ligament.
+    """
+    lines = shapely.linestrings(np.concatenate(curves), indices=np.repeat(np.arange(len(curves)), [len(c) for c in curves]))
+    strips, widths = [], []
+    for i, (curve, arc) in enumerate(zip(curves, arcs, strict=True)):
+        others = np.append(
+            np.delete(lines, i), [side for side, e in zip(sides, EDGES, strict=True) if e not in (arc.start_edge, arc.end_edge)]
+        )
+        across = shapely.shortest_line(shapely.points(curve), shapely.multilinestrings(others))
+        width = shapely.length(across)
+        through_gel = shapely.length(shapely.intersection(across, gel)) > 0.9 * width
+        both = np.flatnonzero(through_gel[:-1] & through_gel[1:])
+        ends = shapely.get_coordinates(across).reshape(-1, 2, 2)
+        strips.append(shapely.convex_hull(shapely.multipoints(np.concatenate([ends[both], ends[both + 1]], axis=1))))
+        widths.append(np.minimum(width[both], width[both + 1]))
+    return np.concatenate(strips), np.concatenate(widths)
+
+
+def sides(plate: Plate) -> list[shapely.LineString]:
+    """The sides of the plate, shapely LineStrings in the order of ``geometry.EDGES``."""
+    w, h = plate.width / 2, plate.height / 2
+    left, right, bottom, top = [(-w, -h), (-w, h)], [(w, -h), (w, h)], [(-w, -h), (w, -h)], [(-w, h), (w, h)]
+    return [shapely.LineString(side) for side in (left, right, bottom, top)]
