@@ -81,7 +81,7 @@ def test_a_front_may_have_no_unknowns(columns, system):
 
 
 def test_both_kinds_of_pivot_blocks_are_met(system):
-    signs = factorise(system[-1], values(system, 3, 5.0)).signs
+    signs = factorise(system[-1], values(system, 3, 6.0)).signs
     assert any(s is None for s in signs) and any(s is not None for s in signs)
     assert all(s is None for s in factorise(system[-1], values(system, 3, 20.0)).signs)
 

@@ -31,7 +31,7 @@ from jaxgel.mechanics import (
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 contact_energy, contact_force = jax.jit(contact.contact_energy), jax.jit(contact.contact_force)
-MU = [-3.0, -2.0, -1.3]  # the slit's tips close between the last two
+MU = [-3.0, -2.0, -1.25]  # the slit's tips close between the last two
 
 
 @pytest.fixture(scope="module")
