@@ -161,7 +161,10 @@ def _triangulate(vertices, loops):
 def _constrained_delaunay(vertices, loops):
     """Triangles (t, 3) of the pieces and their pieces (t,)."""
     polygons = [shapely.Polygon(vertices[loop[0]], [vertices[hole] for hole in loop[1:]]) for loop in loops]
-    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(polygons)), return_index=True)
+    try:
+        parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(polygons)), return_index=True)
+    except shapely.errors.GEOSException as problem:
+        raise ValueError(f"holes: a cell cut by their outlines has no triangles ({problem}); use less distorted holes") from problem
     used = np.unique(np.concatenate([ring for loop in loops for ring in loop]))
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     return used[cKDTree(vertices[used]).query(corners)[1]], owner

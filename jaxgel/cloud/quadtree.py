@@ -51,7 +51,7 @@ class Background:
 def make_background(
     plate: Plate,
     spacing: float,
-    refined: Sequence[tuple[np.ndarray, Float[np.ndarray, " m"]]] = (),
+    refined: Sequence[tuple[np.ndarray, Float[np.ndarray, " _"]]] = (),
 ) -> Background:
     """``Background`` of squares nearly ``spacing`` wide (mm), each halved until its side is below those of all strips that it touches.
 

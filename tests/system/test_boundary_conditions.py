@@ -146,7 +146,7 @@ def test_two_by_two_cell_buckles_before_the_unit_cell_as_the_infinite_lattice_do
     path, _ = swept(cell, [-4.0, -1.9678], gel=gel, spacing=0.125)
     assert path.switched.tolist() == [False, True]
     assert path.negative_pivots.tolist() == [0, 0]
-    assert abs(float(jaxgel.core_rotation(path)[1])) == pytest.approx(known["core"][0], abs=0.03)  # 573 nodes: 13.37, 0.1 %
+    assert abs(float(jaxgel.core_rotation(path)[1])) == pytest.approx(known["core"][0], abs=0.04)  # 541 nodes: 13.388, 0.25 %
     assert 4 * float(path.energy[1]) == pytest.approx(known["energy"][0], rel=1e-3)  # -1.26474
     unit, _ = swept(jaxgel.Plate(2, 2, [jaxgel.Circle((0.0, 0.0), 0.9)], edges="periodic"), [-4.0, -1.9678], gel=gel, **sizes)
     assert not unit.switched.any()
