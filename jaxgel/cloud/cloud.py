@@ -48,6 +48,8 @@ class Topology:
     """Nodes on the outline of each whole hole."""
     across: int | None
     """Nodes asked for across every ligament; None for no refinement."""
+    follow_outlines: bool
+    """Whether squares are halved, and nodes left out, where nodes of an outline are close."""
     background: Background
     """The background squares; their vertices come first, outline vertices follow them, cut points come last."""
     partition: Partition
@@ -142,20 +144,28 @@ class Cloud:
         return Cloud(plate, place(self.topology, plate), self.topology)
 
 
-def make_cloud(plate: Plate, *, spacing: float | None = None, nodes_per_hole: int | None = None, across: int | None = None) -> Cloud:
+def make_cloud(
+    plate: Plate,
+    *,
+    spacing: float | None = None,
+    nodes_per_hole: int | None = None,
+    across: int | None = None,
+    follow_outlines: bool = True,
+) -> Cloud:
     """Node cloud of a plate: grid points ``spacing`` apart (mm) outside the holes, and ``nodes_per_hole`` on each whole hole.
 
     Both default to the plate's own; a new spacing scales the number of nodes on the holes with it. ``across`` refines ligaments,
     between holes and between a hole and an edge of the plate, until at least that many nodes lie across, those on the two outlines
     (or on the edge) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate
     made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Squares are
-    halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side. Raises ValueError for an unusable plate, a spacing
+    halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side, and a grid point next to an outline node is no node;
+    ``follow_outlines=False`` leaves both, as before version 0.2. Raises ValueError for an unusable plate, a spacing
     that is not positive or leaves a ligament without a node, an ``across`` that is not at least 2, and where more than
     ``quadtree.MAX_HALVINGS`` halvings are needed.
     """
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
-        topology = _make_topology(reference, spacing, nodes_per_hole, across)
+        topology = _make_topology(reference, spacing, nodes_per_hole, across, follow_outlines)
     cloud = Cloud(reference, jax.device_put(topology.partition.vertices), topology)
     return cloud if reference is plate else cloud.at(plate)
 
@@ -183,7 +193,7 @@ def _nodes(vertices, numbers):
     return vertices[numbers]
 
 
-def _make_topology(plate, spacing, nodes_per_hole, across):
+def _make_topology(plate, spacing, nodes_per_hole, across, follow_outlines):
     check_plate(plate)
     spacing, nodes_per_hole = check_sizes(plate, spacing, nodes_per_hole, across)
     background, refined = make_background(plate, spacing), []
@@ -193,10 +203,11 @@ def _make_topology(plate, spacing, nodes_per_hole, across):
         refined.append((strips, widths / (across - 2)))
         background = make_background(plate, spacing, refined)
         outlines, points = fine_outlines(plate, nodes_per_hole, background)
-    refined += [intervals(points[loop(o)[::OUTLINE_SEGMENTS] - len(background.vertices)]) for o in outlines]
+    if follow_outlines:
+        refined += [intervals(points[loop(o)[::OUTLINE_SEGMENTS] - len(background.vertices)]) for o in outlines]
     halved = make_background(plate, spacing, refined)
     outlines = tuple(renumbered(o, len(halved.vertices) - len(background.vertices)) for o in outlines)
-    topology = assemble(plate, spacing, halved, outlines, points, nodes_per_hole, across)
+    topology = assemble(plate, spacing, halved, outlines, points, nodes_per_hole, across, follow_outlines)
     check_ligaments(topology)
     return topology
 
@@ -209,6 +220,7 @@ def assemble(
     points: Float[np.ndarray, "o 2"],
     nodes_per_hole: int = 0,
     across: int | None = None,
+    follow_outlines: bool = True,
 ) -> Topology:
     """``Topology`` of a background and the fine outlines numbered after it, with their points (o, 2)."""
     n = len(background.vertices)
@@ -217,7 +229,8 @@ def assemble(
     part = _with_cuts_on_curves(partition(background.vertices, background.loops, join(segments, int), points, gel), outlines)
     on_outlines = np.concatenate([np.empty(0, int), *(o.vertices[::OUTLINE_SEGMENTS] for o in outlines)])
     free = np.flatnonzero(~inside_holes(plate, background.vertices, 1e-9 * spacing))
-    free = free[~_coincide(background, free, part.vertices[on_outlines])]
+    if follow_outlines:
+        free = free[~_coincide(background, free, part.vertices[on_outlines])]
     node_vertices = np.concatenate([free, on_outlines])
     nodes = part.vertices[node_vertices]
     return Topology(
@@ -225,6 +238,7 @@ def assemble(
         spacing=spacing,
         nodes_per_hole=nodes_per_hole,
         across=across,
+        follow_outlines=follow_outlines,
         background=background,
         partition=part,
         outlines=outlines,

@@ -88,6 +88,6 @@ def refreshed(cloud: Cloud, plate: Plate, *, basis: str = "quadratic", dmax: flo
     fault = quality(cloud.at(values), basis=basis, dmax=dmax).fault
     if not fault:
         return cloud.at(plate), ""
-    topology = cloud.topology
-    fresh = make_cloud(own, spacing=topology.spacing, nodes_per_hole=topology.nodes_per_hole, across=topology.across)
+    asked = {name: getattr(cloud.topology, name) for name in ("spacing", "nodes_per_hole", "across", "follow_outlines")}
+    fresh = make_cloud(own, **asked)
     return fresh.at(plate), fault

@@ -14,7 +14,7 @@ from ..observables import BY_COLUMN, COLUMNS
 from .files import MAX_BYTES, guarded, read_arrays
 
 FORMAT = 3  # raised when the meaning of a file changes
-EARLIER = 2  # read too: its method "mixed" is today's "cells"
+EARLIER = 2  # read too: its method "mixed" is today's "cells", and its clouds do not follow outlines
 STEP_ARRAYS = (
     "mu",
     "x",
@@ -111,6 +111,7 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
         discretisation = summary["options"].setdefault("discretisation", {})
         if discretisation.get("method", "mixed") == "mixed":
             discretisation["method"] = "cells"
+        discretisation["follow_outlines"] = False
     return summary
 
 
