@@ -79,15 +79,19 @@ def check_gradient(
     mu = np.array(case.sweep.mu) if states is None and case.sweep.mu is not None else np.linspace(*case.sweep.ends, states or STATES)
     point = _point(plate, case.gel, mu)
 
-    def made(tree):
-        """Model, gel and loads (n, 2) of a point."""
+    def moved(tree):
+        """The model with the holes of a point."""
         placed = cloud.at(plate.at([{name: tree[name][k] for name in hole.theta} for k, hole in enumerate(plate.holes)]))
-        model = case.discretisation.model(placed)
+        return case.discretisation.model(placed)
+
+    def made(tree):
+        """Model, gel and loads (n, 2) of a point; the start's model where only the gel or mu are others."""
+        model = start.model if start and all(tree[name] is point[name] for hole in plate.holes for name in hole.theta) else moved(tree)
         loads = case.loads.of(model)
         loads = push if loads is None else loads if push is None else loads + push
         return model, dataclasses.replace(case.gel, Nv=tree["Nv"], chi=tree["chi"]), loads
 
-    push = None
+    push = start = None
     model, gel, loads = made(point)
     push = imperfection_load(model, gel, case.sweep, loads=loads)
     options = dataclasses.replace(case.sweep, imperfection=0.0)  # its load is among the others

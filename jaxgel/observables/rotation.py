@@ -90,7 +90,8 @@ def _extremum(start, sample, end, same, at, position, radius):
         return coefficients[0], coefficients[1]
 
     def slope(s):
-        return fit(s)[1][1]
+        """dy/ds; for an ``end``, whose point is not a root of it, a function with its root there: else 0 times nan in second derivatives."""
+        return jnp.where(end, s - start, fit(s)[1][1])
 
     def over(value, rate):
         return jnp.where(rate == 0, 0.0, value / jnp.where(rate == 0, 1.0, rate))

@@ -276,10 +276,9 @@ def killed_in_mid_run(folder, pid_of):
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 2])
-def test_a_killed_worker_loses_no_point(number, tmp_path, expected):
+def test_a_killed_worker_loses_no_point(tmp_path, expected):
     thread, killed = killed_in_mid_run(tmp_path / "out", lambda: multiprocessing.active_children()[0].pid)
-    with Workers(number) as executor:
+    with Workers(2) as executor:
         rows = run_map(study(tmp_path, SQUARE), tmp_path / "out", executor)
     thread.join()
     assert len(killed) == 1

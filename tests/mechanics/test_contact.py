@@ -31,7 +31,7 @@ from jaxgel.mechanics import (
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 contact_energy, contact_force = jax.jit(contact.contact_energy), jax.jit(contact.contact_force)
-MU = [-3.0, -2.0, -1.25]  # the slit's tips close between the last two
+MU = [-3.0, -2.0, -1.4, -1.3, -1.25]  # the slit's tips close before the third, and would cross before the last
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +60,9 @@ def squeezed(slit):
 
 @pytest.mark.slow
 def test_corrections_that_throw_points_deep_into_each_other_are_halved(slit):
-    """Newton's method else goes round in a circle of six iterations until the step is cut: 64 for the last state, 22 so."""
-    path = jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-4.0, -3.0, -2.0, -1.5], contact="on")
+    """Newton's method else goes round in a circle of six iterations until the step is cut: 154 for the last state, 22 so."""
+    model = jaxgel.discretise(jaxgel.make_cloud(slit.plate, follow_outlines=False), method="cells")
+    path = jaxgel.sweep(model, GEL, mu=[-4.0, -3.0, -2.0, -1.5], contact="on")
     assert path.stop.ok
     assert path.newton_iterations[-1] < 35
 
@@ -205,21 +206,20 @@ def test_squares_close_without_crossing(cloud_of):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("moved", [False, True], ids=["gel", "gel and hole"])
-def test_gradient_through_contact_is_that_of_the_resolved_problem(moved, slit, closed):
+def test_gradient_through_contact_is_that_of_the_resolved_problem(slit, closed):
     """With respect to Nv (which sets the stiffness of contact too), the last mu, and a semi-axis, along one direction."""
     plate, nodes = slit.plate, slit.nodes
 
     def height(v):
-        model = jaxgel.discretise(slit.at(plate.at([dict(semi_axes=jnp.stack([jnp.asarray(1.2), v[0]])), {}, {}])) if moved else slit)
+        model = jaxgel.discretise(slit.at(plate.at([dict(semi_axes=jnp.stack([jnp.asarray(1.2), v[0]])), {}, {}])))
         mu = jnp.stack([jnp.asarray(MU[0]), jnp.asarray(MU[1]), v[2]])
         return jnp.sum((jaxgel.sweep(model, jaxgel.Gel(v[1], 1e-4), mu=mu, contact="on").x[-1] - nodes) ** 2)
 
-    at, direction = np.array([0.45, 1e-3, MU[-1]]), np.array([0.1, 1e-3, 0.2])
+    at, direction = np.array([0.45, 1e-3, MU[2]]), np.array([0.1, 1e-3, 0.2])
     _, slope = jax.jvp(height, (jnp.asarray(at),), (jnp.asarray(direction),))
     difference = (float(height(at + 1e-5 * direction)) - float(height(at - 1e-5 * direction))) / 2e-5
     assert float(slope) == pytest.approx(difference, rel=1e-5)  # states to 1e-11 over a step of 1e-5
-    assert touches(closed.x[-1], closed.model)
+    assert touches(closed.x[2], closed.model)
 
 
 def test_unknown_contact_is_refused(slit):

@@ -49,17 +49,15 @@ def area(loop):
 
 @pytest.fixture(scope="module")
 def sample_1():
-    """Sample 1 with all defaults, 1009 nodes, at the mu of the finite elements."""
+    """Sample 1 with all defaults, 1009 nodes, at the first five mu of the finite elements."""
     plate = jaxgel.sample("sample-1")
-    return jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel, mu=MU)
+    return jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel, mu=MU[:5])
 
 
 def test_rotation_of_sample_1_is_that_of_finite_elements(sample_1):
-    from_onset = slice(2, None)  # before, the angle is below one degree
-    np.testing.assert_allclose(jaxgel.rotation_angle(sample_1)[from_onset], MIDLINE[from_onset], rtol=0.012)
-    np.testing.assert_allclose(jaxgel.core_rotation(sample_1)[from_onset], CORE[from_onset], rtol=0.012)
-    np.testing.assert_allclose(jaxgel.rotation_angle(sample_1), MIDLINE, atol=0.02, rtol=0.012)
-    np.testing.assert_allclose(jaxgel.core_rotation(sample_1), CORE, atol=0.02, rtol=0.012)
+    for found, known in ((jaxgel.rotation_angle(sample_1), MIDLINE[:5]), (jaxgel.core_rotation(sample_1), CORE[:5])):
+        np.testing.assert_allclose(found[2:], known[2:], rtol=7e-3)  # 5.3e-3 measured; before, the angle is below one degree
+        np.testing.assert_allclose(found[:2], known[:2], atol=0.02)
 
 
 @pytest.mark.slow
@@ -69,12 +67,14 @@ def test_rotations_on_a_finer_cloud_are_those_of_finite_elements():
     path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=22 / 56)), plate.gel, mu=MU)
     np.testing.assert_allclose(jaxgel.rotation_angle(path), MIDLINE, rtol=2.5e-3)  # 1.8e-3 measured
     np.testing.assert_allclose(jaxgel.core_rotation(path), CORE, rtol=2.5e-3)  # 1.7e-3 measured
+    np.testing.assert_allclose(jaxgel.area_reduction(path), AREA, rtol=5e-4, atol=1e-6)
+    np.testing.assert_allclose(path.energy, ENERGY, rtol=5e-4)
 
 
 def test_area_and_energy_of_sample_1_are_those_of_finite_elements(sample_1):
     # the references are rounded to 1e-6
-    np.testing.assert_allclose(jaxgel.area_reduction(sample_1), AREA, rtol=5e-4, atol=1e-6)
-    np.testing.assert_allclose(sample_1.energy, ENERGY, rtol=5e-4)
+    np.testing.assert_allclose(jaxgel.area_reduction(sample_1), AREA[:5], rtol=5e-4, atol=1e-6)
+    np.testing.assert_allclose(sample_1.energy, ENERGY[:5], rtol=5e-4)
 
 
 def test_holes_lose_the_area_that_the_gel_gains(sample_1):
@@ -302,8 +302,7 @@ def test_core_in_a_hole_has_no_rotation(tiny_model):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slope_of", [jax.jacrev, jax.jacfwd], ids=["reverse", "forward"])
-def test_an_extremum_at_the_edge_of_a_hole_has_the_derivative_of_that_point(slope_of, tilted_cloud):
+def test_an_extremum_at_the_edge_of_a_hole_has_the_derivative_of_that_point(tilted_cloud):
     """The midline of this plate crosses its hole and is highest and lowest next to it, where its slope does not vanish."""
     cloud, gel = tilted_cloud, tilted_cloud.plate.gel
 
@@ -312,6 +311,6 @@ def test_an_extremum_at_the_edge_of_a_hole_has_the_derivative_of_that_point(slop
         placed = cloud.at(cloud.plate.at([{"semi_axes": jnp.stack([first, jnp.asarray(1.6)])}]))
         return jaxgel.rotation_angle(jaxgel.sweep(jaxgel.discretise(placed), softer, mu=[-2.2, -1.5]))
 
-    slope = slope_of(rotation)(0.0)
+    slope = jax.jacrev(rotation)(0.0)
     difference = (rotation(1e-5) - rotation(-1e-5)) / 2e-5
     np.testing.assert_allclose(slope, difference, rtol=1e-6)  # were it a root of the slope, the last one would be -3 instead of 6

@@ -146,29 +146,22 @@ def sample_1():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("basis", "readings"),
-    [
-        ("linear", [jaxgel.area_reduction]),
-        ("quadratic", [jaxgel.area_reduction, jaxgel.rotation_angle]),
-    ],
-)
-def test_second_derivatives_are_differences_of_gradients(sample_1, basis, readings):
-    """By the first semi-axis of all holes, Nv and chi, also of the midline's rotation, whose extrema move along the line (261 nodes).
+@pytest.mark.parametrize("basis", ["linear", "quadratic"])
+def test_second_derivatives_are_differences_of_gradients(cloud, basis):
+    """By the first semi-axis, Nv and chi, of the area reduction and the midline's rotation, whose extrema move along the line.
 
     The gradient is smooth but where a node enters a support, hence the short step. All three gradients come from one program.
     """
-    cloud = sample_1 if basis == "linear" else jaxgel.make_cloud(sample_1.plate, spacing=22 / 18)
 
     def gradient(v):
         def reading(v):
-            model = jaxgel.discretise(cloud.at(cloud.plate.at([dict(semi_axes=jnp.stack([v[0], 4.0]))] * 4)), basis=basis)
-            path = jaxgel.sweep(model, jaxgel.Gel(v[1], v[2]), mu=[-2.0, -1.5], contact="off")
-            return sum(weight * reading(path)[-1] for weight, reading in zip((1.0, 0.1), readings, strict=False))  # of like slopes
+            model = jaxgel.discretise(cloud.at(cloud.plate.at([dict(semi_axes=jnp.stack([v[0], 1.6]))])), basis=basis)
+            path = jaxgel.sweep(model, jaxgel.Gel(v[1], v[2]), mu=[-3.0, -1.8], contact="off")
+            return jaxgel.area_reduction(path)[-1] + 0.1 * jaxgel.rotation_angle(path)[-1]  # of like slopes
 
         return jax.grad(reading)(v)
 
-    at, direction, step = jnp.array([5.0, 1e-3, 1e-4]), jnp.array([1.0, 1e-3, 0.1]), 1e-4
+    at, direction, step = jnp.array([2.4, 1e-3, 1e-4]), jnp.array([1.0, 1e-3, 0.1]), 1e-4
 
     def along(s):
         return jax.jvp(gradient, (at + s * direction,), (direction,))

@@ -33,7 +33,7 @@ SWEEPS = given(
 
 
 @pytest.mark.slow
-@settings(EASY, max_examples=20)
+@settings(EASY, max_examples=8)
 @SWEEPS
 @example(gel=jaxgel.Gel(1e-5, 1e-9), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
 @example(gel=jaxgel.Gel(1e-1, 1e-9), ends=(-8.0, 0.0), chosen=True, branch="stable", contact="on")
