@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import json
 import types
 
 import numpy as np
@@ -132,7 +133,7 @@ def written(value):
     """A value in TOML."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {written(item)}" for key, item in value.items()) + "}"
-    return f'"{value}"' if isinstance(value, str) else repr(value)
+    return json.dumps(value) if isinstance(value, str | bool) else repr(value)
 
 
 def perform(command, section, name, folder):
