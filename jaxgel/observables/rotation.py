@@ -90,7 +90,7 @@ def _extremum(start, sample, end, same, at, position, radius):
         return coefficients[0], coefficients[1]
 
     def slope(s):
-        """dy/ds; for an ``end``, whose point is not a root of it, a function with its root there: else 0 times nan in second derivatives."""
+        """dy/ds; for an ``end``, which is no root of it, a function with its root there: second derivatives are else 0 times nan."""
         return jnp.where(end, s - start, fit(s)[1][1])
 
     def over(value, rate):
