@@ -159,7 +159,7 @@ def make_cloud(
     (or on the edge) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate
     made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Squares are
     halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side, and a grid point next to an outline node is no node;
-    ``follow_outlines=False`` leaves both, as before version 0.2. Raises ValueError for an unusable plate, a spacing
+    ``follow_outlines=False`` does neither, as before version 0.2. Raises ValueError for an unusable plate, a spacing
     that is not positive or leaves a ligament without a node, an ``across`` that is not at least 2, and where more than
     ``quadtree.MAX_HALVINGS`` halvings are needed.
     """

@@ -246,7 +246,7 @@ def test_surface_ratio_grows_past_the_crease_limit_late_in_the_sweep(coarse_path
     assert np.all(np.diff(ratio) > 0)
     assert 1.0 < ratio[0] < 1.05
     crease = np.interp(CREASE_RATIO, ratio, coarse_path.mu)
-    assert crease == pytest.approx(KNOWN["crease_mu"], abs=0.25)  # between samples of mu
+    assert crease == pytest.approx(KNOWN["crease_mu"], abs=0.05)  # 0.025 measured, between states 0.45 apart
 
 
 def test_mean_surface_ratio_of_a_homogeneous_strain(coarse_path, tiny_model):

@@ -161,7 +161,7 @@ def test_a_coarse_cloud_confirms_the_finite_elements_of_sample_1(coarse_path):
         i = known["mu"].index(mu)
         assert float(coarse_path.mu[k]) == pytest.approx(mu)
         assert float(jaxgel.area_reduction(coarse_path)[k]) == pytest.approx(known["area"][i], rel=5e-3)
-    assert float(jaxgel.rotation_angle(coarse_path)[-1]) == pytest.approx(known["rotation"][-1], rel=0.09)
+    assert float(jaxgel.rotation_angle(coarse_path)[-1]) == pytest.approx(known["rotation"][-1], rel=0.06)  # 4.7 % measured
 
 
 def test_area_reduction_is_set_by_the_volume_of_the_gel(coarse_path):
