@@ -1,6 +1,7 @@
 """The node cloud of a plate and its integration cells, which follow the holes."""
 
 from .cells import SLIVER, boundary_edges, contour_edges, partition
+from .clearance import CLEARANCE
 from .cloud import GRADING, Cloud, Topology, assemble, make_cloud, place
 from .ligaments import find_ligaments
 from .morph import thin_plate_matrix
@@ -9,6 +10,7 @@ from .quadrature import EDGE_POINTS, edge_points, square_cells
 from .quadtree import make_background
 
 __all__ = [
+    "CLEARANCE",
     "EDGE_POINTS",
     "GRADING",
     "OUTLINE_SEGMENTS",

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .._programs import release_programs_where_crowded
 from .._types import Array, Float, Int
 from ..geometry import (
     Plate,
@@ -25,6 +26,7 @@ from ..geometry import (
 )
 from .cells import Partition, partition
 from .checks import check_ligaments, check_sizes
+from .clearance import with_clearance
 from .curves import Curves, curves_of, middles
 from .ligaments import ligaments
 from .morph import Morph, make_morph
@@ -32,7 +34,6 @@ from .outlines import OUTLINE_SEGMENTS, Outline, fine_outlines, gel_polygon, int
 from .quadrature import Quadrature, cell_quadrature
 from .quadtree import Background, make_background
 
-COINCIDENT = 0.02  # distance of a background vertex from an outline node, in sides of its square, below which it is no node
 GRADING = 0.75  # slope of the node spacing between large squares and small ones
 
 
@@ -49,7 +50,7 @@ class Topology:
     across: int | None
     """Nodes asked for across every ligament; None for no refinement."""
     follow_outlines: bool
-    """Whether squares are halved, and nodes left out, where nodes of an outline are close."""
+    """Whether squares are halved where nodes of an outline are close, and grid points moved away from them."""
     background: Background
     """The background squares; their vertices come first, outline vertices follow them, cut points come last."""
     partition: Partition
@@ -158,11 +159,12 @@ def make_cloud(
     between holes and between a hole and an edge of the plate, until at least that many nodes lie across, those on the two outlines
     (or on the edge) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate
     made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Squares are
-    halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side, and a grid point next to an outline node is no node;
-    ``follow_outlines=False`` does neither, as before version 0.2. Raises ValueError for an unusable plate, a spacing
-    that is not positive or leaves a ligament without a node, an ``across`` that is not at least 2, and where more than
+    halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side, and grid points near an outline node are moved
+    away from it (``clearance``); ``follow_outlines=False`` does neither, as before version 0.2. Raises ValueError for an unusable
+    plate, a spacing that is not positive or leaves a ligament without a node, an ``across`` that is not at least 2, and where more than
     ``quadtree.MAX_HALVINGS`` halvings are needed.
     """
+    release_programs_where_crowded()  # a new cloud needs new ones
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
         topology = _make_topology(reference, spacing, nodes_per_hole, across, follow_outlines)
@@ -207,6 +209,8 @@ def _make_topology(plate, spacing, nodes_per_hole, across, follow_outlines):
         refined += [intervals(points[loop(o)[::OUTLINE_SEGMENTS] - len(background.vertices)]) for o in outlines]
     halved = make_background(plate, spacing, refined)
     outlines = tuple(renumbered(o, len(halved.vertices) - len(background.vertices)) for o in outlines)
+    if follow_outlines:
+        halved = with_clearance(plate, halved, outlines, points)
     topology = assemble(plate, spacing, halved, outlines, points, nodes_per_hole, across, follow_outlines)
     check_ligaments(topology)
     return topology
@@ -229,8 +233,6 @@ def assemble(
     part = _with_cuts_on_curves(partition(background.vertices, background.loops, join(segments, int), points, gel), outlines)
     on_outlines = np.concatenate([np.empty(0, int), *(o.vertices[::OUTLINE_SEGMENTS] for o in outlines)])
     free = np.flatnonzero(~inside_holes(plate, background.vertices, 1e-9 * spacing))
-    if follow_outlines:
-        free = free[~_coincide(background, free, part.vertices[on_outlines])]
     node_vertices = np.concatenate([free, on_outlines])
     nodes = part.vertices[node_vertices]
     return Topology(
@@ -254,13 +256,6 @@ def _with_cuts_on_curves(part, outlines):
     vertices = part.vertices.copy()
     vertices[len(vertices) - len(at) :] = np.einsum("pk,pki->pi", weights, vertices[at])
     return dataclasses.replace(part, vertices=vertices)
-
-
-def _coincide(background, numbers, outline_nodes):
-    """Whether (m,) background vertices lie next to a node (k, 2) of an outline: two nodes there make shape functions steep."""
-    vertices = background.vertices[numbers]
-    size = background.side.min() / 2.0 ** background.halvings(vertices)
-    return cKDTree(outline_nodes).query(vertices)[0] < COINCIDENT * size if len(outline_nodes) else np.zeros(len(vertices), bool)
 
 
 def _graded(nodes, spacing):

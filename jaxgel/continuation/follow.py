@@ -5,7 +5,7 @@ derivative rule of a sweep both take them from here.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class Following:
     max_steps: int = MAX_STEPS
     """Most accepted states of adaptive steps."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, choices in (("branch", BRANCHES), ("contact", CONTACT), ("formulation", FORMULATIONS)):
             one_of(name, getattr(self, name), choices)
 
@@ -58,11 +58,11 @@ class Following:
 class Followed:
     """Accepted states of `follow`, one after another; once they are exhausted ``stop`` and ``mu`` say how the sweep ended."""
 
-    def __init__(self, problem: Problem, values: list[float], options: Following, before: list[State] | tuple = ()):
+    def __init__(self, problem: Problem, values: list[float], options: Following, before: list[State] | tuple = ()) -> None:
         self._steps = follow(problem, values, options, before)
         self.stop, self.mu = Status.INTERRUPTED, float("nan")
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[State]:
         self.stop, self.mu = yield from self._steps
 
 

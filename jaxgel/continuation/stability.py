@@ -28,7 +28,7 @@ NEARBY_ITERATIONS = 4  # with the factor of another tangent, before the state's 
 class StabilityAnalysis:
     """Eigenvalues of the tangents of states of one problem."""
 
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: Problem) -> None:
         self.problem = problem
 
     @functools.cached_property

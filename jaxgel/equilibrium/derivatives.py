@@ -27,7 +27,7 @@ class Tangent:
     function: object
     which: tuple
 
-    def __call__(self, *args: jax.Array):
+    def __call__(self, *args: jax.Array) -> Any:
         count = len(args) - len(self.which)
         fixed = args[:count]
 

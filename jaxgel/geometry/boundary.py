@@ -2,8 +2,8 @@
 
 import dataclasses
 import itertools
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,13 +26,13 @@ class Edges(Mapping):
     values_in_order: tuple
     """Value of each of ``EDGES``, in that order."""
 
-    def __getitem__(self, edge):
+    def __getitem__(self, edge: str) -> Any:
         return dict(zip(EDGES, self.values_in_order, strict=True))[edge]
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[str]:
         return iter(EDGES)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(EDGES)
 
 

@@ -52,7 +52,7 @@ class Hole:
     positive: ClassVar[tuple[str, ...]] = ()
     """Parameters that must be above zero."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, shape in self.shapes.items():
             object.__setattr__(self, name, _parameter(getattr(self, name), shape, f"{type(self).__name__}.{name}"))
 

@@ -134,7 +134,7 @@ class Fourier(_Radial, Hole):
     shapes: ClassVar[dict[str, tuple]] = {"centre": (2,), "radius": (), "cos": ("m",), "sin": ("m",)}
     positive: ClassVar[tuple[str, ...]] = ("radius",)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         if self.cos.shape != self.sin.shape:
             raise ValueError(f"Fourier.cos, Fourier.sin: {len(self.cos)} and {len(self.sin)} coefficients; both must have the same number")

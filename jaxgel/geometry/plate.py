@@ -61,7 +61,7 @@ class Plate:
     reference: "Plate | None" = None  # pyright: ignore[reportGeneralTypeIssues]
     """The concrete plate that this one was moved from by ``at``; None for a plate that was not moved."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("width", "height"):
             value = getattr(self, name)
             if not (np.ndim(value) == 0 and np.isfinite(value) and value > 0):

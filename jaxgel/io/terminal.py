@@ -11,17 +11,17 @@ from tqdm import tqdm
 class Progress:
     """A bar over the interval of mu on the terminal, with mu, Newton iterations and rotation of the last state."""
 
-    def __init__(self, ends: tuple[float, float], quiet: bool):
+    def __init__(self, ends: tuple[float, float], quiet: bool) -> None:
         self.start = ends[0]
         span = max(ends[1] - ends[0], 1e-12)
         form = "{percentage:3.0f}%|{bar:24}| {elapsed}{postfix}"
         self.bar = tqdm(total=span, bar_format=form, disable=True if quiet else None, leave=False)
         self.bar.set_postfix_str("compiling")
 
-    def __enter__(self):
+    def __enter__(self) -> "Progress":
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.bar.close()
 
     def show(self, mu: float, iterations: int, rotation: float | None = None) -> None:

@@ -153,7 +153,7 @@ class Bordered:
         sides: Float[np.ndarray, "f b"],
         rows: Float[np.ndarray, "f b"],
         corner: Float[np.ndarray, "b b"],
-    ):
+    ) -> None:
         self.order = order
         self.matrix = sp.block_array([[matrix[order][:, order], sides[order]], [rows[order].T, corner]], format="csc")
         try:

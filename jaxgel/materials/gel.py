@@ -63,7 +63,7 @@ class Gent:
 
     Jm: float  # the largest I - 3 ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check("Jm", self.Jm, lambda v: 0 < v < math.inf, "a finite number > 0")
 
     def __call__(self, F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
@@ -79,7 +79,7 @@ class ArrudaBoyce:
 
     N: float  # links per chain ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check("N", self.N, lambda v: 0 < v < math.inf, "a finite number > 0")
 
     def __call__(self, F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:

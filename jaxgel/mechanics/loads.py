@@ -30,7 +30,7 @@ class Loads:
     traction: Mapping = dataclasses.field(default_factory=dict, metadata={"schema": tabled(dict.fromkeys(EDGES, PAIR))})
     """Edge -> force (2,) per dry length, kT/v."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.body_force is not None:
             object.__setattr__(self, "body_force", finite_numbers(self.body_force, (2,), "loads.body_force"))
         if not isinstance(self.traction, Mapping):

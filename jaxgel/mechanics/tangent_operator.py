@@ -45,7 +45,7 @@ class TangentOperator:
     np.False_
     """
 
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self._sparse = _Sparse(problem) if is_sparse(problem) else None
 

@@ -1,0 +1,54 @@
+"""Room between the background's vertices and the nodes of the outlines: two nodes close together make shape functions steep.
+
+A steep shape function lets the outline fold between the pressures that hold it. Host NumPy on the reference plate.
+"""
+
+import dataclasses
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .._types import Float
+from ..geometry import Plate, inside_holes
+from .outlines import OUTLINE_SEGMENTS, Outline
+from .quadtree import Background
+
+CLEARANCE = 0.2  # least distance of a background vertex from an outline node, in sides of its square
+ROUND_OFF = 1e-12  # of a unit vector
+
+
+def with_clearance(plate: Plate, background: Background, outlines: tuple[Outline, ...], points: Float[np.ndarray, "o 2"]) -> Background:
+    """The background with its vertices in the gel moved to ``CLEARANCE`` from the nearest outline node, along the outline's normal there.
+
+    ``points`` (o, 2) are the fine outlines'. Vertices on an edge of the plate stay on it; the plate's corners do not move.
+    """
+    if not outlines:
+        return background
+    nodes, normals = _nodes_and_normals(outlines, points, len(background.vertices))
+    vertices, side = background.vertices, background.side.min()
+    least = CLEARANCE * side / 2.0 ** background.halvings(vertices)
+    distance, nearest = cKDTree(nodes).query(vertices)
+    free = distance < least
+    free[free] = ~inside_holes(plate, vertices[free], 1e-9 * side)
+    on_edge = np.abs(np.abs(vertices) + background.low) < 1e-9 * side
+    free &= ~on_edge.all(axis=1)
+    from_node, least = vertices[free] - nodes[nearest[free]], least[free]
+    direction = np.where(on_edge[free], 0.0, normals[nearest[free]])
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True) + ROUND_OFF  # zero at an edge that the outline runs along
+    along = (from_node * direction).sum(axis=1)
+    step = np.sqrt(along**2 + least**2 - distance[free] ** 2) - along
+    moved = vertices.copy()
+    moved[free] += step[:, None] * direction
+    return dataclasses.replace(background, vertices=moved)
+
+
+def _nodes_and_normals(outlines, points, offset):
+    """The nodes (k, 2) of the outlines and the unit normals (k, 2) into the gel there."""
+    nodes, normals = [], []
+    for outline in outlines:
+        fine = points[outline.vertices - offset]
+        tangents = (np.roll(fine, -1, axis=0) - np.roll(fine, 1, axis=0)) if outline.closed else np.gradient(fine, axis=0)
+        tangents = tangents[::OUTLINE_SEGMENTS]
+        nodes.append(fine[::OUTLINE_SEGMENTS])
+        normals.append(np.stack([tangents[:, 1], -tangents[:, 0]], axis=1) / np.linalg.norm(tangents, axis=1, keepdims=True))
+    return np.concatenate(nodes), np.concatenate(normals)
