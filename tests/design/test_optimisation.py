@@ -196,6 +196,7 @@ def judged(plate, cloud):
     return values
 
 
+@pytest.mark.slow
 def test_constraint_gradients_are_those_of_the_resolved_problem(judged):
     at = jnp.array([2.4, 1.6])
     values, pullback = jax.vjp(judged, at)

@@ -58,6 +58,7 @@ def round_off(path):
     return 4 * np.finfo(float).eps * factor.norm / abs(softest)
 
 
+@pytest.mark.slow
 def test_slope_by_chi_on_the_buckled_branch_is_the_difference(buckling_model):
     gel = buckling_model.cloud.plate.gel
 
