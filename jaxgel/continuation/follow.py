@@ -24,7 +24,7 @@ from ..equilibrium import (
     solve_incremental,
     solve_weak,
 )
-from ..mechanics import Problem, free_dofs, touches
+from ..mechanics import Problem, free_dofs, restrict, touches
 from .options import BRANCHES, CONTACT, FORMULATIONS, MAX_STEPS
 from .predictor import predict, rate_of_change, same_branch
 from .stability import StabilityAnalysis
@@ -32,6 +32,7 @@ from .steps import Steps, adaptive, given_values
 from .switching import stable_state
 
 SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
+MOSTLY = 0.5  # of a step's energy in the network
 LEAST_RAMP = 1 / 200  # of the motion of a plate's edges, which may come in steps before the first state
 
 
@@ -115,7 +116,7 @@ class _Attempt:
         if stability is None:
             found = dataclasses.replace(found, factor=None)  # free it before the next factorisation
             stability, found = self.analysis.by_own_factor(found, start)
-        other = self._stable(found, stability) if self.stable and stability.negative > 0 else None
+        other = self._stable(found, stability, history) if self.stable and stability.negative > 0 else None
         if other is not None:
             spent = found.newton_iterations + other[0].newton_iterations
             found, stability, switched = dataclasses.replace(other[0], newton_iterations=spent), other[1], True
@@ -132,15 +133,16 @@ class _Attempt:
         if not history:
             found = solve(problem, mu, x, pressure)
             return found if found.status.ok or not problem.model.cloud.plate.moved else _ramped(problem, mu, found), False
+        last = history[-1]
         if not problem.has_contact:
-            return solve(problem, mu, x, pressure), False
-        last, most = history[-1], float(problem.model.contact.range)
+            return self._as_predicted(solve(problem, mu, x, pressure), x, last), False
+        most = float(problem.model.contact.range)
         far = not np.abs(x - last.x).max() < most
         was_active = touches(last.x, problem.model) if last.contact_active is None else last.contact_active
         near = bool((was_active or far) and touches(x, problem.model))
         if far and (was_active or near):
             return State(mu, x, pressure), False
-        found = solve(problem, mu, x, pressure, near_contact=near)
+        found = self._as_predicted(solve(problem, mu, x, pressure, near_contact=near), x, last)
         if found.status.ok and found.contact_active and not np.abs(found.x - last.x).max() < most:
             found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
         if found.status.ok or not self.stable or mu - last.mu > SNAP:
@@ -149,11 +151,25 @@ class _Attempt:
         spent = found.newton_iterations + relaxed.newton_iterations
         return dataclasses.replace(relaxed, newton_iterations=spent), relaxed.status.ok
 
-    def _stable(self, found, stability):
+    def _as_predicted(self, found, predicted, last):
+        """The `State` found, refused after a step longer than ``SNAP`` that is mostly the softest mode, against what was predicted of it.
+
+        Next to an imperfect bifurcation Newton's method may end on the branch that turns the other way.
+        """
+        if not found.status.ok or last.modes is None or found.mu - last.mu <= SNAP:
+            return found
+        step, expected = (restrict(x - last.x, self.problem.free) for x in (found.x, predicted))
+        weighted = self.analysis.stiffness @ last.modes[:, 0]  # a mode v has v . N v = 1
+        against = (weighted @ step) * (weighted @ expected) < 0
+        mostly = (weighted @ step) ** 2 > MOSTLY * (step @ (self.analysis.stiffness @ step))
+        return dataclasses.replace(found, status=Status.NOT_CONVERGED) if against and mostly else found
+
+    def _stable(self, found, stability, history):
         """Stable `State` and its `Stability` from an unstable one: next to it on a branch that leaves there, or by relaxation."""
         problem = self.problem
         touching = problem.has_contact and touches(found.x, problem.model)
-        other = None if touching else stable_state(self.analysis, found, stability)
+        expected = predict(problem, found.mu, history)[0] if history else None
+        other = None if touching else stable_state(self.analysis, found, stability, expected=expected)
         if other is None and problem.has_contact:
             state = relax_along(problem, found, stability.vectors[:, 0])
             if state.status.ok:

@@ -5,32 +5,46 @@ import numpy as np
 
 from .._types import Array, Float
 from ..equilibrium import Stability, State, Status, solve, solve_pinned
-from ..mechanics import Problem, gather, scatter
+from ..mechanics import Problem, gather, restrict, scatter
 from .stability import StabilityAnalysis, oriented
 
 FIRST_AMPLITUDE = 0.02  # of the spacing: largest displacement of the first pinned state
 GROWTH = 1.5  # of the amplitude from one pinned state to the next
+LEANING = 1e-5  # of the energy in the network: symmetric plates have 2e-9 and less
 MAX_PINNED = 24  # pinned states before the search for another branch gives up
 MAX_SWITCHES = 6  # branches tried one after the other until one is stable
 
 
-def stable_state(analysis: StabilityAnalysis, state: State, stability: Stability, *, sign: int = 1) -> tuple[State, Stability] | None:
+def stable_state(
+    analysis: StabilityAnalysis, state: State, stability: Stability, *, sign: int = 1, expected: Float[np.ndarray, "n 2"] | None = None
+) -> tuple[State, Stability] | None:
     """`State` without negative eigenvalues and its `Stability`, reached from an unstable state at the same mu; None if none is found.
 
     Along ``sign`` times the mode of the lowest eigenvalue the state is pinned at growing amplitudes. The force that holds it points
-    outwards at first; where it changes sign lies an equilibrium of another branch, and Newton's method without the pin finds it.
+    outwards at first; where it changes sign lies an equilibrium of another branch, and Newton's method without the pin finds it. Loads
+    that push choose the side, and before them the positions ``expected`` (n, 2), mm, of the branch that a sweep came along, where these
+    lean to one.
     """
     problem = analysis.problem
     for _ in range(MAX_SWITCHES):
         mode = sign * oriented(stability.vectors[:, :1], problem)[:, 0]
-        against = np.asarray(gather(problem.loads, problem.free)) @ mode < 0  # loads that push choose the side
-        found = _across(problem, state, -mode if against else mode)
+        push = _lean(analysis, mode, expected, state) or np.asarray(gather(problem.loads, problem.free)) @ mode
+        found = _across(problem, state, -mode if push < 0 else mode)
         if found is None:
             return None
         stability, state = analysis.by_own_factor(found)
         if stability.negative == 0:
             return state, stability
     return None
+
+
+def _lean(analysis, mode, expected, state):
+    """How far the positions ``expected`` lie along a mode (v . N v = 1) from an unstable state; 0 where they lie elsewhere."""
+    if expected is None:
+        return 0.0
+    apart = restrict(np.asarray(expected) - np.asarray(state.x), analysis.problem.free)
+    along = mode @ (analysis.stiffness @ apart)
+    return along if along**2 > LEANING * (apart @ (analysis.stiffness @ apart)) else 0.0
 
 
 def _across(problem: Problem, state: State, mode: Float[Array, " f"]) -> State | None:

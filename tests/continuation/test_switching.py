@@ -1,0 +1,29 @@
+"""Wide steps next to an imperfect bifurcation stay on the branch that the sweep came along."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import jaxgel
+
+
+@pytest.fixture(scope="module")
+def twisted_model():
+    """Sample 4 with the centres of its holes turned about the middle by a hundredth: it buckles to one side without a bifurcation."""
+    plate, c, s = jaxgel.sample("sample-4"), np.cos(0.01), np.sin(0.01)
+    holes = [dataclasses.replace(hole, centre=tuple(np.asarray(hole.centre) @ [[c, -s], [s, c]])) for hole in plate.holes]
+    return jaxgel.discretise(jaxgel.make_cloud(dataclasses.replace(plate, holes=tuple(holes)), spacing=1.1))
+
+
+@pytest.mark.parametrize(
+    "mu",
+    [[-3.0, -2.2, -1.3], np.arange(-1.9125, -1.45, 0.1)],
+    ids=["across the unstable branch", "past the stable one that turns the other way"],
+)
+def test_a_plate_turns_on_in_the_direction_in_which_it_began(mu, twisted_model):
+    """Without the direction of the last states Newton's method ends 19 and 10 degrees on the other side."""
+    path = jaxgel.sweep(twisted_model, twisted_model.cloud.plate.gel, mu=mu, contact="off")
+    rotation = np.asarray(jaxgel.core_rotation(path))
+    assert path.stop.ok and not path.negative_pivots.any()
+    assert rotation[0] > 0 and np.all(np.diff(rotation) > 0)
