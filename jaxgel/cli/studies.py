@@ -8,8 +8,8 @@ from pathlib import Path as File
 import numpy as np
 
 from .._threads import usable_cores
-from ..cases import TABLE, MapStudy, Study, Workers, dask_executor, load_map, load_study, run_map, run_study
-from ..io import open_folder
+from ..cases import TABLE, MapStudy, Study, load_map, load_study, run_map, run_study
+from ..io import Workers, dask_executor, open_folder
 from .environment import DONE, INTERRUPTED, STOPPED, one_thread
 from .runs import printer
 
