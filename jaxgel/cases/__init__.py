@@ -7,11 +7,13 @@ from .parameter_map import MapStudy, load_map, resumed_map
 from .resume import load_path, other_versions, resumed
 from .samples import GRID, SIDE, sample, sample_names
 from .schema import OutputOptions, case_schema
-from .study import VERIFIED, Study, load_study, resumed_study, run_study, study_from_table
+from .study import Study, load_study, study_from_table
+from .study_runs import OPTIMA, VERIFIED, draw_starts, resumed_study, run_study
 from .toml import case_text, example, explicit
 
 __all__ = [
     "GRID",
+    "OPTIMA",
     "POINT",
     "SIDE",
     "TABLE",
@@ -22,6 +24,7 @@ __all__ = [
     "Study",
     "case_schema",
     "case_text",
+    "draw_starts",
     "example",
     "explicit",
     "from_table",

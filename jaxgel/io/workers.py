@@ -22,7 +22,7 @@ TRIES = 3  # times that a call is begun, as its process may be killed
 
 def run_calls(
     function: Callable[..., dict[str, Any]],
-    calls: dict[int, tuple],
+    calls: dict[int, tuple[Any, ...]],
     executor: concurrent.futures.Executor,
     *,
     ended: dict[int, dict[str, Any]],
