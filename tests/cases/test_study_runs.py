@@ -121,6 +121,11 @@ def replaced(self, vector):
     )
 
 
+def verified(self, parameters):
+    """In place of a verification."""
+    return dict(valid=True, reason="valid", nodes=0, value=0.0, semi_axes=np.asarray(parameters["semi_axes"]).tolist()), None
+
+
 @pytest.fixture(scope="module", params=["replaced", pytest.param("true", marks=pytest.mark.slow)])
 def sweeps(request):
     """Sweeps by a paraboloid, or true ones on one cloud for all, so that programs are compiled once; a list of axes without a cloud."""
@@ -136,9 +141,7 @@ def sweeps(request):
         patch.setattr(DesignProblem, "make_cloud", once)
         if request.param == "replaced":
             patch.setattr(search.Search, "_forward", replaced)
-            patch.setattr(
-                Study, "verify", lambda self, parameters: (dict(valid=True, semi_axes=np.asarray(parameters["semi_axes"]).tolist()), None)
-            )
+            patch.setattr(Study, "verify", verified)
         yield without
 
 
@@ -164,6 +167,17 @@ def test_the_table_has_a_row_for_every_start_and_the_best_is_verified(whole):
     assert [float(best[f"best_semi_axes_{i}"]) for i in range(2)] == verified["parameters"]["semi_axes"]
     assert float(best["best_value"]) == design.value == verified["search"]["value"] > float(best["start_value"])
     assert json.loads((folder / VERIFIED).read_text()) == verified and verified["best"]["valid"]
+
+
+def test_the_command_prints_the_table_and_repeats_no_search(whole, capsys):
+    folder, design, _ = whole
+    before = table(folder)
+    assert cli.main(["resume", str(folder)]) == 0
+    head, *lines = capsys.readouterr().out.splitlines()[:5]
+    assert head.split("  ")[0] == "start" and head.endswith("reason")
+    assert [line.split()[0] for line in lines] == ["1", "2", "3", "4"]
+    assert lines[2].endswith("plate: no cloud") and any(f"{design.value:.6g}" in line for line in lines)
+    assert table(folder) == before
 
 
 def test_start_1_is_the_single_search(whole, tmp_path):
