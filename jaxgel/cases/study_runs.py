@@ -169,13 +169,13 @@ def _write_table(problem, starts, results, folder):
     best, names = _best(problem, results), components(starts[1])
     rows = []
     for k, result in sorted(results.items()):
-        row, own, found = dict.fromkeys(COLUMNS) | {"start": k} | result, dict.fromkeys(names), result["design"]
+        row, found, start = dict.fromkeys(COLUMNS) | {"start": k} | result, result["design"], components(starts[k])
+        own = dict.fromkeys(names) if found is None else components(found["parameters"])
         if found is not None:
             distance = problem.distance(found["parameters"], results[best]["design"]["parameters"])
             row |= dict(start_value=found["history"][0]["value"], best_value=found["value"], distance=round(distance, 6))
             row |= dict(feasible=found["feasible"], evaluations=len(found["history"]))
-            own = components(found["parameters"])
-        rows.append([*(row[name] for name in COLUMNS), *components(starts[k]).values(), *(own[name] for name in names)])
+        rows.append([*(row[name] for name in COLUMNS), *(values[name] for values in (start, own) for name in names)])
     write_csv(folder / OPTIMA, [*COLUMNS, *(f"start_{name}" for name in names), *(f"best_{name}" for name in names)], rows)
 
 

@@ -40,6 +40,10 @@ figures = false
 of = "semi_axes"
 lower = [2.1, 1.4]
 upper = [2.7, 1.8]
+[[parameters]]
+of = "angle"
+lower = 0.3
+upper = 0.5
 [[objective]]
 of = "area_reduction"
 goal = "maximise"
@@ -159,6 +163,8 @@ def test_the_table_has_a_row_for_every_start_and_the_best_is_verified(whole):
     rows = table(folder)
     assert [row["start"] for row in rows] == ["1", "2", "3", "4"]
     assert [row["outcome"] for row in rows] == ["exhausted", "exhausted", "failed", "exhausted"]
+    for row, start in zip(rows, draw_starts(study(("starts = 3", "starts = 4"))), strict=True):
+        assert [float(row[f"start_{name}"]) for name in ("semi_axes_0", "semi_axes_1", "angle")] == [*start["semi_axes"], start["angle"]]
     assert rows[2]["reason"] == "plate: no cloud" and rows[2]["best_value"] == rows[2]["distance"] == ""
     ended = [row for row in rows if row["outcome"] == "exhausted"]
     assert all(row["feasible"] == "True" and row["evaluations"] == "2" and row["reason"] == "" for row in ended)
