@@ -118,6 +118,29 @@ def test_bounds_without_valid_plates_are_one_line(tmp_path):
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
+def test_a_killed_worker_loses_no_search(tmp_path):
+    """Two processes, one of which is killed once it has a sweep in its log, give what one process gives."""
+    small, one, two = study(("starts = 3", "starts = 2")), tmp_path / "one", tmp_path / "two"
+    with Workers(1) as executor:
+        run_study(small, one, executor=executor)
+
+    def kill():
+        deadline = time.monotonic() + 300
+        while time.monotonic() < deadline and not list(two.glob("starts/*/design.json")):
+            time.sleep(0.002)
+        os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
+
+    thread = threading.Thread(target=kill, daemon=True)
+    thread.start()
+    with Workers(2) as executor:
+        run_study(small, two, executor=executor)
+    thread.join()
+    for row, other in zip(table(one), table(two), strict=True):
+        np.testing.assert_allclose(float(row["best_value"]), float(other["best_value"]), rtol=1e-9)  # of converged states
+
+
 def replaced(self, vector):
     """In place of a sweep: a paraboloid over the semi-axes, highest at 2.3 and 1.7 mm, and its pullback."""
     return jax.vjp(
@@ -231,29 +254,3 @@ def test_where_all_starts_fail_the_study_does(tmp_path, monkeypatch):
     ):
         run_study(study(), tmp_path)
     assert [row["outcome"] for row in table(tmp_path)] == ["failed"] * 3
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
-def test_a_killed_worker_and_the_command_lose_no_search(tmp_path):
-    """Two processes, one of which is killed once it has a sweep in its log, give what one gives; the command then repeats no search."""
-    one, two = tmp_path / "one", tmp_path / "two"
-    with Workers(1) as executor:
-        run_study(study(), one, executor=executor)
-
-    def kill():
-        deadline = time.monotonic() + 300
-        while time.monotonic() < deadline and not list(two.glob("starts/*/design.json")):
-            time.sleep(0.002)
-        os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
-
-    thread = threading.Thread(target=kill, daemon=True)
-    thread.start()
-    with Workers(2) as executor:
-        run_study(study(), two, executor=executor)
-    thread.join()
-    for row, other in zip(table(one), table(two), strict=True):
-        np.testing.assert_allclose(float(row["best_value"]), float(other["best_value"]), rtol=1e-9)  # of converged states
-    content = (two / OPTIMA).read_bytes()
-    assert cli.main(["resume", str(two), "--workers", "1", "--quiet"]) == 0
-    assert (two / OPTIMA).read_bytes() == content
