@@ -62,7 +62,8 @@ def main():
 
 def measure(options, scratch):
     """One dict for each number of workers, printed as they come."""
-    from jaxgel.cases import Workers, load_map, run_map
+    from jaxgel.cases import load_map, run_map
+    from jaxgel.io import Workers
 
     file = scratch / "study.toml"
     file.write_text(STUDY.format(points=1, spacing=options.spacing))

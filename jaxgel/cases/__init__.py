@@ -1,31 +1,30 @@
 """Cases and studies in TOML files: plates with their gel and options, design studies, parameter maps, interrupted runs."""
 
 from .case import Case, from_table, load_case
-from .map_runs import POINT, TABLE, TRIES, run_map
+from .map_runs import POINT, TABLE, run_map
 from .page import write_page
 from .parameter_map import MapStudy, load_map, resumed_map
 from .resume import load_path, other_versions, resumed
 from .samples import GRID, SIDE, sample, sample_names
 from .schema import OutputOptions, case_schema
-from .study import VERIFIED, Study, load_study, resumed_study, run_study, study_from_table
+from .study import Study, load_study, study_from_table
+from .study_runs import OPTIMA, VERIFIED, draw_starts, resumed_study, run_study
 from .toml import case_text, example, explicit
-from .workers import Workers, dask_executor
 
 __all__ = [
     "GRID",
+    "OPTIMA",
     "POINT",
     "SIDE",
     "TABLE",
-    "TRIES",
     "VERIFIED",
     "Case",
     "MapStudy",
     "OutputOptions",
     "Study",
-    "Workers",
     "case_schema",
     "case_text",
-    "dask_executor",
+    "draw_starts",
     "example",
     "explicit",
     "from_table",

@@ -19,26 +19,20 @@ Its processes, and those of Dask, must see the folder; let each use one thread (
 gradient would need two).
 """
 
-import collections
 import concurrent.futures
-import csv
 import functools
-import io
 import json
 import math
 import time
 from pathlib import Path as File
 from typing import Any
 
-import numpy as np
-from tqdm import tqdm
-
-from ..io import Recorder, interruptible, open_folder, write_atomically
+from ..io import Recorder, one_line, open_folder, read_record, run_calls, write_csv, write_json
 from ..observables import COLUMNS
 from .parameter_map import FORMAT, MAP, MapStudy, map_from_table, resumed_map
+from .parameters import components
 
 POINT, TABLE = "point.json", "points.csv"
-TRIES = 3  # times that a point is begun, as its process may be killed
 LAST = COLUMNS[COLUMNS.index("energy") :]  # columns of history.csv of which points.csv has the last state's
 
 
@@ -48,44 +42,20 @@ def run_map(
     """Run the points of a `MapStudy` on an executor and write its folder; the list of rows of points.csv, dicts, by point.
 
     Points that have ended, complete, stopped early or failed, are not run again; ``resume`` says that there may be such. A call that
-    ends with an exception was lost by the executor, as a point's own are in its row: it is submitted again, and after ``TRIES`` times
+    ends with an exception was lost by the executor, as a point's own are in its row: it is submitted again, and after `TRIES` times
     the point's row says "lost". Ctrl-C (KeyboardInterrupt) ends the calls under way and leaves what has ended. ValueError for
     a study whose plate cannot be discretised, and for a folder with another map, or with this one if not resumed.
     """
     study.case.cloud()
     folder = open_folder(folder)
     _begin(study, folder, resume)
-    rows = {k: row for k in range(len(study.points)) if (row := _ended(folder / _name(k))) is not None}
-    text, tries, under_way = json.dumps({"name": study.name, "study": study.table}), collections.Counter(), {}
-
-    def submit(k):
-        tries[k] += 1
-        under_way[executor.submit(run_point, text, study.points[k], str(folder / _name(k)))] = k
-
-    def show():
-        _write_table(study, rows, folder)
-        bar.n = len(rows)
-        bar.refresh()
-
-    with tqdm(total=len(study.points), unit="point", disable=True if quiet else None, leave=False) as bar, interruptible() as stop_if_asked:
-        show()
-        try:
-            for k in range(len(study.points)):
-                if k not in rows:
-                    submit(k)
-            while under_way:
-                for future in concurrent.futures.wait(under_way, return_when=concurrent.futures.FIRST_COMPLETED)[0]:
-                    k = under_way.pop(future)
-                    row = _outcome(future, tries[k])
-                    if row is None:
-                        submit(k)
-                    else:
-                        rows[k] = row
-                stop_if_asked()
-                show()
-        except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
-            raise
+    records = {k: read_record(folder / _name(k) / POINT, FORMAT) for k in range(len(study.points))}
+    ended = {k: record["row"] for k, record in records.items() if record and "row" in record}
+    text = json.dumps({"name": study.name, "study": study.table})
+    calls = {k: (text, point, str(folder / _name(k))) for k, point in enumerate(study.points)}
+    rows = run_calls(
+        run_point, calls, executor, ended=ended, lost=_lost, write=lambda rows: _write_table(study, rows, folder), unit="point", quiet=quiet
+    )
     return [rows[k] for k in sorted(rows)]
 
 
@@ -107,11 +77,11 @@ def run_point(text: str, values: dict, folder: str) -> dict:
     except (OSError, MemoryError):
         raise  # not the point's fault
     except Exception as problem:
-        status, reason = "failed", " ".join(str(problem).split()) or type(problem).__name__
+        status, reason = "failed", one_line(problem)
     if recorder is not None:
         recorder.finish(status, reason)
     row = dict(status=status, own_cloud=own, **_last_state(recorder), seconds=round(time.perf_counter() - began, 3), reason=reason)
-    _write_json(place / POINT, {"format": FORMAT, "values": values, "row": row})
+    write_json(place / POINT, {"format": FORMAT, "values": values, "row": row})
     return row
 
 
@@ -147,45 +117,18 @@ def _begin(study, folder, resume):
         if (known.table, known.points) != (study.table, study.points):
             raise ValueError(f"out: {MAP} in {str(folder)!r} is of another study; give another folder")
     else:
-        _write_json(file, record)
+        write_json(file, record)
 
 
-def _ended(folder):
-    """Row of a point that has ended, or None."""
-    try:
-        record = json.loads((folder / POINT).read_bytes())
-        return record["row"] if record["format"] == FORMAT else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-
-
-def _outcome(future, tries):
-    """Row of a call that has ended; None where the executor lost it and it is to be tried again."""
-    try:
-        return future.result()
-    except Exception as problem:
-        reason = f"its process was lost {tries} times: {' '.join(str(problem).split()) or type(problem).__name__}"
-        return None if tries < TRIES else dict(status="lost", own_cloud=False, **_last_state(None), seconds=None, reason=reason)
+def _lost(reason):
+    """Row of a point whose process was lost too often."""
+    return dict(status="lost", own_cloud=False, **_last_state(None), seconds=None, reason=reason)
 
 
 def _write_table(study, rows, folder):
     """points.csv, whole or not at all."""
-    table = io.StringIO(newline="")
-    writer = csv.writer(table, lineterminator="\n")
-    parameters = [(p["name"], component) for p in study.parameters for component in _components(p)]
     columns = ("mu_reached", "states", "newton_iterations", *LAST, "seconds", "reason")
-    writer.writerow(["point", "status", *(name + "".join(f"_{i}" for i in component) for name, component in parameters), *columns])
-    for k, row in sorted(rows.items()):
-        point = {name: np.asarray(value) for name, value in study.points[k].items()}
-        varied = [float(point[name][component]) for name, component in parameters]
-        writer.writerow([k, row["status"], *varied, *("" if row[name] is None else row[name] for name in columns)])
-    write_atomically(folder / TABLE, lambda stream: stream.write(table.getvalue().encode()))
-
-
-def _write_json(file, record):
-    encoded = json.dumps(record, indent=1, allow_nan=False).encode()
-    write_atomically(file, lambda stream: stream.write(encoded))
-
-
-def _components(p):
-    return list(np.ndindex(np.shape(p["own"])))
+    varied = {k: components({p["name"]: study.points[k][p["name"]] for p in study.parameters}) for k in rows}
+    lines = [[k, row["status"], *varied[k].values(), *(row[name] for name in columns)] for k, row in sorted(rows.items())]
+    names = components({p["name"]: p["own"] for p in study.parameters})
+    write_csv(folder / TABLE, ["point", "status", *names, *columns], lines)

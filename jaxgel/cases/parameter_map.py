@@ -11,7 +11,6 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
 import dataclasses
 import itertools
 import json
-import math
 from pathlib import Path as File
 
 import numpy as np
@@ -19,7 +18,7 @@ import numpy as np
 from .._validation import listed, tabled, whole, word
 from ..materials import check_gel
 from .case import Case
-from .parameters import PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
+from .parameters import PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, sobol, study_case, study_table
 
 SAMPLES = ("grid", "sobol")
 BOUNDS, VALUES = PARAMETER | {"lower": VALUE, "upper": VALUE}, {"values": listed({}, least=1)}
@@ -118,10 +117,7 @@ def _sobol(varied, parameters, options):
             raise ValueError(f"parameters[{i}]: number and values belong to a grid; Sobol samples take lower and upper")
     bounds = [_bounds(f"parameters[{i}]", e, np.shape(p["own"])) for i, (e, p) in enumerate(zip(varied, parameters, strict=True))]
     lower, upper = (np.concatenate([np.ravel(side) for side in sides]) for sides in zip(*bounds, strict=True))
-    from scipy.stats import qmc  # 0.2 s of every command otherwise
-
-    more = math.ceil(math.log2(options["points"]))  # the sequence is balanced at powers of 2
-    samples = lower + (upper - lower) * qmc.Sobol(len(lower), rng=options["seed"]).random_base2(more)[: options["points"]]
+    samples = lower + (upper - lower) * sobol(len(lower), options["points"], options["seed"])
     cuts = np.cumsum([np.size(p["own"]) for p in parameters])[:-1]
     return [
         {p["name"]: part.reshape(np.shape(p["own"])).tolist() for p, part in zip(parameters, np.split(sample, cuts), strict=True)}

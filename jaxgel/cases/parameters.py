@@ -6,6 +6,7 @@ the first one turned about the plate's middle; "mirrored", each is the first one
 """
 
 import dataclasses
+import math
 from collections.abc import Callable
 from pathlib import Path as File
 from typing import Any
@@ -121,6 +122,19 @@ def gel_of(gel: Gel, parameters: list[dict]) -> Gel | Callable[[dict], Gel]:
     """The gel, or a function of a dict of parameters where Nv or chi is one."""
     varied = {p["of"]: p["name"] for p in parameters if p["of"] in GEL}
     return (lambda values: dataclasses.replace(gel, **{of: values[name] for of, name in varied.items()})) if varied else gel
+
+
+def components(parameters: dict[str, Any]) -> dict[str, float]:
+    """Name of every component -> its value, of parameters by name: ``centre`` (2,) has the components centre_0 and centre_1."""
+    return {name + "".join(f"_{i}" for i in at): float(x) for name, values in parameters.items() for at, x in np.ndenumerate(values)}
+
+
+def sobol(dimensions: int, number: int, seed: int) -> Float[np.ndarray, "p d"]:
+    """The first points (p, d) of a scrambled Sobol sequence in [0, 1); more of them begin with the same."""
+    from scipy.stats import qmc  # 0.2 s of every command otherwise
+
+    more = math.ceil(math.log2(number))  # the sequence is balanced at powers of 2
+    return qmc.Sobol(dimensions, rng=seed).random_base2(more)[:number]
 
 
 def _image(of, theta, link, first, other):

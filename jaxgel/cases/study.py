@@ -7,7 +7,8 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
     [[objective]]    of (a quantity, see `CURVES`) and one of goal = "maximise" or "minimise" with at = mu, target with at,
                      curve = [one value per mu], line = {slope, mu0}; optional: weight; from, to, the window of mu of curve or line
     [[constraints]]  of (a quantity, see `CURVES` and `DRY`) and one of above, below, within (magnitude); optional: at
-    [search]         method, evaluations, step, tolerance; see `optimise`
+    [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of searches (1), each from other start values
+                     within the bounds, and seed (0) by which those are drawn, see `study_runs`
     [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
 
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
@@ -15,21 +16,17 @@ A study takes all options of its case but ``imperfection``, whose load has no de
 """
 
 import dataclasses
-import json
 from pathlib import Path as File
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._validation import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
 from ..continuation import Path
-from ..design import DRY, METHODS, Design, DesignProblem, Outcome, bound, misfit, optimise, read_log, value_at, verify, weighted_sum
-from ..io import write_atomically
+from ..design import DRY, METHODS, Design, DesignProblem, bound, misfit, optimise, value_at, verify, weighted_sum
 from ..observables import CURVES
 from .case import Case
 from .parameters import OF, PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
-from .toml import case_text, explicit
 
 AIMS, LIMITS = ("goal", "target", "curve", "line"), ("above", "below", "within")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
@@ -47,15 +44,22 @@ OBJECTIVE = {
     "to": NUMBER,
 }
 CONSTRAINT = {"of": word([*CURVES, *DRY]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": AT}
+SEARCH = {
+    "method": word(METHODS),
+    "evaluations": whole(1),
+    "step": SHARE,
+    "tolerance": SHARE,
+    "starts": whole(1, 999),
+    "seed": whole(0, None),
+}
 NEEDS = {"dependentRequired": {"goal": ["at"], "target": ["at"]}}
 SECTIONS = {
     "parameters": listed(tabled(PARAMETER | {"start": VALUE, "lower": BOUND, "upper": BOUND}, ["of", "lower", "upper"]), least=1),
     "objective": listed(tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS) | NEEDS, least=1),
     "constraints": listed(tabled(CONSTRAINT, ["of"]) | exactly_one(LIMITS)),
-    "search": tabled({"method": word(METHODS), "evaluations": whole(1), "step": SHARE, "tolerance": SHARE}),
+    "search": tabled(SEARCH) | {"dependentRequired": {"seed": ["starts"]}},
     "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1)}),
 }  # rules of a study's own sections
-VERIFIED = "verified.json"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,6 +74,10 @@ class Study:
     """What is varied and judged."""
     search: dict
     """Options of `optimise`: method, evaluations, step, tolerance."""
+    starts: int
+    """Number of searches, the first from the problem's start."""
+    seed: int
+    """Of the draw of the others' start values."""
     verification: dict
     """Options of `verify`: spacing, mu."""
     aim: dict
@@ -78,7 +86,7 @@ class Study:
     """The study as a table that `study_from_table` reads; JSON can hold it."""
 
     def run(self, folder: File | str | None = None, *, resume: bool = False, quiet: bool = True) -> Design:
-        """`Design` of the search, logged in ``folder`` if given; see `optimise`."""
+        """`Design` of the search from the problem's start, logged in ``folder`` if given; see `optimise`."""
         record = {"study": self.table, "name": self.name}
         return optimise(self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search)
 
@@ -90,14 +98,6 @@ class Study:
 def load_study(file: File | str) -> Study:
     """The `Study` of a TOML file; ValueError, one line, for a file that cannot be read and for every wrong entry."""
     return study_from_table(*study_table(file))
-
-
-def resumed_study(folder: File | str) -> Study:
-    """The `Study` whose log lies in a folder; ValueError where there is none."""
-    record = read_log(folder)["record"]
-    if "study" not in record:
-        raise ValueError(f"folder: {str(folder)!r} was not written by jaxgel design; resume it where its problem was made")
-    return study_from_table(record["study"], str(record.get("name", "design")))
 
 
 def study_from_table(table: dict[str, Any], name: str) -> Study:
@@ -122,49 +122,11 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
         sweep=case.sweep,
         loads=case.loads,
     )
-    search = dict(method="slsqp", evaluations=60, step=0.2, tolerance=1e-5) | table.get("search", {})
+    search = dict(method="slsqp", evaluations=60, step=0.2, tolerance=1e-5, starts=1, seed=0) | table.get("search", {})
+    several = {key: search.pop(key) for key in ("starts", "seed")}
     table = {key: table[key] for key in SECTIONS if key in table} | case.table()
-    return Study(name, case, problem, search, _verification(table, case), _aim(table["objective"][0], mu), table)
-
-
-def run_study(study: Study, folder: File | str, *, resume: bool = False, quiet: bool = True) -> tuple[Design, dict[str, Any] | None]:
-    """Search, verify on a fresh cloud, and write the folder: design.json (log), best.toml (a case), verified.json and design.png
-    (unless the case wants no figures).
-
-    Returns the `Design` and the content of verified.json: ``start`` and ``best``, each as `verify` gives it. An
-    interrupted search leaves its log alone: None in place of the content.
-    """
-    folder = File(folder)
-    design = study.run(folder, resume=resume, quiet=quiet)
-    if design.outcome is Outcome.INTERRUPTED:
-        return design, None
-    plate = study.problem.plate({name: jnp.asarray(v) for name, v in design.parameters.items()})
-    text = case_text(explicit(_found(study, plate, study.problem.gel_at(design.parameters))))
-    write_atomically(folder / "best.toml", lambda stream: stream.write(text.encode()))
-    start, start_path = study.verify(study.problem.start)
-    best, best_path = study.verify(design.parameters)
-    verified = dict(
-        study=study.name,
-        parameters={name: np.asarray(v).tolist() for name, v in design.parameters.items()},
-        search=dict(value=design.value, feasible=design.feasible, outcome=str(design.outcome), evaluations=len(design.history)),
-        start=start,
-        best=best,
-    )
-    encoded = json.dumps(verified, indent=1).encode()
-    write_atomically(folder / VERIFIED, lambda stream: stream.write(encoded))
-    if study.case.output.figures:
-        from ..plotting import draw_study
-
-        figure = draw_study(study, design, start_path, best_path)
-        write_atomically(folder / "design.png", lambda stream: figure.savefig(stream, format="png"))
-    return design, verified
-
-
-def _found(study, plate, gel):
-    """The `cases.Case` of a concrete plate and gel, on the cloud of the verification."""
-    sweep = dataclasses.replace(study.case.sweep, mu=tuple(study.problem.mu))
-    cloud = study.case.discretisation.at_spacing(study.verification["spacing"])
-    return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud)
+    verification, aim = _verification(table, case), _aim(table["objective"][0], mu)
+    return Study(name, case, problem, search, verification=verification, aim=aim, table=table, **several)
 
 
 def _parameter(i, entry, case):

@@ -75,9 +75,9 @@ def cache_folder(cache: str | None = None) -> str | None:
     return str(user_cache_path("jaxgel", appauthor=False) / f"jaxlib-{version('jaxlib')}")
 
 
-def one_thread() -> None:
-    """What a worker process of a map does first: one thread for XLA, which reads the variable when it starts, not when it is imported."""
-    os.environ["NPROC"] = "1"
+def limit_threads(number: int) -> None:
+    """What a worker process does first: so many threads for XLA, which reads the variable when it starts, not when it is imported."""
+    os.environ["NPROC"] = str(number)
 
 
 def quick_flags(found: str | None = None) -> list[str]:

@@ -9,7 +9,7 @@ from ..cases import OutputOptions, from_table, load_case, load_path, other_versi
 from ..io import dry_gel, load_run, open_folder, swollen_gel, write_outline
 from ..io import export as write_netcdf
 from .environment import DONE
-from .inputs import DESIGN, MAP, kind_of_folder
+from .inputs import DESIGN, MAP, STARTS, kind_of_folder
 from .runs import draw, printer, run_recorded
 from .studies import run_design, run_points
 
@@ -30,7 +30,7 @@ def plot(args: Namespace) -> int:
 def resume(args: Namespace) -> int:
     """``jaxgel resume``: continue what was interrupted in a folder, a run, a design or a map by the file that it holds."""
     kind = kind_of_folder(args.folder)
-    if kind == DESIGN:
+    if kind in (DESIGN, STARTS):
         return run_design(resumed_study(args.folder), args.folder, args, resume=True)
     return run_points(resumed_map(args.folder), args.folder, args, resume=True) if kind == MAP else _resume_run(args)
 

@@ -13,7 +13,7 @@ OPTIONS = {
     "sweep": ("mu_start", "mu_end", "steps", "branch", "imperfection", "contact"),
     "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature", "solver"),
 }  # sections of a case file and their entries that are options of commands
-RUN, DESIGN, MAP = "summary.json", "design.json", "map.json"
+RUN, DESIGN, STARTS, MAP = "summary.json", "design.json", "starts.json", "map.json"
 COUNTS = {"most": 100, "states": 1000, "workers": 1024}  # options that are no entries of a case -> most that is accepted
 FORMATS = ("dxf", "svg", "stl")
 
@@ -101,12 +101,12 @@ def _check_folder(args):
 
 
 def kind_of_folder(folder: str) -> str:
-    """The file that says what an interrupted command's folder is: ``DESIGN``, ``MAP`` or ``RUN``; ValueError for none of them."""
-    for name in (DESIGN, MAP, RUN):
+    """The file that says which command a folder is of: ``DESIGN``, ``STARTS``, ``MAP`` or ``RUN``; ValueError for none of them."""
+    known = (DESIGN, STARTS, MAP, RUN)
+    for name in known:
         if (Path(folder) / name).is_file():
             return name
-    known = ", ".join((DESIGN, MAP, RUN))
-    raise ValueError(f"folder: {folder!r} holds none of {known}; expected a folder written by jaxgel run, design or map")
+    raise ValueError(f"folder: {folder!r} holds none of {', '.join(known)}; expected a folder written by jaxgel run, design or map")
 
 
 def _has_run(folder):

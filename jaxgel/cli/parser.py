@@ -82,10 +82,10 @@ def _case_commands(add):
 
 def _study_commands(add):
     """Commands that run many sweeps."""
-    p = _quiet_option(add("studies.design", "design", "search the best holes of a study and verify them"))
+    p = _worker_options(add("studies.design", "design", "search the best holes of a study and verify them"))
     p.add_argument("study", metavar="STUDY.toml", help="the path of a study's TOML file")
     p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
-    p.add_argument("--resume", action="store_true", help="continue the search whose log is in the folder")
+    p.add_argument("--resume", action="store_true", help="continue the search, or the searches, whose logs are in the folder")
 
     p = _worker_options(add("studies.map_points", "map", "sweep many points in the space of a case's parameters"))
     p.add_argument("study", metavar="STUDY.toml", help="the path of a map's TOML file")
@@ -137,8 +137,9 @@ def _case_options(p, out):
 
 
 def _worker_options(p):
-    p.add_argument("--workers", type=_whole, metavar="N", help="processes of a map on this machine (default: one for each core)")
-    p.add_argument("--scheduler", metavar="ADDRESS", help="run a map on the Dask cluster with this scheduler, tcp://HOST:PORT, instead")
+    many = "a map or a design with several starts"
+    p.add_argument("--workers", type=_whole, metavar="N", help=f"processes of {many} on this machine (default: one for each core)")
+    p.add_argument("--scheduler", metavar="ADDRESS", help=f"run {many} on the Dask cluster with this scheduler, tcp://HOST:PORT, instead")
     return _quiet_option(p)
 
 

@@ -1,6 +1,9 @@
 """Commands that run many sweeps: design, map and paper."""
 
 import collections
+import contextlib
+import csv
+import functools
 import sys
 from argparse import Namespace
 from pathlib import Path as File
@@ -8,10 +11,13 @@ from pathlib import Path as File
 import numpy as np
 
 from .._threads import usable_cores
-from ..cases import TABLE, MapStudy, Study, Workers, dask_executor, load_map, load_study, run_map, run_study
-from ..io import open_folder
-from .environment import DONE, INTERRUPTED, STOPPED, one_thread
+from ..cases import OPTIMA, TABLE, MapStudy, Study, load_map, load_study, run_map, run_study
+from ..io import Workers, dask_executor, open_folder
+from .environment import DONE, INTERRUPTED, STOPPED, limit_threads
 from .runs import printer
+
+GRADIENT_THREADS = 2  # of XLA: a host callback waits on one for its arguments, which another one copies
+SHOWN = ("start", "start_value", "best_value", "feasible", "outcome", "evaluations", "distance", "reason")  # columns of starts.csv
 
 
 def design(args: Namespace) -> int:
@@ -26,11 +32,19 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
 
     mpl.use("Agg")  # before pyplot, which would look for a screen
 
-    say = printer(args)
-    found, verified = run_study(study, open_folder(folder), resume=resume or getattr(args, "resume", False), quiet=args.quiet)
+    say, resume = printer(args), resume or getattr(args, "resume", False)
+    new_process = bool  # after every search: no other one uses the programs of its clouds
+    workers = _workers(args, GRADIENT_THREADS, new_process) if study.starts > 1 else contextlib.nullcontext()
+    try:
+        with workers as executor:
+            found, verified = run_study(study, open_folder(folder), executor=executor, resume=resume, quiet=args.quiet)
+    except KeyboardInterrupt:
+        verified = None
     if verified is None:
         print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
         return INTERRUPTED
+    if study.starts > 1:
+        say(_optima(File(folder) / OPTIMA))
     say(f"{study.name}: {len(found.history)} evaluations; {found.text}")
     for name, value in found.parameters.items():
         say(f"{name:<12} {np.array2string(value, precision=4, separator=', ')}")
@@ -45,6 +59,17 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
     return DONE if valid else STOPPED
 
 
+def _optima(file):
+    """The table of optima as text, without its parameters; its numbers shorter."""
+    with file.open(newline="") as stream:
+        rows = [{key: row[key] for key in SHOWN} for row in csv.DictReader(stream)]
+    for row in rows:
+        row |= {key: f"{float(row[key]):.6g}" for key in ("start_value", "best_value", "distance") if row[key]}
+    lines = [[key.replace("_", " ") for key in SHOWN], *([row[key] or "-" for key in SHOWN] for row in rows)]
+    widths = [max(len(word) for word in column) for column in zip(*lines, strict=True)]
+    return "\n".join("  ".join([*(f"{w:>{n}}" for w, n in zip(line[:-1], widths, strict=False)), line[-1]]) for line in lines)
+
+
 def map_points(args: Namespace) -> int:
     """``jaxgel map``: sweep the points of a study on the processes of this machine or of a cluster."""
     study = load_map(args.study)
@@ -56,12 +81,17 @@ def _own_cloud(row):
     return row["own_cloud"]
 
 
+def _workers(args, threads, spent):
+    """Context with the executor that the options ask for; ``threads`` and ``spent`` are of processes on this machine."""
+    if args.scheduler:
+        return dask_executor(args.scheduler)
+    return Workers(args.workers or usable_cores(), functools.partial(limit_threads, threads), spent)
+
+
 def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> int:
     """Run the points of a map and report; the exit code."""
     try:
-        with (
-            dask_executor(args.scheduler) if args.scheduler else Workers(args.workers or usable_cores(), one_thread, _own_cloud) as executor
-        ):
+        with _workers(args, 1, _own_cloud) as executor:
             rows = run_map(study, folder, executor, resume=resume, quiet=args.quiet)
     except KeyboardInterrupt:
         print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)

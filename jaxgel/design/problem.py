@@ -12,8 +12,8 @@ from ..bifurcation import sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions, check_mu
 from ..discretisation import DiscretisationOptions
-from ..geometry import Plate
-from ..materials import Gel
+from ..geometry import Plate, check_plate
+from ..materials import Gel, check_gel
 from ..mechanics import Loads
 
 
@@ -76,6 +76,24 @@ class DesignProblem:
     def gel_at(self, parameters: dict) -> Gel:
         """The gel of a dict of parameters."""
         return self.gel(parameters) if callable(self.gel) else self.gel
+
+    def check_dry(self, parameters: dict) -> None:
+        """ValueError, one line, for parameters whose plate or gel cannot be, or does not meet a constraint on the dry plate."""
+        plate = self.plate(parameters)
+        check_plate(plate)
+        check_gel(self.gel_at(parameters))
+        for constraint in self.constraints:
+            if constraint.dry and not np.all(np.asarray(constraint.function(plate)) >= 0):
+                raise ValueError(f"{constraint.name} is not met by the dry plate")
+
+    def violation(self, constraints: dict[str, float]) -> float:
+        """Largest violation, scaled, of constraints by their smallest values, name -> value as in `Design`; 0 if all are met."""
+        return max(0.0, *(-constraints[c.name] / c.scale for c in self.constraints), 0.0)
+
+    def distance(self, one: dict, other: dict) -> float:
+        """Largest difference of a component of two dicts of parameters, as a share of the range of its bounds."""
+        shares = [np.abs(np.asarray(one[name]) - other[name]) / (upper - lower) for name, (lower, upper) in self.bounds.items()]
+        return max(float(np.max(share)) for share in shares)
 
     def make_cloud(self, plate: Plate, spacing: float | None = None) -> Cloud:
         """A new cloud for a concrete plate, its own reference from here on, with the search's spacing or a given one, mm."""

@@ -1,35 +1,45 @@
-"""Files: a run's folder, netCDF, ParaView, drawings of outlines; and the terminal."""
+"""Files: a run's folder, netCDF, ParaView, drawings of outlines; the terminal, and the processes that calls run on."""
 
 from .._validation import read_toml
 from .drawings import FORMATS, OUTLINE, dry_gel, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
-from .files import open_folder, write_atomically
+from .files import one_line, open_folder, read_record, write_atomically, write_csv, write_json
 from .netcdf import export
 from .recorder import NUMERICAL, Recorder, write_points
 from .run import STEP_ARRAYS, Run, load_run, read_summary
 from .terminal import Progress, interruptible
 from .vtk import point_fields, write_series
+from .workers import TRIES, InThisProcess, Workers, dask_executor, run_calls
 
 __all__ = [
     "FORMATS",
     "NUMERICAL",
     "OUTLINE",
     "STEP_ARRAYS",
+    "TRIES",
+    "InThisProcess",
     "Progress",
     "Recorder",
     "Run",
+    "Workers",
+    "dask_executor",
     "dry_gel",
     "export",
     "fit_fourier",
     "hole_table",
     "interruptible",
     "load_run",
+    "one_line",
     "open_folder",
     "point_fields",
     "read_outlines",
+    "read_record",
     "read_summary",
     "read_toml",
+    "run_calls",
     "swollen_gel",
     "write_atomically",
+    "write_csv",
+    "write_json",
     "write_outline",
     "write_points",
     "write_series",

@@ -1,10 +1,12 @@
 """Atomic writes, checked reads: a file is written beside its place and moved there; nothing that is read is trusted or executed."""
 
+import csv
 import io
+import json
 import math
 import os
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path as File
 from typing import Any, BinaryIO
 
@@ -40,6 +42,33 @@ def write_atomically(file: File, write: Callable[[BinaryIO], Any], *, durable: b
     part.replace(file)
 
 
+def write_json(file: File, record: dict[str, Any]) -> None:
+    """Write a dict as JSON, whole or not at all."""
+    encoded = json.dumps(record, indent=1, allow_nan=False).encode()
+    write_atomically(file, lambda stream: stream.write(encoded))
+
+
+def read_record(file: File, version: int) -> dict[str, Any] | None:
+    """The dict that `write_json` has written with ``format`` = ``version``; None where there is no such file."""
+    try:
+        record = json.loads(file.read_bytes())
+        return record if record["format"] == version else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def write_csv(file: File, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a table, whole or not at all: the names of its columns, and rows of as many values; None is written as nothing."""
+    table = io.StringIO(newline="")
+    csv.writer(table, lineterminator="\n").writerows([columns, *rows])
+    write_atomically(file, lambda stream: stream.write(table.getvalue().encode()))
+
+
+def one_line(problem: BaseException) -> str:
+    """What an exception says, in one line; its kind where it says nothing."""
+    return " ".join(str(problem).split()) or type(problem).__name__
+
+
 def guarded(file: File, read: Callable[[bytes, int], Any], max_bytes: int = MAX_BYTES) -> Any:
     """``read(bytes, max_bytes)`` of a file, with everything that the parsers raise on damaged bytes turned into one ValueError."""
     try:
@@ -47,8 +76,7 @@ def guarded(file: File, read: Callable[[bytes, int], Any], max_bytes: int = MAX_
             raise ValueError(f"it has {file.stat().st_size} bytes, more than the {max_bytes} allowed")
         return read(file.read_bytes(), max_bytes)
     except Exception as problem:
-        text = " ".join(str(problem).split())[:200] or type(problem).__name__
-        raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {text}") from None
+        raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {one_line(problem)[:200]}") from None
 
 
 def read_arrays(content: bytes, max_bytes: int = MAX_BYTES) -> dict[str, np.ndarray]:

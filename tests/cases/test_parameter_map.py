@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.cases import POINT, TABLE, TRIES, Workers, load_map, load_path, map_runs, parameter_map, resumed_map, run_map
+from jaxgel.cases import POINT, TABLE, load_map, load_path, map_runs, parameter_map, resumed_map, run_map
 from jaxgel.cli import command_line as cli
-from jaxgel.io import load_run
+from jaxgel.io import TRIES, Workers, load_run
 
 SQUARE = """
 case = "square"

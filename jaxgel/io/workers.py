@@ -1,5 +1,6 @@
 """Where calls run: processes of this machine, or a Dask cluster, behind one interface, that of ``concurrent.futures.Executor``."""
 
+import collections
 import concurrent.futures
 import contextlib
 import multiprocessing
@@ -11,6 +12,84 @@ from typing import Any
 
 import jax
 from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from .files import one_line
+from .terminal import interruptible
+
+TRIES = 3  # times that a call is begun, as its process may be killed
+
+
+def run_calls(
+    function: Callable[..., dict[str, Any]],
+    calls: dict[int, tuple[Any, ...]],
+    executor: concurrent.futures.Executor,
+    *,
+    ended: dict[int, dict[str, Any]],
+    lost: Callable[[str], dict[str, Any]],
+    write: Callable[[dict[int, dict[str, Any]]], object],
+    unit: str,
+    quiet: bool = True,
+) -> dict[int, dict[str, Any]]:
+    """Number -> result of ``function`` at each of the ``calls`` (number -> arguments) on an executor, with a bar that counts in ``unit``.
+
+    Those in ``ended`` (number -> result) are not run again; ``write`` is called with all results whenever there are more. A call that ends
+    with an exception was lost by the executor: it is submitted again, and after ``TRIES`` times its result is ``lost(reason)``. Ctrl-C
+    (KeyboardInterrupt) ends the calls under way.
+    """
+    results, tries, under_way = dict(ended), collections.Counter(), {}
+    waiting = collections.deque(k for k in calls if k not in ended)
+
+    def submit():
+        k = waiting.popleft()
+        tries[k] += 1
+        future = executor.submit(function, *calls[k])
+        under_way[future] = k
+        return {future} if future.done() else set()  # it ran in this process
+
+    def keep(future):
+        k = under_way.pop(future)
+        try:
+            results[k] = future.result()
+        except Exception as problem:
+            if tries[k] < TRIES:
+                waiting.append(k)
+            else:
+                results[k] = lost(f"its process was lost {TRIES} times: {one_line(problem)}")
+
+    with tqdm(total=len(calls), unit=unit, disable=True if quiet else None, leave=False) as bar, interruptible() as stop_if_asked:
+
+        def show():
+            write(results)
+            bar.n = len(results)
+            bar.refresh()
+
+        show()
+        try:
+            while waiting or under_way:
+                done = submit() if waiting else concurrent.futures.wait(under_way, return_when=concurrent.futures.FIRST_COMPLETED).done
+                for future in done:
+                    keep(future)
+                stop_if_asked()
+                if done:
+                    show()
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+    return results
+
+
+class InThisProcess(concurrent.futures.Executor):
+    """Runs every call where it is submitted."""
+
+    def submit(self, function: Callable, /, *args: Any) -> concurrent.futures.Future:
+        """Future, done, of ``function(*args)``."""
+        future = concurrent.futures.Future()
+        try:
+            future.set_result(function(*args))
+        except Exception as problem:
+            future.set_exception(problem)
+        return future
 
 
 class Workers(concurrent.futures.Executor):
@@ -98,6 +177,6 @@ def dask_executor(address: str) -> Iterator[concurrent.futures.Executor]:
     try:
         client = Client(address, timeout=10)
     except (OSError, ValueError) as problem:
-        raise ValueError(f"scheduler: no Dask scheduler answers at {address!r}: {' '.join(str(problem).split())}") from None
+        raise ValueError(f"scheduler: no Dask scheduler answers at {address!r}: {one_line(problem)}") from None
     with client:
         yield client.get_executor(pure=False)

@@ -1,0 +1,210 @@
+"""Runs of a design study: its search, or several from different start values, and the verification of the best design.
+
+A study's folder holds best.toml (a case), verified.json, design.png (unless the case wants no figures) and design.json, the log of the
+search. With several ``starts`` in [search], starts.json (the study and all start values), starts.csv (the table of optima, one row for each
+start) and a folder for each search, starts/001, 002 ..., take the place of design.json; such a folder has the search's own design.json and,
+once it has ended, start.json. Start 1 has the study's own values. The others are the first points of a scrambled Sobol sequence within the
+bounds whose plates can be made and meet the constraints on the dry plate.
+
+The searches run on any ``concurrent.futures.Executor``, as the points of a map do (see `map_runs`), but their gradients need two threads of
+XLA (OMP_NUM_THREADS=1, NPROC=2).
+"""
+
+import concurrent.futures
+import dataclasses
+import json
+import time
+from pathlib import Path as File
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..design import FEASIBLE, Design, Outcome, read_log
+from ..io import InThisProcess, one_line, open_folder, read_record, run_calls, write_atomically, write_csv, write_json
+from .parameters import components, sobol
+from .study import Study, study_from_table
+from .toml import case_text, explicit
+
+VERIFIED, OPTIMA = "verified.json", "starts.csv"
+STARTS, START = "starts.json", "start.json"
+FORMAT = 1  # of starts.json and start.json
+DRAWS = 50  # points of the sequence, for each start, among which valid plates are looked for
+COLUMNS = ("start", "outcome", "start_value", "best_value", "feasible", "evaluations", "distance", "seconds", "reason")
+
+
+def run_study(
+    study: Study, folder: File | str, *, executor: concurrent.futures.Executor | None = None, resume: bool = False, quiet: bool = True
+) -> tuple[Design, dict[str, Any] | None]:
+    """Search, verify on a fresh cloud, and write the folder as described at the top of this module.
+
+    Returns the `Design` and the content of verified.json: ``start`` and ``best``, each as `verify` gives it. An interrupted search leaves
+    its log alone: None in place of the content. Several starts run on the ``executor``, by default in this process, one after another, and
+    the result is that of the best of them, the others are rows of starts.csv; their interruption is a KeyboardInterrupt. Searches that have
+    ended are not run again; ``resume`` says that there may be such. ValueError where no start is a valid design.
+    """
+    folder = File(folder)
+    if study.starts > 1:
+        study, design = _best_of_starts(study, open_folder(folder), executor or InThisProcess(), resume, quiet)
+    else:
+        design = study.run(folder, resume=resume, quiet=quiet)
+    return design, None if design.outcome is Outcome.INTERRUPTED else _verified(study, design, folder)
+
+
+def resumed_study(folder: File | str) -> Study:
+    """The `Study` whose searches lie in a folder; ValueError where there are none."""
+    record = read_record(File(folder) / STARTS, FORMAT) or read_log(folder)["record"]
+    if "study" not in record:
+        raise ValueError(f"folder: {str(folder)!r} was not written by jaxgel design; resume it where its problem was made")
+    return study_from_table(record["study"], str(record.get("name", "design")))
+
+
+def run_start(text: str, folder: str) -> dict[str, Any]:
+    """Run one of several searches in its folder, or go on with it; a dict of ``outcome``, ``reason``, ``seconds`` and ``design``.
+
+    ``text`` is JSON with the study's name and table; ``design`` has the fields of `Design`, and is None where the search failed, for the
+    ``reason`` given. For an executor's processes.
+    """
+    record, place, began = json.loads(text), open_folder(folder), time.perf_counter()
+    outcome, reason, design = "failed", "", None
+    try:
+        found = study_from_table(record["study"], record["name"]).run(place, resume=(place / "design.json").exists())
+        if found.outcome is Outcome.INTERRUPTED:
+            raise KeyboardInterrupt
+        outcome, design = str(found.outcome), dataclasses.asdict(found)
+        design["parameters"] = {name: np.asarray(value).tolist() for name, value in found.parameters.items()}
+    except (OSError, MemoryError):
+        raise  # not the start's fault
+    except Exception as problem:
+        reason = one_line(problem)
+    result = dict(outcome=outcome, reason=reason, seconds=round(time.perf_counter() - began, 3), design=design)
+    write_json(place / START, {"format": FORMAT, "study": record["study"], "result": result})
+    return result
+
+
+def draw_starts(study: Study) -> list[dict[str, Any]]:
+    """Start values (name -> number or list) of every search of a study, its own first; ValueError where too few are valid plates."""
+    problem, starts, reason = study.problem, [study.problem.start], ""
+    tried = DRAWS * (study.starts - 1)
+    for point in sobol(len(problem.vector), tried, study.seed) if tried else ():
+        if len(starts) == study.starts:
+            break
+        parameters = problem.parameters(point)
+        try:
+            problem.check_dry(parameters)
+            starts.append(parameters)
+        except ValueError as invalid:
+            reason = one_line(invalid)
+    if len(starts) < study.starts:
+        raise ValueError(
+            f"search.starts: {study.starts} is too many, only {len(starts) - 1} of {tried} draws within the bounds are valid plates "
+            f"(the last that is not: {reason}); give fewer starts or other bounds"
+        )
+    return [{name: np.asarray(value).tolist() for name, value in start.items()} for start in starts]
+
+
+def _best_of_starts(study, folder, executor, resume, quiet):
+    """The study of the best of several searches, and its `Design`."""
+    starts = dict(enumerate(_begin(study, folder, resume), start=1))
+    tables = {k: _from_start(study.table, start) for k, start in starts.items()}
+    places = {k: folder / "starts" / f"{k:03d}" for k in starts}
+    records = {k: read_record(place / START, FORMAT) or {} for k, place in places.items()}
+    results = run_calls(
+        run_start,
+        {k: (json.dumps({"name": study.name, "study": table}), str(places[k])) for k, table in tables.items()},
+        executor,
+        ended={k: record["result"] for k, record in records.items() if record.get("study") == tables[k]},
+        lost=lambda reason: dict(outcome="lost", reason=reason, seconds=None, design=None),
+        write=lambda results: _write_table(study.problem, starts, results, folder),
+        unit="start",
+        quiet=quiet,
+    )
+    best = _best(study.problem, results)
+    if best is None:
+        raise ValueError(f"search.starts: none of {len(starts)} is a valid design; start 1: {results[1]['reason']}; see {folder / OPTIMA}")
+    found = dict(results[best]["design"])
+    found |= dict(outcome=Outcome(found["outcome"]), parameters={name: np.asarray(v) for name, v in found["parameters"].items()})
+    return study_from_table(tables[best], study.name), Design(**found)
+
+
+def _begin(study, folder, resume):
+    """Start values of all searches, those of starts.json where it has them, otherwise drawn; all are in starts.json then."""
+    file, starts = folder / STARTS, draw_starts(study)
+    if file.exists():
+        if not resume:
+            raise ValueError(f"out: {str(folder)!r} holds searches already; resume them (--resume), or give another folder")
+        known = read_record(file, FORMAT) or {}
+        if _without_effort(known.get("study", {})) != _without_effort(json.loads(json.dumps(study.table))):
+            raise ValueError(f"out: {STARTS} in {str(folder)!r} is damaged or of another study; give another folder")
+        starts[: len(known["starts"])] = known["starts"][: len(starts)]
+    write_json(file, {"format": FORMAT, "name": study.name, "study": study.table, "starts": starts})
+    return starts
+
+
+def _without_effort(table):
+    """A study's table without what may change when its searches are resumed: their number, evaluations, verification, figures."""
+    search = {key: value for key, value in table.get("search", {}).items() if key not in ("starts", "evaluations")}
+    return {key: value for key, value in table.items() if key not in ("verification", "output")} | {"search": search}
+
+
+def _from_start(table, start):
+    """The table of a study, as JSON gives it, of a single search from these start values."""
+    search = {key: value for key, value in table["search"].items() if key not in ("starts", "seed")}
+    parameters = [entry | {"start": start[entry.get("name", entry["of"])]} for entry in table["parameters"]]
+    return json.loads(json.dumps(table | {"search": search, "parameters": parameters}))
+
+
+def _best(problem, results):
+    """Number of the search with the best design, feasible if any is, otherwise with the least violation; None where all failed."""
+
+    def worth(k):
+        found = results[k]["design"]
+        return max(problem.violation(found["constraints"]), FEASIBLE), -found["value"] if problem.maximise else found["value"]
+
+    return min((k for k in sorted(results) if results[k]["design"] is not None), key=worth, default=None)
+
+
+def _write_table(problem, starts, results, folder):
+    """starts.csv: a row for every search that has ended, with its start values and best parameters where there are such."""
+    best, names = _best(problem, results), components(starts[1])
+    rows = []
+    for k, result in sorted(results.items()):
+        row, found, start = dict.fromkeys(COLUMNS) | {"start": k} | result, result["design"], components(starts[k])
+        own = dict.fromkeys(names) if found is None else components(found["parameters"])
+        if found is not None:
+            distance = problem.distance(found["parameters"], results[best]["design"]["parameters"])
+            row |= dict(start_value=found["history"][0]["value"], best_value=found["value"], distance=round(distance, 6))
+            row |= dict(feasible=found["feasible"], evaluations=len(found["history"]))
+        rows.append([*(row[name] for name in COLUMNS), *(values[name] for values in (start, own) for name in names)])
+    write_csv(folder / OPTIMA, [*COLUMNS, *(f"start_{name}" for name in names), *(f"best_{name}" for name in names)], rows)
+
+
+def _verified(study, design, folder):
+    """Verify a study's start and `Design` on fresh clouds and write both into its folder; the content of verified.json."""
+    plate = study.problem.plate({name: jnp.asarray(v) for name, v in design.parameters.items()})
+    text = case_text(explicit(_found(study, plate, study.problem.gel_at(design.parameters))))
+    write_atomically(folder / "best.toml", lambda stream: stream.write(text.encode()))
+    start, start_path = study.verify(study.problem.start)
+    best, best_path = study.verify(design.parameters)
+    verified = dict(
+        study=study.name,
+        parameters={name: np.asarray(v).tolist() for name, v in design.parameters.items()},
+        search=dict(value=design.value, feasible=design.feasible, outcome=str(design.outcome), evaluations=len(design.history)),
+        start=start,
+        best=best,
+    )
+    encoded = json.dumps(verified, indent=1).encode()
+    write_atomically(folder / VERIFIED, lambda stream: stream.write(encoded))
+    if study.case.output.figures:
+        from ..plotting import draw_study
+
+        figure = draw_study(study, design, start_path, best_path)
+        write_atomically(folder / "design.png", lambda stream: figure.savefig(stream, format="png"))
+    return verified
+
+
+def _found(study, plate, gel):
+    """The `cases.Case` of a concrete plate and gel, on the cloud of the verification."""
+    sweep = dataclasses.replace(study.case.sweep, mu=tuple(study.problem.mu))
+    cloud = study.case.discretisation.at_spacing(study.verification["spacing"])
+    return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud)
