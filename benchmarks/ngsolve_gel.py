@@ -7,6 +7,7 @@ the volume ratio J*(p) > 1 is feasible for every p (see ``volume_ratio``). Lengt
 
 import functools
 
+import jax
 import netgen.meshing
 import netgen.occ as occ
 import ngsolve as ng
@@ -15,9 +16,10 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from jaxgel import Circle, Ellipse
+from jaxgel import Circle, Ellipse, Fourier
 
 TOLERANCE = 1e-10  # mm, of the displacement; leaves a residual near 1e-13 of the network's nodal forces, no looser than jaxgel
+SPLINE = 256  # points of the periodic cubic spline that stands for a Fourier outline
 KEEP = 0.1  # a factorisation is kept while each correction is below this fraction of the one before
 
 
@@ -52,6 +54,9 @@ def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
 
 
 def _face(hole):
+    if isinstance(hole, Fourier):
+        points = np.asarray(jax.vmap(hole.point)(np.arange(SPLINE) / SPLINE))
+        return occ.Face(occ.Wire([occ.SplineInterpolation([(*map(float, point), 0) for point in points], periodic=True)]))
     plane = occ.WorkPlane().MoveTo(*map(float, hole.centre)).Rotate(np.degrees(float(getattr(hole, "angle", 0))))
     if isinstance(hole, Circle):
         return plane.Circle(float(hole.radius)).Face()
