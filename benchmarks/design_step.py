@@ -5,8 +5,8 @@
 The objective is the mean square of the core rotation over 30 given mu from -4.9678 to -0.9178, in degrees squared. Of the four
 parameters two are a hole's semi-axes and two its centre, the other holes being its quarter turns; the sixty are mean radius and amplitudes
 of cos and sin of 2 phi ... 8 phi of each outline, from the ones nearest to the ellipses on. All are lengths in mm. Each peer places its
-cloud or mesh for the parameters and sweeps from the dry state, on one thread. About 20 minutes on an idle processor, most of them spent
-in compilation; ``--quick`` has four parameters, jaxgel's default cloud and one repeat, in 3 minutes.
+cloud or mesh for the parameters and sweeps from the dry state, on one thread. About ten minutes of one processor, nearly half of them
+compilation; ``--quick`` has four parameters, jaxgel's default cloud and one repeat, in two to three minutes.
 
 Columns: ``size`` is nodes (jaxgel) or free displacements (NGSolve). ``value`` is the largest relative error of the core rotation over the
 states, ``gradient`` the error's norm over the gradient's norm, both in % of what adjoints give on the first mesh of `REFINED`; what
@@ -18,7 +18,8 @@ and for value and gradient together. ``ratio`` is the latter over that of jaxgel
 - adjoint: one solve per state with the factor that Newton's method has left, then the shape derivative of the residual, written by hand;
   NGSolve's own ``DiffShape`` gives the same numbers and, not compiled, took twenty times as long.
 - morphed: differences on a mesh whose nodes follow the outlines. remeshed: differences between new meshes. Their seconds are those of
-  one sweep times the number of sweeps; their errors are measured with four parameters only ("-": not measured).
+  one sweep times the number of sweeps; their errors are measured with four parameters only ("-": not measured). On new meshes they
+  vary with the step, because the mesh changes with the outlines.
 
 No JAX finite elements: jax-fem's solvers import petsc4py, of which pip has no wheel. tatva installs, but has no sweep and no solver; a
 peer on top of it is not written.
