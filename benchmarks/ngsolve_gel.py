@@ -7,6 +7,7 @@ the volume ratio J*(p) > 1 is feasible for every p (see ``volume_ratio``). Lengt
 
 import functools
 
+import jax
 import netgen.meshing
 import netgen.occ as occ
 import ngsolve as ng
@@ -15,9 +16,10 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from jaxgel import Circle, Ellipse
+from jaxgel import Circle, Ellipse, Fourier
 
 TOLERANCE = 1e-10  # mm, of the displacement; leaves a residual near 1e-13 of the network's nodal forces, no looser than jaxgel
+SPLINE = 256  # points of the periodic cubic spline that stands for a Fourier outline
 KEEP = 0.1  # a factorisation is kept while each correction is below this fraction of the one before
 
 
@@ -52,6 +54,9 @@ def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
 
 
 def _face(hole):
+    if isinstance(hole, Fourier):
+        points = np.asarray(jax.vmap(hole.point)(np.arange(SPLINE) / SPLINE))
+        return occ.Face(occ.Wire([occ.SplineInterpolation([(*map(float, point), 0) for point in points], periodic=True)]))
     plane = occ.WorkPlane().MoveTo(*map(float, hole.centre)).Rotate(np.degrees(float(getattr(hole, "angle", 0))))
     if isinstance(hole, Circle):
         return plane.Circle(float(hole.radius)).Face()
@@ -101,14 +106,14 @@ class MixedGel:
         (du, dp), (v, q) = space.TnT()
         grad_u, grad_v = ng.Grad(du), ng.Grad(v)
         self.F = ng.Id(2) + ng.Grad(self.u)
-        C = _cofactor(self.F)
+        C = cofactor(self.F)
         self.J = volume_ratio(self.p, self.mu, gel, steps).Compile()
-        compliance = (1 / (1 / (self.J**2 * (self.J - 1)) - 2 * gel.chi / self.J**3 + gel.Nv / self.J**2)).Compile()  # dJ*/dp
+        self.compliance = (1 / (1 / (self.J**2 * (self.J - 1)) - 2 * gel.chi / self.J**3 + gel.Nv / self.J**2)).Compile()  # dJ*/dp
         # One term per line, because NGSolve evaluates every factor of an integrand once for each pair of components.
         self.tangent = ng.BilinearForm(space, condense=True)
-        self.tangent += (gel.Nv * ng.InnerProduct(grad_u, grad_v) + self.p * ng.InnerProduct(_cofactor(grad_u), grad_v)) * self.dx
+        self.tangent += (gel.Nv * ng.InnerProduct(grad_u, grad_v) + self.p * ng.InnerProduct(cofactor(grad_u), grad_v)) * self.dx
         self.tangent += (dp * ng.InnerProduct(C, grad_v) + q * ng.InnerProduct(C, grad_u)) * self.dx
-        self.tangent += -compliance * dp * q * self.dx
+        self.tangent += -self.compliance * dp * q * self.dx
         self.residual = ng.LinearForm(space)
         self.residual += ng.InnerProduct((gel.Nv * self.F + self.p * C).Compile(), grad_v) * self.dx
         self.residual += q * (ng.Det(self.F) - self.J).Compile() * self.dx
@@ -204,7 +209,7 @@ class MixedGel:
         """
         self.tangent.Assemble()
         free = np.flatnonzero(self.free)
-        tangent, mass = (_sparse(form.mat)[free][:, free] for form in (self.tangent, self.mass))
+        tangent, mass = (sparse(form.mat)[free][:, free] for form in (self.tangent, self.mass))
         lu = splu(tangent, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
         values, vectors = eigsh(tangent, k, mass, sigma=0, OPinv=LinearOperator(tangent.shape, lu.solve), v0=np.ones(len(free)))
         modes, order = np.zeros((k, len(self.state.vec))), np.argsort(values)
@@ -233,10 +238,12 @@ class MixedGel:
         return dry, dry + u, ratio(points)[:, 0]
 
 
-def _sparse(matrix):
+def sparse(matrix):
+    """NGSolve's sparse ``matrix`` as SciPy's."""
     rows, columns, values = (np.array(part) for part in matrix.COO())
     return csc_matrix((values, (rows, columns)), shape=(matrix.height, matrix.width))
 
 
-def _cofactor(A):
+def cofactor(A):
+    """Cofactor matrix of a 2 x 2 expression: the derivative of its determinant."""
     return ng.CF((A[1, 1], -A[1, 0], -A[0, 1], A[0, 0]), dims=(2, 2))
