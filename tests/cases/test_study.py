@@ -274,7 +274,7 @@ def test_holes_of_a_study_take_the_place_of_those_of_its_case(tmp_path):
 def test_missing_files_and_folders_are_one_line(tmp_path, capsys):
     for arguments, message in (
         (["design", "nowhere.toml"], "cannot read 'nowhere.toml'"),
-        (["resume", str(tmp_path)], "holds none of design.json, map.json, summary.json"),
+        (["resume", str(tmp_path)], "holds none of design.json, starts.json, map.json, summary.json"),
     ):
         assert cli.main(arguments) == 2
         error = capsys.readouterr().err

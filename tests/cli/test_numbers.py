@@ -56,7 +56,7 @@ def leaves(tree, path=()):
 
 
 ENTRIES = [(name, path) for name, table in CASES.items() for path in leaves(table) if not (name.startswith("hole") and path[0] == "plate")]
-COMMANDS = dict.fromkeys(("run", "critical", "check-grad", "outline"), "square") | {"map": "no.toml", "resume": "no"}
+COMMANDS = dict.fromkeys(("run", "critical", "check-grad", "outline"), "square") | {"design": "no.toml", "map": "no.toml", "resume": "no"}
 NUMERIC = {parser._real, parser._whole, parser._steps}
 
 
@@ -128,7 +128,7 @@ def test_a_numeric_option_ends_in_a_result_or_one_line(command, option, ends):
     for number in NUMBERS:
         word = repr(number) if isinstance(number, float) and not number.is_integer() else f"{number:.0f}"
         code, error = ends([command, COMMANDS[command], f"{option}={word}"])
-        if code == 2 and command not in ("map", "resume"):
+        if code == 2 and command not in ("design", "map", "resume"):
             assert option.strip("-").replace("-", "_") in error.replace("-", "_") or "mu" in option or "dmax" in option
 
 
