@@ -14,9 +14,7 @@ import dataclasses
 import functools
 import json
 import math
-import multiprocessing
 import time
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import jax
@@ -303,9 +301,7 @@ def row_searches(*_):
     heading("searches of design/rotation.toml: midline at the last mu, degrees, on the cloud of the search and on a fresh finer one")
     line("start +", ("search", "fresh"))
     moved = (0.0, 1e-6)
-    # each in a process of its own: a search's programs fill 40000 of the 65530 memory mappings that Linux grants one
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), max_tasks_per_child=1) as executor:
-        found = dict(zip(moved, executor.map(searched, moved), strict=True))
+    found = {by: searched(by) for by in moved}
     for by, values in found.items():
         line(f"{by:g}", [f"{value:.2f}" for value in values])
     return found

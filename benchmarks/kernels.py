@@ -64,22 +64,28 @@ def newton_step(model, gel, repeats):
 
 def stability(model, gel, repeats):
     """Median seconds of a sweep on the stable branch without what its eigenvalues take, and the median of that over the rest."""
-    spent, rows, own = [], [], StabilityAnalysis.check
+    spent, rows = [], []
+    own = {name: getattr(StabilityAnalysis, name) for name in ("by_nearby_factor", "by_own_factor")}
 
-    def timed(*args):
-        begin = time.perf_counter()
-        found = own(*args)
-        spent.append(time.perf_counter() - begin)
-        return found
+    def timed(function):
+        def call(*args):
+            begin = time.perf_counter()
+            found = function(*args)
+            spent.append(time.perf_counter() - begin)
+            return found
 
-    StabilityAnalysis.check = timed
+        return call
+
+    for name, function in own.items():
+        setattr(StabilityAnalysis, name, timed(function))
     for _ in range(repeats + 1):
         spent.clear()
         begin = time.perf_counter()
         jaxgel.sweep(model, gel, mu=MU)
         rest = time.perf_counter() - begin - sum(spent)
         rows.append((rest, sum(spent) / rest))
-    StabilityAnalysis.check = own
+    for name, function in own.items():
+        setattr(StabilityAnalysis, name, function)
     return (statistics.median(column) for column in zip(*rows[1:], strict=True))
 
 
