@@ -2,7 +2,7 @@
 
     python benchmarks/solvers.py [--nodes 30000] [--mu -4.9678 -2.5]     (pyamg: pip install 'jaxgel[bench]')
 
-For each mu (kT) and way: seconds of the setup (factor or hierarchy) and of one solve, its iterations, the residual over the right-hand
+By method="cells", whose pressures belong to one cell each. For each mu (kT) and way: seconds of the setup (factor or hierarchy) and of one solve, its iterations, the residual over the right-hand
 side, which is random, and the negative pivots of what was factorised; the tangents are positive definite. The rounded tangent is that in
 single precision. The multigrid is pyamg's
 smoothed aggregation with the translations and the rotation as near-null space: of the condensed tangent, and, for MINRES on the mixed
@@ -35,7 +35,7 @@ def main():
     options = parser.parse_args()
     plate = jaxgel.sample("sample-1")
     spacing = plate.width * 0.961 / (math.sqrt(36 + 1.922 * options.nodes) - 6)
-    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
+    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing), method="cells")
     problem = prepare(model, plate.gel)
     path = jaxgel.sweep(model, plate.gel, mu=options.mu)
     for mu, x, pressure in zip(path.mu, path.x, path.pressure, strict=True):
