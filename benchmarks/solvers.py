@@ -2,12 +2,12 @@
 
     python benchmarks/solvers.py [--nodes 30000] [--mu -4.9678 -2.5]     (pyamg: pip install 'jaxgel[bench]')
 
-By method="cells", whose pressures belong to one cell each. For each mu (kT) and way: seconds of the setup (factor or hierarchy) and of one solve, its iterations, the residual over the right-hand
-side, which is random, and the negative pivots of what was factorised; the tangents are positive definite. The rounded tangent is that in
-single precision. The multigrid is pyamg's
-smoothed aggregation with the translations and the rotation as near-null space: of the condensed tangent, and, for MINRES on the mixed
-form, of the tangent with bulk stiffnesses of at most 10 Nv, beside the pressures' diagonal. Krylov methods end at a residual of 1e-7 or
-after 150 iterations; the others at that of round-off.
+By method="cells", whose pressures belong to one cell each. For each mu (kT) and way: seconds of the setup (factor or hierarchy) and of
+one solve, its iterations, the residual over the right-hand side, which is random, and the negative pivots of what was factorised; the
+tangents are positive definite. The rounded tangent is that in single precision. The multigrid is pyamg's smoothed aggregation with the
+translations and the rotation as near-null space: of the condensed tangent, and, for MINRES on the mixed form, of the tangent with bulk
+stiffnesses of at most 10 Nv, beside the pressures' diagonal. Krylov methods end at a residual of 1e-7 or after 150 iterations; the
+others at that of round-off.
 """  # fmt: skip
 
 import argparse
