@@ -13,7 +13,7 @@ CROWDED = 0.5  # of the mappings that a process may have
 def release_programs() -> None:
     """Let go of all compiled programs of jaxgel's functions; those still needed are compiled again at their next call."""
     for name, module in list(sys.modules.items()):
-        if name.startswith(__package__):
+        if name == __package__ or name.startswith(f"{__package__}."):
             for value in list(vars(module).values()):
                 if hasattr(value, "clear_cache"):
                     value.clear_cache()
