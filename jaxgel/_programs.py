@@ -1,6 +1,6 @@
 """Compiled programs of clouds that are no longer in use: JAX keeps every one, and a process has only so many memory mappings.
 
-XLA maps each part of each program by itself, some 3000 mappings for the sweep and the gradient of one cloud. Linux allows a process
+XLA maps each part of each program by itself, thousands for the sweep and the gradient of one cloud. Linux allows a process
 65530 by default; one more, and it crashes.
 """
 
