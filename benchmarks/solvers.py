@@ -2,7 +2,7 @@
 
     python benchmarks/solvers.py [--nodes 30000] [--mu -4.9678 -2.5]     (pyamg: pip install 'jaxgel[bench]')
 
-By method="cells", whose pressures belong to one cell each. For each mu (kT) and way: seconds of the setup (factor or hierarchy) and of
+For each mu (kT) and way: seconds of the setup (factor or hierarchy) and of
 one solve, its iterations, the residual over the right-hand side, which is random, and the negative pivots of what was factorised; the
 tangents are positive definite. The rounded tangent is that in single precision. The multigrid is pyamg's smoothed aggregation with the
 translations and the rotation as near-null space: of the condensed tangent, and, for MINRES on the mixed form, of the tangent with bulk
@@ -23,7 +23,7 @@ import scipy.sparse.linalg as sla
 
 import jaxgel
 from jaxgel.linalg import factor, factorise
-from jaxgel.mechanics import linearise, prepare, tangent
+from jaxgel.mechanics import all_volumes, linearise, prepare, tangent
 
 SOFT = 10  # Nv: bulk stiffness at which the network's shear decides, and multigrid works
 
@@ -35,12 +35,12 @@ def main():
     options = parser.parse_args()
     plate = jaxgel.sample("sample-1")
     spacing = plate.width * 0.961 / (math.sqrt(36 + 1.922 * options.nodes) - 6)
-    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing), method="cells")
+    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
     problem = prepare(model, plate.gel)
     path = jaxgel.sweep(model, plate.gel, mu=options.mu)
     for mu, x, pressure in zip(path.mu, path.x, path.pressure, strict=True):
         now = linearise(problem, x, pressure, mu)
-        print(f"mu = {mu:g}: {len(problem.free)} unknowns, stiffest cell {float(now.stiffness.max() / plate.gel.Nv):.0f} Nv")
+        print(f"mu = {mu:g}: {len(problem.free)} unknowns, stiffest group {float(now.stiffness.max() / plate.gel.Nv):.0f} Nv")
         print(f"{'':42} {'setup':>8} {'solve':>8} {'iterations':>10} {'residual':>9} {'negative':>8}")
         for name, (setup, seconds, iterations, residual, negative) in ways(problem, x, pressure, now):
             print(f"{name:42} {setup:7.2f}s {seconds:7.2f}s {iterations:10} {residual:9.1e} {negative:>8}", flush=True)
@@ -66,7 +66,8 @@ def ways(problem, x, pressure, now):
     setup, grids = timed(aggregation, K, near_null)
     yield "CG, multigrid", (setup, *krylov(sla.cg, K, b, grids), "-")
 
-    G, volumes = volume_gradients(problem.model, now, pattern.free)
+    G, volumes, real = volume_gradients(problem.model, now, pattern.free)
+    stiffness = stiffness[real]
     network = sp.csr_matrix(pattern.matrix(blocks(0 * now.stiffness)))
     softened = network + G @ sp.diags(np.minimum(stiffness, SOFT * float(problem.gel.Nv)) / volumes) @ G.T
     setup, grids = timed(aggregation, sp.csr_matrix(softened), near_null)
@@ -126,17 +127,18 @@ def rigid(x):
 
 
 def volume_gradients(model, now, free):
-    """Gradients (f, g) of the cells' volumes, sparse, and the dry volumes (g,)."""
-    rows, columns, values, volumes = [], [], [], []
+    """Gradients (f, g) of the groups' volumes, sparse, the dry volumes (g,), mm^2, and which groups of the model they are."""
+    dofs, values = [], []
     for block, gradients in zip(model.blocks, now.gradients, strict=True):
-        G, first = np.asarray(gradients)[:, 0], sum(map(len, volumes))
-        rows.append((2 * np.asarray(block.nodes)[:, :, None] + np.arange(2)).ravel())
-        columns.append(np.repeat(first + np.arange(len(G)), G[0].size))
-        values.append(G.ravel())
-        volumes.append(np.asarray(block.weight).sum(axis=1))
-    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    volumes = np.concatenate(volumes)
-    return sp.csr_matrix(entries, shape=(2 * model.n_nodes, len(volumes)))[free], volumes
+        G = np.asarray(gradients)
+        own = 2 * np.asarray(block.nodes)[:, None, :, None] + np.arange(2)
+        dofs.append(np.broadcast_to(own, G.shape).reshape(-1, G[0, 0].size))
+        values.append(G.reshape(-1, G[0, 0].size))
+    groups = np.repeat(np.arange(sum(map(len, dofs))), np.concatenate([np.full(*some.shape) for some in dofs]))
+    entries = (np.concatenate([v.ravel() for v in values]), (np.concatenate([d.ravel() for d in dofs]), groups))
+    volumes = np.asarray(all_volumes(model))
+    real = volumes > 0  # the others are padding
+    return sp.csc_matrix(entries, shape=(2 * model.n_nodes, len(volumes)))[free][:, real], volumes[real], real
 
 
 def timed(function, *args):
