@@ -158,7 +158,7 @@ class _Attempt:
         """
         if not found.status.ok or last.modes is None or found.mu - last.mu <= SNAP:
             return found
-        step, expected = (restrict(x - last.x, self.problem.free) for x in (found.x, predicted))
+        step, expected = (restrict(np.asarray(x) - last.x, np.asarray(self.problem.free)) for x in (found.x, predicted))
         weighted = self.analysis.stiffness @ last.modes[:, 0]  # a mode v has v . N v = 1
         against = (weighted @ step) * (weighted @ expected) < 0
         mostly = (weighted @ step) ** 2 > MOSTLY * (step @ (self.analysis.stiffness @ step))

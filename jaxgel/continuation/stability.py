@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from .._types import Float
 from ..equilibrium import Stability, State, acting_problem, with_own_factor
 from ..linalg import columnwise_products, inverse_iteration, lowest_of_factor, network_matrix, rayleigh_ritz
-from ..mechanics import Problem, TangentOperator, restrict
+from ..mechanics import Problem, linearise, restrict, tangent_product
 
 TRACKED = 2  # modes whose eigenvalues are made accurate where all may be unstable: both of a double eigenvalue
 ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 8e-3 is seen after large steps of mu and next to a crease
@@ -114,17 +114,10 @@ class StabilityAnalysis:
 
     def product(self, state: State) -> Callable[[Float[np.ndarray, "f m"]], Float[np.ndarray, "f m"]]:
         """Function that multiplies vectors (f, m) with the tangent of a state."""
-        operator = self._without_contact if acting_problem(self.problem, state).model.contact is None else self._with_contact
-        (of_one,) = operator.at(np.asarray(state.x)[None], np.asarray(state.pressure)[None], np.array([state.mu]))
-        return lambda vectors: np.stack([of_one(vector) for vector in vectors.T], axis=1)
-
-    @functools.cached_property
-    def _with_contact(self):
-        return TangentOperator(self.problem)
-
-    @functools.cached_property
-    def _without_contact(self):
-        return TangentOperator(self.problem.without_contact)
+        problem = acting_problem(self.problem, state)
+        at = problem, state.x, state.pressure
+        now = state.linearisation if state.linearisation is not None else linearise(*at, state.mu)
+        return lambda vectors: np.stack([tangent_product(*at, now, v) for v in vectors.T], axis=1)
 
 
 def oriented(vectors: Float[np.ndarray, "f m"], problem: Problem) -> Float[np.ndarray, "f m"]:

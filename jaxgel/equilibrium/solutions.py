@@ -19,7 +19,7 @@ from jax.interpreters import ad, batching, mlir
 from .._threads import ONE_THREAD, few_threads, usable_threads
 from ..discretisation import Model
 from ..linalg import solve_near
-from ..mechanics import TangentOperator, is_sparse, linearise, tangent, tangent_product
+from ..mechanics import TangentOperator, gather, hessian_product, is_sparse, linearise, scatter, tangent
 from .derivatives import Tangent, remade
 
 STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
@@ -47,7 +47,8 @@ class _Products:
 
         def product(state):
             v, x, pressure, mu = state
-            return tangent_product(problem, x, pressure, mu, v)
+            field = scatter(v, x.shape, problem.free)
+            return gather(hessian_product(x, field, problem.model, problem.gel, mu, problem.loads, pressure), problem.free)
 
         def of_all(v):
             return lax.map(product, (v, x, pressure, mu), batch_size=states_together(len(x), problem.model))
@@ -94,7 +95,7 @@ def _solved(rhs, *leaves, structure):
 
     with few_threads(len(pattern.free)):
         if is_sparse(problem) and len(wanted):
-            products = TangentOperator(problem).at(x[wanted], pressure[wanted], mu[wanted])
+            products = TangentOperator(problem).at(x[wanted], pressure[wanted])
             for k, product in zip(wanted, products, strict=True):
                 solve(k, product)
         else:

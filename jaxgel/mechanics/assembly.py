@@ -1,4 +1,6 @@
-"""Assembly of the condensed tangent."""
+"""The condensed tangent of a state: assembled, and as products with vectors."""
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
@@ -7,8 +9,9 @@ import numpy as np
 from .._types import Array, Float
 from ..linalg import Factor, factor
 from ..materials import neo_hookean
-from .contact import contact_tangents
-from .mixed import Linearisation
+from .contact import contact_force, contact_tangents
+from .dofs import gather, scatter
+from .mixed import Linearisation, network_force, nodal_sum, pressure_step, volume_gradients
 from .operators import AreaForms, add_cell_matrices, area_form_sum
 from .pairs import contact_pairs
 from .problem import Problem
@@ -31,7 +34,7 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
         x, dphi, weight, p, forms, k_over_V, G = arrays
         S = coupling(p, forms, dphi, weight)
         H = k_over_V[:, None, None] * G
-        outer = [[jnp.sum(H[:, :, None, i] * G[:, None, :, k], axis=0) for k in range(2)] for i in range(2)]
+        outer = [[jnp.sum(H[:, i, :, None] * G[:, k, None], axis=0) for k in range(2)] for i in range(2)]
         K = jnp.stack([outer[0][0], outer[0][1] + S, outer[1][0] - S, outer[1][1]], axis=-1)
         if not quadratic:
             A = jax.vmap(jax.hessian(lambda F: gel.network(F, gel)))(jnp.einsum("ai,qaj->qij", x, dphi))
@@ -46,6 +49,24 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
         total = add_cell_matrices(total, patch, arrays, slot, block.nodes.shape[1])
     total = total.reshape(-1, 2, 2)
     return total if model.contact is None else _add_contact(total, x, model)
+
+
+@jax.jit
+def tangent_product(
+    problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation, v: Float[Array, " f"]
+) -> Float[Array, " f"]:
+    """Product (f,) of the `tangent` with a vector ``v`` of the free degrees of freedom, which costs as much as a linearisation.
+
+    The gradients of the volumes are linear in the positions, so that S_g v is that of the field v.
+    """
+    model, field = problem.model, scatter(v, x.shape, problem.free)
+    moved, _ = volume_gradients(field, model, problem.operators)
+    p_step = pressure_step(field, dataclasses.replace(linearisation, error=0.0), linearisation, model)
+    forces = jax.jvp(lambda x: network_force(x, model, problem.gel, problem.operators), (x,), (field,))[1]
+    forces += nodal_sum(moved, p, model) + nodal_sum(linearisation.gradients, p_step, model)
+    if model.contact is not None:
+        forces += jax.jvp(lambda x: contact_force(x, model), (x,), (field,))[1]
+    return gather(forces, problem.free)
 
 
 def coupling(

@@ -56,3 +56,16 @@ residual: Callable[..., Array] = jax.grad(total_energy)
 """Residual (n, 2) of the total energy, kT/v mm: zero on the free degrees of freedom at equilibrium."""
 energy_at = jax.jit(total_energy)
 """Compiled `total_energy`."""
+
+
+def hessian_product(
+    x: Float[Array, "n 2"],
+    v: Float[Array, "n 2"],
+    model: Model,
+    gel: Gel,
+    mu: Scalar,
+    loads: Float[Array, "n 2"],
+    pressure: Float[Array, " g"] | None = None,
+) -> Float[Array, "n 2"]:
+    """Product (n, 2) of the Hessian of the total energy at ``x`` (n, 2) with the field ``v`` (n, 2), kT/v mm; differentiable by all."""
+    return jax.jvp(lambda x: residual(x, model, gel, mu, loads, pressure), (x,), (v,))[1]

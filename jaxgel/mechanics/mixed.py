@@ -51,7 +51,7 @@ class Linearisation:
     rhs: Float[Array, "n 2"]
     """Loads less internal forces, kT/v mm."""
     gradients: tuple
-    """Per block (c, g, a, 2) gradients G of the groups' volumes V J with respect to the cells' nodes, mm."""
+    """Per block (c, g, 2, a) gradients G of the groups' volumes V J with respect to the patches' nodes, mm."""
     stiffness: Float[Array, " g"]
     """Bulk stiffness k = dp/dJ at J*(p), kT/v."""
     error: Float[Array, " g"]
@@ -71,9 +71,9 @@ def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], m
     gradients, J = volume_gradients(x, model, problem.operators)
     star = ratio_at(p, model, gel, mu)
     error = jnp.where(all_volumes(model) > 0, J - star, 0.0)
-    network = _network_force(x, model, gel, problem.operators)
+    network = network_force(x, model, gel, problem.operators)
     touch = contact_force(x, model) if model.contact is not None else 0.0
-    rhs = problem.loads - network - touch - _nodal_sum(gradients, p, model)
+    rhs = problem.loads - network - touch - nodal_sum(gradients, p, model)
     topology = model.lists.topology
     across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
     swelling = jnp.where(carries_volume(model), star - 1, 0.0)
@@ -88,7 +88,7 @@ def condensed_rhs(problem: Problem, linearisation: Linearisation, factorised_at:
     """Right-hand side of the condensed Newton step; gradients and stiffness are those of the factorised tangent."""
     model = problem.model
     return gather(
-        linearisation.rhs - _nodal_sum(factorised_at.gradients, factorised_at.stiffness * linearisation.error, model), problem.free
+        linearisation.rhs - nodal_sum(factorised_at.gradients, factorised_at.stiffness * linearisation.error, model), problem.free
     )
 
 
@@ -96,13 +96,13 @@ def condensed_rhs(problem: Problem, linearisation: Linearisation, factorised_at:
 def mu_force(problem: Problem, x: Float[Array, "n 2"]) -> Float[Array, " f"]:
     """Derivative (f,) of the residual with respect to mu at the positions ``x``, mm: less the gradient of the gel's volume, mm."""
     gradients, _ = volume_gradients(x, problem.model, problem.operators)
-    return gather(-_nodal_sum(gradients, carries_volume(problem.model).astype(float), problem.model), problem.free)
+    return gather(-nodal_sum(gradients, carries_volume(problem.model).astype(float), problem.model), problem.free)
 
 
 def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factorised_at: Linearisation, model: Model) -> Float[Array, " g"]:
     """Step of the pressures, kT/v, that belongs to the step ``dx`` of the positions."""
     volumes = all_volumes(model)
-    parts = [jnp.einsum("cgai,cai->cg", G, dx[b.nodes]).ravel() for G, b in zip(factorised_at.gradients, model.blocks, strict=True)]
+    parts = [jnp.einsum("cgia,cai->cg", G, dx[b.nodes]).ravel() for G, b in zip(factorised_at.gradients, model.blocks, strict=True)]
     return factorised_at.stiffness * (jnp.concatenate(parts) / jnp.where(volumes > 0, volumes, 1.0) + linearisation.error)
 
 
@@ -113,7 +113,7 @@ def state_pressure(x: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar) -
 
 
 def volume_gradients(x: Float[Array, "n 2"], model: Model, operators: Operators) -> tuple[tuple, Float[Array, " g"]]:
-    """Per block the gradients (c, g, a, 2) of the groups' volumes V J, mm, and the volume ratios J of all groups; 2 for padding."""
+    """Per block the gradients (c, g, 2, a) of the groups' volumes V J, mm, and the volume ratios J of all groups; 2 for padding."""
     gradients, content = [], []
     for block, forms in zip(model.blocks, operators.area_forms, strict=True):
         if forms is not None:
@@ -121,23 +121,23 @@ def volume_gradients(x: Float[Array, "n 2"], model: Model, operators: Operators)
         else:
             local = local_positions(x, block.nodes)
             cofactor = block.weight[..., None, None] * cofactors(jnp.einsum("cai,cqaj->cqij", local, block.dphi))
-            G = jnp.einsum("cqij,cqaj->cqai", cofactor, block.dphi)
-            contents = 0.5 * jnp.einsum("cgai,cai->cg", G, local)  # V J is quadratic in x
+            G = jnp.einsum("cqij,cqaj->cqia", cofactor, block.dphi)
+            contents = 0.5 * jnp.einsum("cgia,cai->cg", G, local)  # V J is quadratic in x
         gradients.append(G)
         content.append(contents.ravel())
     volumes = all_volumes(model)
     return tuple(gradients), jnp.where(volumes > 0, jnp.concatenate(content) / jnp.where(volumes > 0, volumes, 1.0), 2.0)
 
 
-def _nodal_sum(gradients, p, model):
-    """sum_g p_g G_g (n, 2)."""
+def nodal_sum(gradients: tuple, p: Float[Array, " g"], model: Model) -> Float[Array, "n 2"]:
+    """sum_g p_g G_g (n, 2), of the ``gradients`` (c, g, 2, a) of each block."""
     total = jnp.zeros((model.n_nodes, 2))
     for block, G, pressure in zip(model.blocks, gradients, by_block(p, model), strict=True):
-        total = total.at[block.nodes].add(jnp.einsum("cg,cgai->cai", pressure, G))
+        total = total.at[block.nodes].add(jnp.einsum("cg,cgia->cai", pressure, G))
     return total
 
 
-def _network_force(x, model, gel, operators):
+def network_force(x: Float[Array, "n 2"], model: Model, gel: Gel, operators: Operators) -> Float[Array, "n 2"]:
     """Nodal forces (n, 2) of the network, kT/v mm."""
     if gel.network is not neo_hookean:
         return jax.grad(network_energy)(x, model, gel)

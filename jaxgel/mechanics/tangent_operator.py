@@ -1,12 +1,12 @@
-"""Products K v with the tangents of states, for all who multiply: eigenvalues, adjoint systems, critical points.
+"""Products K v by sparse matrices, for who multiplies several vectors with the tangents of many states: the systems of derivatives.
 
 With nodal fields as complex numbers z = v_1 + i v_2 the condensed tangent of `mixed` is, for a neo-Hookean network,
 
     K z = (N - i P) z + sum_g (k_g / V_g) G_g Re(conj(G_g) . z),    P = sum_g p_g S_g
 
 with the Laplacian N of the network, the area forms S_g of the volume groups and the gradients G_g of their volumes. The terms of the
-bulk stiffness stay factors: their sum, rounded, would limit how exactly a system can be solved. Other tangents (other networks, contact,
-large models) are multiplied by a derivative of the residual.
+bulk stiffness stay factors: their sum, rounded, would limit how exactly a system can be solved. The matrices cost as much as two products
+by `assembly.tangent_product`; each product then costs a sixth of one. Other tangents (other networks, contact, large models) have none.
 """
 
 import copy
@@ -19,17 +19,22 @@ import scipy.sparse as sp
 from jax import lax
 
 from .._threads import ONE_THREAD
-from .._types import Array, Float, Scalar
+from .._types import Array, Float
 from ..materials import neo_hookean
 from .assembly import coupling
-from .dofs import gather, scatter
-from .energy import residual
 from .mixed import volume_gradients
 from .operators import add_cell_matrices
 from .problem import Problem
 from .volumes import all_volumes, by_block, stiffness_at
 
 STATES_TOGETHER = 4  # states whose volume gradients are computed together
+
+
+def is_sparse(problem: Problem) -> bool:
+    """Whether `TangentOperator` multiplies by sparse matrices."""
+    model = problem.model
+    own = model.method != "displacement" and problem.gel.network is neo_hookean and model.contact is None
+    return own and len(problem.free) <= ONE_THREAD
 
 
 class TangentOperator:
@@ -40,45 +45,12 @@ class TangentOperator:
     >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("square"), spacing=0.25), basis="linear")
     >>> path = jaxgel.sweep(model, jaxgel.Gel(1e-3, 0.1), mu=[-1.0])
     >>> problem = prepare(model, path.gel)
-    >>> (product,) = TangentOperator(problem).at(path.x, path.pressure, path.mu)
+    >>> (product,) = TangentOperator(problem).at(path.x, path.pressure)
     >>> product(np.zeros(len(problem.free))).any()
     np.False_
     """
 
     def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self._sparse = _Sparse(problem) if is_sparse(problem) else None
-
-    def at(self, x: Float[Array, "k n 2"], pressure: Float[Array, "k g"], mu: Float[Array, " k"]) -> Iterator[Callable]:
-        """Yield for each state the function that multiplies a vector (f,) of the free degrees of freedom with its tangent, kT/v."""
-        if self._sparse is not None:
-            yield from self._sparse.at(x, pressure)
-            return
-        for state in zip(x, pressure, mu, strict=True):
-            yield lambda v, state=state: np.asarray(tangent_product(self.problem, *state, v))
-
-
-def is_sparse(problem: Problem) -> bool:
-    """Whether `TangentOperator` multiplies by sparse matrices."""
-    model = problem.model
-    own = model.method != "displacement" and problem.gel.network is neo_hookean and model.contact is None
-    return own and len(problem.free) <= ONE_THREAD
-
-
-@jax.jit
-def tangent_product(problem: Problem, x: Float[Array, "n 2"], pressure: Float[Array, " g"], mu: Scalar, v: Float[Array, " f"]) -> jax.Array:
-    """Product (f,) of the Hessian of the total energy with ``v``, by a derivative of the residual; traceable."""
-
-    def force(x):
-        return residual(x, problem.model, problem.gel, mu, problem.loads, pressure)
-
-    return gather(jax.jvp(force, (x,), (scatter(v, x.shape, problem.free),))[1], problem.free)
-
-
-class _Sparse:
-    """The products by sparse matrices with a fixed pattern."""
-
-    def __init__(self, problem):
         model, operators = problem.model, problem.operators
         self._problem, self._free, self._n_nodes = problem, np.asarray(operators.free), model.n_nodes
         n, (i, j) = model.n_nodes, np.asarray(operators.pairs).T
@@ -89,7 +61,8 @@ class _Sparse:
         self._volumes = sp.csr_matrix((np.zeros(len(lists), complex), lists, ends), (len(ends) - 1, n))
         self._network = float(problem.gel.Nv) * np.where(i == j, 0.5, 1.0) * np.asarray(operators.laplacian)
 
-    def at(self, x, pressure):
+    def at(self, x: Float[Array, "k n 2"], pressure: Float[Array, "k g"]) -> Iterator[Callable]:
+        """Yield for each state the function that multiplies a vector (f,) of the free degrees of freedom with its tangent, kT/v."""
         together = min(STATES_TOGETHER, len(x))
         groups = [np.arange(first, min(first + together, len(x))) for first in range(0, len(x), together)]
         first = np.resize(groups[0], together)
@@ -132,7 +105,7 @@ class _Sparse:
 
 @jax.jit
 def _state_terms(problem, x, pressure):
-    """Gradients of the volumes of several states ``x`` (k, n, 2), as in `mixed.Linearisation`, k / V (k, g), 0 for padding, and the
+    """Per block the gradients (k, c, g, a, 2) of the volumes of several states ``x`` (k, n, 2), k / V (k, g), 0 for padding, and the
     entries (k, p) of P at the node pairs.
     """
     model, operators = problem.model, problem.operators
@@ -147,6 +120,6 @@ def _state_terms(problem, x, pressure):
         for block, p, forms, slot in parts:
             arrays = p, forms, block.dphi, block.weight
             total = add_cell_matrices(total, lambda arrays: coupling(*arrays), arrays, slot, block.nodes.shape[1])
-        return gradients, stiffness, total
+        return [G.swapaxes(2, 3) for G in gradients], stiffness, total
 
     return lax.map(of_state, (x, pressure))

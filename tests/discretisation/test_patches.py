@@ -226,7 +226,7 @@ def test_gradients_of_volumes_are_their_difference_quotients(fixture, request):
     volumes = np.asarray(all_volumes(model))
     difference = volumes * (np.asarray(ratios(x + way / 8, model)) - np.asarray(ratios(x - way / 8, model))) * 4
     now = linearise(prepare(model, jaxgel.Gel()), x, jnp.zeros(len(volumes)), -1.5)
-    slopes = [np.einsum("cgai,cai->cg", G, way[block.nodes]).ravel() for G, block in zip(now.gradients, model.blocks, strict=True)]
+    slopes = [np.einsum("cgia,cai->cg", G, way[block.nodes]).ravel() for G, block in zip(now.gradients, model.blocks, strict=True)]
     size = np.abs(difference).max()
     assert size > 0.1
     np.testing.assert_allclose(np.concatenate(slopes), difference, rtol=0, atol=1e-12 * size)
