@@ -135,7 +135,7 @@ def child(wanted, threads, solver):
     cloud = timed("cloud", lambda: jaxgel.make_cloud(plate, spacing=spacing))
     model = timed("discretise", lambda: jaxgel.discretise(cloud, solver=solver))
     problem = timed("prepare", prepare, model, plate.gel)
-    timed("prepare", lambda: (problem.pattern, problem.operators.laplacian.block_until_ready()))
+    timed("prepare", lambda: (problem.pattern, problem.operators.network.block_until_ready()))
     seconds["prepare"] = [sum(seconds["prepare"])]
     (x, pressure), free = dry_state(problem), problem.free
     for _ in range(4):

@@ -52,6 +52,8 @@ from .geometry import Superellipse as Superellipse
 from .materials import ArrudaBoyce as ArrudaBoyce
 from .materials import Gel as Gel
 from .materials import Gent as Gent
+from .materials import PixelField as PixelField
+from .materials import WithHoles as WithHoles
 from .materials import free_energy as free_energy
 from .materials import free_swelling as free_swelling
 from .materials import paper_stress as paper_stress

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._types import Array, Float, Scalar
 from ..discretisation import Model
-from ..equilibrium import State, advanced, assess_equilibrium, iterate, starting
+from ..equilibrium import State, advanced, assess_equilibrium, dry_state, iterate, starting
 from ..materials import Gel
 from ..mechanics import Problem, condensed_rhs, factorised_tangent, prepare, restrict, state_pressure
 
@@ -33,7 +33,7 @@ def find_states_by_deflation(
     problem, others, found = prepare(model, gel, loads), [np.asarray(x) for x in known], []
     for start in starts:
         pressure = state_pressure(jnp.asarray(start), model, problem.gel, mu)
-        pressure = jnp.where(jnp.isfinite(pressure), pressure, -problem.gel.Nv)
+        pressure = jnp.where(jnp.isfinite(pressure), pressure, dry_state(problem)[1])
         state = iterate(problem, starting(problem, mu, jnp.asarray(start), pressure), _Deflated(others))
         if state.status.ok:
             others.append(np.asarray(state.x))

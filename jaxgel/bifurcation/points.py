@@ -88,7 +88,7 @@ def expand(problem: Problem, stiffness: sp.csr_matrix, state: State, modes: Floa
     held = stiffness @ modes
     system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, held, held, np.zeros((m, m)))
     correction, _ = system.solve(gradient, np.zeros(m))
-    slope = (float(slope) - correction @ np.asarray(mu_force(problem, state.x))) / m
+    slope = (float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu))) / m
     relaxed = float(quartic) - 3 * gradient @ correction if m == 1 else float("nan")
     return Expansion(slope, float(cubic), relaxed, correction)
 

@@ -172,7 +172,7 @@ def _fold(frame, before, last):
 
     def rise(state):
         """Tangent (f,) of the branch per unit of the row, and that of mu."""
-        column = np.asarray(mu_force(problem, state.x))[:, None]
+        column = np.asarray(mu_force(problem, state.x, state.mu))[:, None]
         system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, column, row, np.zeros((1, 1)))
         dx, dmu = system.solve(np.zeros(len(free)), np.ones(1))
         return dx, float(dmu[0])
@@ -193,7 +193,7 @@ def _fold(frame, before, last):
         dx, slope = rise(state)
         if abs(slope * step) < TOLERANCE:
             mode = dx[:, None] / np.sqrt(dx @ (frame.stiffness @ dx))
-            local = Expansion(-float(mode[:, 0] @ mu_force(problem, state.x)), 0.0, float("nan"), np.zeros(len(free)))
+            local = Expansion(-float(mode[:, 0] @ mu_force(problem, state.x, state.mu)), 0.0, float("nan"), np.zeros(len(free)))
             eigenvalue = [float(mode[:, 0] @ frame.analysis.product(state)(mode)[:, 0])]
             return [_point(frame, state, state.mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
     return []

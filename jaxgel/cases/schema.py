@@ -10,7 +10,7 @@ from typing import Any
 from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, listed, not_both, option, tabled, whole, word
 from ..continuation import SweepOptions
 from ..discretisation import DiscretisationOptions
-from ..geometry import CONDITIONS, EDGES, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
+from ..geometry import CONDITIONS, EDGES, KINEMATICS, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
 from ..io import OUTLINE
 from ..mechanics import Loads
 from .samples import sample_names
@@ -119,6 +119,7 @@ PLATE = {
     "width": POSITIVE,
     "height": POSITIVE,
     "edges": {"type": ["string", "object"], "if": {"type": "object"}, "then": tabled(dict.fromkeys(EDGES, _CONDITION)), "else": _CONDITION},
+    "kinematics": word(KINEMATICS),
     "deformation": listed(PAIR, 2, 2),
     "displacement": tabled(dict.fromkeys(EDGES, PAIR)),
     "spacing": POSITIVE,

@@ -218,7 +218,7 @@ def _examined(problem, mu, x, p, status, contact):
     patterns = problem.pattern, problem.without_contact.pattern
     examine = functools.partial(_examine, patterns, problem.model.lists.topology.plate, contact)
     shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))
-    arrays = status, x, pairs, problem.gel.Nv * problem.operators.laplacian, outline_loops(x, problem.model)
+    arrays = status, x, pairs, problem.operators.network, outline_loops(x, problem.model)
     found = jax.pure_callback(examine, shapes, *arrays, vmap_method="sequential")
     return dict(zip(("status", "negative_pivots", "lowest_eigenvalue"), found, strict=True))
 

@@ -9,6 +9,7 @@ import numpy as np
 from .._types import Array, Float
 from ..equilibrium import State, first_order_only, with_own_factor
 from ..linalg import lowest_mode
+from ..materials import gel_at_points, value
 from ..mechanics import curvature, deformation_gradients, prepare, scatter, state_pressure
 from .autodiff import is_traced
 from .path import Path
@@ -56,7 +57,10 @@ def _change(modes, inputs, dots):
 
     def quotients(x, model, gel, mu):
         def one(x, v, mu):
-            network = gel.Nv * sum(jnp.sum(block.weight[..., None, None] * deformation_gradients(v, block) ** 2) for block in model.blocks)
+            densities = [
+                value(gel_at_points(gel, k).Nv) * jnp.sum(deformation_gradients(v, b) ** 2, (2, 3)) for k, b in enumerate(model.blocks)
+            ]
+            network = sum(jnp.sum(block.weight * density) for block, density in zip(model.blocks, densities, strict=True))
             return curvature(x, v, model, gel, mu, jnp.zeros_like(x)) / network
 
         return jax.vmap(one)(x, modes, mu)

@@ -35,7 +35,7 @@ class StabilityAnalysis:
     def stiffness(self) -> sp.csr_matrix:
         """N (f, f) of the free degrees of freedom: Nv times the Laplacian in each direction, kT/v."""
         free = self.problem.without_contact
-        return network_matrix(free.pattern, float(free.gel.Nv) * np.asarray(free.operators.laplacian))
+        return network_matrix(free.pattern, np.asarray(free.operators.network))
 
     def check(self, state: State, start: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
         """`Stability` of a converged state, and the state with the factor that was used; ``start`` are modes of a nearby state."""

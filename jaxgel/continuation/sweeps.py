@@ -7,8 +7,8 @@ from .._threads import few_threads
 from .._types import Array, Float
 from ..discretisation import Model
 from ..equilibrium import State
-from ..materials import Gel, check_gel
-from ..mechanics import check_room, prepare, with_contact
+from ..materials import Gel, check_gel, varies
+from ..mechanics import check_room, localised, prepare, with_contact
 from .autodiff import first_state_failed, is_traced, traced_sweep
 from .follow import Followed, Following
 from .options import MAX_STEPS, check_mu
@@ -44,11 +44,12 @@ def sweep(
     are nan, and the branch that continues the dry state is followed whatever its stability.
     """
     options = Following(branch, contact, formulation, isinstance(mu, tuple) and len(mu) == 2, max_steps)
+    gel = localised(model, gel)
     traced = is_traced((model, gel, mu, loads))
     by_energy = formulation == "total" and model.conditions == "nodes"
     model = with_contact(model, gel) if contact == "on" and by_energy else dataclasses.replace(model, contact=None)
     if not by_energy:
-        _check_comparison(model, formulation, traced)
+        _check_comparison(model, formulation, traced, varies(gel))
     if traced:
         return traced_sweep(model, gel, mu, loads, options)
     values, _ = check_mu(mu)
@@ -71,11 +72,15 @@ def sweep(
     return Path.from_states(model, gel, states, stop=followed.stop, stop_text=text)
 
 
-def _check_comparison(model, formulation, traced):
+def _check_comparison(model, formulation, traced, with_fields):
     """ValueError for what weak conditions and the incremental formulation cannot do."""
     what = "formulation: 'incremental'" if formulation == "incremental" else f"conditions: {model.conditions!r}"
     plate, ask = model.lists.topology.plate, "use the total formulation and conditions at the nodes"
     if traced:
         raise ValueError(f"{what} cannot be differentiated; {ask}")
+    if plate.kinematics != "plane strain":
+        raise ValueError(f"{what} knows plane strain only; {ask}")
+    if with_fields:
+        raise ValueError(f"{what} knows no parameters that vary over the plate; {ask}")
     if plate.moved or "periodic" in plate.edges.values():
         raise ValueError(f"{what} knows neither periodic edges nor edges that move; {ask}")

@@ -31,7 +31,7 @@ PENALTY = 1e3  # kT/v per mm, the paper's
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=["patches", "nodes", "dphi", "weight", "group_weight", "contour"],
+    data_fields=["patches", "nodes", "position", "dphi", "weight", "group_weight", "contour"],
     meta_fields=["carrying"],
 )
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +42,8 @@ class PatchBlock:
     """Patch numbers."""
     nodes: Int[Array, "c a"]
     """Node numbers in ascending order, padded with the first one."""
+    position: Float[Array, " c #q 2"]
+    """Dry positions of the quadrature points, mm; padding repeats a point."""
     dphi: Inexact[Array, " c #q a 2"]
     """Shape function gradients, 1/mm, at each point or their mean over the cell; 0 for padded nodes."""
     weight: Float[Array, " c #q"]
@@ -209,7 +211,7 @@ def _blocks(lists, method, points, dphi, weight, rows):
 
 @functools.partial(jax.jit, static_argnames=("widths", "linear", "method"))
 def _by_patch(points, dphi, weight, rows, point_numbers, edge_numbers, *, widths, linear, method):
-    """Per block the gradients (c, q, a, 2), with lists of the given width, weights (c, q), weights of the groups and area forms."""
+    """Per block positions (c, q, 2), gradients (c, q, a, 2) with lists of the given width, weights (c, q), those of groups, area forms."""
     values = []
     for numbers, edges, n, of in zip(point_numbers, edge_numbers, widths, linear, strict=True):
         at = jnp.where(numbers >= 0, numbers, numbers[:, :1])  # padding repeats a point of its own patch, where every energy is finite
@@ -219,5 +221,5 @@ def _by_patch(points, dphi, weight, rows, point_numbers, edge_numbers, *, widths
             groups = group_weights(points[at], w, of)
             own = jnp.where((edges >= 0)[..., None, None, None], rows[edges][..., :n], 0.0)
             contour = jnp.moveaxis(own, 2, 1).reshape(len(own), 2, -1, n)
-        values.append((dphi[at, :n], w, groups, contour))
+        values.append((points[at], dphi[at, :n], w, groups, contour))
     return values

@@ -104,7 +104,7 @@ class _Bordered:
         (b, m), slopes = (self.conditions.rows.shape[1], self.columns.shape[1]), self.conditions.slopes
         pairs = tangent(problem, state.x, state.pressure, state.linearisation)
         pattern = problem.pattern.fitting(pairs)
-        sides = np.concatenate([self.columns, -np.asarray(mu_force(problem, state.x))[:, None]], axis=1)[:, :b]
+        sides = np.concatenate([self.columns, -np.asarray(mu_force(problem, state.x, state.mu))[:, None]], axis=1)[:, :b]
         corner = np.concatenate([np.zeros((b, m)), slopes[:, None]], axis=1)[:, :b]
         system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner)
         rhs = np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation))

@@ -17,11 +17,12 @@ from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import (
     Linearisation,
     Problem,
-    carries_volume,
     condensed_rhs,
     factorised_tangent,
     linearise,
+    pressure_rate,
     pressure_step,
+    ratio_at,
     scatter,
     step_limit,
     tangent,
@@ -162,7 +163,8 @@ def advanced(
 def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share, dmu, *, limited=True):
     dx = scatter(correction, x.shape, problem.free)
     share = share * step_limit(x, dx, problem.model) if problem.has_contact and limited else share
-    dp = pressure_step(dx, linearisation, factorised_at, problem.model) - jnp.where(carries_volume(problem.model), dmu, 0.0)
+    rate = pressure_rate(ratio_at(p, problem.model, problem.gel, mu), problem.model, problem.gel, mu)
+    dp = pressure_step(dx, linearisation, factorised_at, problem.model) + rate * dmu
     x, p = x + share * dx, p + share * dp
     return x, p, linearise(problem, x, p, mu)
 

@@ -95,7 +95,7 @@ def _solved(rhs, *leaves, structure):
 
     with few_threads(len(pattern.free)):
         if is_sparse(problem) and len(wanted):
-            products = TangentOperator(problem).at(x[wanted], pressure[wanted])
+            products = TangentOperator(problem).at(x[wanted], pressure[wanted], mu[wanted])
             for k, product in zip(wanted, products, strict=True):
                 solve(k, product)
         else:

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._types import Array, Float, Scalar
 from ..linalg import Factor
+from ..materials import gel_in_groups, value
 from ..mechanics import Linearisation, Problem, carries_volume, energy_at, pressure_at, start_positions, volume_ratios
 from .status import Status
 
@@ -99,7 +100,10 @@ def dry_state(problem: Problem, mu: Scalar | None = None) -> tuple[Float[Array, 
     """
     model, gel = problem.model, problem.gel
     plate = model.lists.topology.plate
-    x, pressure = start_positions(model.lists.topology, model.cloud.nodes), jnp.where(carries_volume(model), -gel.Nv, 0.0)
+    x, pressure = (
+        start_positions(model.lists.topology, model.cloud.nodes),
+        jnp.where(carries_volume(model), -value(gel_in_groups(gel).Nv), 0.0),
+    )
     if mu is None or not plate.moved:
         return x, pressure
     J = volume_ratios(x, model)

@@ -4,12 +4,13 @@ from .boundary import CONDITIONS, EDGES, edge_lines, held_components
 from .hole import Hole
 from .holes import KINDS, Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse
 from .outline import Arc, arc_parameter, arc_point, arc_points, arcs, equal_arc_length, inside_holes, outline_points
-from .plate import Plate, check_plate, reference_plate
+from .plate import KINEMATICS, Plate, check_plate, reference_plate
 
 __all__ = [
     "CONDITIONS",
     "EDGES",
     "KINDS",
+    "KINEMATICS",
     "Arc",
     "Circle",
     "Ellipse",

@@ -8,18 +8,19 @@ import numpy as np
 import shapely
 
 from .._types import Array
-from .._validation import did_you_mean
+from .._validation import did_you_mean, one_of
 from .boundary import checked_deformation, checked_displacement, checked_edges, edge_lines
 from .hole import Hole, pytree
 from .holes import check_parameters
 from .outline import _outward, _traced, outline_points
 
+KINEMATICS = ("plane strain", "plane stress")
 TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as contact
 
 
 @pytree(
     meta=(
-        *("width", "height", "edges", "deformation", "displacement", "name"),
+        *("width", "height", "edges", "deformation", "displacement", "kinematics", "name"),
         *("spacing", "nodes_per_hole", "cells", "core", "gel", "unit", "reference"),
     )
 )
@@ -44,6 +45,8 @@ class Plate:
     """Macroscopic deformation gradient (2, 2), rows first: what held edges and the two sides of a periodic cell follow."""
     displacement: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
     """Roller or fixed edge -> its displacement (2,), mm, on top of ``deformation``; 0 for edges left out and along rollers."""
+    kinematics: str = "plane strain"
+    """"plane strain", thickness held, or "plane stress", a thin film whose thickness swells freely."""
     name: str = "plate"
     """What tables and files call it."""
     spacing: float | None = None
@@ -67,6 +70,7 @@ class Plate:
             if not (np.ndim(value) == 0 and np.isfinite(value) and value > 0):
                 raise ValueError(f"{name}: {value!r} is not a positive length in mm")
             object.__setattr__(self, name, float(value))
+        one_of("kinematics", self.kinematics, KINEMATICS)
         object.__setattr__(self, "edges", checked_edges(self.edges))
         object.__setattr__(self, "deformation", checked_deformation(self.deformation, self.edges))
         object.__setattr__(self, "displacement", checked_displacement(self.displacement, self.edges))

@@ -1,20 +1,61 @@
 """The gel: free energy, stress, free and uniaxial swelling."""
 
 from .deng2020 import paper_free_energy, paper_stress, paper_tangent, voigt
+from .fields import (
+    LocalValues,
+    PixelField,
+    Varying,
+    WithHoles,
+    elementwise,
+    fields_of,
+    gel_at_points,
+    gel_in_groups,
+    gel_on_outline,
+    split,
+    value,
+    varies,
+    with_parameters,
+)
+from .film import (
+    check_network,
+    film_energy,
+    film_pressure,
+    film_stiffness,
+    film_stretch_at,
+    film_volume_ratio,
+    isotropic_swelling,
+)
 from .gel import ArrudaBoyce, Gel, Gent, bulk_stiffness, cauchy_stress, flory_huggins, flory_rehner, free_energy, neo_hookean, osmotic
-from .swelling import check_gel, free_swelling, largest_mu, largest_pressure, uniaxial_swelling, volume_ratio_at
+from .swelling import check_gel, check_parameter, free_swelling, largest_mu, largest_pressure, uniaxial_swelling, volume_ratio_at
 
 __all__ = [
     "ArrudaBoyce",
     "Gel",
     "Gent",
+    "LocalValues",
+    "PixelField",
+    "Varying",
+    "WithHoles",
     "bulk_stiffness",
     "cauchy_stress",
     "check_gel",
+    "check_network",
+    "check_parameter",
+    "elementwise",
+    "fields_of",
+    "film_energy",
+    "film_pressure",
+    "film_stiffness",
+    "film_stretch_at",
+    "film_volume_ratio",
     "flory_huggins",
     "flory_rehner",
     "free_energy",
     "free_swelling",
+    "gel_at_points",
+    "gel_in_groups",
+    "gel_on_outline",
+    "isotropic_swelling",
     "largest_mu",
     "largest_pressure",
     "neo_hookean",
@@ -22,7 +63,11 @@ __all__ = [
     "paper_free_energy",
     "paper_stress",
     "paper_tangent",
+    "split",
     "uniaxial_swelling",
+    "value",
+    "varies",
     "voigt",
     "volume_ratio_at",
+    "with_parameters",
 ]

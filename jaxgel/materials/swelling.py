@@ -10,6 +10,7 @@ import numpy as np
 from jax.core import Tracer
 
 from .._types import Array, Float, Scalar
+from .fields import LocalValues, elementwise
 
 Numbers = Float[Array, "..."] | Scalar
 
@@ -17,13 +18,33 @@ SMALLEST_SWELLING, LARGEST_SWELLING = 1e-14, 1e8  # bounds of J - 1 in the searc
 _MOST_STEPS = 100  # 52 bisections take the whole interval of ln(J - 1) to round-off
 
 
+ACCEPTED = {
+    "Nv": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),
+    "chi": (lambda v: (v > 0) & (v < 2), "a number in (0, 2), bounds excluded"),
+}  # of the parameters: what is accepted, of a number or an array, and the same in words
+
+
 def check_gel(gel: Any, mu: object = None) -> None:
-    """Raise ValueError, one line, unless Nv > 0, 0 < chi < 2 and ``mu`` (number or array, if given) is finite; traced values pass."""
-    _check("Nv", gel.Nv, lambda v: 0 < v < math.inf, "a finite number > 0")
-    _check("chi", gel.chi, lambda v: 0 < v < 2, "a number in (0, 2), bounds excluded")
+    """Raise ValueError, one line, unless Nv > 0, 0 < chi < 2 and ``mu`` (number or array, if given) is finite.
+
+    Traced values pass, and fields, which `check_parameter` sees at the points of a model.
+    """
+    for name, (accepted, text) in ACCEPTED.items():
+        parameter = getattr(gel, name)
+        if not (callable(parameter) or isinstance(parameter, LocalValues)):
+            _check(name, parameter, accepted, text)
     if mu is not None and not any(isinstance(value, Tracer) for value in jax.tree.leaves(mu)):
         for value in np.ravel(np.asarray(mu, dtype=object)):
             _check("mu", value, math.isfinite, "a finite number (chemical potential in kT)")
+
+
+def check_parameter(name: str, values: Float[Array, " p"], places: Float[Array, "p 2"]) -> None:
+    """Raise ValueError, one line, with the first of the ``places``, mm, at which the value of a field is not accepted or not finite."""
+    accepted, text = ACCEPTED.get(name, (np.isfinite, "a finite number"))
+    wrong = np.flatnonzero(~accepted(np.asarray(values)))
+    if len(wrong):
+        x, y = np.asarray(places)[wrong[0]]
+        raise ValueError(f"{name}: {float(values[wrong[0]]):g} at ({x:.4g}, {y:.4g}) mm is not accepted, it must be {text}")
 
 
 def _volume_only(J, gel):
@@ -51,7 +72,7 @@ def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     >>> volume_ratio_at(-0.1, -0.5, Gel(Nv=1e-3, chi=0.1)).round(6)
     Array(1.32168, dtype=float64)
     """
-    return _elementwise(functools.partial(_volume_ratio, _volume_only), jnp.asarray(p, float) + mu, gel)[0]
+    return _elementwise(functools.partial(_volume_ratio, _volume_only), jnp.asarray(p, float) + mu, gel, "()->(),()")[0]
 
 
 @jax.jit
@@ -173,14 +194,14 @@ def _largest_slope(energy, gel):
 
 
 def _volume_ratio_or_nan(energy, target, gel):
-    J, solved = _elementwise(functools.partial(_volume_ratio, energy), jnp.asarray(target, float), gel)
+    J, solved = _elementwise(functools.partial(_volume_ratio, energy), jnp.asarray(target, float), gel, "()->(),()")
     return jnp.where(solved, J, jnp.nan)
 
 
-def _elementwise(function, x, gel):
-    """``function(x (), gel)`` at every element of ``x`` (...)."""
+def _elementwise(function, x, gel, signature="()->()"):
+    """``function(x (), gel)`` at every element of ``x`` (...), with the parameters of its place where these are `Varying`."""
     gel = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), gel)
-    return jnp.vectorize(lambda x: function(x, gel))(jnp.asarray(x, float))
+    return elementwise(function, jnp.asarray(x, float), gel, signature)
 
 
 def _check(name, value, accepted, text):

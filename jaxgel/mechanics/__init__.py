@@ -1,16 +1,16 @@
 """Mechanics: the energy of a swollen gel, its contact and loads, its degrees of freedom, and its tangent."""
 
-from .assembly import factorised_tangent, tangent, tangent_product
+from .assembly import STATES_TOGETHER, TangentOperator, factorised_tangent, is_sparse, tangent, tangent_product
 from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, touches, with_contact
 from .dofs import check_edges, check_room, free_dofs, gather, prescribed_motion, restrict, scatter, start_positions, with_free_values
 from .energy import curvature, energy_at, hessian_product, network_energy, residual, total_energy
 from .loads import Loads, load_vector
+from .local_gel import localised, mean_parameter
 from .mixed import ROUND_OFF, Linearisation, condensed_rhs, linearise, mu_force, pressure_step, state_pressure
 from .operators import Operators, precomputed_operators
 from .outlines import crosses, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, prepare
-from .tangent_operator import STATES_TOGETHER, TangentOperator, is_sparse
 from .volumes import (
     all_volumes,
     at_points,
@@ -18,7 +18,9 @@ from .volumes import (
     carries_volume,
     contents,
     deformation_gradients,
+    is_film,
     pressure_at,
+    pressure_rate,
     ratio_at,
     stiffness_at,
     volume_ratios,
@@ -54,9 +56,12 @@ __all__ = [
     "free_dofs",
     "gather",
     "hessian_product",
+    "is_film",
     "is_sparse",
     "linearise",
     "load_vector",
+    "localised",
+    "mean_parameter",
     "mu_force",
     "network_energy",
     "node_pairs",
@@ -67,6 +72,7 @@ __all__ = [
     "prepare",
     "prescribed_motion",
     "pressure_at",
+    "pressure_rate",
     "pressure_step",
     "ratio_at",
     "residual",

@@ -1,21 +1,38 @@
-"""The condensed tangent of a state: assembled, and as products with vectors."""
+"""The condensed tangent of a state: assembled, and as products with vectors.
 
+With nodal fields as complex numbers z = v_1 + i v_2 the condensed tangent of `mixed` is, for a neo-Hookean network,
+
+    K z = (N - i P) z + sum_g (k_g / V_g) G_g Re(conj(G_g) . z),    P = sum_g p_g S_g
+
+with the Laplacian N of the network, the area forms S_g of the volume groups and the gradients G_g of their volumes. The terms of the
+bulk stiffness stay factors: their sum, rounded, would limit how exactly a system can be solved. The sparse matrices of a
+`TangentOperator` cost as much as two products by `tangent_product`; each further product then costs a sixth of one. Other tangents
+(other networks, contact, large models) have none.
+"""
+
+import copy
 import dataclasses
+from collections.abc import Callable, Iterator
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
+from jax import lax
 
+from .._threads import ONE_THREAD
 from .._types import Array, Float
 from ..linalg import Factor, factor
-from ..materials import neo_hookean
+from ..materials import Varying, elementwise, gel_at_points, neo_hookean, split
 from .contact import contact_force, contact_tangents
 from .dofs import gather, scatter
 from .mixed import Linearisation, network_force, nodal_sum, pressure_step, volume_gradients
 from .operators import AreaForms, add_cell_matrices, area_form_sum
 from .pairs import contact_pairs
 from .problem import Problem
-from .volumes import all_volumes, by_block
+from .volumes import all_volumes, by_block, stiffness_at
+
+STATES_TOGETHER = 4  # states whose volume gradients are computed together
 
 
 @jax.jit
@@ -28,24 +45,26 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
     quadratic = gel.network is neo_hookean
     total = jnp.zeros((len(operators.pairs), 4))
     if quadratic:
-        total += gel.Nv * operators.laplacian[:, None] * jnp.eye(2).ravel()
+        total += operators.network[:, None] * jnp.eye(2).ravel()
 
     def patch(arrays):
-        x, dphi, weight, p, forms, k_over_V, G = arrays
+        x, dphi, weight, p, forms, k_over_V, G, parameters = arrays
         S = coupling(p, forms, dphi, weight)
         H = k_over_V[:, None, None] * G
         outer = [[jnp.sum(H[:, i, :, None] * G[:, k, None], axis=0) for k in range(2)] for i in range(2)]
         K = jnp.stack([outer[0][0], outer[0][1] + S, outer[1][0] - S, outer[1][1]], axis=-1)
         if not quadratic:
-            A = jax.vmap(jax.hessian(lambda F: gel.network(F, gel)))(jnp.einsum("ai,qaj->qij", x, dphi))
+            F, at = jnp.einsum("ai,qaj->qij", x, dphi), joined([Varying(values) for values in parameters])
+            A = elementwise(jax.hessian(gel.network), F, at, "(i,j)->(i,j,k,l)")
             K += jnp.einsum("q,qijkl,qaj,qbl->abik", weight, A, dphi, dphi).reshape(K.shape)
         return K
 
     volumes = all_volumes(model)
     k_over_V = jnp.where(volumes > 0, linearisation.stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
     groups = by_block(p, model), by_block(k_over_V, model), operators.area_forms, linearisation.gradients, operators.slots
-    for block, pressure, k_over_V, forms, G, slot in zip(model.blocks, *groups, strict=True):
-        arrays = x[block.nodes], block.dphi, block.weight, pressure, forms, k_over_V, G
+    for number, (block, pressure, k_over_V, forms, G, slot) in enumerate(zip(model.blocks, *groups, strict=True)):
+        parameters, joined = split(gel_at_points(gel, number))
+        arrays = x[block.nodes], block.dphi, block.weight, pressure, forms, k_over_V, G, [] if quadratic else parameters
         total = add_cell_matrices(total, patch, arrays, slot, block.nodes.shape[1])
     total = total.reshape(-1, 2, 2)
     return total if model.contact is None else _add_contact(total, x, model)
@@ -92,3 +111,101 @@ def _add_contact(total, x, model):
         a, b = np.triu_indices(blocks.shape[1])
         total = total.at[slot].add(blocks[:, a, b], mode="drop")
     return total
+
+
+# --- sparse products -----------------------------------------------------------------------------------------------------------
+
+
+def is_sparse(problem: Problem) -> bool:
+    """Whether `TangentOperator` multiplies by sparse matrices."""
+    model = problem.model
+    own = model.method != "displacement" and problem.gel.network is neo_hookean and model.contact is None
+    return own and len(problem.free) <= ONE_THREAD
+
+
+class TangentOperator:
+    """Products with the tangents of states of one problem, which are not assembled.
+
+    >>> import jaxgel, numpy as np
+    >>> from jaxgel.mechanics import prepare
+    >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("square"), spacing=0.25), basis="linear")
+    >>> path = jaxgel.sweep(model, jaxgel.Gel(1e-3, 0.1), mu=[-1.0])
+    >>> problem = prepare(model, path.gel)
+    >>> (product,) = TangentOperator(problem).at(path.x, path.pressure, path.mu)
+    >>> product(np.zeros(len(problem.free))).any()
+    np.False_
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        model, operators = problem.model, problem.operators
+        self._problem, self._free, self._n_nodes = problem, np.asarray(operators.free), model.n_nodes
+        n, (i, j) = model.n_nodes, np.asarray(operators.pairs).T
+        self._upper = sp.csr_matrix((np.zeros(len(i), complex), j, np.searchsorted(i, np.arange(n + 1))), (n, n))
+        nodes = [np.repeat(block.nodes, block.n_groups, axis=0) for block in model.blocks]
+        ends = np.append(0, np.cumsum(np.concatenate([np.full(*some.shape) for some in nodes])))
+        lists = np.concatenate([some.ravel() for some in nodes])
+        self._volumes = sp.csr_matrix((np.zeros(len(lists), complex), lists, ends), (len(ends) - 1, n))
+        self._network = np.where(i == j, 0.5, 1.0) * np.asarray(operators.network)
+
+    def at(self, x: Float[Array, "k n 2"], pressure: Float[Array, "k g"], mu: Float[Array, " k"]) -> Iterator[Callable]:
+        """Yield for each state the function that multiplies a vector (f,) of the free degrees of freedom with its tangent, kT/v."""
+        together = min(STATES_TOGETHER, len(x))
+        groups = [np.arange(first, min(first + together, len(x))) for first in range(0, len(x), together)]
+        first = np.resize(groups[0], together)
+        coming = _state_terms(self._problem, x[first], pressure[first], mu[first])  # one number of states, one program
+        for number, group in enumerate(groups):
+            terms = coming
+            if number + 1 < len(groups):  # computed while the caller works with the states of this group
+                following = np.resize(groups[number + 1], together)
+                coming = _state_terms(self._problem, x[following], pressure[following], mu[following])
+            gradients, stiffness, couplings = jax.tree.map(np.asarray, terms)
+            for k in range(len(group)):
+                yield self._product(couplings[k], stiffness[k], *(part[k] for part in gradients))
+
+    def _product(self, coupling, stiffness, *gradients):
+        """Product of one state with its entries (p,) of P, k / V (g,) and gradients per block (c, g, a, 2)."""
+        upper, volumes = copy.copy(self._upper), copy.copy(self._volumes)  # the constructor would check the indices once more
+        upper.data = self._network.astype(complex)
+        upper.data.imag = -coupling  # N - i P is this and its adjoint
+        volumes.data = np.concatenate([part.ravel() for part in gradients]).view(complex)
+        below, back = upper.T, volumes.T
+
+        def product(v):
+            z = self._complex_field(v)
+            mirrored = z.conj()
+            return self._forces(upper @ z + (below @ mirrored).conj() + back @ (stiffness * (volumes @ mirrored).real))
+
+        return product
+
+    def _complex_field(self, v):
+        """Complex nodal field (n,) of a vector (f,)."""
+        full = np.zeros(2 * self._n_nodes + 2)  # the last ones are the padding of degrees of freedom that move together
+        full[self._free.T] = v
+        return full[:-2].view(complex)
+
+    def _forces(self, z):
+        """Vector (f,) of a complex nodal field (n,) of forces."""
+        forces = np.append(z.view(float), 0.0)[self._free]
+        return forces if forces.ndim == 1 else forces.sum(axis=1)
+
+
+@jax.jit
+def _state_terms(problem, x, pressure, mu):
+    """Per block the gradients (k, c, g, a, 2) of the volumes of several states ``x`` (k, n, 2), k / V (k, g), 0 for padding, and the
+    entries (k, p) of P at the node pairs.
+    """
+    model, operators = problem.model, problem.operators
+    volumes = all_volumes(model)
+
+    def of_state(state):
+        x, pressure, mu = state
+        gradients, J = volume_gradients(x, model, operators)
+        stiffness = jnp.where(volumes > 0, stiffness_at(J, model, problem.gel, mu) / jnp.where(volumes > 0, volumes, 1.0), 0.0)
+        total = jnp.zeros(len(operators.pairs))
+        parts = zip(model.blocks, by_block(pressure, model), operators.area_forms, operators.slots, strict=True)
+        for block, p, forms, slot in parts:
+            arrays = p, forms, block.dphi, block.weight
+            total = add_cell_matrices(total, lambda arrays: coupling(*arrays), arrays, slot, block.nodes.shape[1])
+        return [G.swapaxes(2, 3) for G in gradients], stiffness, total
+
+    return lax.map(of_state, (x, pressure, mu))

@@ -27,6 +27,7 @@ from ..cloud import Topology
 from ..discretisation import Model, reaching_nodes
 from ..geometry import edge_lines
 from ..materials import Gel
+from .local_gel import localised, mean_parameter
 
 RANGE = 0.5  # of the node spacing
 STIFFNESS = 10.0  # of the network's Nv
@@ -63,14 +64,14 @@ class ContactGroup:
 
 
 def with_contact(model: Model, gel: Gel, *, range: Scalar | None = None, stiffness: Scalar | None = None) -> Model:  # noqa: A002
-    """The model with self-contact of ``range`` (mm, half the node spacing by default) and ``stiffness`` kappa (kT/v, 10 Nv).
+    """The model with self-contact of ``range`` (mm, half the node spacing by default) and ``stiffness`` kappa (kT/v, 10 times the mean Nv).
 
     It is returned as it is if it has no hole, or contact already and nothing is given.
     """
     if not model.lists.topology.outlines or (model.contact is not None and range is None and stiffness is None):
         return model
     range = RANGE * model.cloud.spacing if range is None else range  # noqa: A001
-    stiffness = STIFFNESS * gel.Nv if stiffness is None else stiffness
+    stiffness = STIFFNESS * mean_parameter(localised(model, gel).Nv, model) if stiffness is None else stiffness
     return dataclasses.replace(model, contact=Contact(jnp.asarray(range, dtype=float), jnp.asarray(stiffness, dtype=float)))
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
 from ..discretisation import Model
-from ..materials import Gel
+from ..materials import Gel, elementwise, gel_at_points
 from .contact import contact_energy
 from .volumes import gradients_by_block, ratios_of, ratios_that_carry, volume_energy
 
@@ -48,8 +48,8 @@ def network_energy(x: Float[Array, "n 2"], model: Model, gel: Gel) -> Float[Arra
 
 
 def _network_energy(gradients, model, gel):
-    density = jax.vmap(jax.vmap(lambda F: gel.network(F, gel)))
-    return sum(jnp.sum(block.weight * density(F)) for F, block in zip(gradients, model.blocks, strict=True))
+    densities = [elementwise(gel.network, F, gel_at_points(gel, number), "(i,j)->()") for number, F in enumerate(gradients)]
+    return sum(jnp.sum(block.weight * density) for density, block in zip(densities, model.blocks, strict=True))
 
 
 residual: Callable[..., Array] = jax.grad(total_energy)

@@ -30,8 +30,10 @@ from .volumes import (
     by_block,
     carries_volume,
     cofactors,
+    is_film,
     local_positions,
     pressure_at,
+    pressure_rate,
     ratio_at,
     stiffness_at,
     volume_ratios,
@@ -76,11 +78,11 @@ def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], m
     rhs = problem.loads - network - touch - nodal_sum(gradients, p, model)
     topology = model.lists.topology
     across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
-    swelling = jnp.where(carries_volume(model), star - 1, 0.0)
+    swelling = jnp.where(carries_volume(model), star if is_film(model) else star - 1, 0.0)
     violation = jnp.max(jnp.abs(error) / (swelling + ROUND_OFF)) / max(1.0, across / FINE)
     per_force = 1 / (jnp.linalg.norm(network) + jnp.linalg.norm(problem.loads))
     residual_norm = jnp.linalg.norm(gather(rhs, problem.free)) * per_force
-    return Linearisation(rhs, gradients, stiffness_at(star, model, gel), error, residual_norm, violation, per_force)
+    return Linearisation(rhs, gradients, stiffness_at(star, model, gel, mu), error, residual_norm, violation, per_force)
 
 
 @jax.jit
@@ -93,10 +95,10 @@ def condensed_rhs(problem: Problem, linearisation: Linearisation, factorised_at:
 
 
 @jax.jit
-def mu_force(problem: Problem, x: Float[Array, "n 2"]) -> Float[Array, " f"]:
-    """Derivative (f,) of the residual with respect to mu at the positions ``x``, mm: less the gradient of the gel's volume, mm."""
-    gradients, _ = volume_gradients(x, problem.model, problem.operators)
-    return gather(-nodal_sum(gradients, carries_volume(problem.model).astype(float), problem.model), problem.free)
+def mu_force(problem: Problem, x: Float[Array, "n 2"], mu: Scalar) -> Float[Array, " f"]:
+    """Derivative (f,) of the residual by mu at the positions ``x``, mm: in plane strain less the gradient of the gel's volume, mm."""
+    gradients, J = volume_gradients(x, problem.model, problem.operators)
+    return gather(nodal_sum(gradients, pressure_rate(J, problem.model, problem.gel, mu), problem.model), problem.free)
 
 
 def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factorised_at: Linearisation, model: Model) -> Float[Array, " g"]:
@@ -143,8 +145,8 @@ def network_force(x: Float[Array, "n 2"], model: Model, gel: Gel, operators: Ope
         return jax.grad(network_energy)(x, model, gel)
 
     def add(total, first, size):
-        pairs, laplacian = (lax.dynamic_slice_in_dim(v, first, size) for v in (operators.pairs, operators.laplacian))
-        i, j, entries = pairs[:, 0], pairs[:, 1], gel.Nv * laplacian[:, None]
+        pairs, stiffness = (lax.dynamic_slice_in_dim(v, first, size) for v in (operators.pairs, operators.network))
+        i, j, entries = pairs[:, 0], pairs[:, 1], stiffness[:, None]
         return total.at[i].add(entries * x[j]).at[j].add(jnp.where((i != j)[:, None], entries * x[i], 0.0))
 
     whole, rest = divmod(len(operators.pairs), PAIRS_PER_SUM)

@@ -16,6 +16,7 @@ from jax import lax
 
 from .._types import Array, Float, Inexact, Int
 from ..discretisation import Model, PatchBlock
+from ..materials import Gel, gel_at_points, value
 from .dofs import free_dofs
 from .pairs import node_pairs
 from .volumes import contour_shares, local_positions
@@ -24,39 +25,40 @@ CELLS_IN_CACHE = 32  # cells whose matrices are added up together: few enough to
 CELLS_PER_PRODUCT = 1024  # cells whose volume gradients are computed together, for the same reason
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["pairs", "slots", "laplacian", "area_forms", "free"], meta_fields=[])
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["pairs", "slots", "network", "area_forms", "free"], meta_fields=[])
 @dataclasses.dataclass(frozen=True, eq=False)
 class Operators:
-    """What all tangents of a model have in common."""
+    """What all tangents of a model with one gel have in common."""
 
     pairs: Int[Array, "p 2"]
     """Node pairs i <= j that share a cell, in ascending order."""
     slots: tuple
     """Per block (c, t) the pair of each entry a <= b of a cell's node list; one past the end for padding."""
-    laplacian: Float[Array, " p"]
-    """Sum of w dphi_i . dphi_j over all quadrature points."""
+    network: Float[Array, " p"]
+    """Sum of w Nv dphi_i . dphi_j over all quadrature points, kT/v: the stiffness of the dry network, in each direction."""
     area_forms: tuple
     """Per block the `AreaForms` of its volume groups; None where every quadrature point is a group."""
     free: Int[Array, "f ..."]
     """Free degrees of freedom, see `dofs`."""
 
 
-def precomputed_operators(model: Model) -> Operators:
-    """`Operators` of a model."""
+def precomputed_operators(model: Model, gel: Gel) -> Operators:
+    """`Operators` of a model with a gel."""
     pairs, slots = node_pairs(model.lists)
-    laplacian, area_forms = _integrated(jnp.zeros(len(pairs)), model.blocks, slots)
-    return Operators(*jax.device_put((pairs, tuple(slots))), laplacian, area_forms, free_dofs(model.lists.topology))
+    network, area_forms = _integrated(jnp.zeros(len(pairs)), model.blocks, gel, slots)
+    return Operators(*jax.device_put((pairs, tuple(slots))), network, area_forms, free_dofs(model.lists.topology))
 
 
 @jax.jit
-def _integrated(total, blocks, slots):
-    """Laplacian (p,) and area forms per block."""
+def _integrated(total, blocks, gel, slots):
+    """Stiffness (p,) of the network and area forms per block."""
 
     def laplacian(arrays):
         return jnp.einsum("q,qai,qbi->ab", arrays[1], arrays[0], arrays[0])
 
-    for block, slot in zip(blocks, slots, strict=True):
-        total = add_cell_matrices(total, laplacian, (block.dphi, block.weight), slot, block.nodes.shape[1])
+    for number, (block, slot) in enumerate(zip(blocks, slots, strict=True)):
+        weight = block.weight * value(gel_at_points(gel, number).Nv)
+        total = add_cell_matrices(total, laplacian, (block.dphi, weight), slot, block.nodes.shape[1])
     return total, tuple(map(area_forms, blocks))
 
 

@@ -10,6 +10,7 @@ from .._types import Array, Float, Int
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import Gel
+from .local_gel import localised
 from .operators import Operators, precomputed_operators
 from .pairs import tangent_pattern
 
@@ -22,7 +23,7 @@ class Problem:
     model: Model
     """Discretised plate, with its self-contact if there is any."""
     gel: Gel
-    """Material."""
+    """Material; fields as their values on the model, see `local_gel`."""
     loads: Float[Array, "n 2"]
     """Dead nodal loads, kT/v mm."""
     operators: Operators | None
@@ -55,5 +56,5 @@ def prepare(model: Model, gel: Gel, loads: Float[Array, "n 2"] | None = None, *,
     Without ``operators`` it has none, for formulations that assemble dense matrices.
     """
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
-    gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
-    return Problem(model, gel, loads, precomputed_operators(model) if operators else None)
+    gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), localised(model, gel))
+    return Problem(model, gel, loads, precomputed_operators(model, gel) if operators else None)

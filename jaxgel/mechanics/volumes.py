@@ -1,7 +1,8 @@
 """Volume groups: the parts of patches that carry a volume ratio J, and the pressure that belongs to it.
 
 Index letters as in ``discretisation``; quantities of all groups are one vector (g,), block after block. A group that carries volume
-follows the gel: its pressure is p = d volumetric / dJ - mu. A held group is a moment of J that no pressure sees; it is held with the
+follows the gel: its pressure is p = d volumetric / dJ - mu. In a film, in plane stress, J is the areal stretch and the pressure that of
+``materials.film``. A held group is a moment of J that no pressure sees; it is held with the
 stiffness of the network, p = HELD Nv J, so that its energy is HELD Nv/2 V J^2.
 """
 
@@ -12,9 +13,26 @@ from jax import lax
 
 from .._types import Array, Bool, Float, Scalar
 from ..discretisation import Model, PatchBlock, in_plane
-from ..materials import Gel, bulk_stiffness, osmotic, volume_ratio_at
+from ..materials import (
+    Gel,
+    bulk_stiffness,
+    elementwise,
+    film_energy,
+    film_pressure,
+    film_stiffness,
+    film_stretch_at,
+    gel_in_groups,
+    osmotic,
+    value,
+    volume_ratio_at,
+)
 
 HELD = 2.0  # stiffness that holds what the pressures do not see of J, over the network's Nv
+
+
+def is_film(model: Model) -> bool:
+    """Whether the plate is a film in plane stress."""
+    return model.lists.topology.plate.kinematics == "plane stress"
 
 
 def deformation_gradients(x: Float[Array, "n 2"], block: PatchBlock) -> jax.Array:
@@ -109,28 +127,42 @@ def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c
 
 def ratio_at(p: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
     """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible."""
-    carries = carries_volume(model)
-    star = volume_ratio_at(jnp.where(carries, p, -1.0) if not carries.all() else p, mu, gel)
-    return jnp.where(carries, star, p / (HELD * gel.Nv))
+    carries, gel = carries_volume(model), gel_in_groups(gel)
+    ratio = film_stretch_at if is_film(model) else volume_ratio_at
+    star = ratio(jnp.where(carries, p, -1.0) if not carries.all() else p, mu, gel)
+    return jnp.where(carries, star, p / (HELD * value(gel.Nv)))
 
 
 def pressure_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
     """Pressure of each group at its volume ratio ``J``, kT/v; nan where a group that carries volume has J <= 1."""
-    carries = carries_volume(model)
-    return jnp.where(carries, osmotic(jnp.where(carries, J, 2.0), mu, gel), HELD * gel.Nv * J)
+    carries, gel = carries_volume(model), gel_in_groups(gel)
+    pressure = film_pressure if is_film(model) else osmotic
+    return jnp.where(carries, pressure(jnp.where(carries, J, 2.0), mu, gel), HELD * value(gel.Nv) * J)
 
 
-def stiffness_at(J: Float[Array, " g"], model: Model, gel: Gel) -> Float[Array, " g"]:
+def stiffness_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
     """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v."""
-    carries = carries_volume(model)
-    return jnp.where(carries, bulk_stiffness(jnp.where(carries, J, 2.0), gel), HELD * gel.Nv)
+    carries, gel = carries_volume(model), gel_in_groups(gel)
+    safe = jnp.where(carries, J, 2.0)
+    return jnp.where(carries, film_stiffness(safe, mu, gel) if is_film(model) else bulk_stiffness(safe, gel), HELD * value(gel.Nv))
+
+
+def pressure_rate(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
+    """Derivative dp/dmu of the pressure of each group at its volume ratio ``J``, 1/v; -1 in plane strain."""
+    if is_film(model):
+        return jax.jvp(lambda mu: pressure_at(J, model, gel, mu), (jnp.asarray(mu, float),), (1.0,))[1]
+    return -carries_volume(model).astype(float)
 
 
 def volume_energy(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, ""]:
     """Energy () of all volume groups, kT/v mm^2."""
-    carries = carries_volume(model)
-    swelling = jax.vmap(lambda J: gel.volumetric(J, gel) - mu * (J - 1))(jnp.where(carries, J, 2.0))
-    return jnp.sum(all_volumes(model) * jnp.where(carries, swelling, HELD * gel.Nv / 2 * J**2))
+    carries, gel = carries_volume(model), gel_in_groups(gel)
+    safe = jnp.where(carries, J, 2.0)
+    if is_film(model):
+        swelling = film_energy(safe, mu, gel)
+    else:
+        swelling = elementwise(lambda J, gel: gel.volumetric(J, gel) - mu * (J - 1), safe, gel)
+    return jnp.sum(all_volumes(model) * jnp.where(carries, swelling, HELD * value(gel.Nv) / 2 * J**2))
 
 
 def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
@@ -139,6 +171,6 @@ def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model
     Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,
     which mixed second derivatives would show.
     """
-    stiffness = stiffness_at(J, model, gel)
+    stiffness = stiffness_at(J, model, gel, mu)
     real = (all_volumes(model) > 0) & (stiffness > 0)
     return J + lax.stop_gradient(jnp.where(real, (pressure - pressure_at(J, model, gel, mu)) / jnp.where(real, stiffness, 1.0), 0.0))

@@ -10,8 +10,8 @@ from .._types import Array, Float
 from .._validation import one_of
 from ..continuation import Path
 from ..discretisation import Model, make_probe
+from ..materials import Gel, LocalValues, Varying, elementwise, free_swelling, varies, with_parameters
 from ..materials import cauchy_stress as cauchy_stress_at
-from ..materials import free_swelling
 from ..mechanics import at_points, by_block, volume_ratios
 from .states import States, over_states
 
@@ -52,8 +52,8 @@ def cell_volumes(model: Model) -> Float[Array, " c"]:
 
 
 def free_stretch(path: Path) -> Float[Array, " k"]:
-    """Stretch of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``)."""
-    return free_swelling(path.mu, path.gel)
+    """Stretch of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``), and where the gel varies."""
+    return jnp.full(len(path.mu), jnp.nan) if varies(path.gel) else free_swelling(path.mu, path.gel)
 
 
 def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
@@ -71,14 +71,27 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     model = path.model
     probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
     mean = _node_mean(model)
+    gel = _gel_at_nodes(path.gel, model, mean)
 
     def one(x, p, mu):
         pressure = mean @ _cell_means(p, model)
         F = probe.deformation_gradient(x)
-        sigma = jax.vmap(lambda F, p: cauchy_stress_at(F, mu, path.gel, p))(F, pressure)
+        sigma = elementwise(lambda F, own: cauchy_stress_at(F, mu, *own), F, (gel, Varying(pressure)), "(i,j)->(i,j)")
         return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
     return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.mu))
+
+
+def _gel_at_nodes(gel: Gel, model: Model, mean: Float[Array, "n c"]) -> Gel:
+    """The gel at the nodes: parameters that vary as means over the cells, as the pressure."""
+
+    def at_nodes(part):
+        if not isinstance(part, LocalValues):
+            return part
+        sums = _over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], model)
+        return Varying(mean @ (sums / cell_volumes(model)))
+
+    return with_parameters(gel, at_nodes)
 
 
 def _cell_volume_ratio(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:

@@ -12,7 +12,7 @@ from .._types import Array, Float, Int, Scalar
 from ..cloud import OUTLINE_SEGMENTS, Topology
 from ..continuation import Path
 from ..discretisation import Model
-from ..materials import volume_ratio_at
+from ..materials import elementwise, gel_on_outline, value, volume_ratio_at
 
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each reduces the error by Nv over the bulk stiffness
 CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
@@ -51,7 +51,7 @@ def _surface_ratios(x: Any, mu: Any, gel: Any, model: Model) -> Any:
     if len(chords) == 0:
         return jnp.zeros(0)
     dry, deformed = (_lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
-    return _surface_ratio(deformed / dry, mu, gel)
+    return _surface_ratio(deformed / dry, mu, gel_on_outline(gel, chords))
 
 
 @functools.partial(jax.jit, static_argnums=4)
@@ -62,7 +62,7 @@ def _mean_surface_ratios(x: Any, mu: Any, gel: Any, model: Model, share: float) 
         return jnp.zeros(0)
     sums = [jnp.append(0.0, jnp.cumsum(_lengths(model.outline.position(y), segments))) for y in (model.cloud.nodes, x)]
     dry, deformed = (total[ends[:, 1]] - total[ends[:, 0]] for total in sums)
-    return _surface_ratio(deformed / dry, mu, gel)
+    return _surface_ratio(deformed / dry, mu, gel_on_outline(gel, np.stack([segments[ends[:, 0], 0], segments[ends[:, 1] - 1, 1]], axis=1)))
 
 
 def _lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Array, " m"]:
@@ -74,10 +74,11 @@ def _surface_ratio(tangential: Float[Array, " m"], mu: Scalar, gel: Any) -> Floa
     """Ratio of normal to ``tangential`` stretch of a surface without traction."""
 
     def improved(J, _):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
-        force = jax.vmap(lambda t, n: jax.grad(gel.network)(jnp.diag(jnp.stack([t, n])), gel)[1, 1])
-        return volume_ratio_at(-force(tangential, J / tangential) / tangential, mu, gel), None
+        F = jnp.stack([tangential, J / tangential], axis=1)[:, :, None] * jnp.eye(2)
+        force = elementwise(lambda F, gel: jax.grad(gel.network)(F, gel)[1, 1], F, gel, "(i,j)->()")
+        return volume_ratio_at(-force / tangential, mu, gel), None
 
-    start = jnp.broadcast_to(volume_ratio_at(-gel.Nv, mu, gel), tangential.shape)
+    start = jnp.broadcast_to(volume_ratio_at(-value(gel.Nv), mu, gel), tangential.shape)
     J, _ = jax.lax.scan(improved, start, length=SURFACE_ITERATIONS)  # a loop: unrolled it compiles five times as long
     return J / tangential**2
 

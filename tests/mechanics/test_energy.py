@@ -280,4 +280,4 @@ def test_force_of_mu_is_the_derivative_of_the_residual(fixture, request):
     x = 1.2 * model.cloud.nodes + 0.02 * np.random.default_rng(3).standard_normal(model.cloud.nodes.shape)
     expected = jax.jvp(lambda mu: residual(x, model, problem.gel, mu, problem.loads), (-1.0,), (1.0,))[1]
     scale = np.abs(expected).max()
-    np.testing.assert_allclose(mu_force(problem, x), gather(expected, problem.free), rtol=0, atol=1e-12 * scale)
+    np.testing.assert_allclose(mu_force(problem, x, -1.0), gather(expected, problem.free), rtol=0, atol=1e-12 * scale)

@@ -1,0 +1,134 @@
+"""Parameters that vary over the dry plate: printed gels.
+
+A parameter of a gel is a number or a field: a function of the position X (2,), mm, that gives one number, plain or with parameters of its
+own (any pytree with ``__call__``), in which everything that follows is differentiable. Here a field becomes its values at many places,
+`Varying`, and functions of a gel are mapped over these.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.ndimage import map_coordinates
+
+from .._types import Array, Float, Int
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Varying:
+    """A parameter at many places."""
+
+    values: Float[Array, "..."]
+    """One number for each place."""
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class LocalValues:
+    """A parameter of a gel on a model, see ``mechanics.localised``."""
+
+    points: tuple
+    """Per block (c, q) its values at the quadrature points."""
+    groups: Float[Array, " g"]
+    """In the volume groups."""
+    outline: Float[Array, " p"]
+    """At the outline vertices of the model."""
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["extent"])
+@dataclasses.dataclass(frozen=True, eq=False)
+class PixelField:
+    """A picture as a field: bilinear between the centres of its pixels, constant beyond the outermost ones.
+
+    >>> import jax.numpy as jnp
+    >>> field = PixelField(jnp.array([[1.0, 3.0], [5.0, 5.0]]), extent=(-1.0, 1.0, -1.0, 1.0))
+    >>> [float(field(jnp.array(at))) for at in ([-0.5, 0.5], [0.0, 0.5], [0.0, 0.0], [0.9, -0.9])]
+    [1.0, 2.0, 3.5, 5.0]
+    """
+
+    values: Float[Array, "r c"]
+    """Value of each pixel; the first row is the upper edge of the picture."""
+    extent: tuple[float, float, float, float]
+    """Left, right, lower and upper edge of the picture on the dry plate, mm."""
+
+    def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
+        left, right, lower, upper = self.extent
+        rows, columns = jnp.shape(self.values)
+        at = [(upper - X[1]) / (upper - lower) * rows - 0.5, (X[0] - left) / (right - left) * columns - 0.5]
+        return map_coordinates(jnp.asarray(self.values, dtype=float), at, order=1, mode="nearest")
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["field"], meta_fields=[])
+@dataclasses.dataclass(frozen=True, eq=False)
+class WithHoles:
+    """A field that moves with the material where a design moves holes: it is read where a point of the reference cloud was."""
+
+    field: Callable
+    """Function of the position X (2,), mm, on the plate whose cloud is moved."""
+
+    def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
+        return self.field(X)
+
+
+def fields_of(gel: Any) -> dict[str, Callable]:
+    """The parameters of a gel that are fields, by name."""
+    entries, _ = jax.tree_util.tree_flatten_with_path(gel, is_leaf=lambda part: part is not gel)
+    return {getattr(path[0], "name", str(path[0])): part for path, part in entries if callable(part)}
+
+
+def with_parameters(gel: Any, change: Callable[[Any], Any]) -> Any:
+    """The gel with ``change(parameter)`` in place of each parameter."""
+    return jax.tree.map(change, gel, is_leaf=lambda part: part is not gel)
+
+
+def value(parameter: Any) -> Any:
+    """The number of a parameter, or its values where it is `Varying`."""
+    return parameter.values if isinstance(parameter, Varying) else parameter
+
+
+def gel_at_points(gel: Any, block: int) -> Any:
+    """The gel at the quadrature points (c, q) of a block, given by its number."""
+    return _taken(gel, lambda local: local.points[block])
+
+
+def gel_in_groups(gel: Any) -> Any:
+    """The gel in the volume groups (g,)."""
+    return _taken(gel, lambda local: local.groups)
+
+
+def gel_on_outline(gel: Any, ends: Int[Array, "m 2"]) -> Any:
+    """The gel on arcs between the outline vertices ``ends``: the mean of both."""
+    return _taken(gel, lambda local: local.outline[ends].mean(axis=1))
+
+
+def _taken(gel, values):
+    return with_parameters(gel, lambda part: Varying(values(part)) if isinstance(part, LocalValues) else part)
+
+
+def varies(gel: Any) -> bool:
+    """Whether a parameter of the gel is a field, or its values."""
+    parts = jax.tree.leaves(gel, is_leaf=lambda part: part is not gel)
+    return any(callable(part) or isinstance(part, LocalValues | Varying) for part in parts)
+
+
+def split(gel: Any) -> tuple[list[Float[Array, "..."]], Callable[[list], Any]]:
+    """Values of the parameters that are `Varying`, and the function that makes a gel of one number for each."""
+    parts, structure = jax.tree.flatten(gel, is_leaf=lambda part: isinstance(part, Varying))
+
+    def joined(numbers):
+        numbers = iter(numbers)
+        return jax.tree.unflatten(structure, [next(numbers) if isinstance(part, Varying) else part for part in parts])
+
+    return [part.values for part in parts if isinstance(part, Varying)], joined
+
+
+def elementwise(function: Callable, x: Float[Array, "..."], gel: Any, signature: str = "()->()") -> Float[Array, "..."]:
+    """``function(x, gel)`` for every element of ``x``, with the parameters of its place; ``signature`` says what an element is."""
+    values, joined = split(gel)
+    element, result = signature.split("->")
+    arguments = ",".join([element] + ["()"] * len(values))
+    return jnp.vectorize(lambda x, *numbers: function(x, joined(numbers)), signature=f"{arguments}->{result}")(x, *values)

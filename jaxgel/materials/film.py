@@ -1,0 +1,101 @@
+"""Thin films, in plane stress: the thickness follows the areal stretch so that no stress acts through it.
+
+``F`` (2, 2) is the in-plane deformation gradient, A = det F the areal stretch, l3 the stretch of the thickness and J = A l3 the volume
+ratio. For the neo-Hookean network, whose energy is a sum of squares of stretches, the energy of a film is network(F) + w(A, mu) with
+
+    w(A, mu) = min over l3 of [Nv/2 (l3^2 - 1) + volumetric(A l3) - mu (A l3 - 1)],
+
+a function of A alone, as ``volumetric(J) - mu (J - 1)`` is in plane strain; A may be below 1. The minimum is where
+volumetric'(J) + Nv J / A^2 = mu, and the film's pressure is dw/dA = -Nv J^2 / A^3 = -Nv l3^2 / A: negative, -Nv in the dry state.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from .._types import Array, Float, Scalar
+from .gel import neo_hookean
+from .swelling import Numbers, _elementwise, _volume_ratio, _volume_ratio_or_nan
+
+SLACK = 1e-9  # of Nv: a film's pressure that is not below this is taken for it, as none at or above zero exists
+
+
+def check_network(gel: Any) -> None:
+    """Raise ValueError unless the gel's network is ``neo_hookean``: the energy of others is no sum over the directions."""
+    if gel.network is not neo_hookean:
+        raise ValueError(f"network: {gel.network!r} is not accepted in plane stress, it must be neo_hookean")
+
+
+@jax.jit
+def film_volume_ratio(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
+    """Volume ratio J (...) of a film at the areal stretch ``A`` (...) > 0 and ``mu`` (kT)."""
+    return _elementwise(lambda A, gel: _volume_ratio(_at_stretch, jnp.asarray(mu, float), (gel, A))[0], A, gel)
+
+
+@jax.jit
+def film_energy(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
+    """w(A, mu) (...), in kT/v per dry volume, at the areal stretch ``A`` (...)."""
+
+    def one(A, gel):
+        J, _ = _volume_ratio(_at_stretch, jnp.asarray(mu, float), (gel, A))
+        return gel.Nv / 2 * ((J / A) ** 2 - 1) + gel.volumetric(J, gel) - mu * (J - 1)
+
+    return _elementwise(one, A, gel)
+
+
+@jax.jit
+def film_pressure(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
+    """Pressure dw/dA (...), in kT/v, at the areal stretch ``A`` (...)."""
+    return _elementwise(lambda A, gel: _pressure(A, mu, gel), A, gel)
+
+
+@jax.jit
+def film_stiffness(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
+    """Stiffness d2w/dA2 (...), in kT/v, at the areal stretch ``A`` (...)."""
+    return _elementwise(lambda A, gel: jax.grad(_pressure)(A, mu, gel), A, gel)
+
+
+@jax.jit
+def film_stretch_at(p: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
+    """Areal stretch A (...) at which a film has the pressure ``p`` (...): the inverse of `film_pressure`, finite for every p.
+
+    With A^3 = -Nv J^2 / p the condition on J is volumetric'(J) + (Nv p^2 / J)^(1/3) = mu, whose root on the side of the dry state is taken.
+    """
+
+    def one(p, gel):
+        p = jnp.minimum(p, -SLACK * gel.Nv)
+        J, _ = _volume_ratio(_at_pressure, jnp.asarray(mu, float), (gel, p))
+        return jnp.cbrt(-gel.Nv * J**2 / p)
+
+    return _elementwise(one, p, gel)
+
+
+@jax.jit
+def isotropic_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
+    """Stretch l (...) of a gel that swells freely in all three directions at ``mu`` (...), and of a free film; NaN where there is none.
+
+    The root that is connected with the dry state, J = l^3 (see ``volume_ratio_at``).
+    """
+    return jnp.cbrt(_volume_ratio_or_nan(_isotropic, mu, gel))
+
+
+def _at_stretch(J, gel_and_A):
+    """Energy () of J whose slope is ``mu`` at the areal stretch A."""
+    gel, A = gel_and_A
+    return gel.volumetric(J, gel) + gel.Nv / 2 * (J / A) ** 2
+
+
+def _at_pressure(J, gel_and_p):
+    """Energy () of J whose slope is ``mu`` at the film's pressure p."""
+    gel, p = gel_and_p
+    return gel.volumetric(J, gel) + 1.5 * jnp.cbrt(gel.Nv * p**2) * jnp.cbrt(J) ** 2
+
+
+def _isotropic(J, gel):
+    return gel.volumetric(J, gel) + 1.5 * gel.Nv * jnp.cbrt(J) ** 2
+
+
+def _pressure(A: Scalar, mu: Scalar, gel: Any) -> Float[Array, ""]:
+    J, _ = _volume_ratio(_at_stretch, jnp.asarray(mu, float), (gel, A))
+    return -gel.Nv * J**2 / A**3

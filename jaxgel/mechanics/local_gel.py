@@ -1,0 +1,92 @@
+"""A gel on a model: its fields as values at the quadrature points, in the volume groups and on the outlines.
+
+The network is integrated with the parameters at the quadrature points. A volume group has those at the point for whose volume ratio it
+stands, see ``discretisation.pressures``; a held one those at the centroid of its patch.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .._types import Array, Float
+from ..discretisation import Model
+from ..materials import Gel, LocalValues, WithHoles, check_network, check_parameter, fields_of, with_parameters
+from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, is_film
+
+
+def localised(model: Model, gel: Gel) -> Gel:
+    """The gel with `LocalValues` in place of its fields; a gel of numbers as it is.
+
+    ValueError for a network that a film cannot have, for a field that does not give one number, and, with the place, for a number that a
+    gel cannot have; traced values pass.
+    """
+    if is_film(model):
+        check_network(gel)
+    for part in jax.tree.leaves(gel, is_leaf=lambda part: isinstance(part, LocalValues)):
+        if isinstance(part, LocalValues) and part.groups.shape != np.shape(carries_volume(model)):
+            raise ValueError("gel: has the values of its fields on another model; give the fields themselves")
+    fields = fields_of(gel)
+    if not fields:
+        return gel
+    places = _places(model, [block.position for block in model.blocks], model.outline.points)
+    if any(isinstance(field, WithHoles) for field in fields.values()):
+        reference = _reference_places(model)
+    for name, field in fields.items():
+        local = _evaluated(name, field, reference if isinstance(field, WithHoles) else places)
+        gel = with_parameters(gel, lambda part, field=field, local=local: local if part is field else part)
+    return gel
+
+
+def mean_parameter(parameter: object, model: Model) -> Float[Array, ""]:
+    """The number of a parameter; of `LocalValues` the mean over the dry volume."""
+    if not isinstance(parameter, LocalValues):
+        return parameter
+    volumes = jnp.where(carries_volume(model), all_volumes(model), 0.0)
+    return jnp.sum(volumes * parameter.groups) / jnp.sum(volumes)
+
+
+def _places(model, points, outline):
+    """`LocalValues` of positions instead of parameters, mm, from those of the quadrature points per block (c, q, 2)."""
+    groups = [_group_positions(block, X).reshape(-1, 2) for block, X in zip(model.blocks, points, strict=True)]
+    return LocalValues(tuple(points), jnp.concatenate(groups), outline)
+
+
+def _reference_places(model):
+    """`_places` of the cloud that was placed, for a cloud that a design has moved."""
+    topology = model.lists.topology
+    if model.quadrature == "paper":  # it cannot be moved
+        return _places(model, [block.position for block in model.blocks], model.outline.points)
+    vertices = topology.partition.vertices
+    points = jnp.asarray(topology.quadrature.points(vertices))
+    at = [np.where(numbers >= 0, numbers, numbers[:, :1]) for numbers in model.lists.points]
+    numbers = np.concatenate([np.zeros(0, int), *(outline.vertices for outline in topology.outlines)])
+    return _places(model, [points[own] for own in at], jnp.asarray(vertices[numbers]))
+
+
+def _group_positions(block, X):
+    """Positions (c, g, 2), mm, of the volume groups of a block whose quadrature points are at ``X`` (c, q, 2)."""
+    if block.carrying == 0:
+        return X
+    total = jnp.einsum("cq,cqi->ci", block.weight, X)[:, None]
+    volume = jnp.sum(block.weight, axis=1)[:, None, None]
+    if block.group_weight is None:
+        return total / volume
+    shares = contour_shares(block)[:, None]
+    own = total * shares + jnp.einsum("cq,cqg,cqi->cgi", block.weight, block.group_weight, X)
+    return jnp.where(shares > 0, own / group_volumes(block)[..., None], total / volume)
+
+
+def _evaluated(name, field, places):
+    """`LocalValues` of a field at the ``places``; ValueError, see `localised`."""
+    shape = jax.eval_shape(field, jax.ShapeDtypeStruct((2,), float)).shape
+    if shape != ():
+        raise ValueError(f"{name}: the field gives an array of shape {shape}, it must give one number for a position (2,)")
+
+    def of(X):
+        values = jax.vmap(field)(X.reshape(-1, 2)).astype(float)
+        if not isinstance(values, Tracer):
+            check_parameter(name, values, X.reshape(-1, 2))
+        return values.reshape(X.shape[:-1])
+
+    return jax.tree.map(of, places)

@@ -1,0 +1,119 @@
+"""Gels whose parameters vary over the plate: exact states, constant fields, derivatives by fields and by holes under them, refusals."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.materials import Gent, uniaxial_swelling
+from jaxgel.mechanics import localised, mean_parameter
+
+MU = [-3.0, -1.5, -1.0]
+EXTENT = (-2.0, 2.0, -2.0, 2.0)
+SHARES = np.random.default_rng(5).uniform(0.5, 2.0, (5, 4))
+
+
+def pixels(shares):
+    return jaxgel.PixelField(1e-3 * shares, EXTENT)
+
+
+@pytest.mark.parametrize("network", [None, Gent(60.0)], ids=["neo-Hookean", "Gent"])
+def test_a_constant_field_is_the_plain_gel(network, tiny_model):
+    """States, energies, eigenvalues, stresses and surfaces."""
+    own = {} if network is None else {"network": network}
+    gel = jaxgel.Gel(1e-3, 1e-4, **own)
+    plain, field = (
+        jaxgel.sweep(tiny_model, one, mu=MU)
+        for one in (gel, dataclasses.replace(gel, Nv=pixels(np.ones((5, 4))), chi=lambda X: 1e-4 + 0 * X[0]))
+    )
+    for name in ("x", "pressure", "energy"):
+        np.testing.assert_allclose(getattr(field, name), getattr(plain, name), rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(field.lowest_eigenvalue, plain.lowest_eigenvalue, rtol=1e-11)  # 4e-12 found: an iteration's
+    for read in (jaxgel.cauchy_stress, jaxgel.surface_ratio, jaxgel.volume_ratio):
+        np.testing.assert_allclose(read(field), read(plain), rtol=1e-11, atol=1e-13)
+
+
+def test_a_film_on_a_laterally_rigid_base_is_as_high_as_its_layers():
+    """Every layer swells by Eq. (59) at its own Nv and chi: the height is an integral. Third order at least under refinement."""
+
+    def gel_at(y):
+        return jaxgel.Gel(1e-3 * (1.5 + jnp.sin(1.3 * y + 0.3)), 0.2 + 0.1 * jnp.cos(y))
+
+    plate, mu = jaxgel.sample("square"), [-2.0, -1.0]
+    gel, half = jaxgel.Gel(lambda X: gel_at(X[1]).Nv, lambda X: gel_at(X[1]).chi), plate.height / 2
+    points, weights = np.polynomial.legendre.leggauss(20)
+    layers = jax.vmap(lambda y: uniaxial_swelling(jnp.array(mu), gel_at(half * y)))(points)
+    errors = []
+    for across in (6, 12, 24):
+        model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=plate.height / across))
+        path = jaxgel.sweep(model, gel, mu=mu)
+        top = np.isclose(np.asarray(model.cloud.nodes)[:, 1], half)
+        errors.append(np.abs((np.asarray(path.x)[:, top, 1].mean(axis=1) + half) / (half * weights @ layers) - 1).max())
+    assert errors[0] < 3e-5  # 2.6e-5 found
+    assert errors[1] < 2e-7  # 1.3e-7
+    assert errors[2] < 3e-8  # 2.0e-8
+    assert errors[2] < errors[0] / 2**6
+
+
+def test_gradients_by_pixels_are_those_of_differences(tiny_model):
+    """Of the energy, a displacement and the lowest eigenvalue, by all pixels of both parameters at once."""
+    direction = {"Nv": SHARES[::-1] - 1.0, "chi": SHARES - 1.0}
+
+    @jax.jit
+    def gel(t):
+        values = 1e-3 * (SHARES + t["Nv"])
+        return jaxgel.Gel(jaxgel.PixelField(values, EXTENT), jaxgel.PixelField(0.2 + 0.1 * (SHARES - 1.0 + t["chi"]), EXTENT))
+
+    def read(t):
+        path = jaxgel.sweep(tiny_model, gel(t), mu=MU[:2])
+        return path.energy[-1] + path.x[-1, 40, 0] + jnp.sum(path.pressure)
+
+    at, h = {name: np.zeros(SHARES.shape) for name in direction}, 1e-4
+    gradient = jax.grad(read)(at)
+    slope = sum(np.vdot(gradient[name], direction[name]) for name in at)
+    ahead, behind = (read({name: s * h * direction[name] for name in at}) for s in (1, -1))
+    assert slope == pytest.approx(float((ahead - behind) / (2 * h)), rel=1e-6)
+
+
+@pytest.mark.parametrize("moves", [False, True], ids=["stays", "moves"])
+def test_gradients_by_a_hole_under_a_field_are_those_of_differences(moves, tiny_plate):
+    """The field stays on the plate while the hole moves under it, or moves with the material around the hole."""
+    field = pixels(SHARES)
+    gel = jaxgel.Gel(jaxgel.WithHoles(field) if moves else field, 1e-4)
+    cloud = jaxgel.make_cloud(tiny_plate)
+
+    def read(shift):
+        plate = tiny_plate.at([{"centre": jnp.array([0.1, -0.2]) + shift * jnp.array([0.6, 0.8])}])
+        path = jaxgel.sweep(jaxgel.discretise(cloud.at(plate)), gel, mu=MU[:2])
+        return path.energy[-1] + path.x[-1, 40, 0]
+
+    h = 1e-5
+    slope = jax.grad(read)(0.01)
+    assert slope == pytest.approx(float(read(0.01 + h) - read(0.01 - h)) / (2 * h), rel=1e-6)
+
+
+def test_what_a_field_cannot_be_is_said_in_one_line(tiny_model):
+    with pytest.raises(ValueError, match=r"^Nv: -0\.\d+ at \(-0\.\d+, .*\) mm is not accepted, it must be a finite number > 0$"):
+        jaxgel.sweep(tiny_model, jaxgel.Gel(lambda X: jnp.where(X[0] > -1.0, X[0], 1.0)), mu=MU)
+    with pytest.raises(ValueError, match=r"^chi: nan at .* mm is not accepted, it must be a number in \(0, 2\), bounds excluded$"):
+        jaxgel.sweep(tiny_model, jaxgel.Gel(chi=lambda X: jnp.log(X[0])), mu=MU)
+    with pytest.raises(ValueError, match=r"^Nv: the field gives an array of shape \(2,\), it must give one number for a position"):
+        jaxgel.sweep(tiny_model, jaxgel.Gel(lambda X: X), mu=MU)
+    with pytest.raises(ValueError, match="knows no parameters that vary over the plate"):
+        jaxgel.sweep(tiny_model, jaxgel.Gel(pixels(SHARES)), mu=MU, formulation="incremental")
+
+
+def test_a_gel_on_a_model_fits_no_other_one(tiny_model, coarse_model):
+    gel = localised(tiny_model, jaxgel.Gel(pixels(SHARES)))
+    assert localised(tiny_model, gel) is gel
+    with pytest.raises(ValueError, match=r"^gel: has the values of its fields on another model; give the fields themselves$"):
+        jaxgel.sweep(coarse_model, gel, mu=MU)
+
+
+def test_the_mean_of_a_linear_field_is_its_value_at_the_centroid(coarse_model):
+    """Sample 1 is symmetric about its centre, where the field is 2e-3."""
+    gel = localised(coarse_model, jaxgel.Gel(lambda X: 2e-3 + 1e-4 * X[0] - 5e-5 * X[1]))
+    assert float(mean_parameter(gel.Nv, coarse_model)) == pytest.approx(2e-3, rel=1e-9)
