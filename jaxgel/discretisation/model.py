@@ -155,6 +155,8 @@ def discretise(
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
     topology = cloud.topology
     if quadrature == "paper":
+        if topology.plate.kinematics != "plane strain":
+            raise ValueError(f"quadrature: 'paper' knows plane strain only, not {topology.plate.kinematics!r}; use 'conforming'")
         if is_moved(cloud):
             raise ValueError("quadrature: 'paper' drops points in holes and cannot follow moving holes; use 'conforming'")
         if method == "mixed":

@@ -1,7 +1,18 @@
 """What is read off the states of a path: rotation, hole areas, volume ratios, stresses, surface stretch, gaps, and their table."""
 
 from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, dry_outlines, outlines
-from .fields import FIELDS, cauchy_stress, cell_volumes, deformed_vertices, field_on_triangles, field_values, free_stretch, volume_ratio
+from .fields import (
+    FIELDS,
+    cauchy_stress,
+    cell_volumes,
+    deformed_vertices,
+    field_on_triangles,
+    field_values,
+    free_stretch,
+    membrane_stress,
+    thickness_stretch,
+    volume_ratio,
+)
 from .gaps import SELF_CONTACT, gap, min_gap
 from .quantities import BY_COLUMN, COLUMNS, CURVES, QUANTITIES, Quantity
 from .rotation import core_rotation, is_flat, rotation_angle
@@ -37,10 +48,12 @@ __all__ = [
     "history",
     "is_flat",
     "mean_surface_ratios",
+    "membrane_stress",
     "min_gap",
     "outlines",
     "rotation_angle",
     "surface_ratio",
     "surface_ratios",
+    "thickness_stretch",
     "volume_ratio",
 ]

@@ -1,18 +1,33 @@
 """Fields of a state: volume ratio, stress (kT/v), stretch; and the mean and extreme volume ratio of the cells."""
 
+import functools
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 
 from .._memo import once_per_owner
-from .._types import Array, Float
+from .._types import Array, Float, Scalar
 from .._validation import one_of
 from ..continuation import Path
 from ..discretisation import Model, make_probe
-from ..materials import Gel, LocalValues, Varying, elementwise, free_swelling, varies, with_parameters
+from ..materials import (
+    Gel,
+    LocalValues,
+    Varying,
+    elementwise,
+    film_volume_ratio,
+    free_swelling,
+    gel_at_points,
+    gel_in_groups,
+    isotropic_swelling,
+    varies,
+    with_parameters,
+)
 from ..materials import cauchy_stress as cauchy_stress_at
-from ..mechanics import at_points, by_block, volume_ratios
+from ..mechanics import at_points, by_block, carries_volume, gradients_by_block, is_film, volume_ratios
 from .states import States, over_states
 
 FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
@@ -20,8 +35,42 @@ FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
 
 
 def volume_ratio(path: States) -> Float[Array, "k c"]:
-    """Volume ratio J of every cell: the mean over the cell of the field, constant or linear, that its patch carries."""
+    """Volume ratio J of every cell: the mean over the cell of the field, constant or linear, that its patch carries.
+
+    In a film the areal stretch is that field, and J follows from it and from the ``gel`` and ``mu`` of the path.
+    """
+    if is_film(path.model):
+        return _film_volume_ratio(jnp.asarray(path.x), jnp.asarray(path.mu), path.model, path.gel)
     return over_states(_cell_volume_ratio, path)
+
+
+def thickness_stretch(path: Path) -> Float[Array, "k c"]:
+    """Stretch of the thickness of every cell; 1 in plane strain."""
+    J = volume_ratio(path)
+    return J / over_states(_cell_volume_ratio, path) if is_film(path.model) else jnp.ones(J.shape)
+
+
+def membrane_stress(path: Path) -> Float[Array, " k"]:
+    """Smallest principal Cauchy stress (k,) in the plane of a film, kT/v, at the quadrature points; below 0 a thin film wrinkles.
+
+    ValueError in plane strain, where no sheet can give way out of its plane.
+    """
+    if not is_film(path.model):
+        raise ValueError("membrane_stress: the plate is not in plane stress")
+    return _membrane_stress(jnp.asarray(path.x), jnp.asarray(path.pressure), path.model, path.gel)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
+def _membrane_stress(x, p, model, gel):
+    smallest = []
+    for number, (block, F) in enumerate(zip(model.blocks, gradients_by_block(x, model), strict=True)):
+        own = gel_at_points(gel, number), Varying(at_points(by_block(p, model)[number], block))
+        sigma = elementwise(lambda F, own: _film_stress(F, *own), F, own, "(i,j)->(i,j)")
+        mean, half = (sigma[..., 0, 0] + sigma[..., 1, 1]) / 2, (sigma[..., 0, 0] - sigma[..., 1, 1]) / 2
+        square = half**2 + sigma[..., 0, 1] ** 2
+        smallest.append(jnp.min(mean - jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)))
+    return jnp.min(jnp.stack(smallest))
 
 
 def smallest_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
@@ -53,7 +102,9 @@ def cell_volumes(model: Model) -> Float[Array, " c"]:
 
 def free_stretch(path: Path) -> Float[Array, " k"]:
     """Stretch of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``), and where the gel varies."""
-    return jnp.full(len(path.mu), jnp.nan) if varies(path.gel) else free_swelling(path.mu, path.gel)
+    if varies(path.gel):
+        return jnp.full(len(path.mu), jnp.nan)
+    return (isotropic_swelling if is_film(path.model) else free_swelling)(path.mu, path.gel)
 
 
 def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
@@ -74,24 +125,38 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     gel = _gel_at_nodes(path.gel, model, mean)
 
     def one(x, p, mu):
-        pressure = mean @ _cell_means(p, model)
+        pressure = mean(_cell_means(p, model))
         F = probe.deformation_gradient(x)
-        sigma = elementwise(lambda F, own: cauchy_stress_at(F, mu, *own), F, (gel, Varying(pressure)), "(i,j)->(i,j)")
+        stress = _film_stress if is_film(model) else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p)
+        sigma = elementwise(lambda F, own: stress(F, *own), F, (gel, Varying(pressure)), "(i,j)->(i,j)")
         return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
     return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.mu))
 
 
-def _gel_at_nodes(gel: Gel, model: Model, mean: Float[Array, "n c"]) -> Gel:
+def _film_stress(F: Float[Array, "2 2"], gel: Gel, p: Scalar) -> Float[Array, "2 2"]:
+    """In-plane Cauchy stress (2, 2) of a film with the pressure ``p`` of ``materials.film``."""
+    A = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
+    return (gel.Nv * F @ F.T / A + p * jnp.eye(2)) / jnp.sqrt(-p * A / gel.Nv)
+
+
+def _gel_at_nodes(gel: Gel, model: Model, mean: Callable) -> Gel:
     """The gel at the nodes: parameters that vary as means over the cells, as the pressure."""
 
     def at_nodes(part):
         if not isinstance(part, LocalValues):
             return part
         sums = _over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], model)
-        return Varying(mean @ (sums / cell_volumes(model)))
+        return Varying(mean(sums / cell_volumes(model)))
 
     return with_parameters(gel, at_nodes)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
+def _film_volume_ratio(x, mu, model, gel):
+    A, carries = volume_ratios(x, model), carries_volume(model)
+    return _cell_means(film_volume_ratio(jnp.where(carries, A, 2.0), mu, gel_in_groups(gel)), model)
 
 
 def _cell_volume_ratio(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:
@@ -113,22 +178,22 @@ def _over_cells(values: list[Float[Array, "_ _"]], model: Model) -> Float[Array,
     return total
 
 
-def _node_mean(model: Model) -> Float[Array, "n c"]:
-    """Matrix of the mean over the cells around each node, see `cauchy_stress`."""
+def _node_mean(model: Model) -> Callable[[Float[Array, " c"]], Float[Array, " n"]]:
+    """Function that takes values of the cells to their means over the cells around each node, see `cauchy_stress`."""
     if model.quadrature == "paper":
         touches = jnp.zeros((model.n_nodes, model.n_cells))
         for block in model.blocks:
             part = jnp.einsum("cq,cqai->ca", block.weight, block.dphi**2)
             touches = touches.at[block.nodes, block.patches[:, None]].add(part)
-        return touches / touches.sum(axis=1, keepdims=True)
+        return (touches / touches.sum(axis=1, keepdims=True)).__matmul__
     topology, part = model.lists.topology, model.lists.topology.partition
     number = np.full(len(part.vertices), -1)
     number[topology.node_vertices] = np.arange(model.n_nodes)
-    touches = np.zeros((model.n_nodes, model.n_cells))
-    node = number[part.triangles]
-    cell = np.broadcast_to(part.cell_of_triangle[:, None], node.shape)
-    touches[node[node >= 0], cell[node >= 0]] = 1.0
-    return jnp.asarray(touches / touches.sum(axis=1, keepdims=True))
+    corners = number[part.triangles]
+    pairs = np.stack([corners, np.broadcast_to(part.cell_of_triangle[:, None], corners.shape)], axis=-1)[corners >= 0]
+    node, cell = np.unique(pairs, axis=0).T
+    share = 1 / np.bincount(node, minlength=model.n_nodes)[node]
+    return lambda values: jnp.zeros(model.n_nodes).at[node].add(share * values[cell])
 
 
 def field_values(path: Path, field: str) -> Float[np.ndarray, "k t"]:

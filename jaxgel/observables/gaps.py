@@ -16,13 +16,17 @@ from .._memo import once_per_owner
 from .._types import Array, Bool, Float
 from ..continuation import Path
 from ..discretisation import Model
+from ..mechanics import is_film
 from .areas import dry_outlines, outlines
+from .fields import membrane_stress
 from .states import States
 
 FACING = 0.5  # cosine of the largest angle between a gap and the normals at its ends
 SELF_CONTACT = "invalid: self-contact"
 IN_CONTACT = "a hole's sides touch"
 SWITCHED = "switched to the stable branch"
+WRINKLES = "a thin film wrinkles out of its plane"
+ROUND_OFF = 1e-9  # kT/v: compression of a film that is none
 
 
 def min_gap(path: States) -> Float[np.ndarray, " k"]:
@@ -62,15 +66,18 @@ def status_texts(path: Path) -> list[str]:
     """Status of each state (k): how Newton ended, or that the state is on another branch than the one before, or in contact.
 
     With contact, a state is in contact where a gap is below the range of contact. Without, all states from the first one on in which a
-    hole's boundary crosses itself are ``SELF_CONTACT``.
+    hole's boundary crosses itself are ``SELF_CONTACT``. A film that is compressed in its plane would wrinkle out of it; its smallest stress
+    is given, see `membrane_stress`.
     """
     smallest = min_gap_once(path)
     switched = getattr(path, "switched", np.zeros(len(path.mu), dtype=bool))
     crossed = np.logical_or.accumulate(smallest <= 0)
     touching = smallest < (0.0 if path.model.contact is None else float(path.model.contact.range))
+    stress = membrane_stress(path) if is_film(path.model) else np.zeros(len(path.mu))
     texts = []
-    for status, *facts in zip(path.status, switched, touching, strict=True):
+    for status, least, *facts in zip(path.status, np.asarray(stress), switched, touching, strict=True):
         found = [text for text, holds in zip((SWITCHED, IN_CONTACT), facts, strict=True) if holds]
+        found += [f"{WRINKLES} ({least:.2g} kT/v)"] if least < -ROUND_OFF else []
         texts.append(", ".join(found) or status.name.lower().replace("_", " "))
     return [SELF_CONTACT if c else text for text, c in zip(texts, crossed, strict=True)]
 

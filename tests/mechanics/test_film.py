@@ -1,0 +1,147 @@
+"""Films in plane stress: closed forms of the material, homogeneous states, tangents, derivatives, compression, refusals."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize_scalar
+
+import jaxgel
+from jaxgel.materials import Gent, film_energy, film_pressure, film_stiffness, film_stretch_at, film_volume_ratio, isotropic_swelling
+from jaxgel.mechanics import curvature, gather, linearise, mu_force, prepare, residual, scatter, state_pressure, tangent, tangent_product
+from jaxgel.observables import history, membrane_stress, thickness_stretch
+
+GEL = jaxgel.Gel(1e-3, 0.1)
+MU = [-1.0, -0.1, -0.01]
+
+
+def potential(J, gel=GEL):
+    """d volumetric / dJ of the Flory-Rehner gel, with the network's -Nv ln J, written out once more."""
+    return -np.log1p(1 / (J - 1)) + 1 / J + gel.chi / J**2 - gel.Nv / J
+
+
+def root(function, low=1 + 1e-13, high=1e4):
+    return brentq(function, low, high, xtol=1e-15, rtol=1e-15, maxiter=500)
+
+
+@pytest.fixture(scope="module")
+def film(tiny_plate):
+    return dataclasses.replace(tiny_plate, kinematics="plane stress", gel=GEL)
+
+
+@pytest.fixture(scope="module")
+def film_model(film):
+    return jaxgel.discretise(jaxgel.make_cloud(film))
+
+
+def swollen(edges, mu):
+    """Path of a square film of 2 x 2 mm, 81 nodes and more, and its dry nodes from the lower left corner."""
+    plate = jaxgel.Plate(2, 2, edges=edges, kinematics="plane stress", gel=GEL)
+    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25))
+    return jaxgel.sweep(model, GEL, mu=mu), np.asarray(model.cloud.nodes) + 1
+
+
+@pytest.mark.parametrize("A", [0.7, 1.0001, 1.3, 3.0])
+@pytest.mark.parametrize("mu", [-2.0, -0.1])
+def test_the_energy_is_the_least_over_the_thickness(A, mu):
+    """By a search over l3, and its derivatives by each other; the areal stretch may be below 1."""
+
+    def energy(u):
+        J = 1 + np.exp(u)
+        mixing = -(J - 1) * np.log1p(1 / (J - 1)) - GEL.chi / J - GEL.Nv * np.log(J)
+        return GEL.Nv / 2 * ((J / A) ** 2 - 1) + mixing - mu * (J - 1)
+
+    least = minimize_scalar(energy, bounds=(-25, 6), method="bounded", options=dict(xatol=1e-10))
+    assert float(film_energy(A, mu, GEL)) == pytest.approx(least.fun, rel=1e-12)
+    J = root(lambda J: potential(J) + GEL.Nv * J / A**2 - mu)
+    assert float(film_volume_ratio(A, mu, GEL)) == pytest.approx(J, rel=1e-12)
+    assert float(film_pressure(A, mu, GEL)) == pytest.approx(-GEL.Nv * J**2 / A**3, rel=1e-12)
+    assert float(film_pressure(A, mu, GEL)) == pytest.approx(float(jax.grad(film_energy)(A, mu, GEL)), rel=1e-12)
+    assert float(film_stiffness(A, mu, GEL)) == pytest.approx(float(jax.grad(jax.grad(film_energy))(A, mu, GEL)), rel=1e-11)
+    assert float(film_stretch_at(film_pressure(A, mu, GEL), mu, GEL)) == pytest.approx(A, rel=1e-12)
+
+
+def test_every_pressure_has_a_stretch():
+    """Newton's method may ask for pressures that no film has."""
+    assert np.isfinite(film_stretch_at(np.array([-10.0, -1e-3, 0.0, 0.1]), -1.0, GEL)).all()
+
+
+def test_a_free_film_swells_as_a_free_gel_in_three_dimensions():
+    path, X = swollen(dict(left="roller", bottom="roller", right="free", top="free"), MU)
+    stretch = [np.cbrt(root(lambda J, mu=mu: potential(J) + GEL.Nv * J ** (-1 / 3) - mu)) for mu in MU]
+    np.testing.assert_allclose(isotropic_swelling(np.array(MU), GEL), stretch, rtol=1e-12)
+    np.testing.assert_allclose(path.x, -1 + np.array(stretch)[:, None, None] * X, atol=1e-9)
+    np.testing.assert_allclose(thickness_stretch(path), np.broadcast_to(np.array(stretch)[:, None], (3, path.model.n_cells)), rtol=1e-9)
+    np.testing.assert_allclose(
+        jaxgel.volume_ratio(path), np.broadcast_to(np.array(stretch)[:, None] ** 3, (3, path.model.n_cells)), rtol=1e-9
+    )
+    assert np.abs(jaxgel.cauchy_stress(path)).max() < 1e-12
+    assert history(path)["status"] == ["converged"] * 3
+
+
+def test_a_strip_held_along_one_axis():
+    """l1 = 1, l2 = l3 = l: J = l^2, and no stress across: potential(J) + Nv = mu."""
+    path, X = swollen(dict(left="roller", right="roller", bottom="roller", top="free"), MU)
+    stretch = np.array([np.sqrt(root(lambda J, mu=mu: potential(J) + GEL.Nv - mu)) for mu in MU])
+    np.testing.assert_allclose(path.x, -1 + np.stack([np.ones(3), stretch], axis=1)[:, None] * X, atol=1e-9)
+    sigma_11 = GEL.Nv * (1 - stretch**2) / stretch**2  # Nv (l1^2 - l3^2) / J
+    np.testing.assert_allclose(
+        np.asarray(jaxgel.cauchy_stress(path))[..., 0], np.broadcast_to(sigma_11[:, None], path.x.shape[:2]), rtol=1e-8
+    )
+    np.testing.assert_allclose(membrane_stress(path), sigma_11, rtol=1e-8)
+    assert all("wrinkles out of its plane (-" in text for text in history(path)["status"])
+
+
+def test_a_film_held_along_both_axes_swells_by_eq_59_through_its_thickness():
+    path, X = swollen("roller", MU)
+    thickness = [root(lambda l3, mu=mu: potential(l3) + GEL.Nv * l3 - mu) for mu in MU]
+    np.testing.assert_allclose(path.x, np.broadcast_to(X - 1, path.x.shape), atol=1e-12)
+    np.testing.assert_allclose(thickness_stretch(path), np.broadcast_to(np.array(thickness)[:, None], (3, path.model.n_cells)), rtol=1e-9)
+    np.testing.assert_allclose(jaxgel.uniaxial_swelling(np.array(MU), GEL), thickness, rtol=1e-12)
+    assert np.all(path.negative_pivots == 0)
+
+
+def test_tangent_residual_and_products_are_derivatives_of_the_energy(film_model):
+    """At a rough state: the assembled tangent, its product, the force of mu, and the curvature, by differentiating the total energy."""
+    random, mu = np.random.default_rng(2), -1.0
+    nodes = np.asarray(film_model.cloud.nodes)
+    problem = prepare(film_model, GEL)
+    x = jnp.asarray(1.1 * nodes + 0.02 * random.normal(size=nodes.shape))
+    p = state_pressure(x, film_model, GEL, mu)
+    now, v = linearise(problem, x, p, mu), jnp.asarray(random.normal(size=len(problem.free)))
+    field = scatter(v, x.shape, problem.free)
+
+    def force(x, mu):
+        return residual(x, film_model, problem.gel, mu, problem.loads)
+
+    exact = gather(jax.jvp(lambda x: force(x, mu), (x,), (field,))[1], problem.free)
+    np.testing.assert_allclose(gather(-now.rhs, problem.free), gather(force(x, mu), problem.free), atol=1e-14)
+    for product in (tangent_product(problem, x, p, now, v), problem.pattern.matrix(tangent(problem, x, p, now)) @ v):
+        assert np.linalg.norm(product - exact) < 1e-11 * np.linalg.norm(exact)
+    by_mu = gather(jax.jvp(lambda mu: force(x, mu), (mu,), (1.0,))[1], problem.free)
+    assert np.linalg.norm(mu_force(problem, x, mu) - by_mu) < 1e-11 * np.linalg.norm(by_mu)
+    assert float(curvature(x, field, film_model, GEL, mu, problem.loads)) == pytest.approx(float(v @ exact), rel=1e-11)
+
+
+def test_gradients_through_a_sweep_of_a_film_are_those_of_differences(film_model):
+    """By Nv, chi and mu at once, of energy, place, thickness and smallest stress."""
+
+    def read(t):
+        path = jaxgel.sweep(film_model, jaxgel.Gel(1e-3 * (1 + 0.3 * t), 0.1 + 0.2 * t), mu=jnp.array([-2.0, -1.0 + 0.5 * t]))
+        return path.energy[-1] + path.x[-1, 40, 0] + jnp.mean(thickness_stretch(path)[-1]) + 1e3 * membrane_stress(path)[-1]
+
+    h = 1e-5
+    assert float(jax.grad(read)(0.1)) == pytest.approx(float(read(0.1 + h) - read(0.1 - h)) / (2 * h), rel=1e-6)
+
+
+def test_what_films_cannot_be_is_said_in_one_line(film, film_model):
+    with pytest.raises(ValueError, match=r"^kinematics: 'membrane' is not one of plane strain, plane stress$"):
+        dataclasses.replace(film, kinematics="membrane")
+    with pytest.raises(ValueError, match=r"is not accepted in plane stress, it must be neo_hookean$"):
+        jaxgel.sweep(film_model, dataclasses.replace(GEL, network=Gent(30.0)), mu=MU)
+    with pytest.raises(ValueError, match="knows plane strain only"):
+        jaxgel.sweep(film_model, GEL, mu=MU, formulation="incremental")
+    with pytest.raises(ValueError, match=r"^quadrature: 'paper' knows plane strain only"):
+        jaxgel.discretise(jaxgel.make_cloud(film), quadrature="paper")
