@@ -4,11 +4,12 @@ A table has the sections of a case file, all but ``plate`` optional:
 
     [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1, 0.0], [0.0, 1.0]]
                        (of held and periodic edges), displacement = {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of
-                       `geometry.Plate`
+                       `geometry.Plate`; either with kinematics = "plane stress" for a film
     [[holes]]          kind = "ellipse" and the hole's own parameters, its angle in radians or as angle_deg in degrees; as many as there
                        are holes, none with a sample; or kind = "outline", file = "hole.dxf" (.csv, .svg), see `hole_table`
     [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
-    [gel]              Nv, chi; energy = "module:function" and numbers that the function takes, see `user_energy`
+    [gel]              Nv, chi, each a number or a grey picture {file = "mask.png", low, high} that covers the plate, see `io.masks`;
+                       energy = "module:function" and numbers that the function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
     [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature, solver
@@ -31,8 +32,8 @@ from ..continuation import Path, SweepOptions
 from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import State
 from ..geometry import Plate, check_plate
-from ..io import read_toml
-from ..materials import Gel, check_gel
+from ..io import mask_table, mask_values, read_toml
+from ..materials import Gel, PixelField, WithHoles, check_gel
 from ..mechanics import Loads, check_edges, check_room, with_contact
 from .samples import sample
 from .schema import HOLES, OPTIONS, OutputOptions, case_schema
@@ -103,7 +104,8 @@ class Case:
 
     def table(self) -> dict:
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
-        gel = self.source.get("gel", {}) | {"Nv": float(self.gel.Nv), "chi": float(self.gel.chi)}
+        numbers = {name: float(own) for name, own in (("Nv", self.gel.Nv), ("chi", self.gel.chi)) if not callable(own)}
+        gel = self.source.get("gel", {}) | numbers
         options = {section: _given(getattr(self, section)) for section in OPTIONS}
         return self.source | {"gel": gel} | {section: given for section, given in options.items() if given}
 
@@ -135,12 +137,13 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
     """
     check(table, case_schema(), "case file")
     holes = [_numbers_of(hole, folder, f"holes[{i}]") for i, hole in enumerate(table.get("holes", []))]
-    plate, moved, gel = table["plate"], table.get("moved", []), table.get("gel", {})
+    plate, moved = table["plate"], table.get("moved", [])
+    gel = {key: mask_table(own, folder, f"gel.{key}") if isinstance(own, dict) else own for key, own in table.get("gel", {}).items()}
     found = _moved(_plate(plate, holes, name), moved)
     source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("moved", moved)) if value}
-    source |= {"gel": gel} if "energy" in gel else {}
+    source |= {"gel": gel} if "energy" in gel or any(isinstance(own, dict) for own in gel.values()) else {}
     options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
-    return Case(name, found, _gel(gel, found.gel or Gel(), folder or "."), source=source, **options)
+    return Case(name, found, _gel(gel, found, folder or "."), source=source, **options)
 
 
 def _check_mu_used(section, old, entries):
@@ -176,7 +179,7 @@ def _plate(table, holes, name):
         return Plate(**table, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name)
     if holes:
         raise ValueError(f"holes: plate.sample = {table['sample']!r} has its own; drop one of the two")
-    return sample(table["sample"])
+    return dataclasses.replace(sample(table["sample"]), **{key: value for key, value in table.items() if key != "sample"})
 
 
 def _hole(i, table):
@@ -201,11 +204,27 @@ def _moved(plate, moved):
         raise ValueError(f"moved: {problem}") from None
 
 
-def _gel(table, default, folder):
-    numbers = {"Nv": default.Nv, "chi": default.chi} | {key: float(value) for key, value in table.items() if key != "energy"}
+def _gel(table, plate, folder):
+    default = plate.gel or Gel()
+    own = {key: _parameter(key, value, plate) for key, value in table.items() if key != "energy"}
+    numbers = {"Nv": default.Nv, "chi": default.chi} | own
     gel = user_gel(table["energy"], numbers, folder) if "energy" in table else Gel(**numbers)
     check_gel(gel)
     return gel
+
+
+def _parameter(name, value, plate):
+    """A number, or the field of a picture on the dry plate."""
+    if not isinstance(value, dict):
+        return float(value)
+    for end in ("low", "high"):
+        try:
+            check_gel(Gel(**{name: value[end]}))
+        except ValueError as problem:
+            raise ValueError(f"gel.{name}.{end}: {str(problem).partition(': ')[2]}") from None
+    w, h = plate.width, plate.height
+    field = PixelField(mask_values(value, (w, h), f"gel.{name}"), (-w / 2, w / 2, -h / 2, h / 2))
+    return WithHoles(field) if value.get("with_holes") else field
 
 
 def _options(kind, table):

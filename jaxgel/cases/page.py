@@ -11,7 +11,7 @@ from .._types import Array
 from ..cloud import Cloud, boundary_edges
 from ..continuation import Path
 from ..io import load_run, write_atomically
-from ..observables import FIELDS, QUANTITIES, deformed_vertices, events, field_values, history, outlines
+from ..observables import FIELDS, QUANTITIES, deformed_vertices, events, field_values, history, outlines, parameter_values
 from .resume import load_path
 
 PAGE = "view.html"
@@ -51,10 +51,10 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
     low, high = values.min(), values.max()
     shades = np.minimum((values - low) / max(high - low, 1e-12) * COLOURS, COLOURS - 1).astype(int)
     used = deformed[:, np.unique(cloud.triangles)] * (RESOLUTION / cloud.plate.width)
-    mu, gel = np.asarray(path.mu), path.gel
+    mu = np.asarray(path.mu)
     return {
         "title": title,
-        "about": f"{len(cloud.nodes)} nodes, Nv = {float(gel.Nv):g}, chi = {float(gel.chi):g}; open dots are unstable states",
+        "about": f"{len(cloud.nodes)} nodes, {_parameters(path)}; open dots are unstable states",
         "mu": mu.tolist(),
         "columns": {name: _column(name, table, cloud) for name in CURVES},
         "unstable": (np.asarray(table["negative_pivots"]) > 0).tolist(),
@@ -86,3 +86,10 @@ def _steps(positions: Array, cloud: Cloud) -> list[list[int]]:
     """Positions (k, m, 2) in mm as k flat lists of whole steps."""
     steps = np.nan_to_num(np.asarray(positions)) * (RESOLUTION / cloud.plate.width)  # vertices in holes are nan
     return np.round(steps).astype(int).reshape(len(positions), -1).tolist()
+
+
+def _parameters(path):
+    """Nv and chi in words, with their ranges where they vary over the plate."""
+    ranges = {name: (float(values.min()), float(values.max())) for name, values in parameter_values(path).items()}
+    texts = {name: f"{low:.3g} to {high:.3g}" for name, (low, high) in ranges.items()}
+    return ", ".join(f"{name} = {texts.get(name) or format(float(getattr(path.gel, name)), 'g')}" for name in ("Nv", "chi"))

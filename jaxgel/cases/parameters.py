@@ -85,6 +85,8 @@ def parameter(where: str, entry: dict, case: Case, others: dict[str, float] | No
     degrees = of == "angle_deg"
     of = "angle" if degrees else of
     if of in others:
+        if callable(others[of]):
+            raise ValueError(f"{where}.of: {of!r} is a picture in this case and cannot be varied as a number")
         chosen, own = [], float(others[of])
     else:
         chosen = entry.get("holes", [k for k, hole in enumerate(holes) if of in hole.theta])

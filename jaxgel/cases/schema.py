@@ -11,14 +11,21 @@ from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, lis
 from ..continuation import SweepOptions
 from ..discretisation import DiscretisationOptions
 from ..geometry import CONDITIONS, EDGES, KINEMATICS, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
-from ..io import OUTLINE
+from ..io import MASK, OUTLINE
 from ..mechanics import Loads
 from .samples import sample_names
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def _number_or_picture(number):
+    return {"type": ["number", "object"], "if": {"type": "object"}, "then": MASK, "else": number}
+
+
 GEL = {
-    "Nv": POSITIVE | {"description": "Chains per dry volume times the volume of a solvent molecule."},
-    "chi": NUMBER | {"exclusiveMinimum": 0.0, "exclusiveMaximum": 2.0, "description": "Flory's parameter of mixing."},
+    "Nv": _number_or_picture(POSITIVE) | {"description": "Chains per dry volume times the volume of a solvent molecule."},
+    "chi": _number_or_picture(NUMBER | {"exclusiveMinimum": 0.0, "exclusiveMaximum": 2.0})
+    | {"description": "Flory's parameter of mixing."},
 }
 ENERGY = {
     "type": "string",
@@ -71,7 +78,12 @@ def _plate():
     name = word(sample_names())
     own = {key: rule | {"description": field_texts(Plate)[key]} for key, rule in PLATE.items()}
     own = tabled({"sample": name} | own, ["width", "height"])
-    return {"type": "object", "if": {"required": ["sample"]}, "then": tabled({"sample": name}), "else": own}
+    return {
+        "type": "object",
+        "if": {"required": ["sample"]},
+        "then": tabled({"sample": name, "kinematics": own["properties"]["kinematics"]}),
+        "else": own,
+    }
 
 
 def _hole():

@@ -11,6 +11,7 @@ import numpy as np
 from ..cases import OutputOptions, load_case
 from ..continuation import Path
 from ..io import Progress, Recorder, interruptible, open_folder, write_points
+from ..materials import varies
 from ..observables import events
 from .environment import DONE, INTERRUPTED, STOPPED
 from .inputs import changes
@@ -68,11 +69,13 @@ def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
 
     mpl.use("Agg")  # before pyplot, which would look for a screen
     from ..io import write_series
-    from ..plotting import animate_pattern, plot_curves, plot_patterns, save_figure
+    from ..plotting import animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
 
     if output.paraview:
         write_series(path, folder, table=table)
     figures = {"pattern.png": lambda: plot_patterns(path), "curves.png": lambda: plot_curves(path, table=table)} if output.figures else {}
+    if output.figures and varies(path.gel):
+        figures["gel.png"] = lambda: plot_gel(path)
     for name, draw in figures.items():
         save_figure(np.ravel(draw())[0].figure, folder / name)
     if output.animation:

@@ -156,12 +156,13 @@ def write_table(rows: list[Row], folder: pathlib.Path) -> None:
 
 
 def _point(plate, gel, mu):
-    """Family -> its values: hole parameters {hole: value} by name, then Nv, chi and mu."""
+    """Family -> its values: hole parameters {hole: value} by name, then Nv and chi, numbers or fields, and mu."""
     families = {}
     for k, hole in enumerate(plate.holes):
         for name, value in hole.theta.items():
             families.setdefault(name, {})[k] = jnp.asarray(value, dtype=float)
-    return families | {"Nv": jnp.asarray(gel.Nv, dtype=float), "chi": jnp.asarray(gel.chi, dtype=float), "mu": jnp.asarray(mu)}
+    parameters = jax.tree.map(lambda value: jnp.asarray(value, dtype=float), {"Nv": gel.Nv, "chi": gel.chi})
+    return families | parameters | {"mu": jnp.asarray(mu)}
 
 
 def _direction(random, family, point, spacing):
@@ -196,7 +197,9 @@ def _beside(start, model, gel, mu, loads):
     carried = moved @ np.array(model.cloud.plate.deformation).T  # where the constrained ones have to be
     found = [solve(problem, *state) for state in zip(mu, start.x + carried, jnp.asarray(start.pressure), strict=True)]
     x = jnp.stack([_to_round_off(problem, state) for state in found])
-    return dataclasses.replace(start, model=problem.model, gel=gel, mu=mu, x=x, pressure=jnp.stack([state.pressure for state in found]))
+    return dataclasses.replace(
+        start, model=problem.model, gel=problem.gel, mu=mu, x=x, pressure=jnp.stack([state.pressure for state in found])
+    )
 
 
 def _to_round_off(problem, state):

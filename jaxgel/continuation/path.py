@@ -10,6 +10,7 @@ from .._types import Array, Bool, Float, Int
 from ..discretisation import Model
 from ..equilibrium import Stability, State, Status
 from ..materials import Gel
+from ..mechanics import localised
 
 _SCALARS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 
@@ -53,7 +54,7 @@ class Path:
         columns = {name: [getattr(state, name) for state in states] for name in _SCALARS}
         return cls(
             model=model,
-            gel=gel,
+            gel=localised(model, gel),
             x=np.stack([state.x for state in states]),
             pressure=np.stack([state.pressure for state in states]),
             status=columns.pop("status"),

@@ -3,6 +3,7 @@
 from .._validation import read_toml
 from .drawings import FORMATS, OUTLINE, dry_gel, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
 from .files import one_line, open_folder, read_record, write_atomically, write_csv, write_json
+from .masks import MASK, mask_table, mask_values
 from .netcdf import export
 from .recorder import NUMERICAL, Recorder, write_points
 from .run import STEP_ARRAYS, Run, load_run, read_summary
@@ -12,6 +13,7 @@ from .workers import TRIES, InThisProcess, Workers, dask_executor, run_calls
 
 __all__ = [
     "FORMATS",
+    "MASK",
     "NUMERICAL",
     "OUTLINE",
     "STEP_ARRAYS",
@@ -28,6 +30,8 @@ __all__ = [
     "hole_table",
     "interruptible",
     "load_run",
+    "mask_table",
+    "mask_values",
     "one_line",
     "open_folder",
     "point_fields",

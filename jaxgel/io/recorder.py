@@ -27,7 +27,18 @@ from .files import open_folder, write_atomically
 from .run import FORMAT, OF_LAST, STEP_ARRAYS
 
 NUMERICAL = ("jaxgel", "jax", "jaxlib", "numpy", "scipy")  # packages on which the last digits depend
-FILES = ("summary.json", "history.csv", "states.npz", "pattern.png", "curves.png", "pattern.gif", "pattern.mp4", "series.pvd", "run.nc")
+FILES = (
+    "summary.json",
+    "history.csv",
+    "states.npz",
+    "gel.png",
+    "pattern.png",
+    "curves.png",
+    "pattern.gif",
+    "pattern.mp4",
+    "series.pvd",
+    "run.nc",
+)
 
 
 class Recorder:

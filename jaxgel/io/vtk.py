@@ -12,7 +12,8 @@ from pyevtk.vtk import VtkGroup, VtkTriangle
 from .._types import Array, Float, Int
 from ..continuation import Path
 from ..discretisation import make_probe
-from ..observables import SELF_CONTACT, cauchy_stress, field_values, history
+from ..mechanics import is_film
+from ..observables import SELF_CONTACT, cauchy_stress, field_values, history, parameter_values, thickness_stretch
 from .files import open_folder
 
 
@@ -21,11 +22,15 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
 
     Points carry the displacement (mm), the components ``cauchy_stress_xx``, ``_yy``, ``_xy`` (kT/v; the nodes' own, interpolated), and
     ``principal_stretch_1`` >= ``principal_stretch_2``, against the dry gel. Cells (triangles) carry the volume ratio J and ``invalid`` = 1
-    after self-contact. ``table`` saves computing `history` again.
+    after self-contact; parameters of the gel that vary, by their names; and the ``thickness_stretch`` of a film. ``table`` saves computing
+    `history` again.
     """
     cloud = path.model.cloud
     used, triangles = np.unique(np.asarray(cloud.triangles), return_inverse=True)
     fields, J = point_fields(path, used), np.asarray(field_values(path, "J"))
+    cells = np.asarray(cloud.cell_of_triangle)
+    dry_fields = {name: np.ascontiguousarray(np.asarray(values)[cells]) for name, values in parameter_values(path).items()}
+    thickness = np.asarray(thickness_stretch(path))[:, cells] if is_film(path.model) else None
     dry, deformed = np.asarray(cloud.vertices)[used], fields.pop("position")
     invalid = [text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]]
     folder = open_folder(folder)
@@ -44,7 +49,9 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
             offsets=offsets,
             cell_types=kinds,
             pointData={"displacement": (*np.ascontiguousarray((deformed[k] - dry).T), zero)} | {n: v[k].copy() for n, v in fields.items()},
-            cellData={"J": np.ascontiguousarray(J[k]), "invalid": np.full(len(offsets), invalid[k], dtype=np.int32)},
+            cellData={"J": np.ascontiguousarray(J[k]), "invalid": np.full(len(offsets), invalid[k], dtype=np.int32)}
+            | dry_fields
+            | ({} if thickness is None else {"thickness_stretch": np.ascontiguousarray(thickness[k])}),
         )
         group.addFile(file, sim_time=float(mu))
     group.save()

@@ -74,10 +74,15 @@ class WithHoles:
         return self.field(X)
 
 
+def named_parameters(gel: Any) -> dict[str, Any]:
+    """The parameters of a gel by name."""
+    entries, _ = jax.tree_util.tree_flatten_with_path(gel, is_leaf=lambda part: part is not gel)
+    return {getattr(path[0], "name", str(path[0])): part for path, part in entries}
+
+
 def fields_of(gel: Any) -> dict[str, Callable]:
     """The parameters of a gel that are fields, by name."""
-    entries, _ = jax.tree_util.tree_flatten_with_path(gel, is_leaf=lambda part: part is not gel)
-    return {getattr(path[0], "name", str(path[0])): part for path, part in entries if callable(part)}
+    return {name: part for name, part in named_parameters(gel).items() if callable(part)}
 
 
 def with_parameters(gel: Any, change: Callable[[Any], Any]) -> Any:

@@ -46,6 +46,8 @@ def flory_rehner(J: Float[Array, "..."] | Scalar, gel: Any) -> Float[Array, "...
 class Gel:
     """A gel; a pytree whose data are ``Nv`` and ``chi``, so both may be traced. ``check_gel`` validates.
 
+    Either may be a field over the dry plate, see `fields`: a function of the position (2,), mm, that gives one number.
+
     ``network`` is ``neo_hookean``, ``Gent(Jm)``, ``ArrudaBoyce(N)`` or a user's own; an own energy is two plain functions of (F, gel)
     and (J, gel). Define them once, at module level: a new function object compiles anew. A gel with more parameters is any
     registered dataclass with these four attributes and its own.

@@ -10,6 +10,7 @@ from .fields import (
     field_values,
     free_stretch,
     membrane_stress,
+    parameter_values,
     thickness_stretch,
     volume_ratio,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "membrane_stress",
     "min_gap",
     "outlines",
+    "parameter_values",
     "rotation_angle",
     "surface_ratio",
     "surface_ratios",

@@ -23,6 +23,7 @@ from ..materials import (
     gel_at_points,
     gel_in_groups,
     isotropic_swelling,
+    named_parameters,
     varies,
     with_parameters,
 )
@@ -71,6 +72,17 @@ def _membrane_stress(x, p, model, gel):
         square = half**2 + sigma[..., 0, 1] ** 2
         smallest.append(jnp.min(mean - jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)))
     return jnp.min(jnp.stack(smallest))
+
+
+def parameter_values(path: Path) -> dict[str, Float[Array, " c"]]:
+    """The parameters of the gel that vary over the plate, by name: their means over the cells."""
+    model, volumes = path.model, cell_volumes(path.model)
+    found = {name: part for name, part in named_parameters(path.gel).items() if isinstance(part, LocalValues)}
+    return {name: _cell_mean(part, model, volumes) for name, part in found.items()}
+
+
+def _cell_mean(part, model, volumes):
+    return _over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], model) / volumes
 
 
 def smallest_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
@@ -146,8 +158,7 @@ def _gel_at_nodes(gel: Gel, model: Model, mean: Callable) -> Gel:
     def at_nodes(part):
         if not isinstance(part, LocalValues):
             return part
-        sums = _over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], model)
-        return Varying(mean(sums / cell_volumes(model)))
+        return Varying(mean(_cell_mean(part, model, cell_volumes(model))))
 
     return with_parameters(gel, at_nodes)
 

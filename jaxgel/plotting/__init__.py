@@ -4,7 +4,7 @@ from .animation import animate_pattern
 from .curves import CURVES, plot_curve, plot_curves
 from .design import draw_study
 from .notebook import PathView, show_path
-from .patterns import plot_modes, plot_pattern, plot_patterns
+from .patterns import plot_gel, plot_modes, plot_pattern, plot_patterns
 from .style import STYLE, colour_scale, save_figure
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "draw_study",
     "plot_curve",
     "plot_curves",
+    "plot_gel",
     "plot_modes",
     "plot_pattern",
     "plot_patterns",

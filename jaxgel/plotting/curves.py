@@ -58,17 +58,20 @@ def plot_curve(path: Path, quantity: str, *, ax: Axes | None = None, against: st
 def plot_curves(path: Path, *, axes: Any = None, table: dict[str, Any] | None = None) -> np.ndarray:
     """A (5, 2) array of axes: every quantity of ``CURVES`` against mu on the left and against the free-swelling stretch on the right.
 
-    ``table`` saves computing `history` again.
+    A gel that varies over the plate has no such stretch, and one column. ``table`` saves computing `history` again.
     """
-    if axes is None:
-        axes = plt.subplots(len(CURVES), 2, figsize=(6.9, 8.8), sharex="col", sharey="row", layout="constrained")[1]
     table = history(path) if table is None else table
+    columns = [name for name in AGAINST if np.isfinite(np.asarray(table[name])).any()]
+    if axes is None:
+        size = (3.45 * len(columns), 8.8)
+        axes = plt.subplots(len(CURVES), len(columns), figsize=size, sharex="col", sharey="row", layout="constrained", squeeze=False)[1]
     for row, quantity in zip(axes, CURVES, strict=True):
-        for ax, against in zip(row, AGAINST, strict=True):
+        for ax, against in zip(row, columns, strict=True):
             plot_curve(path, quantity, ax=ax, against=against, table=table)
             ax.label_outer()
-        if row[1].get_legend() is not None:
-            row[1].get_legend().remove()
+        for ax in row[1:]:
+            if ax.get_legend() is not None:
+                ax.get_legend().remove()
     marks = [
         Line2D([], [], color=WALL, linewidth=0.9, linestyle=MARKS[e], label=e) for e in dict.fromkeys(e["event"] for e in events(table))
     ]

@@ -23,7 +23,7 @@ from ..cloud import Cloud, boundary_edges
 from ..continuation import Path
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
-from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines
+from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values
 from .style import COLOURS, GEL, LINE, WALL, length_unit, mu_text, styled
 
 
@@ -69,6 +69,21 @@ def plot_patterns(path: Path, at: Any = None, *, axes: Any = None, field: str | 
 
 
 @styled
+def plot_gel(path: Path, *, axes: Any = None) -> np.ndarray:
+    """Axes, one per parameter of the gel that varies, with the dry plate filled by it."""
+    values = {name: np.asarray(of_cells) for name, of_cells in parameter_values(path).items()}
+    if axes is None:
+        axes = plt.subplots(1, len(values), figsize=(3.6 * len(values), 3.3), layout="constrained", squeeze=False)[1]
+    axes, cloud = np.ravel(axes), path.model.cloud
+    vertices, cells, unit = np.asarray(cloud.vertices), np.asarray(cloud.cell_of_triangle), length_unit(cloud)
+    for ax, (name, of_cells) in zip(axes, values.items(), strict=True):
+        gel = Gel(ax, cloud, vertices, of_cells[cells], (of_cells.min(), of_cells.max()))
+        ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title="dry plate")
+        ax.figure.colorbar(gel.cells, ax=ax, label={"Nv": "$Nv$", "chi": r"$\chi$"}.get(name, name), shrink=0.85)
+    return axes
+
+
+@styled
 def plot_modes(model: Model, points: list[CriticalPoint], *, axes: Any = None, size: float = 0.05) -> np.ndarray:
     """Axes, one per mode of the `CriticalPoint`s: the gel moved along the mode, and the outlines of the critical state dashed.
 
@@ -97,8 +112,12 @@ def plot_modes(model: Model, points: list[CriticalPoint], *, axes: Any = None, s
 
 
 def _nearest(path: Path, at: Any) -> list[int]:
-    """Numbers of the states nearest to the chemical potentials ``at``, by default up to four, evenly spaced in the free stretch."""
-    x = np.asarray(free_stretch(path) if at is None else path.mu)
+    """Numbers of the states nearest to the chemical potentials ``at``, by default up to four, evenly spaced in the free stretch.
+
+    Where there is no such stretch they are evenly spaced in mu.
+    """
+    stretch = np.asarray(free_stretch(path)) if at is None else np.array([np.nan])
+    x = stretch if np.isfinite(stretch).all() else np.asarray(path.mu)
     at = np.linspace(x[0], x[-1], 4) if at is None else at
     states = [int(np.abs(x - value).argmin()) for value in at]
     return list(dict.fromkeys(states))

@@ -109,7 +109,7 @@ def test_the_table_of_a_case_makes_the_same_case_again(load, name):
         ("holes = 3\n" + PLATE, r"holes: 3 is not a list of tables, written \[\[holes\]\]"),
         (PLATE + "[gel]\nNv = 0.0\n", "Nv"),
         (PLATE + "[gel]\nchi = 2.5\n", "chi"),
-        (PLATE + "[gel]\nNv = nan\n", r"gel\.Nv: nan is not a finite number"),
+        (PLATE + "[gel]\nNv = nan\n", r"gel\.Nv: nan is neither a finite number nor a table"),
         (PLATE + "[sweep]\nmu = [-3.0, -3.0]\n", "must increase"),
         (PLATE + "[sweep]\nmu = [-3.0, inf]\n", r"sweep\.mu\[1\]: inf is not a finite number"),
         (PLATE + "[sweep]\nmu = []\n", "mu"),

@@ -42,6 +42,7 @@ CASES = {f"hole {hole['kind']}": {"plate": PLATE, "holes": [hole]} for hole in H
         "sweep": {"mu_start": -4.9, "mu_end": -4.8, "steps": 2, "imperfection": 0.1},
         "discretisation": {"spacing": 0.8, "nodes_per_hole": 12, "across": 2, "dmax": 2.95},
     },
+    "picture": {"plate": PLATE, "gel": {"Nv": {"pixels": [[0, 255], [9, 99]], "low": 1e-3, "high": 2e-3}}},
     "given mu": {"plate": PLATE, "sweep": {"mu": [-4.9, -4.8]}},
 }
 

@@ -1,0 +1,83 @@
+"""Grey pictures as parameters of the gel in case files, and films of samples."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from PIL import Image
+
+import jaxgel
+from jaxgel.cases import load_case, load_path
+from jaxgel.cli import main
+
+PLATE = "[plate]\nwidth = 4.0\nheight = 2.0\nedges = { top = 'free' }\n"
+OPTIONS = "[sweep]\nmu = [-3.0, -2.0]\n[discretisation]\nspacing = 0.5\n[output]\nanimation = false\n"
+GREY = np.array([[0, 51, 102, 153], [255, 204, 255, 204]], dtype=np.uint8)
+
+
+@pytest.fixture
+def case(tmp_path):
+    """Function: the gel's entries, and what stands before -> the case of such a file beside ``mask.png``."""
+    Image.fromarray(GREY).save(tmp_path / "mask.png")
+    Image.new("RGB", (4, 2)).save(tmp_path / "colour.png")
+    Image.new("L", (4, 4)).save(tmp_path / "square.png")
+    (tmp_path / "text.png").write_text("no picture")
+
+    def load(gel, plate=PLATE):
+        (tmp_path / "case.toml").write_text(f"{plate}[gel]\n{gel}\n{OPTIONS}")
+        return load_case(tmp_path / "case.toml")
+
+    return load
+
+
+def test_a_picture_is_read_from_its_top_with_black_low(case):
+    """At the pixels' centres the values are those of the picture, and the case's table holds its pixels."""
+    found = case('Nv = { file = "mask.png", low = 1e-3, high = 2e-3 }')
+    assert [float(found.gel.Nv(jnp.array([x, 0.5]))) for x in (-1.5, -0.5, 0.5, 1.5)] == pytest.approx([1e-3, 1.2e-3, 1.4e-3, 1.6e-3])
+    assert [float(found.gel.Nv(jnp.array([x, -0.5]))) for x in (-1.5, -0.5)] == pytest.approx([2e-3, 1.8e-3])
+    assert found.table()["gel"] == {"Nv": {"low": 1e-3, "high": 2e-3, "pixels": GREY.tolist()}, "chi": found.gel.chi}
+
+
+def test_a_picture_moves_with_holes_if_asked(case):
+    assert isinstance(case('chi = { file = "mask.png", low = 0.1, high = 0.2, with_holes = true }').gel.chi, jaxgel.WithHoles)
+
+
+@pytest.mark.parametrize(
+    ("gel", "message"),
+    [
+        ('Nv = { file = "colour.png", low = 1e-3, high = 2e-3 }', r"^gel\.Nv\.file: 'colour\.png' is a picture of mode RGB, it must be"),
+        ('Nv = { file = "square.png", low = 1e-3, high = 2e-3 }', r"^gel\.Nv: a picture of 4 x 4 pixels does not cover a plate of 4 x 2"),
+        ('Nv = { file = "text.png", low = 1e-3, high = 2e-3 }', r"^gel\.Nv\.file: 'text\.png' cannot be read as a picture: "),
+        ('Nv = { file = "none.png", low = 1e-3, high = 2e-3 }', r"^gel\.Nv\.file: 'none\.png' cannot be read as a picture: .*No such file"),
+        ('Nv = { file = "mask.png", low = 0, high = 2e-3 }', r"^gel\.Nv\.low: 0 is not accepted, it must be a finite number > 0$"),
+        ('chi = { file = "mask.png", low = 0.1, high = 2 }', r"^gel\.chi\.high: 2 is not accepted, it must be a number in \(0, 2\)"),
+        ('Nv = { file = "mask.png", low = 1e-3 }', r"gel\.Nv: high is missing"),
+        ("Nv = { low = 1e-3, high = 2e-3 }", r"gel\.Nv: .*file.*pixels"),
+        ("Nv = { pixels = [[0, 1, 2, 3], [0, 1]], low = 1e-3, high = 2e-3 }", r"^gel\.Nv\.pixels: rows of 2 to 4 pixels"),
+        ("Nv = { pixels = [[0, 256]], low = 1e-3, high = 2e-3 }", r"gel\.Nv\.pixels\[0\]\[1\]: 256 is not a whole number"),
+    ],
+)
+def test_a_picture_that_cannot_be_used_is_refused_in_one_line(case, gel, message):
+    with pytest.raises(ValueError, match=message) as refused:
+        case(gel)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_run_with_a_picture_needs_no_other_file_afterwards(case, tmp_path):
+    """The folder loads and is drawn without the picture; its figures show the parameter on the dry plate."""
+    case('Nv = { file = "mask.png", low = 1e-3, high = 2e-3 }')
+    assert main(["run", str(tmp_path / "case.toml"), "--out", str(tmp_path / "run"), "--quiet"]) == 0
+    (tmp_path / "mask.png").unlink()
+    path = load_path(tmp_path / "run")
+    assert len(path) == 2
+    assert (tmp_path / "run" / "gel.png").is_file()
+    assert "Nv" in (tmp_path / "run" / "vtu" / "state-0000.vtu").read_bytes().decode(errors="replace")
+    values = jaxgel.observables.parameter_values(path)["Nv"]
+    assert values.shape == (path.model.n_cells,)
+    assert 1e-3 <= float(values.min()) < 1.2e-3 < 1.8e-3 < float(values.max()) <= 2e-3
+
+
+def test_a_sample_may_be_a_film(tmp_path):
+    (tmp_path / "film.toml").write_text('[plate]\nsample = "sample-1"\nkinematics = "plane stress"\n')
+    found = load_case(tmp_path / "film.toml")
+    assert found.plate.kinematics == "plane stress"
+    assert len(found.plate.holes) == 4
