@@ -2,9 +2,12 @@
 
     python benchmarks/kernels.py [--cases sample-1 ...] [--repeats N]
 
-Prints, for each case on its default cloud: the linearisation, tangent, factor and solve of one Newton step at mu = -3 (medians of
-``--repeats``), the same factor and solve by SciPy's SuperLU in symmetric mode, a sweep of 30 steps to -0.9178 on the stable branch, and
-what its eigenvalues and pivots add to that. BLAS and SuperLU use one thread, XLA what the machine has.
+Prints, for each case on its default cloud: the linearisation, tangent, factor, product with the tangent and solve of one Newton step at
+mu = -3 (medians of ``--repeats``); the same factor and solve by SciPy's SuperLU in symmetric mode, and their time over jaxgel's; how many
+iterations of conjugate gradients with the factor of mu = -3.14, the state before in such a sweep, leave 1 % of the error ("kept"), and
+how many take as long as a tangent and factor of the state's own ("worth"); the seconds of a sweep of 30 steps to -0.9178 on the stable
+branch, the share of its eigenvalues and pivots, and the share outside compiled programs and LAPACK ("rest"). BLAS and SuperLU use one
+thread, XLA what the machine has.
 """  # fmt: skip
 
 import argparse
@@ -17,10 +20,19 @@ from scipy.sparse.linalg import splu
 
 import jaxgel
 from jaxgel.continuation import StabilityAnalysis
-from jaxgel.linalg import factor
-from jaxgel.mechanics import linearise, prepare, tangent
+from jaxgel.equilibrium import newton, state
+from jaxgel.linalg import Factor, factor
+from jaxgel.mechanics import factorised_tangent, linearise, prepare, tangent, tangent_product
 
 MU = np.linspace(-4.9678, -0.9178, 30)  # kT
+BEFORE = -3.14  # kT
+STABILITY = ((StabilityAnalysis, "by_nearby_factor"), (StabilityAnalysis, "by_own_factor"))
+KERNELS = (
+    *STABILITY,
+    *((newton, name) for name in ("linearise", "condensed_rhs", "_advanced", "factorised_tangent", "touches")),
+    (Factor, "solve"),
+    (state, "energy_at"),
+)  # what a sweep calls besides its own Python; none calls another of them, but once
 SUPERLU = dict(permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
 
 
@@ -29,21 +41,24 @@ def main():
     parser.add_argument("--cases", nargs="+", default=["sample-1", "sample-7", "sample-4", "lattice"], help="built-in names")
     parser.add_argument("--repeats", type=int, default=15, help="runs of which the median is taken (15)")
     options = parser.parse_args()
-    names = ("DOFs", "linearise", "tangent", "factor", "solve", "SuperLU", "solve", "ratio", "sweep", "added")
+    names = ("DOFs", "linearise", "tangent", "factor", "product", "solve", "SuperLU", "solve", "ratio", "kept", "worth", "sweep")
+    names += ("stability", "rest")
     print(f"{'case':10}", *(name.rjust(9) for name in names))
     for name in options.cases:
         plate = jaxgel.sample(name)
         model = jaxgel.discretise(jaxgel.make_cloud(plate))
-        dofs, kernels = newton_step(model, plate.gel, options.repeats)
+        dofs, iterations, kernels = newton_step(model, plate.gel, options.repeats)
         ratio = (kernels["SuperLU"] + kernels["its solve"]) / (kernels["factor"] + kernels["solve"])
-        rest, added = stability(model, plate.gel, options.repeats)
+        worth = (kernels["tangent"] + kernels["factor"]) / (kernels["product"] + kernels["solve"])
+        seconds, eigenvalues, rest = sweep(model, plate.gel, options.repeats)
         times = " ".join(f"{1e3 * seconds:7.2f}ms" for seconds in kernels.values())
-        print(f"{name:10} {dofs:9d} {times} {ratio:9.1f} {rest:8.3f}s {added:9.0%}", flush=True)
+        shares = f"{seconds:8.3f}s {eigenvalues:9.0%} {rest:9.0%}"
+        print(f"{name:10} {dofs:9d} {times} {ratio:9.1f} {iterations:9d} {worth:9.1f} {shares}", flush=True)
 
 
 def newton_step(model, gel, repeats):
-    """Number of free degrees of freedom, and median seconds of each part of a Newton step at mu = -3."""
-    path = jaxgel.sweep(model, gel, mu=[-3.5, -3.0], contact="off")
+    """Number of degrees of freedom, iterations with the factor of the state before, median seconds of each part of a Newton step."""
+    path = jaxgel.sweep(model, gel, mu=[-3.5, BEFORE, -3.0], contact="off")
     problem, x, pressure = prepare(model, gel), path.x[-1], path.pressure[-1]
     pattern, now = problem.pattern, linearise(problem, x, pressure, -3.0)
     pairs = tangent(problem, x, pressure, now)
@@ -52,40 +67,63 @@ def newton_step(model, gel, repeats):
     permuted = matrix[order][:, order].tocsc()
     ordered = SUPERLU | dict(permc_spec="NATURAL")
     lu = splu(permuted, **ordered)
-    return len(rhs), {
-        "linearise": median(lambda: linearise(problem, x, pressure, -3.0), repeats),
-        "tangent": median(lambda: tangent(problem, x, pressure, now), repeats),
-        "factor": median(lambda: factor(pattern, pairs), repeats),
-        "solve": median(lambda: made.apply(rhs), repeats),
-        "SuperLU": median(lambda: splu(permuted, **ordered), repeats),
-        "its solve": median(lambda: lu.solve(rhs), repeats),
-    }
+    before = factorised_tangent(problem, path.x[-2], path.pressure[-2], linearise(problem, path.x[-2], path.pressure[-2], BEFORE))
+    iterations = conjugate_gradients(matrix, before, matrix @ np.random.default_rng(0).normal(size=len(rhs)))
+    return (
+        len(rhs),
+        iterations,
+        {
+            "linearise": median(lambda: linearise(problem, x, pressure, -3.0), repeats),
+            "tangent": median(lambda: tangent(problem, x, pressure, now), repeats),
+            "factor": median(lambda: factor(pattern, pairs), repeats),
+            "product": median(lambda: tangent_product(problem, x, pressure, now, rhs), repeats),
+            "solve": median(lambda: made.apply(rhs), repeats),
+            "SuperLU": median(lambda: splu(permuted, **ordered), repeats),
+            "its solve": median(lambda: lu.solve(rhs), repeats),
+        },
+    )
 
 
-def stability(model, gel, repeats):
-    """Median seconds of a sweep on the stable branch without what its eigenvalues take, and the median of that over the rest."""
-    spent, rows = [], []
-    own = {name: getattr(StabilityAnalysis, name) for name in ("by_nearby_factor", "by_own_factor")}
+def conjugate_gradients(matrix, factor, rhs):
+    """Iterations that leave 1 % of the error, in the norm of the factor's matrix."""
+    residual, z = rhs, factor.apply(rhs)
+    direction, size, iterations = z, rhs @ z, 0
+    enough = 1e-4 * size
+    while size > enough:
+        image = matrix @ direction
+        residual = residual - size / (direction @ image) * image
+        z = factor.apply(residual)
+        size, last = residual @ z, size
+        direction, iterations = z + size / last * direction, iterations + 1
+    return iterations
 
-    def timed(function):
-        def call(*args):
+
+def sweep(model, gel, repeats):
+    """Median seconds of a sweep on the stable branch, and the medians of the shares of stability and of what is no kernel."""
+    spent, rows = dict.fromkeys(KERNELS, 0.0), []
+
+    def timed(place, name):
+        function = getattr(place, name)
+
+        def call(*args, **options):
             begin = time.perf_counter()
-            found = function(*args)
-            spent.append(time.perf_counter() - begin)
+            found = function(*args, **options)
+            jax.block_until_ready([leaf for leaf in jax.tree.leaves(found) if isinstance(leaf, jax.Array)])
+            spent[place, name] += time.perf_counter() - begin
             return found
 
-        return call
+        setattr(place, name, call)
+        return place, name, function
 
-    for name, function in own.items():
-        setattr(StabilityAnalysis, name, timed(function))
+    own = [timed(*kernel) for kernel in KERNELS]
     for _ in range(repeats + 1):
-        spent.clear()
+        spent.update(dict.fromkeys(spent, 0.0))
         begin = time.perf_counter()
         jaxgel.sweep(model, gel, mu=MU)
-        rest = time.perf_counter() - begin - sum(spent)
-        rows.append((rest, sum(spent) / rest))
-    for name, function in own.items():
-        setattr(StabilityAnalysis, name, function)
+        seconds = time.perf_counter() - begin
+        rows.append((seconds, sum(spent[kernel] for kernel in STABILITY) / seconds, 1 - sum(spent.values()) / seconds))
+    for place, name, function in own:
+        setattr(place, name, function)
     return (statistics.median(column) for column in zip(*rows[1:], strict=True))
 
 

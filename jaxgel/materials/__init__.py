@@ -26,7 +26,8 @@ from .film import (
     film_volume_ratio,
     isotropic_swelling,
 )
-from .gel import ArrudaBoyce, Gel, Gent, bulk_stiffness, cauchy_stress, flory_huggins, flory_rehner, free_energy, neo_hookean, osmotic
+from .gel import ArrudaBoyce, Gel, Gent, bulk_stiffness, cauchy_stress, free_energy, neo_hookean, osmotic
+from .mixing import flory_huggins, flory_rehner
 from .swelling import check_gel, check_parameter, free_swelling, largest_mu, largest_pressure, uniaxial_swelling, volume_ratio_at
 
 __all__ = [

@@ -5,7 +5,8 @@ from typing import Any
 import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
-from .gel import _det, flory_rehner, free_energy, neo_hookean
+from .gel import _det, free_energy, neo_hookean
+from .mixing import flory_rehner
 from .swelling import free_swelling
 
 

@@ -14,9 +14,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .._types import Array, Float, Scalar
+from .._types import Array, Float
+from .fields import Varying, elementwise
 from .gel import neo_hookean
-from .swelling import Numbers, _elementwise, _volume_ratio, _volume_ratio_or_nan
+from .swelling import Numbers, _volume_ratio_or_nan, branch_ends, inverted, rises_always
 
 SLACK = 1e-9  # of Nv: a film's pressure that is not below this is taken for it, as none at or above zero exists
 
@@ -30,30 +31,35 @@ def check_network(gel: Any) -> None:
 @jax.jit
 def film_volume_ratio(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Volume ratio J (...) of a film at the areal stretch ``A`` (...) > 0 and ``mu`` (kT)."""
-    return _elementwise(lambda A, gel: _volume_ratio(_at_stretch, jnp.asarray(mu, float), (gel, A))[0], A, gel)
+    A, mu = _together(A, mu)
+    end = branch_ends(lambda A, gel: (_at_stretch, (gel, A)), A, gel, rises_always(gel))
+    return inverted(lambda A, own: (_at_stretch, own[1], (own[0], A)), A, (gel, Varying(mu)), end)
 
 
 @jax.jit
 def film_energy(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """w(A, mu) (...), in kT/v per dry volume, at the areal stretch ``A`` (...)."""
 
-    def one(A, gel):
-        J, _ = _volume_ratio(_at_stretch, jnp.asarray(mu, float), (gel, A))
+    def one(A, own):
+        J, mu, gel = own
         return gel.Nv / 2 * ((J / A) ** 2 - 1) + gel.volumetric(J, gel) - mu * (J - 1)
 
-    return _elementwise(one, A, gel)
+    A, mu = _together(A, mu)
+    return elementwise(one, A, (Varying(film_volume_ratio(A, mu, gel)), Varying(mu), gel))
 
 
 @jax.jit
 def film_pressure(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Pressure dw/dA (...), in kT/v, at the areal stretch ``A`` (...)."""
-    return _elementwise(lambda A, gel: _pressure(A, mu, gel), A, gel)
+    A, mu = _together(A, mu)
+    return elementwise(lambda A, own: -own[1].Nv * own[0] ** 2 / A**3, A, (Varying(film_volume_ratio(A, mu, gel)), gel))
 
 
 @jax.jit
 def film_stiffness(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Stiffness d2w/dA2 (...), in kT/v, at the areal stretch ``A`` (...)."""
-    return _elementwise(lambda A, gel: jax.grad(_pressure)(A, mu, gel), A, gel)
+    A, mu = _together(A, mu)
+    return jax.jvp(lambda A: film_pressure(A, mu, gel), (A,), (jnp.ones_like(A),))[1]
 
 
 @jax.jit
@@ -62,13 +68,13 @@ def film_stretch_at(p: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
 
     With A^3 = -Nv J^2 / p the condition on J is volumetric'(J) + (Nv p^2 / J)^(1/3) = mu, whose root on the side of the dry state is taken.
     """
-
-    def one(p, gel):
-        p = jnp.minimum(p, -SLACK * gel.Nv)
-        J, _ = _volume_ratio(_at_pressure, jnp.asarray(mu, float), (gel, p))
-        return jnp.cbrt(-gel.Nv * J**2 / p)
-
-    return _elementwise(one, p, gel)
+    p, mu = _together(p, mu)
+    p = elementwise(lambda p, gel: jnp.minimum(p, -SLACK * gel.Nv), p, gel)
+    rises = rises_always(gel)
+    rises = rises if rises is False else rises & jnp.all(mu < 0)  # far from there the slope falls to 0, not to a mu below it
+    end = branch_ends(lambda p, gel: (_at_pressure, (gel, p)), p, gel, rises)
+    J = inverted(lambda p, own: (_at_pressure, own[1], (own[0], p)), p, (gel, Varying(mu)), end)
+    return elementwise(lambda p, own: jnp.cbrt(-own[1].Nv * own[0] ** 2 / p), p, (Varying(J), gel))
 
 
 @jax.jit
@@ -78,6 +84,10 @@ def isotropic_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     The root that is connected with the dry state, J = l^3 (see ``volume_ratio_at``).
     """
     return jnp.cbrt(_volume_ratio_or_nan(_isotropic, mu, gel))
+
+
+def _together(x, mu):
+    return jnp.broadcast_arrays(jnp.asarray(x, float), jnp.asarray(mu, float))
 
 
 def _at_stretch(J, gel_and_A):
@@ -94,8 +104,3 @@ def _at_pressure(J, gel_and_p):
 
 def _isotropic(J, gel):
     return gel.volumetric(J, gel) + 1.5 * gel.Nv * jnp.cbrt(J) ** 2
-
-
-def _pressure(A: Scalar, mu: Scalar, gel: Any) -> Float[Array, ""]:
-    J, _ = _volume_ratio(_at_stretch, jnp.asarray(mu, float), (gel, A))
-    return -gel.Nv * J**2 / A**3

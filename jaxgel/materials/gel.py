@@ -20,25 +20,13 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
+from .mixing import flory_rehner
 from .swelling import Numbers, _check, _elementwise
 
 
 def neo_hookean(F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
     """Network energy of Gaussian chains, Nv/2 (I - 3), in kT/v; with F33 = 1 this is Nv/2 (F:F - 2)."""
     return gel.Nv / 2 * (jnp.sum(F**2) - 2)
-
-
-def flory_huggins(J: Float[Array, "..."] | Scalar, chi: Scalar) -> Float[Array, "..."]:
-    """Energy of mixing polymer and solvent, -(J-1) ln(J/(J-1)) - chi/J, in kT/v per dry volume; J > 1.
-
-    ln(J/(J-1)) = log1p(1/(J-1)) is accurate for every J, both next to the dry state and far from it.
-    """
-    return -(J - 1) * jnp.log1p(1 / (J - 1)) - chi / J
-
-
-def flory_rehner(J: Float[Array, "..."] | Scalar, gel: Any) -> Float[Array, "..."]:
-    """The part of the Flory-Rehner energy that depends on J alone: mixing, and -Nv ln J of the network; Eq. (1)."""
-    return flory_huggins(J, gel.chi) - gel.Nv * jnp.log(J)
 
 
 @jax.tree_util.register_dataclass

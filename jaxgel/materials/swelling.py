@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -9,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._types import Array, Float, Scalar
-from .fields import LocalValues, elementwise
+from .._types import Array, Bool, Float, Scalar
+from .fields import LocalValues, Varying, elementwise, split, value
+from .mixing import flory_rehner, good_solvent
 
 Numbers = Float[Array, "..."] | Scalar
 
@@ -72,7 +74,9 @@ def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     >>> volume_ratio_at(-0.1, -0.5, Gel(Nv=1e-3, chi=0.1)).round(6)
     Array(1.32168, dtype=float64)
     """
-    return _elementwise(functools.partial(_volume_ratio, _volume_only), jnp.asarray(p, float) + mu, gel, "()->(),()")[0]
+    parameters = jnp.zeros(jnp.broadcast_shapes(*map(jnp.shape, split(gel)[0])))  # one end for each gel
+    end = branch_ends(lambda _, gel: (_volume_only, gel), parameters, gel, rises_always(gel))
+    return inverted(lambda target, gel: (_volume_only, target, gel), jnp.asarray(p, float) + mu, gel, end)
 
 
 @jax.jit
@@ -115,17 +119,47 @@ def largest_pressure(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     return _largest_slope(_volume_only, gel) - jnp.asarray(mu, float)
 
 
+def rises_always(gel: Any) -> Bool[Array, ""] | bool:
+    """Whether the slope of the gel's ``volumetric`` is known to increase with every J > 1, wherever the gel varies: in a good solvent."""
+    return gel.volumetric is flory_rehner and jnp.all(good_solvent(value(gel.Nv), value(gel.chi)))
+
+
+def branch_ends(energy_at: Callable, x: Float[Array, "..."], gel: Any, rises: Bool[Array, ""] | bool) -> Float[Array, "..."]:
+    """`_branch_end` of ``energy_at(x, gel)``, an energy and what it takes besides J, at every element of ``x``.
+
+    Where the slope is known to meet no target twice, ``rises``, it is the bound of the search, without looking.
+    """
+
+    def scanned():
+        return _elementwise(lambda x, gel: _branch_end(*energy_at(x, gel)), x, gel)
+
+    if rises is False:
+        return scanned()
+    return jax.lax.cond(rises, lambda: jnp.full(jnp.shape(x), math.log(LARGEST_SWELLING)), scanned)
+
+
+def inverted(problem_at: Callable, x: Float[Array, "..."], gel: Any, end: Float[Array, "..."]) -> Float[Array, "..."]:
+    """J at every element of ``x`` on the branch up to ``end``; ``problem_at(x, gel)`` is an energy, its slope, what it takes besides."""
+
+    def one(x, own):
+        energy, target, of = problem_at(x, own[0])
+        return _volume_ratio(energy, target, of, own[1])[0]
+
+    return _elementwise(one, x, (gel, Varying(jax.lax.stop_gradient(end))))
+
+
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 @functools.partial(jax.jit, static_argnums=0)
-def _volume_ratio(energy, target, gel):
+def _volume_ratio(energy, target, gel, end):
     """The first J () from the dry state on at which d energy(J, gel)/dJ = ``target`` (), by Newton's method in u = ln(J - 1), and if it is.
 
-    The search is on the branch of ``_branch_end``, where the slope g(u) = d energy/dJ increases; a ``target`` outside its range
+    The search is on the branch up to ``end``, see ``_branch_end``, where the slope g(u) = d energy/dJ increases; a ``target``
+    outside its range
     gives the nearer end and False. For the Flory-Rehner gel g starts as u + constant and is concave (0 < chi < 2, Nv < 2), so the iterates
     rise to the root from the left. In general ``below`` and ``above`` bracket it, and a Newton step that leaves the bracket or is
     not at most half the last step is replaced by bisection.
     """
-    ends = least, end = jnp.stack([jnp.log(SMALLEST_SWELLING), _branch_end(energy, gel)])
+    ends = least, end = jnp.stack([jnp.log(SMALLEST_SWELLING), end])
     lowest, highest = jax.vmap(lambda u: _slopes(energy, u, gel)[0])(ends)
 
     def body(state):
@@ -154,8 +188,8 @@ def _volume_ratio(energy, target, gel):
 @_volume_ratio.defjvp
 def _volume_ratio_jvp(energy, primals, tangents):
     """g(J, gel) = target gives g_J dJ + g_gel dgel = dtarget; 0 where J is an end of the branch and solves nothing."""
-    target, gel = primals
-    J, solved = _volume_ratio(energy, target, gel)
+    target, gel, end = primals
+    J, solved = _volume_ratio(energy, target, gel, end)
     stiffness = jax.grad(jax.grad(energy))(J, gel)
     _, from_gel = jax.jvp(lambda gel: jax.grad(energy)(J, gel), (gel,), (tangents[1],))
     J_dot = jnp.where(solved, (tangents[0] - from_gel) / jnp.where(solved, stiffness, 1.0), 0.0)
@@ -194,7 +228,10 @@ def _largest_slope(energy, gel):
 
 
 def _volume_ratio_or_nan(energy, target, gel):
-    J, solved = _elementwise(functools.partial(_volume_ratio, energy), jnp.asarray(target, float), gel, "()->(),()")
+    def one(target, gel):
+        return _volume_ratio(energy, target, gel, _branch_end(energy, gel))
+
+    J, solved = _elementwise(one, jnp.asarray(target, float), gel, "()->(),()")
     return jnp.where(solved, J, jnp.nan)
 
 

@@ -83,10 +83,10 @@ def _evaluated(name, field, places):
     if shape != ():
         raise ValueError(f"{name}: the field gives an array of shape {shape}, it must give one number for a position (2,)")
 
-    def of(X):
-        values = jax.vmap(field)(X.reshape(-1, 2)).astype(float)
-        if not isinstance(values, Tracer):
-            check_parameter(name, values, X.reshape(-1, 2))
-        return values.reshape(X.shape[:-1])
-
-    return jax.tree.map(of, places)
+    leaves, structure = jax.tree.flatten(places)
+    X = jnp.concatenate([leaf.reshape(-1, 2) for leaf in leaves])
+    values = jax.vmap(field)(X).astype(float)  # all at once: few operations
+    if not isinstance(values, Tracer):
+        check_parameter(name, values, X)
+    cuts = np.cumsum([leaf.size // 2 for leaf in leaves])[:-1]
+    return jax.tree.unflatten(structure, [v.reshape(leaf.shape[:-1]) for v, leaf in zip(jnp.split(values, cuts), leaves, strict=True)])
