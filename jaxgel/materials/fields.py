@@ -39,6 +39,10 @@ class LocalValues:
     """At the outline vertices of the model."""
 
 
+Field = Callable[..., Any] | LocalValues | Varying
+"""A parameter that is no number: a function of the position, or what it became on a model."""
+
+
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["extent"])
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelField:
@@ -80,7 +84,7 @@ def named_parameters(gel: Any) -> dict[str, Any]:
     return {getattr(path[0], "name", str(path[0])): part for path, part in entries}
 
 
-def fields_of(gel: Any) -> dict[str, Callable]:
+def fields_of(gel: Any) -> dict[str, Callable[..., Any]]:
     """The parameters of a gel that are fields, by name."""
     return {name: part for name, part in named_parameters(gel).items() if callable(part)}
 
@@ -120,7 +124,7 @@ def varies(gel: Any) -> bool:
     return any(callable(part) or isinstance(part, LocalValues | Varying) for part in parts)
 
 
-def split(gel: Any) -> tuple[list[Float[Array, "..."]], Callable[[list], Any]]:
+def split(gel: Any) -> tuple[list[Float[Array, "..."]], Callable[[list[Any]], Any]]:
     """Values of the parameters that are `Varying`, and the function that makes a gel of one number for each."""
     parts, structure = jax.tree.flatten(gel, is_leaf=lambda part: isinstance(part, Varying))
 
@@ -131,7 +135,7 @@ def split(gel: Any) -> tuple[list[Float[Array, "..."]], Callable[[list], Any]]:
     return [part.values for part in parts if isinstance(part, Varying)], joined
 
 
-def elementwise(function: Callable, x: Float[Array, "..."], gel: Any, signature: str = "()->()") -> Float[Array, "..."]:
+def elementwise(function: Callable[..., Any], x: Float[Array, "..."], gel: Any, signature: str = "()->()") -> Float[Array, "..."]:
     """``function(x, gel)`` for every element of ``x``, with the parameters of its place; ``signature`` says what an element is."""
     values, joined = split(gel)
     element, result = signature.split("->")

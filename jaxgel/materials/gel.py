@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
+from .fields import Field
 from .mixing import flory_rehner
 from .swelling import Numbers, _check, _elementwise
 
@@ -41,8 +42,8 @@ class Gel:
     registered dataclass with these four attributes and its own.
     """
 
-    Nv: Scalar = 1e-3  # chains per dry volume times solvent molecule volume (); the shear modulus of the dry network in kT/v
-    chi: Scalar = 1e-4  # enthalpy of mixing, Flory's parameter ()
+    Nv: Scalar | Field = 1e-3  # chains per dry volume times solvent molecule volume (); the shear modulus of the dry network in kT/v
+    chi: Scalar | Field = 1e-4  # enthalpy of mixing, Flory's parameter ()
     network: Callable = dataclasses.field(default=neo_hookean, kw_only=True, metadata={"static": True})  # (F (2, 2), gel) -> ()
     volumetric: Callable = dataclasses.field(default=flory_rehner, kw_only=True, metadata={"static": True})  # (J (), gel) -> ()
 

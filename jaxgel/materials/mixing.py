@@ -20,7 +20,7 @@ def flory_rehner(J: Float[Array, "..."] | Scalar, gel: Any) -> Float[Array, "...
     return flory_huggins(J, gel.chi) - gel.Nv * jnp.log(J)
 
 
-def good_solvent(Nv: Scalar, chi: Scalar) -> Bool[Array, "..."]:
+def good_solvent(Nv: Float[Array, "..."] | Scalar, chi: Float[Array, "..."] | Scalar) -> Bool[Array, "..."]:
     """Whether the slope of `flory_rehner` increases with every J > 1: where it has no spinodal, 2 chi < (1 + sqrt(Nv))^2.
 
     Its second derivative is that of Nv J^2 + (1 - 2 chi - Nv) J + 2 chi in sign.

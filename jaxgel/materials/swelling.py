@@ -229,16 +229,16 @@ def _largest_slope(energy, gel):
 
 def _volume_ratio_or_nan(energy, target, gel):
     def one(target, gel):
-        return _volume_ratio(energy, target, gel, _branch_end(energy, gel))
+        J, solved = _volume_ratio(energy, target, gel, _branch_end(energy, gel))
+        return jnp.where(solved, J, jnp.nan)
 
-    J, solved = _elementwise(one, jnp.asarray(target, float), gel, "()->(),()")
-    return jnp.where(solved, J, jnp.nan)
+    return _elementwise(one, jnp.asarray(target, float), gel)
 
 
-def _elementwise(function, x, gel, signature="()->()"):
+def _elementwise(function, x, gel):
     """``function(x (), gel)`` at every element of ``x`` (...), with the parameters of its place where these are `Varying`."""
     gel = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), gel)
-    return elementwise(function, jnp.asarray(x, float), gel, signature)
+    return elementwise(function, jnp.asarray(x, float), gel)
 
 
 def _check(name, value, accepted, text):

@@ -80,7 +80,7 @@ def tangent_product(
     """
     model, field = problem.model, scatter(v, x.shape, problem.free)
     moved, _ = volume_gradients(field, model, problem.operators)
-    p_step = pressure_step(field, dataclasses.replace(linearisation, error=0.0), linearisation, model)
+    p_step = pressure_step(field, dataclasses.replace(linearisation, error=jnp.zeros_like(p)), linearisation, model)
     forces = jax.jvp(lambda x: network_force(x, model, problem.gel, problem.operators), (x,), (field,))[1]
     forces += nodal_sum(moved, p, model) + nodal_sum(linearisation.gradients, p_step, model)
     if model.contact is not None:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._types import Array, Float
+from .._types import Scalar
 from ..discretisation import Model
 from ..materials import Gel, LocalValues, WithHoles, check_network, check_parameter, fields_of, with_parameters
 from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, is_film
@@ -38,7 +38,7 @@ def localised(model: Model, gel: Gel) -> Gel:
     return gel
 
 
-def mean_parameter(parameter: object, model: Model) -> Float[Array, ""]:
+def mean_parameter(parameter: Scalar | LocalValues, model: Model) -> Scalar:
     """The number of a parameter; of `LocalValues` the mean over the dry volume."""
     if not isinstance(parameter, LocalValues):
         return parameter
@@ -47,9 +47,9 @@ def mean_parameter(parameter: object, model: Model) -> Float[Array, ""]:
 
 
 def _places(model, points, outline):
-    """`LocalValues` of positions instead of parameters, mm, from those of the quadrature points per block (c, q, 2)."""
+    """Positions, mm, as the fields of `LocalValues`, from those of the quadrature points per block (c, q, 2)."""
     groups = [_group_positions(block, X).reshape(-1, 2) for block, X in zip(model.blocks, points, strict=True)]
-    return LocalValues(tuple(points), jnp.concatenate(groups), outline)
+    return tuple(points), jnp.concatenate(groups), outline
 
 
 def _reference_places(model):
@@ -89,4 +89,5 @@ def _evaluated(name, field, places):
     if not isinstance(values, Tracer):
         check_parameter(name, values, X)
     cuts = np.cumsum([leaf.size // 2 for leaf in leaves])[:-1]
-    return jax.tree.unflatten(structure, [v.reshape(leaf.shape[:-1]) for v, leaf in zip(jnp.split(values, cuts), leaves, strict=True)])
+    parts = [v.reshape(leaf.shape[:-1]) for v, leaf in zip(jnp.split(values, cuts), leaves, strict=True)]
+    return LocalValues(*jax.tree.unflatten(structure, parts))
