@@ -17,7 +17,7 @@ from ..continuation import check_mu, is_traced
 from ..discretisation import Model
 from ..equilibrium import first_order_only
 from ..materials import Gel
-from ..mechanics import curvature, free_dofs, prescribed_motion, residual
+from ..mechanics import curvature, free_dofs, localised, prescribed_motion, residual
 from .points import CriticalPoint
 from .search import locate
 
@@ -35,7 +35,7 @@ def critical_points(
     check_mu(mu)
     if not (isinstance(mu, tuple) and len(mu) == 2):
         raise ValueError(f"mu: {mu} is not accepted, it must be a tuple (first, last)")
-    loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads
+    loads, gel = jnp.zeros((model.n_nodes, 2)) if loads is None else loads, localised(model, gel)
     if not is_traced((model, gel, loads)):
         return locate(model, gel, mu, loads, most)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)

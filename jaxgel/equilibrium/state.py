@@ -100,10 +100,8 @@ def dry_state(problem: Problem, mu: Scalar | None = None) -> tuple[Float[Array, 
     """
     model, gel = problem.model, problem.gel
     plate = model.lists.topology.plate
-    x, pressure = (
-        start_positions(model.lists.topology, model.cloud.nodes),
-        jnp.where(carries_volume(model), -value(gel_in_groups(gel).Nv), 0.0),
-    )
+    x = start_positions(model.lists.topology, model.cloud.nodes)
+    pressure = jnp.where(carries_volume(model), -value(gel_in_groups(gel).Nv), 0.0)
     if mu is None or not plate.moved:
         return x, pressure
     J = volume_ratios(x, model)

@@ -75,6 +75,25 @@ def test_forward_equals_reverse(critical_mu):
     assert float(forward) == pytest.approx(reverse, rel=1e-8)  # w comes from a tangent with condition 1e8
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kinematics", ["plane strain", "plane stress"])
+def test_derivatives_by_a_field_are_differences_of_relocated_points(kinematics, cloud_of):
+    """Extrapolated differences by a wave of chi over sample 4 that keeps its symmetry, and of the same plate as a film."""
+    plate = dataclasses.replace(cloud_of("sample-4").plate, kinematics=kinematics)
+    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=2 * plate.spacing))
+    window = WINDOW if kinematics == "plane strain" else (-1.2, -0.3)
+
+    def located(size):
+        def chi(X):
+            return 0.05 + size * jnp.prod(jnp.cos(2 * jnp.pi * X / plate.width))
+
+        return jaxgel.critical_points(model, jaxgel.Gel(1e-3, chi), mu=window)[0].mu
+
+    _, slope = jax.jvp(located, (0.01,), (1.0,))
+    near, far = ((located(0.01 + step) - located(0.01 - step)) / (2 * step) for step in (5e-3, 1e-2))
+    assert float(slope) == pytest.approx((4 * near - far) / 3, rel=1e-5)
+
+
 # --- double eigenvalues ------------------------------------------------------------------------------------------------------
 
 

@@ -20,7 +20,7 @@ def pixels(shares):
     return jaxgel.PixelField(1e-3 * shares, EXTENT)
 
 
-@pytest.mark.parametrize("network", [None, Gent(60.0)], ids=["neo-Hookean", "Gent"])
+@pytest.mark.parametrize("network", [None, pytest.param(Gent(60.0), marks=pytest.mark.slow)], ids=["neo-Hookean", "Gent"])
 def test_a_constant_field_is_the_plain_gel(network, tiny_model):
     """States, energies, eigenvalues, stresses and surfaces."""
     own = {} if network is None else {"network": network}
@@ -36,6 +36,7 @@ def test_a_constant_field_is_the_plain_gel(network, tiny_model):
         np.testing.assert_allclose(read(field), read(plain), rtol=1e-11, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_film_on_a_laterally_rigid_base_is_as_high_as_its_layers():
     """Every layer swells by Eq. (59) at its own Nv and chi: the height is an integral. Third order at least under refinement."""
 
@@ -78,7 +79,7 @@ def test_gradients_by_pixels_are_those_of_differences(tiny_model):
     assert slope == pytest.approx(float((ahead - behind) / (2 * h)), rel=1e-6)
 
 
-@pytest.mark.parametrize("moves", [False, True], ids=["stays", "moves"])
+@pytest.mark.parametrize("moves", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["stays", "moves"])
 def test_gradients_by_a_hole_under_a_field_are_those_of_differences(moves, tiny_plate):
     """The field stays on the plate while the hole moves under it, or moves with the material around the hole."""
     field = pixels(SHARES)
