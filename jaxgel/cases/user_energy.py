@@ -16,16 +16,17 @@ import functools
 import importlib
 import types
 from pathlib import Path as File
+from typing import Any
 
 import jax.numpy as jnp
 
-from ..materials import Gel
+from ..materials import Gel, with_parameters
 
 ATTRIBUTES = ("Nv", "chi", "network", "volumetric")
 
 
-def user_gel(name: str, numbers: dict[str, float], folder: str | File) -> Gel:
-    """The gel that the function ``name``, "module:function", returns for a dict of numbers; ValueError, one line, for what is not one.
+def user_gel(name: str, numbers: dict[str, Any], folder: str | File) -> Gel:
+    """The gel that the function ``name``, "module:function", returns for a dict of numbers and pictures; ValueError for what is not one.
 
     The module is looked for in ``folder``, in the working folder, and where Python looks for modules.
     """
@@ -33,7 +34,8 @@ def user_gel(name: str, numbers: dict[str, float], folder: str | File) -> Gel:
     function = _function(name, where, folder)
     try:
         gel = function(**numbers)
-        values = [gel.network(1.2 * jnp.eye(2), gel), gel.volumetric(jnp.asarray(1.44), gel)]
+        one = with_parameters(gel, lambda part: part(jnp.zeros(2)) if callable(part) else part)  # a picture, at the plate's centre
+        values = [gel.network(1.2 * jnp.eye(2), one), gel.volumetric(jnp.asarray(1.44), one)]
     except Exception as problem:  # the user's code may raise anything
         reason = f"{type(problem).__name__}: {problem}"
         raise ValueError(f"{where} makes no gel of {', '.join(numbers)}: {' '.join(reason.split())}") from None

@@ -37,6 +37,15 @@ def test_a_picture_is_read_from_its_top_with_black_low(case):
     assert found.table()["gel"] == {"Nv": {"low": 1e-3, "high": 2e-3, "pixels": GREY.tolist()}, "chi": found.gel.chi}
 
 
+def test_an_energy_of_ones_own_takes_a_picture(case, tmp_path):
+    code = "import jaxgel\n\ndef gent(Nv, chi, Jm):\n    return jaxgel.Gel(Nv, chi, network=jaxgel.Gent(Jm))\n"
+    (tmp_path / "stiff_print.py").write_text(code)
+    found = case('energy = "stiff_print:gent"\nJm = 30.0\nNv = { file = "mask.png", low = 1e-3, high = 2e-3 }')
+    path = found.path(found.model())
+    assert len(path) == 2
+    assert found.gel.network.Jm == 30.0
+
+
 def test_a_picture_moves_with_holes_if_asked(case):
     assert isinstance(case('chi = { file = "mask.png", low = 0.1, high = 0.2, with_holes = true }').gel.chi, jaxgel.WithHoles)
 
