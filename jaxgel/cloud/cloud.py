@@ -77,7 +77,7 @@ class Topology:
     @functools.cached_property
     def quadrature(self) -> Quadrature:
         """Quadrature points of the cells, ``quadrature.Quadrature``."""
-        return cell_quadrature(self.partition, self.n_background)
+        return cell_quadrature(self.partition)
 
     @functools.cached_property
     def ligaments(self) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:

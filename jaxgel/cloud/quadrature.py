@@ -1,7 +1,7 @@
 """Quadrature points of the integration cells, which move with the cells' vertices, and the paper's fixed ones.
 
-A whole background square carries 2 x 2 Gauss points, which do not prefer one of its diagonals; every other cell is integrated over its
-triangles. Index letters: ``p`` point, ``k`` vertex.
+A parallelogram, such as a whole background square, and a quadrilateral that a mirror of its piece keeps carry 2 x 2 Gauss points, which do
+not prefer one of the diagonals; the rest is integrated over its triangles. Index letters: ``p`` point, ``k`` vertex.
 """
 
 import dataclasses
@@ -54,14 +54,12 @@ def _weights(vertices, corners, slopes, share):
     return share * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
-def cell_quadrature(partition: Partition, n_background: int) -> Quadrature:
-    """``Quadrature`` of a ``Partition`` whose first ``n_background`` vertices are those of the background squares."""
+def cell_quadrature(partition: Partition) -> Quadrature:
+    """``Quadrature`` of a ``Partition``."""
     triangles, owner = partition.triangles, partition.cell_of_triangle
-    order = np.argsort(owner, kind="stable")
-    first, count = np.unique(owner[order], return_index=True)[1], np.bincount(owner)
-    pairs = order[first[count == 2][:, None] + [0, 1]]
-    squares, is_square = _squares(partition.vertices, triangles[pairs], n_background)
-    rest = ~np.isin(owner, owner[pairs[is_square, 0]])
+    pairs = partition.quadrilaterals
+    rest = np.ones(len(triangles), dtype=bool)
+    rest[pairs] = False
 
     padded = np.concatenate([triangles[rest], triangles[rest][:, :1]], axis=1)
     r, s = _TRIANGLE.T
@@ -70,28 +68,21 @@ def cell_quadrature(partition: Partition, n_background: int) -> Quadrature:
     r, s = _SQUARE.T
     values = np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=1)
     slopes = np.stack([np.stack([s - 1, 1 - s, s, -s], axis=1), np.stack([r - 1, -r, r, 1 - r], axis=1)], axis=1)
-    parts.append(_rule(squares, owner[pairs[is_square, 0]], values, slopes, 1 / 4))
+    parts.append(_rule(_joined(triangles[pairs]), owner[pairs[:, 0]], values, slopes, 1 / 4))
 
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     order = np.argsort(columns[-1], kind="stable")
     return Quadrature(*(column[order] for column in columns))
 
 
-def _squares(vertices, triangles, n_background):
-    """Anticlockwise corners (s, 4) of the pairs of ``triangles`` (c, 2, 3) that halve a background square, and which they are (c,)."""
-    one, two = triangles[:, 0], triangles[:, 1]
+def _joined(pairs):
+    """Corners (k, 4), anticlockwise, of pairs of triangles (k, 2, 3) with a common edge."""
+    one, two = pairs[:, 0], pairs[:, 1]
     alone = ~(two[:, :, None] == one[:, None, :]).any(axis=2)  # the corner of the second triangle that the first has not
-    fits = (alone.sum(axis=1) == 1) & (triangles < n_background).all(axis=(1, 2))
-    one, fourth = one[fits], two[fits][np.arange(fits.sum()), alone[fits].argmax(axis=1)]
-    apart = ~(one[:, :, None] == two[fits][:, None, :]).any(axis=2)  # opposite the common diagonal
+    apart = ~(one[:, :, None] == two[:, None, :]).any(axis=2)  # opposite the common edge
     at = apart.argmax(axis=1)[:, None]
     a, b, c = (np.take_along_axis(one, (at + k) % 3, axis=1)[:, 0] for k in range(3))
-    corners = np.stack([a, b, fourth, c], axis=1)
-    x = vertices[corners]
-    size = np.abs(x[:, 2] - x[:, 0]).sum(axis=1)
-    good = np.abs(x[:, 0] + x[:, 2] - x[:, 1] - x[:, 3]).sum(axis=1) < 1e-9 * size
-    fits[fits] = good
-    return corners[good], fits
+    return np.stack([a, b, np.take_along_axis(two, alone.argmax(axis=1)[:, None], axis=1)[:, 0], c], axis=1)
 
 
 def _rule(corners, owner, values, slopes, share):

@@ -41,6 +41,8 @@ class Connectivity:
     """Per block (c,) patch numbers."""
     contour: "Contour"
     """Contours of the patches."""
+    unknowns: Int[np.ndarray, "f k"] | None = None
+    """The degrees of freedom that move together where ``patches`` are those of a part of a symmetric plate; None for a whole plate."""
 
     @property
     def owner(self) -> Int[np.ndarray, " p"]:

@@ -5,12 +5,14 @@ from .hole import Hole
 from .holes import KINDS, Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse
 from .outline import Arc, arc_parameter, arc_point, arc_points, arcs, equal_arc_length, inside_holes, outline_points
 from .plate import KINEMATICS, Plate, check_plate, reference_plate
+from .symmetries import SYMMETRIES, keeps_edges
 
 __all__ = [
     "CONDITIONS",
     "EDGES",
     "KINDS",
     "KINEMATICS",
+    "SYMMETRIES",
     "Arc",
     "Circle",
     "Ellipse",
@@ -29,6 +31,7 @@ __all__ = [
     "equal_arc_length",
     "held_components",
     "inside_holes",
+    "keeps_edges",
     "outline_points",
     "reference_plate",
 ]

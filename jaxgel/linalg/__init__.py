@@ -14,7 +14,7 @@ from .eigen import (
 from .factors import Bordered, Factor, SingularTangent, factor
 from .kept_factors import RECENT_FACTORS, FactorCache, remember, solve_near
 from .multifrontal import factorise
-from .pattern import SOLVERS, Pattern, analyse
+from .pattern import SOLVERS, Pattern, analyse, standing
 
 __all__ = [
     "RECENT_FACTORS",
@@ -38,4 +38,5 @@ __all__ = [
     "rayleigh_ritz",
     "remember",
     "solve_near",
+    "standing",
 ]

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,7 +27,7 @@ class Pattern:
     tree: Tree
     """Order of elimination and its fronts."""
     joined: sp.csr_matrix | None = None
-    """Takes the entries of the pair blocks (4 n_pairs,) to those of the pairs of nodes that stand for others; None where all do."""
+    """Takes the entries of the pair blocks (4 n_pairs,) to those of the pairs of nodes that stand for others; None where none does."""
     narrower: "Pattern | None" = None
     """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
     solver: str = "auto"
@@ -60,22 +61,36 @@ class Pattern:
 
 
 def analyse(
-    pair_nodes: Int[np.ndarray, "p 2"], points: Float[np.ndarray, "n 2"], free: Int[np.ndarray, "..."], solver: str = "auto"
+    pair_nodes: Int[np.ndarray, "p 2"],
+    points: Float[np.ndarray, "n 2"],
+    free: Int[np.ndarray, "..."],
+    solver: str = "auto",
+    views: Sequence[Int[np.ndarray, " d"]] | None = None,
 ) -> Pattern:
-    """``Pattern`` for node pairs (p, 2) with i <= j between nodes at ``points`` (n, 2) and free degrees of freedom (f,).
+    """``Pattern`` for node pairs (p, 2) with i <= j between nodes at ``points`` (n, 2) and free degrees of freedom (f,) or (f, k).
 
-    The pairs include (i, i) for every node.
+    The pairs include (i, i) for every node of theirs. Where degrees of freedom move together, ``views`` say of each one, d = 2 n of them,
+    which stands for it, ~ that number where it moves the other way and 2 n where it is held: by default those of ``free``. Of several views
+    the matrix is the mean.
     """
-    n_pairs, joined = len(pair_nodes), None
+    n_pairs, joined, n = len(pair_nodes), None, len(points)
     if free.ndim == 2:
-        pair_nodes, joined = _join(pair_nodes, len(points), free)
+        pair_nodes, joined = _join(pair_nodes, n, [standing(free, n)] if views is None else views)
     own = free if joined is None else free[:, 0]
-    local = np.full(2 * len(points), -1)
+    local = np.full(2 * n, -1)
     local[own] = np.arange(len(own))
-    structure = _sources(pair_nodes, len(points))[own][:, own]
+    structure = _sources(pair_nodes, n)[own][:, own]
     structure.sort_indices()
-    tree = dissect(pair_nodes, local.reshape(-1, 2), points)
+    nodes = np.unique(pair_nodes)
+    tree = dissect(np.searchsorted(nodes, pair_nodes), local.reshape(-1, 2)[nodes], points[nodes])
     return Pattern(n_pairs, free, structure.T, tree, joined, solver=solver)
+
+
+def standing(free: Int[np.ndarray, "f k"], n: int) -> Int[np.ndarray, " d"]:
+    """Which degree of freedom stands for each of the d = 2 n ones, see `analyse`; those that move together are rows of ``free`` (f, k)."""
+    numbers, stands = np.where(free < 0, ~free, free), np.full(2 * n + 1, 2 * n)
+    stands[numbers] = np.where(free < 0, ~free[:, :1], free[:, :1])
+    return stands[:-1]
 
 
 def _sources(pairs, n):
@@ -94,23 +109,31 @@ def _pair_graph(pairs, n):
     return sp.csr_matrix((np.concatenate([np.where(apart, number, -number), -number[apart]]), ends), shape=(n, n))
 
 
-def _join(pair_nodes, n, free):
+def _join(pair_nodes, n, views):
     """Pairs (q, 2) of nodes that stand for others, and the matrix (4 q, 4 p) that adds up the blocks of the pairs (p, 2) they stand for."""
-    first = np.arange(n)
-    for column in free.T[1:]:
-        real = column < 2 * n
-        first[column[real] // 2] = free[real, 0] // 2
-    pairs = first[pair_nodes]
-    flipped = pairs[:, 0] > pairs[:, 1]
-    keys = np.sort(pairs, axis=1) @ [n, 1]
-    known = np.union1d(keys, np.arange(n) * (n + 1))
-    place = np.searchsorted(known, keys)
-    block, turned = np.arange(4).reshape(2, 2), np.arange(4).reshape(2, 2).T
-    p = np.arange(len(pairs))
-    rows, columns = [4 * place[:, None] + np.where(flipped[:, None], turned.ravel(), block.ravel())], [4 * p[:, None] + block.ravel()]
-    both = (pairs[:, 0] == pairs[:, 1]) & (pair_nodes[:, 0] != pair_nodes[:, 1])  # a node and its image: the block and its transpose
-    rows.append(4 * place[both][:, None] + turned.ravel())
-    columns.append(4 * p[both][:, None] + block.ravel())
-    rows, columns = (np.concatenate(parts).ravel() for parts in (rows, columns))
-    joined = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(4 * len(known), 4 * len(pairs)))
+    parts = [_entries_of_view(pair_nodes, n, stands) for stands in views]
+    key, entry, source, sign = (np.concatenate(column) for column in zip(*parts, strict=True))
+    nodes = np.unique(np.concatenate([key // n, key % n]))
+    known = np.union1d(key, nodes * (n + 1))
+    rows = 4 * np.searchsorted(known, key) + entry
+    joined = sp.csr_matrix((sign / len(views), (rows, source)), shape=(4 * len(known), 4 * len(pair_nodes)))
     return np.stack([known // n, known % n], axis=1), joined
+
+
+def _entries_of_view(pair_nodes, n, stands):
+    """Where the entries of the pair blocks go: keys of pairs and entries of their blocks, the entries' numbers and their signs."""
+    dofs = 2 * pair_nodes[:, :, None] + np.arange(2)  # (p, end, component)
+    at = np.append(stands, 2 * n)[dofs]
+    numbers = np.where(at < 0, ~at, at)
+    sign = np.where(at < 0, -1.0, 1.0)
+    first, second = np.broadcast_arrays(numbers[:, 0, :, None], numbers[:, 1, None, :])  # (p, 2, 2)
+    sign, source = sign[:, 0, :, None] * sign[:, 1, None, :], np.arange(4 * len(pair_nodes)).reshape(-1, 2, 2)
+    real = (first < 2 * n) & (second < 2 * n)
+    turned = real & (first // 2 == second // 2) & (pair_nodes[:, 0] != pair_nodes[:, 1])[:, None, None]  # also the transpose counts
+    swapped = first // 2 > second // 2
+    first, second = np.where(swapped, second, first), np.where(swapped, first, second)
+    found = []
+    for a, b, where in ((first, second, real), (second, first, turned)):
+        a, b = a[where], b[where]
+        found.append((a // 2 * n + b // 2, 2 * (a % 2) + b % 2, source[where], sign[where]))
+    return tuple(np.concatenate(column) for column in zip(*found, strict=True))

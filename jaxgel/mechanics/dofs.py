@@ -1,7 +1,8 @@
 """Essential conditions of a plate: which degrees of freedom are free, which move together, and where the others are held.
 
 Degrees of freedom are numbered 2 node + component. The unknowns of a plate are an array ``free`` of such numbers: (f,), or with periodic
-edges (f, k), where a row lists the degrees of freedom that move together, first the one that stands for them, padded with 2 n. Held ones
+edges (f, k), where a row lists the degrees of freedom that move together, first the one that stands for them, padded with 2 n; one that
+moves the other way, as in a mirror image, is listed as ~ its number. Held ones
 follow the plate's macroscopic deformation and the displacement of their edge, and so do the two sides of a periodic cell relative to
 each other: a roller holds the component normal to its edge, a fixed edge both.
 """
@@ -15,6 +16,7 @@ import numpy as np
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
 from ..cloud import Topology, thin_plate_matrix
+from ..discretisation import Connectivity
 from ..geometry import EDGES, Plate, held_components
 
 
@@ -34,6 +36,11 @@ def free_dofs(topology: Topology) -> Int[Array, "f ..."]:
         return _tied(first, free)
     check_edges(plate)
     return np.flatnonzero(free.ravel())
+
+
+def unknowns(lists: Connectivity) -> Int[Array, "f ..."]:
+    """The unknowns (f,) or (f, k) of a model with these ``lists``."""
+    return free_dofs(lists.topology) if lists.unknowns is None else lists.unknowns
 
 
 def check_edges(plate: Plate) -> None:
@@ -97,14 +104,24 @@ def _tied(first, free):
 def gather(forces: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, " f"]:
     """Generalised forces (f,) on the unknowns for nodal forces (n, 2): the sums over what moves together."""
     forces = jnp.asarray(forces).ravel()
-    return forces[free] if free.ndim == 1 else forces.at[free].get(mode="fill", fill_value=0.0).sum(axis=1)
+    if free.ndim == 1:
+        return forces[free]
+    numbers, signs = _numbers_and_signs(free)
+    return jnp.sum(signs * forces.at[numbers].get(mode="fill", fill_value=0.0), axis=1)
 
 
 @functools.partial(jax.jit, static_argnames="shape")
 def scatter(vector: Float[Array, " f"], shape: tuple[int, int], free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
     """Nodal field (n, 2) of a vector (f,) of the unknowns, zero where nothing is free."""
-    vector = vector if free.ndim == 1 else vector[:, None]
-    return jnp.zeros(shape).ravel().at[free].add(vector, mode="drop").reshape(shape)
+    if free.ndim == 1:
+        return jnp.zeros(shape).ravel().at[free].add(vector).reshape(shape)
+    numbers, signs = _numbers_and_signs(free)
+    return jnp.zeros(shape).ravel().at[numbers].add(signs * vector[:, None], mode="drop").reshape(shape)
+
+
+def _numbers_and_signs(free):
+    """Degrees of freedom (f, k) and the signs (f, k) with which they follow their unknowns."""
+    return jnp.where(free < 0, ~free, free), jnp.where(free < 0, -1.0, 1.0)
 
 
 def restrict(field: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, " f"]:

@@ -17,7 +17,7 @@ from jax import lax
 from .._types import Array, Float, Inexact, Int
 from ..discretisation import Model, PatchBlock
 from ..materials import Gel, gel_at_points, value
-from .dofs import free_dofs
+from .dofs import unknowns
 from .pairs import node_pairs
 from .volumes import contour_shares, local_positions
 
@@ -46,7 +46,7 @@ def precomputed_operators(model: Model, gel: Gel) -> Operators:
     """`Operators` of a model with a gel."""
     pairs, slots = node_pairs(model.lists)
     network, area_forms = _integrated(jnp.zeros(len(pairs)), model.blocks, gel, slots)
-    return Operators(*jax.device_put((pairs, tuple(slots))), network, area_forms, free_dofs(model.lists.topology))
+    return Operators(*jax.device_put((pairs, tuple(slots))), network, area_forms, unknowns(model.lists))
 
 
 @jax.jit

@@ -10,7 +10,7 @@ from .._types import Array, Int
 from ..discretisation import Connectivity
 from ..linalg import Pattern, analyse
 from .contact import contact_groups
-from .dofs import free_dofs
+from .dofs import unknowns
 
 CELLS_TOGETHER = 1024  # cells whose node pairs are listed together
 
@@ -63,7 +63,7 @@ def tangent_pattern(lists: Connectivity, solver: str = "auto", contact_dmax: flo
     ``dmax``, is given.
     """
     topology, pairs = lists.topology, node_pairs(lists)[0]
-    points, free = topology.partition.vertices[topology.node_vertices], free_dofs(topology)
+    points, free = topology.partition.vertices[topology.node_vertices], unknowns(lists)
     if contact_dmax is None:
         return analyse(pairs, points, free, solver)
     wider = analyse(np.concatenate([pairs, contact_pairs(lists, contact_dmax)[0]]), points, free, solver)

@@ -172,9 +172,7 @@ def test_weights_are_positive_and_add_up_to_the_area_of_the_cells(fixture, reque
     for block in model.blocks:
         np.testing.assert_allclose(np.sum(block.weight, axis=1), cells[np.asarray(block.patches)], rtol=1e-12)
         assert np.min(block.weight) >= 0
-    halves = np.bincount(part.cell_of_triangle)
-    whole = (halves == 2) & np.isclose(cells, model.cloud.spacing**2, rtol=1e-9)
-    assert model.n_points == 4 * whole.sum() + 3 * halves[~whole].sum()
+    assert model.n_points == 4 * len(part.quadrilaterals) + 3 * (len(part.triangles) - 2 * len(part.quadrilaterals))
     assert model.n_cells == part.n_cells
 
 

@@ -1,0 +1,150 @@
+"""The symmetries of a problem: which symmetries of the square take its cloud, gel and loads, and a state of it, to themselves.
+
+A group is a tuple of names of ``geometry.SYMMETRIES``, the identity left out. Host NumPy: where each symmetry takes nodes, quadrature
+points and patches is found once for a cloud; whether it does so to round-off is asked of every model.
+"""
+
+import dataclasses
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .._memo import once_per_owner
+from .._types import Array, Float, Int
+from ..discretisation import Connectivity, Model
+from ..geometry import SYMMETRIES, keeps_edges
+from ..materials import Gel, LocalValues, neo_hookean
+from ..mechanics import Problem
+
+EXACT = 1e-10  # of the spacing: how far a place may lie from its image's; round-off leaves 1e-12
+EQUAL = 1e-10  # relative difference of weights, loads and parameters that are equal
+NEAREST = 1e-6  # of the spacing, where the places of a cloud belong together
+STATE = 1e-9  # of the spacing: how far a symmetric state may be from its image
+IDENTITY = "identity"
+NAMES = {
+    (): "C1",
+    ("rotation by 180",): "C2",
+    ("rotation by 90", "rotation by 180", "rotation by 270"): "C4",
+    ("x -> -x",): "D1 (x -> -x)",
+    ("y -> -y",): "D1 (y -> -y)",
+    ("x <-> y",): "D1 (x <-> y)",
+    ("x <-> -y",): "D1 (x <-> -y)",
+    ("x -> -x", "y -> -y", "rotation by 180"): "D2 (axes)",
+    ("x <-> y", "x <-> -y", "rotation by 180"): "D2 (diagonals)",
+    tuple(SYMMETRIES): "D4",
+}
+"""Group -> its name: cyclic groups C and dihedral groups D of the square, by Schoenflies."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Images:
+    """Where one symmetry takes what a cloud consists of; NumPy arrays."""
+
+    matrix: Float[np.ndarray, "2 2"]
+    """Its matrix."""
+    nodes: Int[np.ndarray, " n"]
+    """The node to which each node goes."""
+    points: Int[np.ndarray, " p"]
+    """The quadrature point to which each point goes."""
+    patches: Int[np.ndarray, " c"]
+    """The patch to which each patch goes."""
+
+    @property
+    def dofs(self) -> Int[np.ndarray, " d"]:
+        """The degree of freedom to which each one goes, ~ that number where its sign changes."""
+        component = np.abs(self.matrix).argmax(axis=0)  # where a unit vector of each component goes
+        numbers = 2 * self.nodes[:, None] + component
+        return np.where(self.matrix[component, [0, 1]] < 0, ~numbers, numbers).ravel()
+
+
+def symmetries_of(problem: Problem) -> tuple[str, ...]:
+    """The group of a problem: the symmetries that keep its plate, cloud, gel and loads to round-off; none where only nearly."""
+    model = problem.model
+    if model.quadrature == "paper" or model.conditions != "nodes" or not _is_isotropic(problem.gel):
+        return ()
+    found = images(model.lists)
+    return _closed(tuple(name for name, image in found.items() if _keeps(image, problem)))
+
+
+def symmetries_of_state(x: Float[Array, "n 2"], model: Model, group: tuple[str, ...]) -> tuple[str, ...]:
+    """The symmetries of a ``group`` that a state with the nodal positions ``x`` (n, 2) has."""
+    found, x = images(model.lists), np.asarray(x)
+    apart = {name: np.abs(x[found[name].nodes] - x @ found[name].matrix.T).max() for name in group}
+    return _closed(tuple(name for name in group if apart[name] < STATE * model.cloud.spacing))
+
+
+def _closed(group):
+    """The group, or none where round-off has let only a part of it pass."""
+    return group if group in NAMES else ()
+
+
+@once_per_owner
+def images(lists: Connectivity) -> dict[str, Images]:
+    """Name -> `Images` of the symmetries that the reference cloud has."""
+    topology, found = lists.topology, {}
+    nodes, spacing = topology.partition.vertices[topology.node_vertices], topology.spacing
+    points = np.asarray(topology.quadrature.points(topology.partition.vertices))
+    trees = cKDTree(nodes), cKDTree(points)
+    for name, matrix in SYMMETRIES.items():
+        matrix = np.array(matrix, dtype=float)
+        (apart, node), (away, point) = (tree.query(at @ matrix.T) for tree, at in zip(trees, (nodes, points), strict=True))
+        patches = np.zeros(len(lists.linear), dtype=int)
+        patches[lists.owner] = lists.owner[point]
+        together = np.array_equal(patches[lists.owner], lists.owner[point]) and np.array_equal(lists.linear[patches], lists.linear)
+        near = apart.max() < NEAREST * spacing and away.max() < NEAREST * spacing
+        same = np.allclose(topology.node_spacing[node], topology.node_spacing, rtol=EQUAL, atol=0.0)
+        if near and together and same and keeps_edges(topology.plate, matrix) and len(np.unique(point)) == len(point):
+            found[name] = Images(matrix, node, point, patches)
+    return found
+
+
+def _keeps(image, problem):
+    """Whether a symmetry keeps nodes, quadrature points with their weights, the gel's parameters and the loads."""
+    model, tolerance = problem.model, EXACT * problem.model.cloud.spacing
+    nodes, loads = np.asarray(model.cloud.nodes), np.asarray(problem.loads)
+    positions, weights = (by_point(model.lists, [getattr(block, name) for block in model.blocks]) for name in ("position", "weight"))
+    fields = [part for part in jax.tree.leaves(problem.gel, is_leaf=_is_local) if _is_local(part)]
+    return (
+        np.abs(nodes[image.nodes] - nodes @ image.matrix.T).max() < tolerance
+        and np.abs(positions[image.points] - positions @ image.matrix.T).max() < tolerance
+        and np.allclose(weights[image.points], weights, rtol=0.0, atol=EQUAL * weights.max())
+        and np.allclose(loads[image.nodes], loads @ image.matrix.T, rtol=0.0, atol=EQUAL * np.abs(loads).max())
+        and all(np.allclose(values[image.points], values, rtol=EQUAL, atol=0.0) for values in (by_point(model.lists, f.points) for f in fields))
+    )
+
+
+def by_point(lists: Connectivity, parts: list) -> Float[np.ndarray, "p ..."]:
+    """Values (p, ...) of all quadrature points by their numbers, from those (c, q, ...) of each block."""
+    first = np.asarray(parts[0])
+    values = np.zeros((len(lists.cell_of_point), *first.shape[2:]))
+    for numbers, part in zip(lists.points, parts, strict=True):
+        values[numbers[numbers >= 0]] = np.asarray(part)[numbers >= 0]
+    return values
+
+
+def _is_local(part):
+    return isinstance(part, LocalValues)
+
+
+def _is_isotropic(gel: Gel) -> bool:
+    """Whether the network's energy is that of a turned and mirrored deformation too, at a few deformations."""
+    if gel.network is neo_hookean:
+        return True
+    mean = jax.tree.map(lambda part: jnp.mean(part.groups) if _is_local(part) else part, gel, is_leaf=_is_local)
+    F = np.array([[[1.31, 0.23], [-0.11, 1.17]], [[1.05, -0.34], [0.21, 1.43]]])
+    energies = [
+        [float(gel.network(jnp.asarray(M @ one @ M.T), mean)) for one in F]
+        for M in ([np.eye(2), *(np.array(matrix, dtype=float) for matrix in SYMMETRIES.values())])
+    ]
+    return bool(np.allclose(energies, energies[0], rtol=1e-12, atol=0.0))
+
+
+def products(group: tuple[str, ...]) -> dict[tuple[str, str], str]:
+    """(first, second) -> name of the symmetry that is ``second`` and then ``first``, of a group with its identity."""
+    matrices = {IDENTITY: np.eye(2, dtype=int), **{name: np.array(SYMMETRIES[name]) for name in group}}
+    names = {tuple(matrix.ravel().tolist()): name for name, matrix in matrices.items()}
+    pairs = itertools.product(matrices, repeat=2)
+    return {(a, b): names[tuple((matrices[a] @ matrices[b]).ravel().tolist())] for a, b in pairs}

@@ -1,0 +1,261 @@
+"""A symmetric problem on a fundamental region of its plate, and the blocks of its tangent.
+
+Of every orbit of patches, the images of one another, the region has one, which counts as often as the orbit has patches. The unknowns are
+the symmetric fields: the degrees of freedom that a group takes to each other move together. So the energy of the region at a symmetric
+state is that of the plate, and so are its derivatives along symmetric fields. With the basis B of a representation's block, g the
+elements of the group and K_P the tangent of a patch,
+
+    B^T K B = sum over the region's patches P of (size of its orbit / number of turns) sum over the turns g of (R_g^T B)^T K_P (R_g^T B)
+
+so that all blocks come from the tangent of the region's patches alone.
+"""
+
+import dataclasses
+
+import jax
+import numpy as np
+import scipy.sparse as sp
+
+from .._memo import once_per_owner
+from .._types import Array, Float, Int
+from ..discretisation import Connectivity, PatchBlock
+from ..linalg import Pattern, analyse, standing
+from ..materials import LocalValues, with_parameters
+from ..mechanics import Problem, contact_pairs, free_dofs, node_pairs, precomputed_operators
+from .groups import IDENTITY, images
+from .representations import Representation, representations
+
+TOWARDS = np.array([1.0, np.sqrt(2) - 1])  # the region lies in this direction from the plate's middle, on no mirror
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Basis:
+    """The fields of one block; NumPy arrays."""
+
+    representation: Representation
+    """Its representation."""
+    unknowns: Int[np.ndarray, "b k"]
+    """The degrees of freedom that move together, ~ their number where they move the other way, padded with 2 n."""
+    fields: tuple[sp.csr_matrix, ...]
+    """Per copy of the block the matrix (f, b) from its unknowns to the free degrees of freedom of the plate."""
+    pattern: Pattern
+    """Where the entries of the region's tangent go in the block."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Region:
+    """A symmetric problem on its region."""
+
+    group: tuple[str, ...]
+    """The symmetries that its states have."""
+    problem: Problem
+    """The problem of the region: nodal fields are those of the whole plate, pressures those of the region's patches."""
+    own: Int[np.ndarray, " r"]
+    """The volume groups of the plate that are the region's."""
+    spread: sp.csr_matrix
+    """The matrix (g, r) that takes the pressures of the region to those of the plate."""
+
+
+def region(problem: Problem, group: tuple[str, ...]) -> Region:
+    """`Region` of a ``problem`` that has a ``group``."""
+    model, lists = problem.model, problem.model.lists
+    chosen, sizes = _representatives(lists, group)
+    blocks = [_part(block, rows, size) for block, rows, size in zip(model.blocks, chosen, sizes, strict=True)]
+    real = [len(rows) > 0 for rows in chosen]
+    own = _own_groups(model.blocks, chosen)
+
+    def part(parameter):
+        if not isinstance(parameter, LocalValues):
+            return parameter
+        points = [np.asarray(values)[rows] for values, rows in zip(parameter.points, chosen, strict=True) if len(rows)]
+        return LocalValues(tuple(points), np.asarray(parameter.groups)[own], parameter.outline)
+
+    blocks = tuple(jax.device_put([block for block, some in zip(blocks, real, strict=True) if some]))
+    model = dataclasses.replace(model, blocks=blocks, lists=_region_lists(lists, group))
+    gel = with_parameters(problem.gel, part)
+    reduced = Problem(model, gel, problem.loads, precomputed_operators(model, gel))
+    return Region(group, reduced, own, _spread(problem.model, group, chosen, own))
+
+
+def _part(block: PatchBlock, rows, sizes):
+    """The patches ``rows`` (r,) of a block, each of which counts ``sizes`` (r,) times."""
+    taken = jax.tree.map(lambda values: np.asarray(values)[rows], block)
+    contour = taken.contour
+    if contour is not None:  # of the product of two rows that is an area
+        contour = contour * np.stack([sizes, np.ones(len(sizes))], axis=1)[:, :, None, None]
+    return dataclasses.replace(taken, weight=taken.weight * sizes[:, None], contour=contour)
+
+
+@once_per_owner
+def _representatives(lists: Connectivity, group: tuple[str, ...]):
+    """Per block the rows (r,) of the patches that the region has, and the sizes (r,) of their orbits."""
+    found, centres = images(lists), _patch_centres(lists)
+    orbits = np.stack([np.arange(len(centres)), *(found[name].patches for name in group)])
+    first = orbits[np.argmax(np.round(centres @ TOWARDS, 9)[orbits], axis=0), np.arange(len(centres))]
+    size = np.array([len(set(column)) for column in orbits.T])
+    rows = [np.flatnonzero(first[patches] == patches) for patches in lists.patches]
+    return rows, [size[patches[r]].astype(float) for patches, r in zip(lists.patches, rows, strict=True)]
+
+
+def _patch_centres(lists):
+    """Means (c, 2) of the quadrature points of all patches on the reference, over the spacing."""
+    topology = lists.topology
+    points = np.asarray(topology.quadrature.points(topology.partition.vertices)) / topology.spacing
+    counts = np.bincount(lists.owner)
+    return np.stack([np.bincount(lists.owner, points[:, i]) / counts for i in range(2)], axis=1)
+
+
+@once_per_owner
+def _region_lists(lists: Connectivity, group: tuple[str, ...]) -> Connectivity:
+    """The lists of the region's patches, with the symmetric unknowns."""
+    rows = _representatives(lists, group)[0]
+    parts = [(patches[r], points[r]) for patches, points, r in zip(lists.patches, lists.points, rows, strict=True) if len(r)]
+    symmetric = representations(group)[0]
+    return dataclasses.replace(
+        lists,
+        patches=tuple(patches for patches, _ in parts),
+        points=tuple(points for _, points in parts),
+        unknowns=_unknowns(lists, symmetric)[0],
+    )
+
+
+# --- unknowns ----------------------------------------------------------------------------------------------------------------
+
+
+def _unknowns(lists, representation):
+    """The unknowns (b, k) of a block and the matrix (f, b) to the free degrees of freedom of the plate."""
+    topology, found = lists.topology, images(lists)
+    n, free = len(topology.node_vertices), np.asarray(free_dofs(topology))
+    rows = free[:, None] if free.ndim == 1 else free
+    first, number = rows[:, 0], np.full(2 * n + 1, -1)
+    number[rows] = np.arange(len(rows))[:, None]
+    number[2 * n] = -1
+    nodes = topology.partition.vertices[topology.node_vertices] / topology.spacing
+    rank = np.argsort(np.lexsort((first, -np.round(nodes @ TOWARDS, 9)[first // 2])))
+
+    to, signs = [], []
+    for name, sign in representation.signs:
+        image = first if name == IDENTITY else found[name].dofs[first]
+        to.append(number[np.where(image < 0, ~image, image)])
+        signs.append(sign * np.where(image < 0, -1, 1))  # of the field at the image over that here
+    to, signs = np.stack(to), np.stack(signs)
+    chosen = np.argmin(rank[to], axis=0)
+    leader, sign = to[chosen, np.arange(len(rows))], signs[chosen, np.arange(len(rows))]
+    zero = np.any((to == leader) & (signs != sign), axis=0)  # a symmetry that keeps the place reverses the field there
+    leaders = np.unique(leader[~zero])
+    column = np.searchsorted(leaders, leader[~zero])
+    matrix = sp.csr_matrix((sign[~zero].astype(float), (np.flatnonzero(~zero), column)), shape=(len(rows), len(leaders)))
+    entries = matrix.tocoo()
+    order = np.lexsort((rank[entries.row], entries.col))  # the leader first
+    row, owner, sign = entries.row[order], entries.col[order], entries.data[order]
+    place = np.arange(len(owner)) - np.searchsorted(owner, owner)
+    together = np.full((len(leaders), place.max(initial=0) + 1, rows.shape[1]), 2 * n)
+    together[owner, place] = np.where((sign[:, None] < 0) & (rows[row] < 2 * n), ~rows[row], rows[row])
+    return together.reshape(len(leaders), -1), matrix
+
+
+@once_per_owner
+def bases(lists: Connectivity, group: tuple[str, ...], solver: str, contact_dmax: float | None) -> tuple[Basis, ...]:
+    """The `Basis` of every representation's block, that of the symmetric fields first, but for blocks without fields.
+
+    ``solver`` and ``contact_dmax`` as in ``mechanics.tangent_pattern``.
+    """
+    own, found = _region_lists(lists, group), []
+    n = len(lists.topology.node_vertices)
+    points, pairs = lists.topology.partition.vertices[lists.topology.node_vertices], node_pairs(own)[0]
+    for representation in representations(group):
+        unknowns, matrix = _unknowns(lists, representation)
+        if len(unknowns):
+            views = [_seen(standing(unknowns, n), lists, turn, 2 * n) for turn in representation.turns]
+            pattern = analyse(pairs, points, unknowns, solver, views)
+            if contact_dmax is not None:
+                wider = np.concatenate([pairs, contact_pairs(own, contact_dmax)[0]])
+                pattern = dataclasses.replace(analyse(wider, points, unknowns, solver, views), narrower=pattern)
+            fields = tuple(_turned(matrix, lists, turn) for turn in representation.turns[: representation.copies])
+            found.append(Basis(representation, unknowns, fields, pattern))
+    return tuple(found)
+
+
+def _seen(stands, lists, turn, held):
+    """Which degree of freedom stands for each one (d,) in the fields R^T x, from those ``stands`` (d,) of the fields x."""
+    if turn == IDENTITY:
+        return stands
+    image = images(lists)[turn].dofs
+    found = stands[np.where(image < 0, ~image, image)]
+    return np.where((image < 0) & (found != held), ~found, found)
+
+
+def _turned(matrix, lists, turn):
+    """The fields R^T x (f, b) of the fields x, the columns of a ``matrix`` (f, b)."""
+    if turn == IDENTITY:
+        return matrix
+    free = np.asarray(free_dofs(lists.topology))
+    rows = free[:, None] if free.ndim == 1 else free
+    number = np.full(2 * len(lists.topology.node_vertices) + 1, -1)
+    number[rows] = np.arange(len(rows))[:, None]
+    image = images(lists)[turn].dofs[rows[:, 0]]
+    return sp.csr_matrix(matrix[number[np.where(image < 0, ~image, image)]].multiply(np.where(image < 0, -1.0, 1.0)[:, None]))
+
+
+# --- pressures ---------------------------------------------------------------------------------------------------------------
+
+
+def _own_groups(blocks, chosen):
+    """The volume groups (r,) of the plate that belong to the ``chosen`` rows of each block."""
+    found, start = [], 0
+    for block, rows in zip(blocks, chosen, strict=True):
+        found.append(start + (rows[:, None] * block.n_groups + np.arange(block.n_groups)).ravel())
+        start += len(block.patches) * block.n_groups
+    return np.concatenate(found)
+
+
+def _spread(model, group, chosen, own):
+    """The matrix (g, r) that takes the pressures of the region's groups ``own`` (r,) to those of all patches' groups.
+
+    Groups that carry volume change places; those that are held turn among themselves, as their moments do.
+    """
+    lists, found = model.lists, images(model.lists)
+    elements = [IDENTITY, *group]
+    centres = _patch_centres(lists)
+    orbits = np.stack([np.arange(len(centres)), *(found[name].patches for name in group)])
+    by = np.argmax(np.round(centres @ TOWARDS, 9)[orbits], axis=0)  # the element that takes each patch to the region
+    column = np.full(sum(len(block.patches) * block.n_groups for block in model.blocks), -1)
+    column[own] = np.arange(len(own))
+    row_of_patch, slot = np.zeros(len(centres), dtype=int), np.zeros(len(lists.cell_of_point), dtype=int)
+    for patches, numbers in zip(lists.patches, lists.points, strict=True):
+        row_of_patch[patches] = np.arange(len(patches))
+        where = np.nonzero(numbers >= 0)
+        slot[numbers[where]] = where[1]
+    rows, columns, values, start = [], [], [], 0
+    for block, patches, numbers in zip(model.blocks, lists.patches, lists.points, strict=True):
+        g = block.n_groups
+        for k, name in enumerate(elements):
+            here = np.flatnonzero(by[patches] == k)
+            there = row_of_patch[orbits[k][patches[here]]]
+            shares = _shares(block, here, there, slot, numbers, None if name == IDENTITY else found[name].points)
+            c, i, j = np.nonzero(shares)
+            rows.append(start + here[c] * g + i)
+            columns.append(column[start + there[c] * g + j])
+            values.append(shares[c, i, j])
+        start += len(patches) * g
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return sp.csr_matrix(entries, shape=(len(column), len(own)))
+
+
+def _shares(block, here, there, slot, numbers, image):
+    """Shares (r, g, g) of the pressures of patches in the rows ``there`` that those in the rows ``here`` have."""
+    g = block.n_groups
+    if image is None or block.has_mean:
+        return np.broadcast_to(np.eye(g), (len(here), g, g))
+    real = numbers[here] >= 0
+    at = np.where(real, slot[image[np.maximum(numbers[here], 0)]], 0)
+    if block.group_weight is None:  # every point is a group
+        return (at[:, :, None] == np.arange(g)) & real[:, :, None]
+    weights, own = np.asarray(block.group_weight), np.asarray(block.weight)[here]
+    own = np.where(real, own / own.sum(axis=1, keepdims=True), 0.0)
+    overlap = np.einsum("cq,cqi,cqj->cij", own, weights[here], np.take_along_axis(weights[there], at[:, :, None], axis=1))
+    shares, m = overlap, block.carrying
+    shares[:, :m, :] = shares[:, :, :m] = 0.0
+    size = np.einsum("cq,cqi,cqj->cij", own, weights[here][:, :, :m], np.take_along_axis(weights[there], at[:, :, None], axis=1)[:, :, :m])
+    shares[:, :m, :m] = size > 0.5 * size.max(axis=2, keepdims=True) if m > 1 else 1.0
+    return shares

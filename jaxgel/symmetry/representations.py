@@ -1,0 +1,61 @@
+"""The irreducible representations of a group, each as a subgroup with signs.
+
+On a symmetric state the tangent is block diagonal over the representations of its group (Healey 1988; Golubitsky, Stewart & Schaeffer
+1988). Every block acts on the fields that a subgroup keeps or reverses, each element by its own sign: of a representation of one dimension
+the whole group; of the double one of D4 the mirrors at the axes, one of which keeps the field and the other one reverses it; of the
+double one of C4 the half turn, which reverses it.
+"""
+
+import dataclasses
+import functools
+import itertools
+
+from .groups import IDENTITY, NAMES, products
+
+
+@dataclasses.dataclass(frozen=True)
+class Representation:
+    """One irreducible representation of a group."""
+
+    name: str
+    """Mulliken's symbol, such as A1, B2 or E."""
+    signs: tuple[tuple[str, int], ...]
+    """(element, sign) of the subgroup, the identity included: R x = sign x for the fields x of the block."""
+    turns: tuple[str, ...]
+    """Elements that with the subgroup make the whole group: what the block looks like from other parts of the plate."""
+    copies: int
+    """How many such blocks the tangent has, equal to each other: one for each of the first so many ``turns``."""
+
+
+@functools.cache
+def representations(group: tuple[str, ...]) -> tuple[Representation, ...]:
+    """The irreducible representations of a group of ``NAMES``, that of symmetric fields first."""
+    elements, table = (IDENTITY, *group), products(group)
+    found = []
+    for choice in itertools.product((1, -1), repeat=len(group)):
+        sign = dict(zip(elements, (1, *choice), strict=True))
+        if all(sign[a] * sign[b] == sign[product] for (a, b), product in table.items()):
+            found.append(Representation(_symbol(group, sign), tuple(sign.items()), (IDENTITY,), 1))
+    if NAMES[group] == "D4":
+        signs = ((IDENTITY, 1), ("x -> -x", 1), ("y -> -y", -1), ("rotation by 180", -1))
+        found.append(Representation("E", signs, (IDENTITY, "rotation by 90"), 2))
+    if NAMES[group] == "C4":
+        found.append(Representation("E", ((IDENTITY, 1), ("rotation by 180", -1)), (IDENTITY, "rotation by 90"), 1))
+    return tuple(found)
+
+
+def _symbol(group, sign):
+    """Mulliken's symbol of a representation of one dimension: A or B by the rotation, 1 or 2 by the first mirror."""
+    turn = next((name for name in ("rotation by 90", "rotation by 180") if name in group), None)
+    mirror = next((name for name in group if "rotation" not in name), None)
+    letter = "A" if turn is None or sign[turn] > 0 else "B"
+    if mirror is None:
+        return letter
+    if turn is None:
+        return letter + ("'" if sign[mirror] > 0 else "''")
+    return letter + ("1" if sign[mirror] > 0 else "2")
+
+
+def kept(representation: Representation, group: tuple[str, ...]) -> tuple[str, ...]:
+    """The subgroup of a ``group`` that keeps the fields of a block: the symmetry of the branches that leave along it."""
+    return tuple(name for name in group if dict(representation.signs).get(name) == 1)
