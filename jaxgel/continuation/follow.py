@@ -25,9 +25,9 @@ from ..equilibrium import (
     solve_weak,
 )
 from ..mechanics import Problem, free_dofs, restrict, touches
-from .options import BRANCHES, CONTACT, FORMULATIONS, MAX_STEPS
-from .predictor import predict, rate_of_change, same_branch
-from .stability import StabilityAnalysis
+from .frames import Frames
+from .options import BRANCHES, CONTACT, FORMULATIONS, MAX_STEPS, SYMMETRY
+from .predictor import predict, same_branch
 from .steps import Steps, adaptive, given_values
 from .switching import stable_state
 
@@ -50,9 +50,11 @@ class Following:
     """Whether the values of mu are the two ends of adaptive steps."""
     max_steps: int = MAX_STEPS
     """Most accepted states of adaptive steps."""
+    symmetry: str = "auto"
+    """Whether symmetric states are found on a fundamental region, "auto", or all of them on the whole plate, "off"."""
 
     def __post_init__(self) -> None:
-        for name, choices in (("branch", BRANCHES), ("contact", CONTACT), ("formulation", FORMULATIONS)):
+        for name, choices in (("branch", BRANCHES), ("contact", CONTACT), ("formulation", FORMULATIONS), ("symmetry", SYMMETRY)):
             one_of(name, getattr(self, name), choices)
 
 
@@ -86,7 +88,7 @@ def _attempt_of(problem, options) -> Callable:
     if model.conditions != "nodes":
         own = prepare_weak(model, problem.gel, problem.loads, free)
         return lambda mu, states: solve_weak(own, mu, *predict(problem, mu, same_branch(states)))
-    return _Attempt(problem, options.branch == "stable", StabilityAnalysis(problem))
+    return _Attempt(Frames(problem, symmetry=options.symmetry == "auto"), options.branch == "stable")
 
 
 def _until_contact(attempt, model):
@@ -103,46 +105,46 @@ def _until_contact(attempt, model):
 class _Attempt:
     """The `State` at ``mu`` after ``states``, with its stability; with ``stable`` an unstable branch is left."""
 
-    problem: Problem
+    frames: Frames
     stable: bool
-    analysis: StabilityAnalysis
 
     def __call__(self, mu, states):
         history = same_branch(states)
-        found, switched = self._reach(mu, history)
+        frame = self.frames.of_state(history[-1].x) if history else self.frames.of(self.frames.group)
+        history = [frame.part(state) for state in history]
+        found, switched = self._reach(frame, mu, history)
         if not found.status.ok:
-            return found
-        stability, start = self.analysis.by_nearby_factor(found, history[-1].modes if history else None)
-        if stability is None:
-            found = dataclasses.replace(found, factor=None)  # free it before the next factorisation
-            stability, found = self.analysis.by_own_factor(found, start)
-        other = self._stable(found, stability, history) if self.stable and stability.negative > 0 else None
+            return frame.whole(found)
+        stability, found = frame.check(found, history[-1].modes if history else None)
+        rate = None if states else frame.rate(found)
+        other = self._stable(frame, found, stability, history) if self.stable and stability.negative > 0 else None
+        found = accepted(frame.problem, frame.whole(found), stability, switched=switched)
         if other is not None:
-            spent = found.newton_iterations + other[0].newton_iterations
-            found, stability, switched = dataclasses.replace(other[0], newton_iterations=spent), other[1], True
-        found = accepted(self.problem, found, stability, switched=switched)
-        return found if states else dataclasses.replace(found, rate=rate_of_change(self.problem, found))
+            state, stability = other
+            state = dataclasses.replace(state, newton_iterations=found.newton_iterations + state.newton_iterations)
+            found = accepted(self.frames.of_state(state.x).problem, state, stability, switched=True)
+        return dataclasses.replace(found, rate=rate)
 
-    def _reach(self, mu, history):
+    def _reach(self, frame, mu, history):
         """`State` at ``mu`` from the one that ``history`` predicts, and whether it lies on another branch.
 
         Where holes touch, a step that moves the gel farther than the range of contact is refused, and a short one that fails relaxes.
         """
-        problem = self.problem
+        problem = frame.problem
         x, pressure = predict(problem, mu, history)
         if not history:
             found = solve(problem, mu, x, pressure)
             return found if found.status.ok or not problem.model.cloud.plate.moved else _ramped(problem, mu, found), False
-        last = history[-1]
+        last, x = history[-1], frame.onto(x)
         if not problem.has_contact:
-            return self._as_predicted(solve(problem, mu, x, pressure), x, last), False
+            return _as_predicted(frame, solve(problem, mu, x, pressure), x, last), False
         most = float(problem.model.contact.range)
         far = not np.abs(x - last.x).max() < most
         was_active = touches(last.x, problem.model) if last.contact_active is None else last.contact_active
         near = bool((was_active or far) and touches(x, problem.model))
         if far and (was_active or near):
             return State(mu, x, pressure), False
-        found = self._as_predicted(solve(problem, mu, x, pressure, near_contact=near), x, last)
+        found = _as_predicted(frame, solve(problem, mu, x, pressure, near_contact=near), x, last)
         if found.status.ok and found.contact_active and not np.abs(found.x - last.x).max() < most:
             found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
         if found.status.ok or not self.stable or mu - last.mu > SNAP:
@@ -151,31 +153,35 @@ class _Attempt:
         spent = found.newton_iterations + relaxed.newton_iterations
         return dataclasses.replace(relaxed, newton_iterations=spent), relaxed.status.ok
 
-    def _as_predicted(self, found, predicted, last):
-        """The `State` found, refused after a step longer than ``SNAP`` that is mostly the softest mode, against what was predicted of it.
-
-        Next to an imperfect bifurcation Newton's method may end on the branch that turns the other way.
-        """
-        if not found.status.ok or last.modes is None or found.mu - last.mu <= SNAP:
-            return found
-        step, expected = (restrict(np.asarray(x) - last.x, np.asarray(self.problem.free)) for x in (found.x, predicted))
-        weighted = self.analysis.stiffness @ last.modes[:, 0]  # a mode v has v . N v = 1
-        against = (weighted @ step) * (weighted @ expected) < 0
-        mostly = (weighted @ step) ** 2 > MOSTLY * (step @ (self.analysis.stiffness @ step))
-        return dataclasses.replace(found, status=Status.NOT_CONVERGED) if against and mostly else found
-
-    def _stable(self, found, stability, history):
-        """Stable `State` and its `Stability` from an unstable one: next to it on a branch that leaves there, or by relaxation."""
-        problem = self.problem
+    def _stable(self, frame, found, stability, history):
+        """Stable whole `State` and its `Stability` from an unstable one: next to it on a branch that leaves there, or by relaxation."""
+        problem = frame.problem
         touching = problem.has_contact and touches(found.x, problem.model)
         expected = predict(problem, found.mu, history)[0] if history else None
-        other = None if touching else stable_state(self.analysis, found, stability, expected=expected)
+        whole = frame.whole(found)
+        other = None if touching else stable_state(self.frames, whole, stability, expected=expected)
         if other is None and problem.has_contact:
-            state = relax_along(problem, found, stability.vectors[:, 0])
+            mode = stability.vectors[:, 0]
+            frame = self.frames.along_mode(whole, mode)
+            state = relax_along(frame.problem, frame.part(whole), frame.along(mode))
             if state.status.ok:
-                stability, state = self.analysis.by_own_factor(state)
-                other = (state, stability) if stability.negative == 0 else None
+                stability, state = frame.check(state, None)
+                other = (frame.whole(state), stability) if stability.negative == 0 else None
         return other
+
+
+def _as_predicted(frame, found, predicted, last):
+    """The `State` found, refused after a step longer than ``SNAP`` that is mostly the softest mode, against what was predicted of it.
+
+    Next to an imperfect bifurcation Newton's method may end on the branch that turns the other way.
+    """
+    if not found.status.ok or last.modes is None or found.mu - last.mu <= SNAP:
+        return found
+    step, expected = (restrict(np.asarray(x) - np.asarray(last.x), np.asarray(frame.problem.free)) for x in (found.x, predicted))
+    weighted = frame.stiffness @ frame.along(last.modes[:, 0])  # a mode v has v . N v = 1
+    against = (weighted @ step) * (weighted @ expected) < 0
+    mostly = (weighted @ step) ** 2 > MOSTLY * (step @ (frame.stiffness @ step))
+    return dataclasses.replace(found, status=Status.NOT_CONVERGED) if against and mostly else found
 
 
 def _ramped(problem, mu, failed):

@@ -11,6 +11,7 @@ from .._validation import NUMBER, check_options, listed, option, whole, word
 BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
 FORMULATIONS = ("total", "incremental")
+SYMMETRY = ("auto", "off")
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 
 
@@ -46,6 +47,8 @@ class SweepOptions:
     """Size of the load along the first bifurcation's mode, as the displacement that it would cause, in spacings; 0 for none."""
     contact: str = option("on", word(CONTACT), "sweep")
     """Where hole boundaries meet, keep them apart, let them overlap, or stop"""
+    symmetry: str = option("auto", word(SYMMETRY), "sweep")
+    """Find symmetric states on a fundamental region of the plate, or all states on the whole plate"""
 
     def __post_init__(self) -> None:
         check_options("sweep", self)

@@ -5,6 +5,7 @@ stiffness against the mode v in units of the network's, dimensionless and nearly
 neutral state 0. Modes have v . N v = 1.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 
@@ -14,8 +15,8 @@ import scipy.sparse as sp
 
 from .._types import Float
 from ..equilibrium import Stability, State, acting_problem, with_own_factor
-from ..linalg import columnwise_products, inverse_iteration, lowest_of_factor, network_matrix, rayleigh_ritz
-from ..mechanics import Problem, linearise, restrict, tangent_product
+from ..linalg import Factor, columnwise_products, inverse_iteration, lowest_of_factor, network_matrix, rayleigh_ritz
+from ..mechanics import Problem, gather, linearise, tangent_product
 
 TRACKED = 2  # modes whose eigenvalues are made accurate where all may be unstable: both of a double eigenvalue
 ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 8e-3 is seen after large steps of mu and next to a crease
@@ -40,7 +41,9 @@ class StabilityAnalysis:
     def check(self, state: State, start: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
         """`Stability` of a converged state, and the state with the factor that was used; ``start`` are modes of a nearby state."""
         stability, start = self.by_nearby_factor(state, start)
-        return (stability, state) if stability is not None else self.by_own_factor(state, start)
+        if stability is not None:
+            return stability, state
+        return self.by_own_factor(dataclasses.replace(state, factor=None), start)  # free it before the next factorisation
 
     def by_own_factor(
         self, state: State, start: Float[np.ndarray, "f m"] | None = None, *, accuracy: float = ACCURACY
@@ -55,11 +58,8 @@ class StabilityAnalysis:
 
     def _from_modes(self, start, state, accuracy):
         """`Stability` of a state by its own factor, from the vectors ``start`` (f, m)."""
-        followed, _ = inverse_iteration(state.factor, self.stiffness, start)
-        followed, weights = inverse_iteration(state.factor, self.stiffness, followed)  # they were unknown, or have changed much
-        lowest = followed[:, :TRACKED], weights[:, :TRACKED]
-        eigenvalues, vectors, _ = self._davidson(state, *lowest, accuracy, own=True)
-        return Stability(eigenvalues, np.concatenate([vectors, followed[:, TRACKED:]], axis=1), state.factor.negative_pivots)
+        followed, _ = inverse_iteration(state.factor, self.stiffness, start)  # they were unknown, or have changed much
+        return lowest_by_factor(state.factor, self.stiffness, self.product(state), followed, accuracy)
 
     def by_nearby_factor(
         self, state: State, start: Float[np.ndarray, "f m"] | None, *, accuracy: float = ACCURACY
@@ -75,42 +75,12 @@ class StabilityAnalysis:
             return None, start
         followed, weights = inverse_iteration(state.factor, self.stiffness, start)
         m = pivots + 1
-        eigenvalues, vectors, converged = self._davidson(state, followed[:, :m], weights[:, :m], accuracy, own=False)
+        lowest = followed[:, :m], weights[:, :m]
+        eigenvalues, vectors, converged = _davidson(state.factor, self.stiffness, self.product(state), *lowest, accuracy, own=False)
         vectors, seen = np.concatenate([vectors, followed[:, m:]], axis=1), int(np.sum(eigenvalues < 0))
         if seen < pivots:
             return None, None
         return (Stability(eigenvalues, vectors, pivots), vectors) if converged and seen == pivots else (None, followed)
-
-    def _davidson(self, state, vectors, weights, accuracy, own):
-        """The lowest eigenvalues (m,) of the state's tangent K, their vectors (f, m), and whether the iterations were enough.
-
-        Corrections d = K_f^-1 r of the eigen-residual r = K v - lambda N v come from the state's factor K_f. Where that is its ``own`` K d
-        is r; where it is not, r is wrong by the distance of K_f from K, at most ``NEAR`` of what the last correction gains.
-        """
-        product = self.product(state)
-        images = product(vectors)
-        eigenvalues, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
-        for _ in range(ITERATIONS if own else NEARBY_ITERATIONS):
-            vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
-            residual = images - weights * eigenvalues
-            d = state.factor.apply(residual)
-            if 0 <= residual[:, 0] @ d[:, 0] <= IDLE * accuracy * eigenvalues[0]:
-                return eigenvalues, vectors, True
-            weighted = columnwise_products(self.stiffness, d)
-            share = vectors.T @ weighted
-            d, weighted = d - vectors @ share, weighted - weights @ share
-            image, small = residual - images @ share, IDLE * accuracy if own else accuracy / NEAR
-            better, turn = rayleigh_ritz(eigenvalues, images, d, image, weighted)
-            gains = residual[:, 0] @ d[:, 0], better[0] - eigenvalues[0]  # parts of the first may cancel where the factor is indefinite
-            last = np.abs(gains).max() <= small * min(abs(eigenvalues[0]), abs(better[0]))
-            if not (last or own):
-                image = product(d)
-                better, turn = rayleigh_ritz(eigenvalues, images, d, image, weighted)
-            eigenvalues = better
-            vectors, weights, images = (np.concatenate(pair, axis=1) for pair in ((vectors, d), (weights, weighted), (images, image)))
-            if last:
-                break
-        return eigenvalues, vectors @ turn, last
 
     def product(self, state: State) -> Callable[[Float[np.ndarray, "f m"]], Float[np.ndarray, "f m"]]:
         """Function that multiplies vectors (f, m) with the tangent of a state."""
@@ -120,9 +90,54 @@ class StabilityAnalysis:
         return lambda vectors: np.stack([tangent_product(*at, now, v) for v in vectors.T], axis=1)
 
 
+def lowest_by_factor(
+    factor: Factor,
+    stiffness: sp.csr_matrix,
+    product: Callable[[Float[np.ndarray, "f m"]], Float[np.ndarray, "f m"]],
+    start: Float[np.ndarray, "f m"],
+    accuracy: float = ACCURACY,
+) -> Stability:
+    """`Stability` of a tangent by its own ``factor`` and its ``product`` with vectors (f, m), from modes ``start`` (f, m) of a nearby one."""
+    followed, weights = inverse_iteration(factor, stiffness, start)
+    lowest = followed[:, :TRACKED], weights[:, :TRACKED]
+    eigenvalues, vectors, _ = _davidson(factor, stiffness, product, *lowest, accuracy, own=True)
+    return Stability(eigenvalues, np.concatenate([vectors, followed[:, TRACKED:]], axis=1), factor.negative_pivots)
+
+
+def _davidson(factor, stiffness, product, vectors, weights, accuracy, own):
+    """The lowest eigenvalues (m,) of a tangent K, their vectors (f, m), and whether the iterations were enough.
+
+    Corrections d = K_f^-1 r of the eigen-residual r = K v - lambda N v come from the factor of K_f. Where that is the tangent's ``own`` K d
+    is r; where it is not, r is wrong by the distance of K_f from K, at most ``NEAR`` of what the last correction gains.
+    """
+    images = product(vectors)
+    eigenvalues, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
+    for _ in range(ITERATIONS if own else NEARBY_ITERATIONS):
+        vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
+        residual = images - weights * eigenvalues
+        d = factor.apply(residual)
+        if 0 <= residual[:, 0] @ d[:, 0] <= IDLE * accuracy * eigenvalues[0]:
+            return eigenvalues, vectors, True
+        weighted = columnwise_products(stiffness, d)
+        share = vectors.T @ weighted
+        d, weighted = d - vectors @ share, weighted - weights @ share
+        image, small = residual - images @ share, IDLE * accuracy if own else accuracy / NEAR
+        better, turn = rayleigh_ritz(eigenvalues, images, d, image, weighted)
+        gains = residual[:, 0] @ d[:, 0], better[0] - eigenvalues[0]  # parts of the first may cancel where the factor is indefinite
+        last = np.abs(gains).max() <= small * min(abs(eigenvalues[0]), abs(better[0]))
+        if not (last or own):
+            image = product(d)
+            better, turn = rayleigh_ritz(eigenvalues, images, d, image, weighted)
+        eigenvalues = better
+        vectors, weights, images = (np.concatenate(pair, axis=1) for pair in ((vectors, d), (weights, weighted), (images, image)))
+        if last:
+            break
+    return eigenvalues, vectors @ turn, last
+
+
 def oriented(vectors: Float[np.ndarray, "f m"], problem: Problem) -> Float[np.ndarray, "f m"]:
     """Modes with the sign that makes their product with a fixed field without symmetry positive, on every cloud."""
     plate = problem.model.cloud.plate
     x, y = (np.asarray(problem.model.cloud.nodes) / [plate.width, plate.height]).T
-    field = restrict(np.stack([np.sin(5.1 * y + 2.3 * x + 0.4), np.sin(3.7 * x - 1.9 * y - 0.9)], axis=1), problem.free)
+    field = np.asarray(gather(np.stack([np.sin(5.1 * y + 2.3 * x + 0.4), np.sin(3.7 * x - 1.9 * y - 0.9)], axis=1), problem.free))
     return vectors * np.where(field @ vectors < 0, -1.0, 1.0)

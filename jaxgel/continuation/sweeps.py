@@ -27,6 +27,7 @@ def sweep(
     start: State | list[State] | None = None,
     max_steps: int = MAX_STEPS,
     formulation: str = "total",
+    symmetry: str = "auto",
 ) -> Path:
     """`Path` of equilibria at the given increasing values ``mu`` (k,), or from ``mu = (first, last)`` in adaptive steps.
 
@@ -36,14 +37,15 @@ def sweep(
     them apart (range and stiffness: ``mechanics.with_contact``), ``"off"`` lets them overlap, and ``"stop"`` ends the sweep. With contact a
     stable branch that ends, or turns unstable, is left by relaxation (``switched``). ``loads`` (n, 2) are dead nodal forces, see
     ``load_vector``. ``formulation="incremental"`` is the paper's algorithm instead of the total energy; like weak conditions it has neither
-    contact nor other branches. ``on_step(state)`` is called with each accepted `State`, which still has its factor; ``start`` is a State to
+    contact nor other branches. ``symmetry="auto"`` finds symmetric states on a fundamental region of the plate (see ``symmetry``): the same
+    states, sooner; ``"off"`` does not. ``on_step(state)`` is called with each accepted `State`, which still has its factor; ``start`` is a State to
     continue from, or the list of all states of an interrupted sweep, with which the path then begins: to the bit that of a sweep that was
     not interrupted. Raises ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first state is not found; later
     failures end the path early, with the reason in ``path.stop`` and ``path.stop_text``. Differentiating a state without a meaningful
     derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap``, for given mu only, states that are not reached
     are nan, and the branch that continues the dry state is followed whatever its stability.
     """
-    options = Following(branch, contact, formulation, isinstance(mu, tuple) and len(mu) == 2, max_steps)
+    options = Following(branch, contact, formulation, isinstance(mu, tuple) and len(mu) == 2, max_steps, symmetry)
     gel = localised(model, gel)
     traced = is_traced((model, gel, mu, loads))
     by_energy = formulation == "total" and model.conditions == "nodes"
@@ -60,7 +62,7 @@ def sweep(
         raise ValueError(f"mu: {values[-1 if options.adaptive else 0]:g} is not above the start's mu = {before[-1].mu:g}")
     states = [] if isinstance(start, State) else list(before)
     with few_threads(2 * model.n_nodes):
-        followed = Followed(prepare(model, gel, loads, operators=by_energy), values.tolist(), options, before)
+        followed = Followed(prepare(model, gel, loads, operators=False), values.tolist(), options, before)
         for state in followed:
             if on_step is not None:
                 on_step(state)

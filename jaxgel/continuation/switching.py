@@ -6,7 +6,8 @@ import numpy as np
 from .._types import Array, Float
 from ..equilibrium import Stability, State, Status, solve, solve_pinned
 from ..mechanics import Problem, gather, restrict, scatter
-from .stability import StabilityAnalysis, oriented
+from .frames import Frames
+from .stability import oriented
 
 FIRST_AMPLITUDE = 0.02  # of the spacing: largest displacement of the first pinned state
 GROWTH = 1.5  # of the amplitude from one pinned state to the next
@@ -16,35 +17,37 @@ MAX_SWITCHES = 6  # branches tried one after the other until one is stable
 
 
 def stable_state(
-    analysis: StabilityAnalysis, state: State, stability: Stability, *, sign: int = 1, expected: Float[np.ndarray, "n 2"] | None = None
+    frames: Frames, state: State, stability: Stability, *, sign: int = 1, expected: Float[np.ndarray, "n 2"] | None = None
 ) -> tuple[State, Stability] | None:
     """`State` without negative eigenvalues and its `Stability`, reached from an unstable state at the same mu; None if none is found.
 
-    Along ``sign`` times the mode of the lowest eigenvalue the state is pinned at growing amplitudes. The force that holds it points
-    outwards at first; where it changes sign lies an equilibrium of another branch, and Newton's method without the pin finds it. Loads
-    that push choose the side, and before them the positions ``expected`` (n, 2), mm, of the branch that a sweep came along, where these
-    lean to one.
+    Along ``sign`` times the mode of the lowest eigenvalue the state is pinned at growing amplitudes, with the symmetries that the mode
+    leaves. The force that holds it points outwards at first; where it changes sign lies an equilibrium of another branch, and Newton's
+    method without the pin finds it. Loads that push choose the side, and before them the positions ``expected`` (n, 2), mm, of the branch
+    that a sweep came along, where these lean to one.
     """
-    problem = analysis.problem
     for _ in range(MAX_SWITCHES):
-        mode = sign * oriented(stability.vectors[:, :1], problem)[:, 0]
-        push = _lean(analysis, mode, expected, state) or np.asarray(gather(problem.loads, problem.free)) @ mode
-        found = _across(problem, state, -mode if push < 0 else mode)
+        mode = sign * oriented(stability.vectors[:, :1], frames.problem)[:, 0]
+        frame = frames.along_mode(state, mode)
+        mode, problem = frame.along(mode), frame.problem
+        push = _lean(frame, mode, expected, state) or np.asarray(gather(problem.loads, problem.free)) @ mode
+        found = _across(problem, frame.part(state), -mode if push < 0 else mode)
         if found is None:
             return None
-        stability, state = analysis.by_own_factor(found)
+        stability, found = frame.check(found, None)
+        state = frame.whole(found)
         if stability.negative == 0:
             return state, stability
     return None
 
 
-def _lean(analysis, mode, expected, state):
+def _lean(frame, mode, expected, state):
     """How far the positions ``expected`` lie along a mode (v . N v = 1) from an unstable state; 0 where they lie elsewhere."""
     if expected is None:
         return 0.0
-    apart = restrict(np.asarray(expected) - np.asarray(state.x), analysis.problem.free)
-    along = mode @ (analysis.stiffness @ apart)
-    return along if along**2 > LEANING * (apart @ (analysis.stiffness @ apart)) else 0.0
+    apart = restrict(np.asarray(expected) - np.asarray(state.x), frame.problem.free)
+    along = mode @ (frame.stiffness @ apart)
+    return along if along**2 > LEANING * (apart @ (frame.stiffness @ apart)) else 0.0
 
 
 def _across(problem: Problem, state: State, mode: Float[Array, " f"]) -> State | None:

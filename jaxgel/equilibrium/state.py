@@ -23,6 +23,8 @@ class Stability:
     """At least as many modes, on the free degrees of freedom, 1 / sqrt(kT/v), of either sign; None where they were not kept."""
     negative: int
     """Number of negative eigenvalues of the tangent, tracked or not."""
+    representation: str = ""
+    """Symbol of the representation of the state's group to which the first mode belongs; empty where it was not found by these."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -51,6 +53,8 @@ class State:
     """Whether an outline is so near itself that contact acts; None where that was not looked at."""
     stride: float = float("nan")
     """Step in mu that an adaptive sweep tries next, kT; nan for given values."""
+    symmetry: str = ""
+    """Name of the group of symmetries with which it was found, see ``symmetry.NAMES``; empty where none was asked for."""
     rate: Float[Array, "n 2"] | None = None
     """dx/dmu, mm/kT, from which a sweep's second state is predicted; of its first state only."""
     factor: Factor | None = None

@@ -11,7 +11,7 @@ from .eigen import (
     network_matrix,
     rayleigh_ritz,
 )
-from .factors import Bordered, Factor, SingularTangent, factor
+from .factors import Bordered, Factor, SingularTangent, factor, solve_near_factor
 from .kept_factors import RECENT_FACTORS, FactorCache, remember, solve_near
 from .multifrontal import factorise
 from .pattern import SOLVERS, Pattern, analyse, standing
@@ -38,5 +38,6 @@ __all__ = [
     "rayleigh_ritz",
     "remember",
     "solve_near",
+    "solve_near_factor",
     "standing",
 ]

@@ -91,29 +91,9 @@ class Factor:
         return solution, error
 
     def solve_other(self, rhs: Float[np.ndarray, " f"], product: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, " f"] | None:
-        """Solution (f,) for another matrix, by its ``product`` with vectors (f,); None where that is far from the factorised one.
-
-        Conjugate gradients with the factor as preconditioner: where the two matrices differ by a share s, an iteration leaves about s / 2
-        of the error. That is measured in the norm of the factorised matrix, in which stiff and soft directions count alike. The last
-        step is a plain correction, which needs no product and leaves the share s, at most twice what the slowest iteration left: at most
-        ``NEGLIGIBLE`` of the solution remains. Of an indefinite matrix the norm may happen to vanish: then None as well.
-        """
-        solution, residual, slowest, apply = np.zeros(len(rhs)), rhs, 0.0, self.fronts.solve
-        with few_threads(len(rhs)), np.errstate(all="ignore"):  # a far matrix ends as None
-            direction = z = apply(rhs)
-            size = residual @ z
-            left, enough = np.inf, NEGLIGIBLE**2 * abs(size)
-            while not left <= enough or not enough:
-                image = product(direction)
-                step = size / (direction @ image)
-                solution, residual = solution + step * direction, residual - step * image
-                z = apply(residual)
-                size, last = residual @ z, size
-                slowest = max(abs(size / last), slowest)  # nan if that is
-                if not slowest < SLOWEST**2:
-                    return None
-                direction, left = z + size / last * direction, 4 * slowest * abs(size)
-        return solution + z
+        """Solution (f,) for another matrix, see `solve_near_factor`."""
+        with few_threads(len(rhs)):
+            return solve_near_factor(rhs, product, self.fronts.solve)
 
     @functools.cached_property
     def size(self) -> int:
@@ -130,15 +110,44 @@ class Factor:
         return float(max(sums))
 
 
+def solve_near_factor(
+    rhs: Float[np.ndarray, " f"], product: Callable[[np.ndarray], np.ndarray], apply: Callable[[np.ndarray], np.ndarray]
+) -> Float[np.ndarray, " f"] | None:
+    """Solution (f,) for a matrix, by its ``product`` with vectors (f,) and what ``apply`` solves: None where these are far apart.
+
+    Conjugate gradients with a factor as preconditioner: where the two matrices differ by a share s, an iteration leaves about s / 2
+    of the error. That is measured in the norm of the factorised matrix, in which stiff and soft directions count alike. The last
+    step is a plain correction, which needs no product and leaves the share s, at most twice what the slowest iteration left: at most
+    ``NEGLIGIBLE`` of the solution remains. Of an indefinite matrix the norm may happen to vanish: then None as well.
+    """
+    solution, residual, slowest = np.zeros(len(rhs)), rhs, 0.0
+    with np.errstate(all="ignore"):  # a far matrix ends as None
+        direction = z = apply(rhs)
+        size = residual @ z
+        left, enough = np.inf, NEGLIGIBLE**2 * abs(size)
+        while not left <= enough or not enough:
+            image = product(direction)
+            step = size / (direction @ image)
+            solution, residual = solution + step * direction, residual - step * image
+            z = apply(residual)
+            size, last = residual @ z, size
+            slowest = max(abs(size / last), slowest)  # nan if that is
+            if not slowest < SLOWEST**2:
+                return None
+            direction, left = z + size / last * direction, 4 * slowest * abs(size)
+    return solution + z
+
+
 def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"]) -> Factor:
     """``Factor`` of the tangent given by pair blocks (n_pairs, 2, 2); raises ``SingularTangent``."""
     pattern = pattern.fitting(pairs)
-    matrix = pattern.matrix(pairs)
+    entries = pattern.entries(pairs)
+    matrix = pattern.matrix_of(entries)
     if not np.all(np.isfinite(matrix.data)):
         raise SingularTangent("the tangent is not finite")
     try:
         with few_threads(len(pattern.free)), np.errstate(over="ignore", invalid="ignore"):
-            return Factor(pattern, matrix, factorise(pattern.tree, pattern.entries(pairs), pattern.precision))
+            return Factor(pattern, matrix, factorise(pattern.tree, entries, pattern.precision))
     except np.linalg.LinAlgError as error:
         raise SingularTangent(str(error)) from error
 

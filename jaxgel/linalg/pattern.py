@@ -50,8 +50,12 @@ class Pattern:
 
     def matrix(self, pairs: Float[Array, "p 2 2"]) -> sp.csc_matrix:
         """The free-free matrix (f, f), CSC, from pair blocks (n_pairs, 2, 2)."""
+        return self.matrix_of(self.entries(pairs))
+
+    def matrix_of(self, entries: Float[np.ndarray, " e"]) -> sp.csc_matrix:
+        """The free-free matrix (f, f), CSC, from the `entries` of pair blocks."""
         matrix = copy.copy(self.structure)  # the constructor would check the indices once more
-        matrix.data = self.entries(pairs)[self.source]
+        matrix.data = entries[self.source]
         return matrix
 
     def entries(self, pairs: Float[Array, "p 2 2"]) -> Float[np.ndarray, " e"]:

@@ -10,6 +10,7 @@ from .._types import Array, Float, Int
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import Gel
+from .dofs import unknowns
 from .local_gel import localised
 from .operators import Operators, precomputed_operators
 from .pairs import tangent_pattern
@@ -32,7 +33,7 @@ class Problem:
     @property
     def free(self) -> Int[Array, "f ..."]:
         """Free degrees of freedom, see `dofs`."""
-        return self.operators.free
+        return unknowns(self.model.lists) if self.operators is None else self.operators.free
 
     @property
     def has_contact(self) -> bool:

@@ -71,9 +71,19 @@ def symmetries_of(problem: Problem) -> tuple[str, ...]:
 
 def symmetries_of_state(x: Float[Array, "n 2"], model: Model, group: tuple[str, ...]) -> tuple[str, ...]:
     """The symmetries of a ``group`` that a state with the nodal positions ``x`` (n, 2) has."""
-    found, x = images(model.lists), np.asarray(x)
-    apart = {name: np.abs(x[found[name].nodes] - x @ found[name].matrix.T).max() for name in group}
-    return _closed(tuple(name for name in group if apart[name] < STATE * model.cloud.spacing))
+    return _kept_by(np.asarray(x), model, group, STATE * model.cloud.spacing)
+
+
+def symmetries_of_field(field: Float[Array, "n 2"], model: Model, group: tuple[str, ...]) -> tuple[str, ...]:
+    """The symmetries of a ``group`` that a nodal field (n, 2), such as a mode, has."""
+    field = np.asarray(field)
+    return _kept_by(field, model, group, STATE * np.abs(field).max())
+
+
+def _kept_by(field, model, group, tolerance):
+    found = images(model.lists) if group else {}
+    apart = {name: np.abs(field[found[name].nodes] - field @ found[name].matrix.T).max() for name in group}
+    return _closed(tuple(name for name in group if apart[name] < tolerance))
 
 
 def _closed(group):
