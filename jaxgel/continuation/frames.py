@@ -9,30 +9,17 @@ import functools
 from typing import Protocol
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 
 from .._types import Array, Float
 from ..equilibrium import Stability, State, acting_problem
-from ..linalg import (
-    Factor,
-    Pattern,
-    columnwise_products,
-    factor,
-    inverse_iteration,
-    lowest_of_factor,
-    network_matrix,
-    solve_near_factor,
-)
+from ..linalg import Factor, Pattern, columnwise_products, factor, network_matrix, solve_near_factor
 from ..mechanics import Problem, linearise, precomputed_operators, scatter, start_positions, tangent, unknowns
 from ..symmetry import NAMES, Basis, Region, bases, region, symmetries_of, symmetries_of_field, symmetries_of_state
 from .predictor import rate_of_change
-from .stability import StabilityAnalysis, lowest_by_factor
+from .stability import StabilityAnalysis, stability_of_factor
 
-FEW = 64  # unknowns of a block up to which all of its eigenvalues are computed
-OF_BLOCK = 2  # modes followed in each block
 NEGLIGIBLE = 1e-15  # part of a right-hand side in a block that is round-off
-OWN = 0.5  # share of a mode's size that is left in the block to which it belongs
 
 
 class Frame(Protocol):
@@ -162,7 +149,7 @@ class RegionFrame(_Conditions):
     def __init__(self, reduced: Region, whole: Problem) -> None:
         self.group, self.problem, self._region, self._whole = reduced.group, reduced.problem, reduced, whole
 
-    @functools.cached_property
+    @property
     def stiffness(self) -> sp.csr_matrix:
         """See `Frame`."""
         return self._stiffnesses[0]
@@ -179,17 +166,25 @@ class RegionFrame(_Conditions):
         return [network_matrix(basis.pattern.narrower or basis.pattern, network) for basis in self._bases]
 
     @functools.cached_property
-    def _projections(self):
-        """Per block the matrix (b, f) that takes a field to its coordinates, and how many degrees of freedom move with each unknown."""
-        counts = [np.asarray(basis.fields[0].power(2).sum(axis=0)).ravel() for basis in self._bases]
-        return [(sp.csr_matrix(basis.fields[0].multiply(1 / size).T), size) for basis, size in zip(self._bases, counts, strict=True)]
+    def _stiffness(self):
+        """That of all blocks, (b, b)."""
+        return sp.block_diag(self._stiffnesses, format="csr")
 
-    def _coordinates(self, number, modes):
-        """Coordinates (b, m) of the modes (f, m) in a block; 0 of those that belong to another block."""
-        projection, counts = self._projections[number]
-        found = projection @ modes
-        inside = counts @ found**2 > OWN**2 * np.sum(modes**2, axis=0)
-        return np.where(inside, found, 0.0)
+    @functools.cached_property
+    def _fields(self) -> sp.csr_matrix:
+        """Matrix (f, b) from the coordinates of all blocks, one copy of each, to fields."""
+        return sp.hstack([basis.fields[0] for basis in self._bases], format="csr")
+
+    @functools.cached_property
+    def _projection(self) -> sp.csr_matrix:
+        """Matrix (b, f) from fields to the coordinates of all blocks."""
+        sizes = np.asarray(self._fields.power(2).sum(axis=0)).ravel()
+        return sp.csr_matrix(self._fields.multiply(1 / sizes).T)
+
+    @functools.cached_property
+    def _cuts(self):
+        """Where the coordinates of each block begin, and where the last ones end."""
+        return np.cumsum([0, *(basis.fields[0].shape[1] for basis in self._bases)])
 
     def part(self, state: State) -> State:
         """See `Frame`."""
@@ -202,53 +197,60 @@ class RegionFrame(_Conditions):
 
     def along(self, mode: Float[np.ndarray, " f"]) -> Float[np.ndarray, " b"]:
         """See `Frame`."""
-        return self._coordinates(0, mode[:, None])[:, 0]
+        found = self._projection @ mode
+        own = np.argmax(np.add.reduceat(found**2, self._cuts[:-1])) == 0
+        return found[: self._cuts[1]] * own
 
     def check(self, state: State, modes: Float[np.ndarray, "f m"] | None) -> tuple[Stability, State]:
-        """See `Frame`: every block by a factor of its own."""
+        """See `Frame`: every block has a factor of its own, and all of them together are one matrix of the blocks' coordinates."""
         problem = acting_problem(self.problem, state)
         at = problem, state.x, state.pressure
         state = dataclasses.replace(state, factor=None)  # free it before the next factorisation
         pairs = np.asarray(tangent(*at, state.linearisation if state.linearisation is not None else linearise(*at, state.mu)))
-        parts, factors = [], []
-        for basis, stiffness in zip(self._bases, self._stiffnesses, strict=True):
-            factors.append(factor(basis.pattern, pairs))
-            parts.append(_block_stability(factors[-1], stiffness, None if modes is None else self._coordinates(len(parts), modes)))
-        return _together(self._bases, parts), dataclasses.replace(state, factor=BlockFactor(acting_problem(self._whole, state), self._bases, tuple(factors)))
+        blocks = _Diagonal(tuple(factor(basis.pattern, pairs) for basis in self._bases), self._cuts)
+        found = stability_of_factor(blocks, self._stiffness, blocks.product, None if modes is None else self._projection @ modes)
+        inside = np.add.reduceat(found.vectors**2, self._cuts[:-1], axis=0)
+        own = np.argmax(inside, axis=0)  # what else a mode has is round-off, or of a mode of another block with the same eigenvalue
+        vectors = np.where(np.repeat(np.arange(len(self._bases)), np.diff(self._cuts))[:, None] == own, found.vectors, 0.0)
+        whole = BlockFactor(acting_problem(self._whole, state), self._bases, blocks.factors)
+        symbol = self._bases[own[0]].representation.name
+        stability = Stability(found.eigenvalues, self._fields @ vectors, whole.negative_pivots, symbol)
+        return stability, dataclasses.replace(state, factor=whole)
 
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
         """See `Frame`."""
         return rate_of_change(self.problem, dataclasses.replace(state, factor=state.factor.factors[0]))
 
 
-def _block_stability(made, stiffness, start):
-    """`Stability` of a block by its own factor, from those of the vectors ``start`` (b, m) that are not 0."""
-    if stiffness.shape[0] <= FEW:
-        values, vectors = scipy.linalg.eigh(made.matrix.toarray(), stiffness.toarray())
-        return Stability(values[:OF_BLOCK], vectors[:, :OF_BLOCK], made.negative_pivots)
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Diagonal:
+    """The blocks of a tangent, one copy of each, as one factorised matrix (b, b); serves where a ``linalg.Factor`` does."""
 
-    def product(vectors):
-        return columnwise_products(made.matrix, vectors)
+    factors: tuple[Factor, ...]
+    """The factor of every block."""
+    cuts: np.ndarray
+    """Where the coordinates of each block begin, and where the last ones end."""
 
-    known = None if start is None else start[:, np.any(start != 0, axis=0)]
-    if known is not None and known.shape[1]:
-        found = lowest_by_factor(made, stiffness, product, known)
-        if int(np.sum(found.eigenvalues < 0)) == min(found.negative, len(found.eigenvalues)):
-            return found
-    followed, _ = inverse_iteration(made, stiffness, lowest_of_factor(made, stiffness)[:, : max(OF_BLOCK, made.negative_pivots)])
-    return lowest_by_factor(made, stiffness, product, followed)
+    @property
+    def negative_pivots(self) -> int:
+        return sum(made.negative_pivots for made in self.factors)
 
+    @functools.cached_property
+    def matrix(self) -> sp.csc_matrix:
+        return sp.block_diag([made.matrix for made in self.factors], format="csc")
 
-def _together(found: tuple[Basis, ...], parts: list[Stability]) -> Stability:
-    """`Stability` of the plate from those of its blocks."""
-    eigenvalues = np.concatenate([part.eigenvalues for part in parts])
-    vectors = [basis.fields[0] @ part.vectors for basis, part in zip(found, parts, strict=True)]
-    first = np.concatenate([modes[:, : len(part.eigenvalues)] for modes, part in zip(vectors, parts, strict=True)], axis=1)
-    rest = [modes[:, len(part.eigenvalues) :] for modes, part in zip(vectors, parts, strict=True)]
-    rank = np.argsort(eigenvalues, kind="stable")
-    symbols = [basis.representation.name for basis, part in zip(found, parts, strict=True) for _ in part.eigenvalues]
-    negative = sum(part.negative * basis.representation.copies for basis, part in zip(found, parts, strict=True))
-    return Stability(eigenvalues[rank], np.concatenate([first[:, rank], *rest], axis=1), negative, symbols[rank[0]])
+    def apply(self, rhs):
+        return self._by_block(rhs, Factor.apply)
+
+    def inverse(self, rhs):
+        return self._by_block(rhs, Factor.inverse)
+
+    def product(self, vectors):
+        return self._by_block(vectors, lambda made, part: columnwise_products(made.matrix, part))
+
+    def _by_block(self, values, function):
+        parts = zip(self.factors, self.cuts[:-1], self.cuts[1:], strict=True)
+        return np.concatenate([function(made, values[start:end]) for made, start, end in parts])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

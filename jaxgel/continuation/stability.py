@@ -50,16 +50,7 @@ class StabilityAnalysis:
     ) -> tuple[Stability, State]:
         """`Stability` of a converged state, and that state with a factor of its own tangent. Davidson's iteration."""
         state = with_own_factor(self.problem, state)
-        if start is not None:
-            stability = self._from_modes(start, state, accuracy)
-            if int(np.sum(stability.eigenvalues < 0)) == min(stability.negative, TRACKED):
-                return stability, state  # otherwise an unstable mode is none of those that were followed
-        return self._from_modes(lowest_of_factor(state.factor, self.stiffness), state, accuracy), state
-
-    def _from_modes(self, start, state, accuracy):
-        """`Stability` of a state by its own factor, from the vectors ``start`` (f, m)."""
-        followed, _ = inverse_iteration(state.factor, self.stiffness, start)  # they were unknown, or have changed much
-        return lowest_by_factor(state.factor, self.stiffness, self.product(state), followed, accuracy)
+        return stability_of_factor(state.factor, self.stiffness, self.product(state), start, accuracy), state
 
     def by_nearby_factor(
         self, state: State, start: Float[np.ndarray, "f m"] | None, *, accuracy: float = ACCURACY
@@ -90,18 +81,28 @@ class StabilityAnalysis:
         return lambda vectors: np.stack([tangent_product(*at, now, v) for v in vectors.T], axis=1)
 
 
-def lowest_by_factor(
+def stability_of_factor(
     factor: Factor,
     stiffness: sp.csr_matrix,
     product: Callable[[Float[np.ndarray, "f m"]], Float[np.ndarray, "f m"]],
-    start: Float[np.ndarray, "f m"],
+    start: Float[np.ndarray, "f m"] | None = None,
     accuracy: float = ACCURACY,
 ) -> Stability:
-    """`Stability` of a tangent by its own ``factor`` and its ``product`` with vectors (f, m), from modes ``start`` (f, m) of a nearby one."""
+    """`Stability` of a tangent by its own ``factor`` and its ``product`` with vectors (f, m); ``start`` (f, m) are modes of a nearby one."""
+    if start is not None:
+        m = min(factor.negative_pivots + 1, TRACKED)
+        found = _from_modes(factor, stiffness, product, start, m, accuracy)
+        if int(np.sum(found.eigenvalues < 0)) == min(found.negative, m):
+            return found  # otherwise an unstable mode is none of those that were followed
+    followed, _ = inverse_iteration(factor, stiffness, lowest_of_factor(factor, stiffness))
+    return _from_modes(factor, stiffness, product, followed, TRACKED, accuracy)
+
+
+def _from_modes(factor, stiffness, product, start, m, accuracy):
+    """`Stability` from the vectors ``start`` (f, w), of which the lowest ``m`` eigenvalues are made accurate."""
     followed, weights = inverse_iteration(factor, stiffness, start)
-    lowest = followed[:, :TRACKED], weights[:, :TRACKED]
-    eigenvalues, vectors, _ = _davidson(factor, stiffness, product, *lowest, accuracy, own=True)
-    return Stability(eigenvalues, np.concatenate([vectors, followed[:, TRACKED:]], axis=1), factor.negative_pivots)
+    eigenvalues, vectors, _ = _davidson(factor, stiffness, product, followed[:, :m], weights[:, :m], accuracy, own=True)
+    return Stability(eigenvalues, np.concatenate([vectors, followed[:, m:]], axis=1), factor.negative_pivots)
 
 
 def _davidson(factor, stiffness, product, vectors, weights, accuracy, own):

@@ -43,6 +43,8 @@ class Connectivity:
     """Contours of the patches."""
     unknowns: Int[np.ndarray, "f k"] | None = None
     """The degrees of freedom that move together where ``patches`` are those of a part of a symmetric plate; None for a whole plate."""
+    holes: Int[np.ndarray, " h"] | None = None
+    """The holes that stand for all others where ``patches`` are those of a part of a symmetric plate; None for a whole plate."""
 
     @property
     def owner(self) -> Int[np.ndarray, " p"]:

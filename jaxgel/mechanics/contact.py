@@ -51,6 +51,8 @@ class Contact:
 class ContactGroup:
     """Holes with equally many points and images; NumPy arrays."""
 
+    holes: Int[np.ndarray, " h"]
+    """(h,) their numbers."""
     points: Int[np.ndarray, "h m"]
     """(h, m) numbers of the contact points in ``model.outline``, along each outline."""
     joined: Bool[np.ndarray, "h m"]
@@ -97,12 +99,12 @@ def contact_tangents(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
 
 def closest(x: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
     """Smallest distance over range () among all pairs; contact acts below 1."""
-    return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_closest, model, x)]))
+    return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_closest, model, x, only=model.lists.holes)]))
 
 
 def step_limit(x: Float[Array, "n 2"], dx: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
     """Share () of the step ``dx`` (n, 2), at most 1, that leaves every pair ``APPROACH`` times its distance, or its range if less."""
-    return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_limit, model, x, dx)]))
+    return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_limit, model, x, dx, only=model.lists.holes)]))
 
 
 def pair_energy(delta: Float[Array, " 2"], reach: Scalar) -> Float[Array, ""]:
@@ -117,8 +119,11 @@ def _each_pair(function):
     return jax.vmap(jax.vmap(jax.vmap(function)))  # images, points, points
 
 
-def _over_holes(function, model, *fields):
-    """``function(hole, *fields at its points)`` of every hole, stacked over the holes of each group; one hole in memory at a time."""
+def _over_holes(function, model, *fields, only=None):
+    """``function(hole, *fields at its points)`` of every hole, stacked over the holes of each group; one hole in memory at a time.
+
+    With ``only`` of the holes with these numbers.
+    """
     dry, values = model.outline.points, [model.outline.position(field) for field in fields]
 
     def one(arrays):
@@ -127,7 +132,10 @@ def _over_holes(function, model, *fields):
         return function(_HoleState(model, points, nodes, sign, shift, weight, reach), *(value[points] for value in values))
 
     for group in contact_groups(model.lists.topology, model.dmax):
-        yield lax.map(jax.checkpoint(one), (group.points, group.joined, group.nodes, group.sign, group.shift))
+        rows = np.arange(len(group.holes)) if only is None else np.flatnonzero(np.isin(group.holes, only))
+        if len(rows):
+            arrays = group.points, group.joined, group.nodes, group.sign, group.shift
+            yield lax.map(jax.checkpoint(one), tuple(array[rows] for array in arrays))
 
 
 def _weights_and_ranges(dry, joined, sign, shift, most):
@@ -231,16 +239,16 @@ def contact_groups(topology: Topology, dmax: float) -> "list[ContactGroup]":
         reference = topology.partition.vertices[vertices]
         nodes, _ = reaching_nodes(topology, reference, np.zeros(len(points), dtype=int), support, room)
         images = _images(topology.plate, [topology.outlines[i].arc for i in own])
-        found.setdefault((len(points), len(images)), []).append((points, joined, nodes, *np.moveaxis(images, 1, 0)))
+        found.setdefault((len(points), len(images)), []).append((k, points, joined, nodes, *np.moveaxis(images, 1, 0)))
     return [_group(holes, len(topology.node_vertices)) for holes in found.values()]
 
 
 def _group(holes, n_nodes):
     """`ContactGroup` from tuples in the order of its fields."""
-    points, joined, nodes, sign, shift = zip(*holes, strict=True)
+    numbers, points, joined, nodes, sign, shift = zip(*holes, strict=True)
     most = max(map(len, nodes))
-    padded = [np.append(numbers, np.full(most - len(numbers), n_nodes)) for numbers in nodes]
-    return ContactGroup(*map(np.stack, (points, joined, padded, sign, shift)))
+    padded = [np.append(some, np.full(most - len(some), n_nodes)) for some in nodes]
+    return ContactGroup(*map(np.stack, (numbers, points, joined, padded, sign, shift)))
 
 
 def _images(plate, arcs):

@@ -116,7 +116,22 @@ def _region_lists(lists: Connectivity, group: tuple[str, ...]) -> Connectivity:
         patches=tuple(patches for patches, _ in parts),
         points=tuple(points for _, points in parts),
         unknowns=_unknowns(lists, symmetric)[0],
+        holes=_holes(lists, group),
     )
+
+
+def _holes(lists, group):
+    """The numbers (h,) of holes such that every other one is an image of one of them."""
+    topology, found = lists.topology, images(lists)
+    vertex, number = np.full(len(topology.partition.vertices), -1), np.full(len(topology.node_vertices), -1)
+    for outline in topology.outlines:
+        vertex[outline.vertices] = outline.arc.hole
+    number[:] = vertex[topology.node_vertices]
+    stands = np.arange(len(topology.plate.holes))
+    for name in group:
+        on = number >= 0
+        np.minimum.at(stands, number[on], number[found[name].nodes[on]])
+    return np.unique(stands)
 
 
 # --- unknowns ----------------------------------------------------------------------------------------------------------------
