@@ -1,4 +1,4 @@
-"""Bifurcations: critical points of a branch, folds, the branches that leave, further states, symmetries of modes, imperfections."""
+"""Bifurcations: critical points of a branch, folds, the branches that leave, further states, imperfections."""
 
 from .branches import continue_branch, solve_from, switch_branch
 from .critical import critical_points
@@ -6,11 +6,9 @@ from .deflation import find_states_by_deflation
 from .imperfections import imperfection, imperfection_load, sweep_by_options
 from .points import CriticalPoint
 from .search import folds
-from .symmetry import characters, symmetries
 
 __all__ = [
     "CriticalPoint",
-    "characters",
     "continue_branch",
     "critical_points",
     "find_states_by_deflation",
@@ -20,5 +18,4 @@ __all__ = [
     "solve_from",
     "sweep_by_options",
     "switch_branch",
-    "symmetries",
 ]

@@ -15,6 +15,7 @@ from .._types import Array, Float, Scalar
 from ..equilibrium import State
 from ..linalg import Bordered
 from ..mechanics import Problem, curvature, gather, mu_force, scatter
+from ..symmetry import representation_of
 
 KEPT = 0.5  # a symmetry takes at most this share of a simple mode to other modes
 
@@ -54,6 +55,11 @@ class CriticalPoint:
         return len(self.modes)
 
     @property
+    def representation(self) -> str:
+        """Symbol of the representation of the cloud's symmetries to which the modes belong, such as B1 or E; empty where there is none."""
+        return representation_of(self.symmetries)
+
+    @property
     def text(self) -> str:
         """One line that says what it is."""
         if self.kind == "fold":
@@ -62,7 +68,8 @@ class CriticalPoint:
         kept = [name for name, character in self.symmetries.items() if self.multiplicity == 1 and character > KEPT]
         broken = [name for name, character in self.symmetries.items() if self.multiplicity == 1 and character < -KEPT]
         said = "; ".join(f"{word} {', '.join(names)}" for word, names in (("keeps", kept), ("breaks", broken)) if names)
-        return f"{('', 'simple', 'double')[min(self.multiplicity, 2)]} bifurcation{side}" + (f"; the mode {said}" if said else "")
+        symbol = f" of {self.representation}" if self.representation else ""
+        return f"{('', 'simple', 'double')[min(self.multiplicity, 2)]} bifurcation{symbol}{side}" + (f"; the mode {said}" if said else "")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

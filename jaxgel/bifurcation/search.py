@@ -17,8 +17,8 @@ from ..equilibrium import Conditions, Stability, solve, solve_bordered
 from ..linalg import Bordered, nearest_modes
 from ..materials import Gel
 from ..mechanics import Problem, mu_force, prepare, restrict, scatter
+from ..symmetry import characters
 from .points import KEPT, CriticalPoint, Expansion, expand
-from .symmetry import characters, symmetries
 
 ITERATIONS = 15
 TOLERANCE = 1e-9  # of a critical mu, kT
@@ -65,11 +65,10 @@ class _Frame:
 
     problem: Problem
     analysis: StabilityAnalysis
-    permutations: dict
 
     @classmethod
     def of(cls, problem):
-        return cls(problem, StabilityAnalysis(problem), symmetries(problem.model))
+        return cls(problem, StabilityAnalysis(problem))
 
     @property
     def stiffness(self):
@@ -139,7 +138,7 @@ def _bifurcation(frame, low, high, multiplicity):
 def _alone(frame, modes, x):
     """Whether the symmetries of the cloud keep or reverse the first mode (f, m); where one turns it into another there are two."""
     field = np.asarray(scatter(modes[:, 0], x.shape, frame.problem.free))
-    return all(abs(character) > KEPT for character in characters(field[None], frame.permutations).values())
+    return all(abs(character) > KEPT for character in characters(field[None], frame.problem.model).values())
 
 
 def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="bifurcation"):
@@ -157,7 +156,7 @@ def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="
         slope=float(local.slope),
         curvature=-local.quartic / (3 * local.slope) if kind == "bifurcation" else float("nan"),
         imperfection=float(np.linalg.norm(forces) * np.abs(fields).max() / spacing),
-        symmetries=characters(fields, frame.permutations),
+        symmetries=characters(fields, problem.model),
         unstable=int(unstable),
         correction=np.asarray(scatter(local.correction, shape, problem.free)),
     )

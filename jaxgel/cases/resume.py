@@ -69,4 +69,5 @@ def _step(states, i):
     stability = Stability(np.array([values.pop("lowest_eigenvalue")]), None, values.pop("negative_pivots"))
     apart = int(states["apart"][i])  # -1, 0, 1: not looked at, contact acts, contact does not act
     status, active = Status[str(states["status"][i])], None if apart < 0 else not apart
-    return State(**values, stability=stability, status=status, contact_active=active)
+    symmetry = str(states["symmetry"][i]) if "symmetry" in states else ""  # not in files of version 0.1
+    return State(**values, stability=stability, status=status, contact_active=active, symmetry=symmetry)

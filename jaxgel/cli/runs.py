@@ -1,5 +1,6 @@
 """Commands on a case: run, critical and check-grad."""
 
+import collections
 import dataclasses
 import sys
 from argparse import Namespace
@@ -13,6 +14,7 @@ from ..continuation import Path
 from ..io import Progress, Recorder, interruptible, open_folder, write_points
 from ..materials import varies
 from ..observables import events
+from ..symmetry import NAMES
 from .environment import DONE, INTERRUPTED, STOPPED
 from .inputs import changes
 
@@ -98,6 +100,9 @@ def _report(recorder, say, most_rows=9):
         )
     for event in events(table):
         say(f"{event['event']}: {event['text']}")
+    for symmetry, count in collections.Counter(state.symmetry for state in recorder.steps).items():
+        if symmetry not in ("", NAMES[()]):
+            say(f"{count} states have the symmetry {symmetry} and were found on a part of the plate")
     say(f"{k} states in {recorder.folder}")
 
 

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from .._types import Float, Int
 from ..geometry import SYMMETRIES
+from .triangles import nearest_points, signed_areas, triangulate
 
 SLIVER = 0.3  # pieces below this fraction of their background square join the neighbour with the longest common edge
 SNAP = 1e-7  # points closer than this times the spacing are one vertex
@@ -73,9 +74,10 @@ def partition(
     whole[lines.query(boxes, predicate="dwithin", distance=tolerance)[0]] = False  # a side may lie along an outline
     pieces, square = _clip(boxes, np.flatnonzero(~whole), gel)
     vertices, loops, cut_segments, cut_fractions = _number_vertices(pieces, known, segments, lines, tolerance)
-    loops = [[loop] for loop in around[whole]] + loops
+    solid = np.array([len(np.unique(loop[0])) > 2 for loop in loops], dtype=bool)  # others are thinner than the tolerance
+    loops, square = [[loop] for loop in around[whole]] + list(itertools.compress(loops, solid)), square[solid]
     images = _images(vertices, loops, tolerance)
-    triangles, piece_of_triangle, quadrilaterals = _triangulate(vertices, loops, images)
+    triangles, piece_of_triangle, quadrilaterals = triangulate(vertices, loops, images)
     squares_area = shapely.area(np.concatenate([boxes[whole], boxes[square]]))
     cell_of_triangle = _merge_slivers(vertices, triangles, piece_of_triangle, squares_area, images)
     return Partition(vertices, cut_segments, cut_fractions, triangles, cell_of_triangle, quadrilaterals)
@@ -85,17 +87,11 @@ def _images(vertices, loops, tolerance):
     """For each symmetry of the square that the vertices of the loops have, the vertex (v,) to which it takes each of them."""
     used, found = np.unique(np.concatenate([ring for loop in loops for ring in loop])), []
     for matrix in SYMMETRIES.values():
-        image, distance = _nearest(vertices[used], vertices[used] @ np.array(matrix, dtype=float).T)
+        image, distance = nearest_points(vertices[used], vertices[used] @ np.array(matrix, dtype=float).T)
         if distance < tolerance:
             found.append(np.zeros(len(vertices), dtype=int))
             found[-1][used] = used[image]
     return found
-
-
-def _nearest(points, moved):
-    """The number (p,) of the point nearest each of the points once ``moved`` (p, 2), and the largest distance."""
-    distance, nearest = cKDTree(points).query(moved)
-    return nearest, distance.max(initial=0.0)
 
 
 def _polygons(vertices, loops):
@@ -164,85 +160,12 @@ def _locate_on_segments(cuts, known, segments, lines, tolerance):
     return nearest, fraction
 
 
-def _triangulate(vertices, loops, images):
-    """Triangles (t, 3) of every piece, anticlockwise, their pieces (t,) in order, and the pairs (k, 2) that are quadrilaterals.
-
-    Rectangles are halved, other pieces have constrained Delaunay triangles: those of one piece are taken to all its images.
-    """
-    plain = np.array([len(loop) == 1 and len(loop[0]) == 4 for loop in loops])
-    corners = np.array([loop[0] for loop, four in zip(loops, plain, strict=True) if four], dtype=int).reshape(-1, 4)
-    a, b, c, d = (vertices[corners[:, i]] for i in range(4))
-    parallelogram = np.abs(a + c - b - d).sum(axis=1) < 1e-9 * np.abs(c - a).sum(axis=1)
-    plain[plain] = parallelogram
-    triangles, piece = corners[parallelogram][:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(np.flatnonzero(plain), 2)
-    pairs = np.arange(len(triangles)).reshape(-1, 2)
-    if not plain.all():
-        others = np.flatnonzero(~plain)
-        found, owner, exchanged = _alike(vertices, [loops[i] for i in others], images)
-        pairs = np.concatenate([pairs, len(triangles) + exchanged])
-        triangles, piece = np.concatenate([triangles, found]), np.concatenate([piece, others[owner]])
-    order = np.argsort(piece, kind="stable")
-    triangles, pairs = triangles[order], np.argsort(order)[pairs]
-    negative = _signed_areas(vertices, triangles) < 0
-    triangles[negative] = triangles[negative][:, ::-1]
-    return triangles, piece[order], pairs
-
-
-def _alike(vertices, loops, images):
-    """Triangles (t, 3) of the pieces, their pieces (t,) and the pairs (k, 2) that are quadrilaterals, the same for a piece and its images."""
-    centres = np.array([vertices[np.concatenate(loop)].mean(axis=0) for loop in loops])
-    source, by, mirrors = np.arange(len(loops)), np.full(len(loops), -1), [[] for _ in loops]
-    moved = [np.array([vertices[image[np.concatenate(loop)]].mean(axis=0) for loop in loops]) for image in images]
-    there = [_nearest(centres, centre)[0] for centre in moved]
-    for piece in range(len(loops)):
-        for number, image in enumerate(images if source[piece] == piece else ()):
-            target = there[number][piece]
-            if target == piece:
-                mirrors[piece].append(image)
-            elif source[target] == target:
-                source[target], by[target] = piece, number
-    first = np.flatnonzero(source == np.arange(len(loops)))
-    found, owner = _constrained_delaunay(vertices, [loops[i] for i in first])
-    own = {piece: found[owner == k] for k, piece in enumerate(first)}
-    quadrilaterals = {piece: _exchanged(own[piece], mirrors[piece]) for piece in first}
-    triangles = [own[s] if k < 0 else images[k][own[s]] for s, k in zip(source, by, strict=True)]
-    counts = np.array([len(part) for part in triangles])
-    pairs = [start + quadrilaterals[s] for start, s in zip(np.cumsum(counts) - counts, source, strict=True)]
-    return np.concatenate(triangles), np.repeat(np.arange(len(loops)), counts), np.concatenate(pairs)
-
-
-def _exchanged(triangles, mirrors):
-    """Pairs (k, 2) of a piece's triangles (t, 3) whose common edge one of its ``mirrors``, images (v,) of the vertices, does not keep."""
-    pairs = set()
-    for image in mirrors:
-        known = {frozenset(corners) for corners in triangles.tolist()}
-        lone = [k for k, corners in enumerate(image[triangles].tolist()) if frozenset(corners) not in known]
-        lone = [k for k, corners in enumerate(triangles.tolist()) if frozenset(image[corners].tolist()) not in known] if lone else []
-        for one, two in itertools.combinations(lone, 2):
-            corners = set(triangles[one]) | set(triangles[two])
-            if len(corners) == 4 and corners == set(image[list(corners)]):
-                pairs.add((one, two))
-    return np.array(sorted(pairs), dtype=int).reshape(-1, 2)
-
-
-def _constrained_delaunay(vertices, loops):
-    """Triangles (t, 3) of the pieces and their pieces (t,)."""
-    polygons = [shapely.Polygon(vertices[loop[0]], [vertices[hole] for hole in loop[1:]]) for loop in loops]
-    try:
-        parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(polygons)), return_index=True)
-    except shapely.errors.GEOSException as problem:
-        raise ValueError(f"holes: a cell cut by their outlines has no triangles ({problem}); use less distorted holes") from problem
-    used = np.unique(np.concatenate([ring for loop in loops for ring in loop]))
-    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
-    return used[cKDTree(vertices[used]).query(corners)[1]], owner
-
-
 def _merge_slivers(vertices, triangles, piece_of_triangle, square_area, images):
     """Cell numbers (t,) after small pieces joined the neighbour with the longest common edge, smallest piece first.
 
     The images of a piece do as it does; between two neighbours that a mirror exchanges it joins both.
     """
-    areas = _signed_areas(vertices, triangles)
+    areas = signed_areas(vertices, triangles)
     area = np.bincount(piece_of_triangle, areas)
     small = area < SLIVER * square_area
     root = np.arange(len(area))
@@ -277,9 +200,11 @@ def _piece_images(vertices, triangles, piece, areas, images):
     """For each symmetry of the vertices the piece (p,) to which it takes each piece."""
 
     def centres(corners):
-        return np.stack([np.bincount(piece, areas * vertices[corners][:, :, i].mean(axis=1)) / np.bincount(piece, areas) for i in range(2)], 1)
+        return np.stack(
+            [np.bincount(piece, areas * vertices[corners][:, :, i].mean(axis=1)) / np.bincount(piece, areas) for i in range(2)], 1
+        )
 
-    return [_nearest(centres(triangles), centres(image[triangles]))[0] for image in images]
+    return [nearest_points(centres(triangles), centres(image[triangles]))[0] for image in images]
 
 
 def _common_edges(vertices, edges, owner, small):
@@ -306,11 +231,6 @@ def contour_edges(triangles: Int[np.ndarray, "t 3"], owner: Int[np.ndarray, " t"
     outer = ~np.isin(reverse, key)
     order = np.argsort(owners[outer], kind="stable")
     return edges[outer][order], owners[outer][order]
-
-
-def _signed_areas(vertices, triangles):
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
 
 
 def boundary_edges(triangles: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "e 2"]:

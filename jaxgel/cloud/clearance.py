@@ -13,8 +13,9 @@ from ..geometry import Plate, inside_holes
 from .outlines import OUTLINE_SEGMENTS, Outline
 from .quadtree import Background
 
-CLEARANCE = 0.2  # least distance of a background vertex from an outline node, in sides of its square
+CLEARANCE = 0.2  # least distance of a background vertex from an outline node, in sides of the largest square around it
 ROUND_OFF = 1e-12  # of a unit vector
+EQUAL = 1e-9  # of a side: difference of two distances that are equal
 
 
 def with_clearance(plate: Plate, background: Background, outlines: tuple[Outline, ...], points: Float[np.ndarray, "o 2"]) -> Background:
@@ -26,14 +27,15 @@ def with_clearance(plate: Plate, background: Background, outlines: tuple[Outline
         return background
     nodes, normals = _nodes_and_normals(outlines, points, len(background.vertices))
     vertices, side = background.vertices, background.side.min()
-    least = CLEARANCE * side / 2.0 ** background.halvings(vertices)
-    distance, nearest = cKDTree(nodes).query(vertices)
-    free = distance < least
+    least = CLEARANCE * side / 2.0 ** background.fewest_halvings(vertices)
+    (distance, second), (nearest, other) = (part.T for part in cKDTree(nodes).query(vertices, k=2))
+    free = distance < least * (1 - EQUAL)
+    normals = normals[nearest] + np.where((second < distance + EQUAL * side)[:, None], normals[other], 0.0)  # between two as near: of both
     free[free] = ~inside_holes(plate, vertices[free], 1e-9 * side)
     on_edge = np.abs(np.abs(vertices) + background.low) < 1e-9 * side
     free &= ~on_edge.all(axis=1)
     from_node, least = vertices[free] - nodes[nearest[free]], least[free]
-    direction = np.where(on_edge[free], 0.0, normals[nearest[free]])
+    direction = np.where(on_edge[free], 0.0, normals[free])
     direction /= np.linalg.norm(direction, axis=1, keepdims=True) + ROUND_OFF  # zero at an edge that the outline runs along
     along = (from_node * direction).sum(axis=1)
     step = np.sqrt(along**2 + least**2 - distance[free] ** 2) - along

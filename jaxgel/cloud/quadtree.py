@@ -8,12 +8,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
 from .._types import Float, Int
-from ..geometry import Plate
+from ..geometry import SYMMETRIES, Plate
 
 MAX_HALVINGS = 8  # of a background square
 REACH = range(-2, 3)  # squares of each size are at least two abreast, so that a support spans few sizes
+SAME = 1e-6  # of a side: distance of two strips' centres that are the same
 _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
@@ -55,6 +57,7 @@ def make_background(
 ) -> Background:
     """``Background`` of squares nearly ``spacing`` wide (mm), each halved until its side is below those of all strips that it touches.
 
+    Where the strips have symmetries of the square, the squares have them too: what a strip only touches is halved with all its images.
     ``refined`` are pairs of strips, shapely geometries (m,), and sides (m,), mm. Raises ValueError where that takes too many halvings.
     """
     size = np.array([plate.width, plate.height])
@@ -75,6 +78,7 @@ def make_background(
 def _large_squares(strips, below, low, side, counts):
     """Per k the squares of the k-th halving that touch a strip whose squares are to be smaller."""
     halved, square = [], np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
+    matrices = _symmetries(strips, side, counts)
     while True:
         size = side / 2 ** len(halved)
         narrow = strips[below <= size.max() * (1 + 1e-9)]
@@ -88,8 +92,22 @@ def _large_squares(strips, below, low, side, counts):
             )
         boxes = shapely.box(*(low + square * size).T, *(low + (square + 1) * size).T)
         hit = np.unique(shapely.STRtree(narrow).query(boxes, predicate="intersects")[0])
-        halved.append(square[hit] @ [counts[1] * 2 ** len(halved), 1])
-        square = (2 * square[hit][:, None] + _CORNERS).reshape(-1, 2)
+        square, most = square[hit], counts * 2 ** len(halved) - 1
+        images = [((2 * square - most) @ matrix.T + most) // 2 for matrix in matrices]  # from the middle of the plate, in half squares
+        square = np.unique(np.concatenate([square, *images]), axis=0)
+        halved.append(square @ [counts[1] * 2 ** len(halved), 1])
+        square = (2 * square[:, None] + _CORNERS).reshape(-1, 2)
+
+
+def _symmetries(strips, side, counts):
+    """Matrices (2, 2) of the symmetries of the square that the centres of the strips have."""
+    centres, found = shapely.get_coordinates(shapely.centroid(strips)), []
+    tree = cKDTree(centres)
+    for matrix in map(np.array, SYMMETRIES.values()):
+        fits = np.array_equal(np.abs(matrix) @ counts, counts) and np.allclose(np.abs(matrix) @ side, side)
+        if fits and tree.query(centres @ matrix.T)[0].max() < SAME * side.max():
+            found.append(matrix)
+    return found
 
 
 def _corners(counts, halved):

@@ -115,7 +115,9 @@ class _Attempt:
         found, switched = self._reach(frame, mu, history)
         if not found.status.ok:
             return frame.whole(found)
-        stability, found = frame.check(found, history[-1].modes if history else None)
+        modes, held = history[-1].modes if history else None, [found]
+        del found  # its factor may be freed before the next factorisation
+        stability, found = frame.check(held.pop(), modes)
         rate = None if states else frame.rate(found)
         other = self._stable(frame, found, stability, history) if self.stable and stability.negative > 0 else None
         found = accepted(frame.problem, frame.whole(found), stability, switched=switched)

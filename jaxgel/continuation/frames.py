@@ -136,7 +136,11 @@ class WholeFrame(_Conditions):
 
     def check(self, state: State, modes: Float[np.ndarray, "f m"] | None) -> tuple[Stability, State]:
         """See `Frame`."""
-        return self._analysis.check(state, modes)
+        stability, start = self._analysis.by_nearby_factor(state, modes)
+        if stability is not None:
+            return stability, state
+        state = dataclasses.replace(state, factor=None)  # free it before the next factorisation
+        return self._analysis.by_own_factor(state, start)
 
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
         """See `Frame`."""

@@ -43,6 +43,8 @@ class Path:
     """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where not computed."""
     switched: Bool[Array, " k"]
     """Whether the state left an unstable branch for a stable one."""
+    symmetry: tuple[str, ...] = ()
+    """Group of symmetries with which each state was found, see ``symmetry.NAMES``; empty where none was asked for."""
     stop: Status | None = None
     """``CONVERGED`` where the sweep reached its end, otherwise why it stopped; None inside JAX's transformations."""
     stop_text: str = ""
@@ -58,6 +60,7 @@ class Path:
             x=np.stack([state.x for state in states]),
             pressure=np.stack([state.pressure for state in states]),
             status=columns.pop("status"),
+            symmetry=tuple(state.symmetry for state in states),
             stop=stop,
             stop_text=stop_text or stop.text,
             **{name: np.array(column) for name, column in columns.items()},
@@ -79,12 +82,13 @@ class Path:
             energy=float(self.energy[i]),
             stability=stability,
             switched=bool(self.switched[i]),
+            symmetry=self.symmetry[i] if self.symmetry else "",
         )
 
     def chosen(self, states: Sequence[int] | Int[Array, " m"]) -> "Path":
         """The path of the states with these numbers alone."""
         columns = {name: np.asarray(getattr(self, name))[list(states)] for name in ("x", "pressure", *_SCALARS)}
-        return dataclasses.replace(self, **columns)
+        return dataclasses.replace(self, symmetry=tuple(self.symmetry[k] for k in states) if self.symmetry else (), **columns)
 
     def __repr__(self) -> str:
         """States, range of mu, stability and how the sweep ended; `plotting` draws it."""

@@ -5,7 +5,6 @@ stiffness against the mode v in units of the network's, dimensionless and nearly
 neutral state 0. Modes have v . N v = 1.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable
 
@@ -41,9 +40,7 @@ class StabilityAnalysis:
     def check(self, state: State, start: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
         """`Stability` of a converged state, and the state with the factor that was used; ``start`` are modes of a nearby state."""
         stability, start = self.by_nearby_factor(state, start)
-        if stability is not None:
-            return stability, state
-        return self.by_own_factor(dataclasses.replace(state, factor=None), start)  # free it before the next factorisation
+        return (stability, state) if stability is not None else self.by_own_factor(state, start)
 
     def by_own_factor(
         self, state: State, start: Float[np.ndarray, "f m"] | None = None, *, accuracy: float = ACCURACY
@@ -88,7 +85,7 @@ def stability_of_factor(
     start: Float[np.ndarray, "f m"] | None = None,
     accuracy: float = ACCURACY,
 ) -> Stability:
-    """`Stability` of a tangent by its own ``factor`` and its ``product`` with vectors (f, m); ``start`` (f, m) are modes of a nearby one."""
+    """`Stability` of a tangent by its own ``factor`` and its ``product`` with vectors; ``start`` are modes (f, m) of one nearby."""
     if start is not None:
         m = min(factor.negative_pivots + 1, TRACKED)
         found = _from_modes(factor, stiffness, product, start, m, accuracy)

@@ -54,16 +54,17 @@ def _areas_and_centres(topology):
 def _blocks_of_squares(topology, centre):
     """The block of 2 x 2 equal squares (c,) around each cell, the area (c,) of a square, mm^2, and whether the block lies on the plate.
 
-    Blocks begin at the middle of the plate: no block lies across a ligament there.
+    Blocks begin at the middle of the plate: no block lies across a ligament there. Of an odd number of squares the middle one is alone.
     """
     background = topology.background
     depth = background.halvings(centre)[:, None]
     counts = background.counts * 2**depth
     square = np.clip((centre - background.low) // (background.side / 2.0**depth), 0, counts - 1).astype(int)
-    shift = counts // 2 % 2 * (counts % 2 == 0)
-    number = (square + shift) // 2
-    block = np.concatenate([depth, number], axis=1)
-    complete = ((2 * number >= shift) & (2 * number + 1 < counts + shift)).all(axis=1)
+    from_middle = 2 * square + 1 - counts  # in half squares
+    rank, odd = np.abs(from_middle) // 2, counts % 2  # 0 for the middle one, or the two next to the middle
+    number = (rank + 2 - odd) // 2
+    block = np.concatenate([depth, np.sign(from_middle) * number], axis=1)
+    complete = ((number > 0) & (2 * number - 1 + odd <= (counts - 1) // 2)).all(axis=1)
     return np.unique(block, axis=0, return_inverse=True)[1].ravel(), background.side.prod() / 4.0 ** depth[:, 0], complete
 
 

@@ -30,7 +30,8 @@ def keeps_edges(plate: Plate, matrix: Float[np.ndarray, "2 2"]) -> bool:
     return bool(
         np.array_equal(np.abs(matrix) @ size, size)
         and _after(plate.edges, matrix) == dict(plate.edges)
-        and {edge: tuple(matrix @ move) for edge, move in _after(moves, matrix).items()} == {e: tuple(map(float, m)) for e, m in moves.items()}
+        and {edge: tuple(matrix @ move) for edge, move in _after(moves, matrix).items()}
+        == {e: tuple(map(float, m)) for e, m in moves.items()}
         and np.array_equal(matrix @ plate.deformation, plate.deformation @ matrix)
     )
 

@@ -4,6 +4,7 @@ Every file is complete at any moment: it is written beside its final place and m
 run, Ctrl-C or a loss of power, the finished states stay readable and `jaxgel resume` goes on from them. Nothing is pickled.
 """
 
+import collections
 import csv
 import io
 import json
@@ -116,6 +117,7 @@ class Recorder:
         steps = self.steps
         arrays = {name: np.array([getattr(step, name) for step in steps]) for name in STEP_ARRAYS}
         arrays["status"] = np.array([step.status.name for step in steps])
+        arrays["symmetry"] = np.array([step.symmetry for step in steps])
         arrays["apart"] = np.array([-1 if step.contact_active is None else not step.contact_active for step in steps], dtype=np.int8)
         arrays |= {name: np.asarray(last) for name in OF_LAST if (last := getattr(steps[-1], name)) is not None}
         arrays["nodes"] = np.asarray(self.model.cloud.nodes)
@@ -148,6 +150,7 @@ class Recorder:
             "stop": stop.name,
             "wall_seconds": round(time.perf_counter() - self.started, 3),
             "states": len(self.records),
+            "symmetry": dict(collections.Counter(step.symmetry for step in self.steps)),
             "mu_reached": float(table["mu"][-1]) if self.records else None,
             "events": events(table),
         }

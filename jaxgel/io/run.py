@@ -133,6 +133,8 @@ def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
     shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
     if "modes" in arrays:
         shapes["modes"] = (len(arrays["modes"]), arrays["modes"].shape[1])
+    if "symmetry" in arrays:  # not in files of version 0.1
+        shapes["symmetry"] = (k,)
     if "rate" in arrays:
         shapes["rate"] = (n, 2)
     for name, shape in shapes.items():

@@ -2,7 +2,18 @@
 
 from .assembly import STATES_TOGETHER, TangentOperator, factorised_tangent, is_sparse, tangent, tangent_product
 from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, touches, with_contact
-from .dofs import check_edges, check_room, free_dofs, gather, prescribed_motion, restrict, scatter, start_positions, unknowns, with_free_values
+from .dofs import (
+    check_edges,
+    check_room,
+    free_dofs,
+    gather,
+    prescribed_motion,
+    restrict,
+    scatter,
+    start_positions,
+    unknowns,
+    with_free_values,
+)
 from .energy import curvature, energy_at, hessian_product, network_energy, residual, total_energy
 from .loads import Loads, load_vector
 from .local_gel import localised, mean_parameter

@@ -1,8 +1,8 @@
 """Symmetry: the group of a problem and of its states, the problem on a fundamental region, and the blocks of its tangent."""
 
-from .groups import IDENTITY, NAMES, Images, images, symmetries_of, symmetries_of_field, symmetries_of_state
+from .groups import IDENTITY, NAMES, Images, characters, images, node_images, symmetries_of, symmetries_of_field, symmetries_of_state
+from .irreducible import Representation, representation_of, representations
 from .regions import Basis, Region, bases, region
-from .representations import Representation, kept, representations
 
 __all__ = [
     "IDENTITY",
@@ -12,9 +12,11 @@ __all__ = [
     "Region",
     "Representation",
     "bases",
+    "characters",
     "images",
-    "kept",
+    "node_images",
     "region",
+    "representation_of",
     "representations",
     "symmetries_of",
     "symmetries_of_field",

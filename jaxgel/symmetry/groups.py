@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
+from ..cloud import Topology
 from ..discretisation import Connectivity, Model
 from ..geometry import SYMMETRIES, keeps_edges
 from ..materials import Gel, LocalValues, neo_hookean
@@ -92,23 +93,44 @@ def _closed(group):
 
 
 @once_per_owner
-def images(lists: Connectivity) -> dict[str, Images]:
-    """Name -> `Images` of the symmetries that the reference cloud has."""
-    topology, found = lists.topology, {}
-    nodes, spacing = topology.partition.vertices[topology.node_vertices], topology.spacing
-    points = np.asarray(topology.quadrature.points(topology.partition.vertices))
-    trees = cKDTree(nodes), cKDTree(points)
+def node_images(topology: Topology) -> dict[str, Int[np.ndarray, " n"]]:
+    """Name -> node to which each node goes, of the symmetries that the plate's edges and the nodes of the reference cloud have."""
+    nodes, found = topology.partition.vertices[topology.node_vertices], {}
+    tree = cKDTree(nodes)
     for name, matrix in SYMMETRIES.items():
-        matrix = np.array(matrix, dtype=float)
-        (apart, node), (away, point) = (tree.query(at @ matrix.T) for tree, at in zip(trees, (nodes, points), strict=True))
+        apart, image = tree.query(nodes @ np.array(matrix, dtype=float).T)
+        if apart.max() < NEAREST * topology.spacing and keeps_edges(topology.plate, np.array(matrix, dtype=float)):
+            found[name] = image
+    return found
+
+
+@once_per_owner
+def images(lists: Connectivity) -> dict[str, Images]:
+    """Name -> `Images` of the symmetries that the reference cloud has, with its cells."""
+    topology, found = lists.topology, {}
+    points = np.asarray(topology.quadrature.points(topology.partition.vertices))
+    tree = cKDTree(points)
+    for name, node in node_images(topology).items():
+        matrix = np.array(SYMMETRIES[name], dtype=float)
+        away, point = tree.query(points @ matrix.T)
         patches = np.zeros(len(lists.linear), dtype=int)
         patches[lists.owner] = lists.owner[point]
         together = np.array_equal(patches[lists.owner], lists.owner[point]) and np.array_equal(lists.linear[patches], lists.linear)
-        near = apart.max() < NEAREST * spacing and away.max() < NEAREST * spacing
         same = np.allclose(topology.node_spacing[node], topology.node_spacing, rtol=EQUAL, atol=0.0)
-        if near and together and same and keeps_edges(topology.plate, matrix) and len(np.unique(point)) == len(point):
+        if away.max() < NEAREST * topology.spacing and together and same and len(np.unique(point)) == len(point):
             found[name] = Images(matrix, node, point, patches)
     return found
+
+
+def characters(modes: Float[np.ndarray, "m n 2"], model: Model) -> dict[str, float]:
+    """Name -> trace of each symmetry of the cloud in the space of the modes (m, n, 2), orthonormalised."""
+    fields = np.linalg.qr(modes.reshape(len(modes), -1).T)[0].T.reshape(modes.shape)
+    traces = {}
+    for name, image in node_images(model.lists.topology).items():
+        moved = np.empty_like(fields)
+        moved[:, image] = fields @ np.array(SYMMETRIES[name], dtype=float).T
+        traces[name] = float(np.sum(fields * moved))
+    return traces
 
 
 def _keeps(image, problem):
@@ -122,7 +144,9 @@ def _keeps(image, problem):
         and np.abs(positions[image.points] - positions @ image.matrix.T).max() < tolerance
         and np.allclose(weights[image.points], weights, rtol=0.0, atol=EQUAL * weights.max())
         and np.allclose(loads[image.nodes], loads @ image.matrix.T, rtol=0.0, atol=EQUAL * np.abs(loads).max())
-        and all(np.allclose(values[image.points], values, rtol=EQUAL, atol=0.0) for values in (by_point(model.lists, f.points) for f in fields))
+        and all(
+            np.allclose(values[image.points], values, rtol=EQUAL, atol=0.0) for values in (by_point(model.lists, f.points) for f in fields)
+        )
     )
 
 

@@ -17,13 +17,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._memo import once_per_owner
-from .._types import Array, Float, Int
+from .._types import Int
 from ..discretisation import Connectivity, PatchBlock
 from ..linalg import Pattern, analyse, standing
 from ..materials import LocalValues, with_parameters
 from ..mechanics import Problem, contact_pairs, free_dofs, node_pairs, precomputed_operators
 from .groups import IDENTITY, images
-from .representations import Representation, representations
+from .irreducible import Representation, representations
 
 TOWARDS = np.array([1.0, np.sqrt(2) - 1])  # the region lies in this direction from the plate's middle, on no mirror
 
@@ -74,7 +74,7 @@ def region(problem: Problem, group: tuple[str, ...]) -> Region:
     model = dataclasses.replace(model, blocks=blocks, lists=_region_lists(lists, group))
     gel = with_parameters(problem.gel, part)
     reduced = Problem(model, gel, problem.loads, precomputed_operators(model, gel))
-    return Region(group, reduced, own, _spread(problem.model, group, chosen, own))
+    return Region(group, reduced, own, _spread(problem.model, group, own))
 
 
 def _part(block: PatchBlock, rows, sizes):
@@ -224,7 +224,7 @@ def _own_groups(blocks, chosen):
     return np.concatenate(found)
 
 
-def _spread(model, group, chosen, own):
+def _spread(model, group, own):
     """The matrix (g, r) that takes the pressures of the region's groups ``own`` (r,) to those of all patches' groups.
 
     Groups that carry volume change places; those that are held turn among themselves, as their moments do.

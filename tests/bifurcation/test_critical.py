@@ -33,7 +33,9 @@ def test_sample_4_buckles_by_turning_its_crosspieces(point):
     assert point.curvature > 0
     assert point.symmetries["rotation by 90"] == pytest.approx(1, abs=1e-4)
     assert point.symmetries["x -> -x"] == pytest.approx(-1, abs=1e-4)
-    assert point.text.startswith("simple bifurcation, supercritical; the mode keeps rotation by 90, rotation by 180; breaks x -> -x")
+    assert point.representation == "A2"
+    kept = "rotation by 90, rotation by 180, rotation by 270"
+    assert point.text.startswith(f"simple bifurcation of A2, supercritical; the mode keeps {kept}; breaks x -> -x")
 
 
 def test_slope_is_the_difference_of_eigenvalues(point, buckling_model):

@@ -36,6 +36,7 @@ VALUES = {
     "branch": "symmetric",
     "imperfection": 0.05,
     "contact": "off",
+    "symmetry": "off",
     "body_force": [0.0, 1e-5],
     "traction": {"top": [0.0, 1e-4]},
 }  # a value of each option that is not its default
@@ -50,6 +51,7 @@ REFUSED = {
 REPLACED = {
     ("critical", "steps"): "the search chooses its own steps",
     ("critical", "branch"): "critical points are those of the branch that continues the dry state",
+    ("critical", "symmetry"): "the search takes the symmetries that there are",
     ("check-grad", "steps"): "--states says how many",
     ("verify", "spacing"): "[verification] has its own",
     ("verify", "nodes_per_hole"): "nodes on outlines change with the spacing",

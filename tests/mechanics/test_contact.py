@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import quad
 
 import jaxgel
-from jaxgel.continuation import StabilityAnalysis
 from jaxgel.continuation.follow import _Attempt
+from jaxgel.continuation.frames import Frames
 from jaxgel.equilibrium import Status
 from jaxgel.mechanics import (
     contact,
@@ -179,7 +179,8 @@ def test_a_leap_into_contact_is_refused(slit):
     steps, model = [], with_contact(jaxgel.discretise(slit), GEL)
     jaxgel.sweep(model, GEL, mu=MU[:1], on_step=steps.append)
     problem = prepare(model, GEL)
-    found, _ = _Attempt(problem, True, StabilityAnalysis(problem))._reach(MU[-1], steps)
+    frames = Frames(problem, symmetry=False)
+    found, _ = _Attempt(frames, True)._reach(frames.of(()), MU[-1], steps)
     assert found.status is Status.NOT_CONVERGED
     assert np.abs(found.x - steps[0].x).max() > float(model.contact.range) and not touches(steps[0].x, model)
 

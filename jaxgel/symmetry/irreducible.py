@@ -9,8 +9,13 @@ double one of C4 the half turn, which reverses it.
 import dataclasses
 import functools
 import itertools
+from collections.abc import Mapping
+
+import numpy as np
 
 from .groups import IDENTITY, NAMES, products
+
+ALIKE = 0.1  # difference of a character from that of a representation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +61,18 @@ def _symbol(group, sign):
     return letter + ("1" if sign[mirror] > 0 else "2")
 
 
-def kept(representation: Representation, group: tuple[str, ...]) -> tuple[str, ...]:
-    """The subgroup of a ``group`` that keeps the fields of a block: the symmetry of the branches that leave along it."""
-    return tuple(name for name in group if dict(representation.signs).get(name) == 1)
+def representation_of(characters: Mapping[str, float]) -> str:
+    """Symbol of the representation with these ``characters``, name -> trace of all symmetries of a group, in a space of modes.
+
+    Empty where the names are no group, or the traces none of one representation.
+    """
+    group = tuple(characters)
+    if group not in NAMES:
+        return ""
+    for representation in representations(group):
+        signs = dict(representation.signs)
+        double = len(representation.turns) > 1
+        expected = [2 * signs.get(name, 0) * ("rotation" in name) if double else signs[name] for name in group]
+        if np.allclose(expected, list(characters.values()), atol=ALIKE):
+            return representation.name
+    return ""
