@@ -1,7 +1,7 @@
 """Patches: groups of integration cells with one pressure field, linear over blocks of 2 x 2 squares and constant over other cells.
 
 Single squares, along outlines and in narrow ligaments, follow what varies there over one square; blocks leave out the pressures that a
-quadratic displacement cannot meet. A block counts where it has two whole squares and the area of two, outside narrow ligaments: a linear
+quadratic displacement cannot meet. A block counts where it has two whole squares and more, outside narrow ligaments: a linear
 pressure across two squares of one makes it too stiff.
 """
 
@@ -13,7 +13,7 @@ from .._memo import once_per_owner
 from .._types import Bool, Int
 from ..cloud import Topology
 
-SQUARES = 2  # least whole squares, and least area in squares, of a block with a linear pressure
+SQUARES = 2  # least whole squares of a block with a linear pressure, which is larger than these: two alone do not vary twice across
 LIGAMENT = 2.0  # squares across a ligament up to which it has single ones: as a block of two the lattice's buckle 9 % late
 ROUND_OFF = 1e-9  # of areas, relative
 
@@ -31,7 +31,7 @@ def patches(topology: Topology, method: str) -> tuple[Int[np.ndarray, " c"], Boo
     block, square, complete = _blocks_of_squares(topology, centre)
     block = _connected_parts(topology, block)
     whole, size = (np.bincount(block, of) for of in (area > square * (1 - ROUND_OFF), area / square))
-    linear = (whole >= SQUARES) & (size >= SQUARES) & (np.bincount(block, complete) > 0)
+    linear = (whole >= SQUARES) & (size > SQUARES * (1 + ROUND_OFF)) & (np.bincount(block, complete) > 0)
     linear &= np.bincount(block, _in_narrow_ligament(topology, centre)) == 0
     alone = len(linear) + np.arange(n_cells)
     patch = np.unique(np.where(linear[block], block, alone), return_inverse=True)[1]

@@ -113,7 +113,7 @@ def test_the_method_of_cells_gives_one_patch_with_one_pressure_per_cell(fixture,
 
 
 @pytest.mark.parametrize("fixture", ["coarse_model", "tiny_model", "buckling_model", "square_model", "slit_model"])
-def test_linear_patches_have_two_whole_squares_and_the_area_of_two(fixture, request):
+def test_linear_patches_have_two_whole_squares_and_more(fixture, request):
     model = request.getfixturevalue(fixture)
     lists, background = model.lists, model.cloud.topology.background
     area, _ = cells_of(model)
@@ -126,6 +126,20 @@ def test_linear_patches_have_two_whole_squares_and_the_area_of_two(fixture, requ
     assert size[lists.linear].min() > 2 - 1e-9
     assert size[lists.linear].max() < 5.3  # four squares and the slivers that joined them
     assert np.all(np.bincount(lists.patch_of_cell)[~lists.linear] == 1)
+
+
+def test_what_is_held_of_a_patch_is_no_round_off():
+    """Its functions of second degree do not depend on each other: beside two squares in a row, y^2 would be a constant."""
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, jaxgel.Circle((0, 0), 1), spacing=4 / 15)))
+    for block in model.blocks:
+        share = block.weight / np.sum(block.weight, axis=1, keepdims=True)
+        centre = np.einsum("cq,cqi->ci", share, block.position)
+        x, y = np.moveaxis((np.asarray(block.position) - centre[:, None]) / model.cloud.spacing, 2, 0)
+        lower, upper = np.stack([np.ones_like(x), x, y], axis=2), np.stack([x**2, x * y, y**2], axis=2)
+        for weight, low, up in zip(share, lower, upper, strict=True) if block.carrying > 1 else ():
+            root = np.sqrt(weight)[:, None]
+            left = up - low @ np.linalg.lstsq(root * low, root * up)[0]
+            assert np.linalg.eigvalsh((root * left).T @ (root * left))[0] > 1e-3
 
 
 def test_a_block_divided_by_a_hole_gives_separate_patches(slit_model):

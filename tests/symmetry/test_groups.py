@@ -6,40 +6,25 @@ import pytest
 from scipy.spatial import cKDTree
 
 import jaxgel
-from jaxgel.geometry import SYMMETRIES, Circle, Ellipse, Plate, Rectangle, keeps_edges
+from jaxgel.geometry import SYMMETRIES, Circle, Plate, Rectangle, keeps_edges
 from jaxgel.materials import Gel, PixelField
 from jaxgel.mechanics import load_vector, prepare
 from jaxgel.symmetry import NAMES, images, symmetries_of, symmetries_of_state
 
-GEL = Gel(1e-3, 0.1)
-TURNED = [Ellipse((1, 1), (0.8, 0.5), 0.0), Ellipse((-1, 1), (0.8, 0.5), np.pi / 2)]
-PLATES = {
-    "D4": Plate(4, 4, [Circle((0, 0), 1)], spacing=0.25),
-    "C4": Plate(4, 4, [*TURNED, Ellipse((-1, -1), (0.8, 0.5), 0.0), Ellipse((1, -1), (0.8, 0.5), np.pi / 2)], spacing=0.25),
-    "D2 (axes)": Plate(4, 3, [Circle((0, 0), 1)], spacing=0.25),
-    "D2 (diagonals)": Plate(4, 4, [Ellipse((0, 0), (1.2, 0.7), np.pi / 4)], spacing=0.25),
-    "C2": Plate(4, 4, [Ellipse((0, 0), (1.2, 0.7), 0.3)], spacing=0.25),
-    "D1 (x -> -x)": Plate(4, 4, [Circle((0, 0.5), 1)], spacing=0.25),
-    "D1 (x <-> -y)": Plate(4, 4, [Circle((0.5, -0.5), 1)], spacing=0.25),
-    "C1": Plate(4, 4, [Circle((0.3, 0.2), 1)], spacing=0.25),
-}
-
-
-def problem_of(plate, gel=GEL, loads=None, **options):
-    return prepare(jaxgel.discretise(jaxgel.make_cloud(plate), **options), gel, loads)
+NAMED = ["D4", "C4", "D2 (axes)", "D2 (diagonals)", "C2", "D1 (x -> -x)", "D1 (x <-> -y)", "C1"]
 
 
 def name_of(problem):
     return NAMES[symmetries_of(problem)]
 
 
-@pytest.mark.parametrize("name", PLATES)
-def test_group_of_a_plate_is_that_of_its_holes(name):
-    assert name_of(problem_of(PLATES[name])) == name
+@pytest.mark.parametrize("name", NAMED)
+def test_group_of_a_plate_is_that_of_its_holes(name, plates, problem_of):
+    assert name_of(problem_of(plates[name])) == name
 
 
 @pytest.mark.parametrize("name", ["sample-1", "sample-4", "sample-5", "sample-9", "lattice"])
-def test_clouds_of_the_samples_are_symmetric_to_round_off(name):
+def test_clouds_of_the_samples_are_symmetric_to_round_off(name, problem_of):
     """Nodes, quadrature points and weights: the largest distance is 3e-13 of the spacing."""
     plate = jaxgel.sample(name)
     problem = problem_of(plate, plate.gel)
@@ -55,53 +40,53 @@ def test_clouds_of_the_samples_are_symmetric_to_round_off(name):
 
 
 @pytest.mark.parametrize("shift", [1e-9, 1e-5, 1e-2])
-def test_plate_that_is_nearly_symmetric_is_not(shift):
+def test_plate_that_is_nearly_symmetric_is_not(shift, plates, gel, problem_of):
     plate = Plate(4, 4, [Circle((shift * 0.25, 0), 1)], spacing=0.25)
     assert name_of(problem_of(plate)) in ("C1", "D1 (y -> -y)")
-    cloud = jaxgel.make_cloud(PLATES["D4"])
+    cloud = jaxgel.make_cloud(plates["D4"])
     moved = cloud.at(cloud.plate.at([{"centre": jnp.array([shift * 0.25, 0.0])}]))
-    assert name_of(prepare(jaxgel.discretise(moved), GEL)) == "D1 (y -> -y)"
+    assert name_of(prepare(jaxgel.discretise(moved), gel)) == "D1 (y -> -y)"
 
 
-def test_moved_cloud_keeps_the_symmetries_of_its_plate():
-    cloud = jaxgel.make_cloud(PLATES["D4"])
+def test_moved_cloud_keeps_the_symmetries_of_its_plate(plates, gel):
+    cloud = jaxgel.make_cloud(plates["D4"])
     moved = cloud.at(cloud.plate.at([{"radius": jnp.asarray(1.1)}]))
-    assert name_of(prepare(jaxgel.discretise(moved), GEL)) == "D4"
+    assert name_of(prepare(jaxgel.discretise(moved), gel)) == "D4"
 
 
-def test_edges_loads_and_fields_take_symmetries_away():
-    plate = PLATES["D4"]
+def test_edges_loads_and_fields_take_symmetries_away(plates, gel, problem_of):
+    plate = plates["D4"]
     assert name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, edges={"top": "free"}))) == "D1 (x -> -x)"
     assert (
         name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, displacement={"right": (0.1, 0.0), "left": (-0.1, 0.0)}))) == "D2 (axes)"
     )
     assert name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, deformation=((1.1, 0.0), (0.0, 1.1))))) == "D4"
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
-    assert name_of(prepare(model, GEL, load_vector(model, body_force=(0.0, -1e-5)))) == "D1 (x -> -x)"
+    assert name_of(prepare(model, gel, load_vector(model, body_force=(0.0, -1e-5)))) == "D1 (x -> -x)"
     stripes = PixelField(np.array([[1e-3, 2e-3, 1e-3]]), (-2.0, 2.0, -2.0, 2.0))
     assert name_of(prepare(model, Gel(stripes, 0.1))) == "D2 (axes)"
     graded = PixelField(np.array([[1e-3, 2e-3]]), (-2.0, 2.0, -2.0, 2.0))
     assert name_of(prepare(model, Gel(graded, 0.1))) == "D1 (y -> -y)"
 
 
-def test_network_with_fibres_has_no_symmetry():
+def test_network_with_fibres_has_no_symmetry(plates):
     def fibres(F, gel):
         return gel.Nv / 2 * (jnp.sum(F**2) + 0.1 * (F[0, 0] ** 2 + F[1, 0] ** 2) ** 2)
 
-    model = jaxgel.discretise(jaxgel.make_cloud(PLATES["D4"]))
+    model = jaxgel.discretise(jaxgel.make_cloud(plates["D4"]))
     assert name_of(prepare(model, Gel(1e-3, 0.1, network=fibres))) == "C1"
     assert name_of(prepare(model, Gel(1e-3, 0.1, network=jaxgel.Gent(30.0)))) == "D4"
 
 
-def test_other_discretisations():
+def test_other_discretisations(plates, problem_of):
     for method in ("cells", "displacement"):
-        assert name_of(problem_of(PLATES["D4"], method=method)) == "D4"
+        assert name_of(problem_of(plates["D4"], method=method)) == "D4"
     assert name_of(problem_of(Plate(4, 4, [Circle((0, 0), 1)], spacing=0.25, cells=16), quadrature="paper", basis="linear")) == "C1"
-    assert name_of(problem_of(PLATES["D4"], conditions="lagrange")) == "C1"
+    assert name_of(problem_of(plates["D4"], conditions="lagrange")) == "C1"
 
 
-def test_group_of_a_state():
-    problem = problem_of(PLATES["D4"])
+def test_group_of_a_state(plates, problem_of):
+    problem = problem_of(plates["D4"])
     group, x = symmetries_of(problem), np.array(problem.model.cloud.nodes)
     assert NAMES[symmetries_of_state(x, problem.model, group)] == "D4"
     assert NAMES[symmetries_of_state(x * [1.1, 1.0], problem.model, group)] == "D2 (axes)"
@@ -111,8 +96,8 @@ def test_group_of_a_state():
 
 
 @pytest.mark.parametrize("name", SYMMETRIES)
-def test_images_of_nodes_and_degrees_of_freedom(name):
-    model = problem_of(PLATES["D4"]).model
+def test_images_of_nodes_and_degrees_of_freedom(name, plates, problem_of):
+    model = problem_of(plates["D4"]).model
     image, x = images(model.lists)[name], np.asarray(model.cloud.nodes)
     np.testing.assert_allclose(x[image.nodes], x @ image.matrix.T, atol=1e-12)
     field = np.random.default_rng(0).normal(size=x.shape)

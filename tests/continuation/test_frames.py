@@ -1,0 +1,122 @@
+"""Facts about sweeps that find symmetric states on a part of the plate: the same paths, with and without."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.continuation import lowest_eigenvalue
+from jaxgel.geometry import Circle, Ellipse, Plate
+
+GEL = jaxgel.Gel(1e-3, 1e-4)
+TURNED = [Ellipse((s * 1, t * 1), (0.8, 0.6), 0.0 if s * t > 0 else np.pi / 2) for s, t in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+ROUND = [Circle((s * 1, t * 1), 0.9) for s in (-1, 1) for t in (-1, 1)]
+MU = np.linspace(-4.5, -1.2, 9)
+
+
+def both(model, gel=GEL, **keywords):
+    return [jaxgel.sweep(model, gel, symmetry=symmetry, **keywords) for symmetry in ("off", "auto")]
+
+
+def assert_same(off, auto, tolerance=1e-10):
+    assert len(off) == len(auto) and off.stop == auto.stop
+    np.testing.assert_allclose(auto.x, off.x, atol=tolerance)
+    np.testing.assert_allclose(auto.energy, off.energy, rtol=1e-12)
+    np.testing.assert_array_equal(auto.negative_pivots, off.negative_pivots)
+    np.testing.assert_array_equal(auto.switched, off.switched)
+    np.testing.assert_allclose(auto.lowest_eigenvalue, off.lowest_eigenvalue, rtol=8e-3)  # what a sweep's eigenvalues are good to
+
+
+@pytest.fixture(scope="module")
+def turned():
+    return jaxgel.discretise(jaxgel.make_cloud(Plate(4, 4, TURNED, spacing=0.25)))
+
+
+@pytest.fixture(scope="module")
+def buckling():
+    return jaxgel.discretise(jaxgel.make_cloud(Plate(4, 4, ROUND, spacing=0.25)))
+
+
+def test_path_with_rotations(turned):
+    off, auto = both(turned, mu=MU)
+    assert_same(off, auto)
+    assert set(auto.symmetry) == {"C4"} and set(off.symmetry) == {"C1"}
+    np.testing.assert_allclose(auto.pressure, off.pressure, rtol=1e-6, atol=1e-7 * np.abs(off.pressure).max())
+
+
+def test_eigenvalues_to_the_last_digits(turned):
+    """`lowest_eigenvalue` is exact, of whole tangents: the states are the same."""
+    off, auto = both(turned, mu=MU[:4])
+    np.testing.assert_allclose(lowest_eigenvalue(auto), lowest_eigenvalue(off), rtol=1e-9)
+
+
+@pytest.mark.parametrize("branch", ["symmetric", "stable"])
+def test_path_through_a_bifurcation(buckling, branch):
+    """On the symmetric branch all mirrors stay, and what lies below 0 is counted block by block; the stable one keeps the rotations."""
+    off, auto = both(buckling, mu=MU, branch=branch)
+    assert_same(off, auto, 1e-9)
+    if branch == "symmetric":
+        assert off.negative_pivots[-1] > 0 and set(auto.symmetry) == {"D4"}
+    else:
+        assert auto.symmetry[0] == "D4" and auto.symmetry[-1] == "C4" and auto.switched.sum() == 1
+
+
+def test_load_without_symmetry(buckling):
+    loads = np.zeros((buckling.n_nodes, 2))
+    loads[:, 0] = 1e-7
+    off, auto = both(buckling, mu=MU[:3], loads=loads)
+    assert set(auto.symmetry) == {"D1 (y -> -y)"}
+    assert_same(off, auto)
+
+
+def test_contact(turned):
+    """Sides that meet: pushed by a range of contact of three spacings."""
+    model = jaxgel.mechanics.with_contact(turned, GEL, range=0.75)
+    off, auto = both(model, mu=MU[::2])
+    assert_same(off, auto, 1e-9)
+    assert set(auto.symmetry) == {"C4"}
+
+
+def test_adaptive_steps(turned):
+    off, auto = both(turned, mu=(-4.5, -2.0))
+    np.testing.assert_allclose(auto.mu, off.mu, rtol=1e-12)
+    assert_same(off, auto)
+
+
+def test_path_that_goes_on_from_its_states(buckling):
+    steps = []
+    whole = jaxgel.sweep(buckling, GEL, mu=MU, on_step=lambda state: steps.append(state.light))
+    again = jaxgel.sweep(buckling, GEL, mu=MU[5:], start=steps[:5])
+    np.testing.assert_array_equal(again.x, whole.x)
+    np.testing.assert_array_equal(again.pressure, whole.pressure)
+    np.testing.assert_array_equal(again.lowest_eigenvalue, whole.lowest_eigenvalue)
+    assert again.symmetry == whole.symmetry
+
+
+@pytest.mark.parametrize("parameter", ["symmetric", "one hole"])
+def test_derivatives_are_those_of_the_whole_problem(turned, parameter):
+    """With respect to all holes alike and to one alone, of a quantity without symmetry."""
+    cloud = turned.cloud
+
+    def value(t, symmetry):
+        moved = [{"semi_axes": jnp.array([0.8, 0.6]) + t * (parameter == "symmetric" or k == 1)} for k in range(4)]
+        model = jaxgel.discretise(cloud.at(cloud.plate.at(moved)))
+        path = jaxgel.sweep(model, GEL, mu=MU[:5], symmetry=symmetry)
+        return jnp.sum(path.x[..., 0] ** 3 + path.x[..., 1]) + jnp.sum(jaxgel.core_rotation(path))
+
+    off, auto = (jax.value_and_grad(value)(0.0, symmetry) for symmetry in ("off", "auto"))
+    assert auto[0] == pytest.approx(float(off[0]), rel=1e-11)  # parts cancel
+    assert auto[1] == pytest.approx(float(off[1]), rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [f"sample-{k}" for k in range(1, 10)] + ["lattice"])
+@pytest.mark.parametrize("branch", ["symmetric", "stable"])
+def test_samples(name, branch):
+    """States to 1e-10 where they are stable; next to where an unstable one is nearly singular round-off grows more."""
+    plate = jaxgel.sample(name)
+    model = jaxgel.discretise(jaxgel.make_cloud(plate))
+    off, auto = both(model, plate.gel, mu=np.linspace(-4.9678, -1.2, 13), branch=branch)
+    assert_same(off, auto, 1e-10 if branch == "stable" else 1e-8)
+    assert auto.symmetry[0] == ("C4" if name < "sample-4" and name.startswith("sample") else "D4")

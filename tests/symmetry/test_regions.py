@@ -1,0 +1,125 @@
+"""Facts about the fundamental region of a symmetric problem and the blocks of its tangent."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.equilibrium import dry_state, solve
+from jaxgel.geometry import Circle, Plate
+from jaxgel.linalg import factor, network_matrix
+from jaxgel.materials import Gel, PixelField
+from jaxgel.mechanics import all_volumes, closest, contact_energy, energy_at, gather, linearise, scatter, tangent, touches, with_contact
+from jaxgel.symmetry import NAMES, bases, region, symmetries_of
+
+MU = -2.0
+OTHERS = {
+    "periodic": dict(edges="periodic", spacing=0.25),
+    "fixed and free": dict(edges={"left": "fixed", "right": "fixed", "top": "free", "bottom": "free"}, spacing=0.25),
+    "odd number of squares": dict(spacing=4 / 15),
+    "film": dict(kinematics="plane stress", spacing=0.25),
+}
+OPTIONS = {"cells": dict(method="cells"), "displacement": dict(method="displacement"), "linear": dict(basis="linear")}
+NAMED = ["D4", "C4", "D2 (axes)", "D2 (diagonals)", "C2", "D1 (x -> -x)", "D1 (x <-> -y)"]
+
+
+def of_whole_and_region(problem):
+    """The whole problem with a state of its own, its region and a state of that."""
+    reduced = region(problem, symmetries_of(problem))
+    found = [solve(one, MU, *dry_state(one), own_factor=True) for one in (problem, reduced.problem)]
+    assert all(state.status.ok for state in found)
+    return found[0], reduced, found[1]
+
+
+@pytest.fixture(params=[*NAMED, *OTHERS, *OPTIONS, "field", "network"])
+def problem(request, plates, problem_of):
+    """Plates, edges, discretisations, a film, a field and another network, all with symmetries."""
+    name, circle = request.param, Circle((0, 0), 1)
+    if name in OTHERS:
+        return problem_of(Plate(4, 4, circle, **OTHERS[name]))
+    if name == "field":
+        return problem_of(plates["D4"], Gel(PixelField(np.array([[1e-3, 2e-3, 1e-3]]), (-2.0, 2.0, -2.0, 2.0)), 0.1))
+    if name == "network":
+        return problem_of(plates["C2"], Gel(1e-3, 0.1, network=jaxgel.Gent(30.0)))
+    return problem_of(plates["D4" if name in OPTIONS else name], **OPTIONS.get(name, {}))
+
+
+def test_state_and_energy_of_the_region_are_those_of_the_plate(problem):
+    whole, reduced, found = of_whole_and_region(problem)
+    np.testing.assert_allclose(found.x, whole.x, atol=1e-11)
+    spread = reduced.spread @ np.asarray(found.pressure)
+    # Newton's method ends where J agrees to 1e-11 of the swelling: of the pressure that leaves 1e-8
+    real = np.asarray(all_volumes(problem.model)) > 0
+    np.testing.assert_allclose(spread[real], whole.pressure[real], rtol=1e-7, atol=1e-8 * np.abs(whole.pressure).max())
+    energies = [energy_at(found.x, one.model, one.gel, MU, one.loads) for one in (problem, reduced.problem)]
+    assert energies[1] == pytest.approx(float(energies[0]), rel=1e-13)
+    at = linearise(problem, found.x, spread, MU)
+    assert at.residual_norm < 1e-9 and at.violation < 1e-9
+
+
+def test_blocks_are_those_of_the_whole_tangent(problem):
+    """B^T K B = the block that the region gives; together they have all unknowns, all negative eigenvalues and no coupling."""
+    whole, reduced, found = of_whole_and_region(problem)
+    K, group = whole.factor.matrix, reduced.group
+    pairs = np.asarray(tangent(reduced.problem, found.x, found.pressure, found.linearisation))
+    network = np.asarray(reduced.problem.operators.network)
+    N = network_matrix(problem.pattern, np.asarray(problem.operators.network))
+    blocks = bases(problem.model.lists, group, "auto", None)
+    size, negative = 0, 0
+    for basis in blocks:
+        made = factor(basis.pattern, pairs)
+        for fields in basis.fields:
+            np.testing.assert_allclose((fields.T @ K @ fields - made.matrix).toarray(), 0, atol=1e-11 * np.abs(K).max())
+            stiffness = network_matrix(basis.pattern, network)
+            np.testing.assert_allclose((fields.T @ N @ fields - stiffness).toarray(), 0, atol=1e-12 * np.abs(N).max())
+            size, negative = size + fields.shape[1], negative + made.negative_pivots
+    assert (size, negative) == (K.shape[0], whole.factor.negative_pivots)
+    every = [fields for basis in blocks for fields in basis.fields]
+    for i, one in enumerate(every):
+        for other in every[:i]:
+            assert abs(one.T @ K @ other).max() < 1e-11 * abs(K).max()
+            assert abs(one.T @ other).max() == 0
+
+
+def test_region_has_one_patch_of_each_orbit(plates, problem_of):
+    problem = problem_of(plates["D4"])
+    reduced = region(problem, symmetries_of(problem)).problem.model
+    count = sum(len(block.patches) for block in problem.model.blocks)
+    assert count / 8 <= sum(len(block.patches) for block in reduced.blocks) < count / 5  # those on mirrors have smaller orbits
+    volumes = [sum(float(jnp.sum(block.weight)) for block in model.blocks) for model in (problem.model, reduced)]
+    assert volumes[1] == pytest.approx(volumes[0], rel=1e-14)
+
+
+def test_unknowns_are_symmetric_fields(plates, problem_of):
+    problem = problem_of(plates["C4"])
+    reduced = region(problem, symmetries_of(problem)).problem
+    v = np.random.default_rng(1).normal(size=len(reduced.free))
+    field = np.asarray(scatter(v, (problem.model.n_nodes, 2), reduced.free))
+    forces = np.random.default_rng(2).normal(size=field.shape)
+    assert np.vdot(forces, field) == pytest.approx(float(np.asarray(gather(forces, reduced.free)) @ v), rel=1e-13)
+    assert len(reduced.free) == len(problem.free) // 4
+
+
+def test_subgroups_have_regions_of_their_own(plates, problem_of):
+    problem = problem_of(plates["D4"])
+    whole = solve(problem, MU, *dry_state(problem))
+    for group in NAMES:
+        if group:
+            one = region(problem, group).problem
+            found = solve(one, MU, *dry_state(one))
+            np.testing.assert_allclose(found.x, whole.x, atol=1e-11, err_msg=NAMES[group])
+
+
+def test_contact_of_one_hole_stands_for_its_images(plates, problem_of):
+    plate = plates["C4"]
+    problem = problem_of(plate)
+    model = with_contact(problem.model, problem.gel, range=4.0)
+    problem = dataclasses.replace(problem, model=model)
+    reduced = region(problem, symmetries_of(problem)).problem
+    x = 0.2 * model.cloud.nodes
+    assert bool(touches(x, model)) and bool(touches(x, reduced.model))
+    assert list(reduced.model.lists.holes) == [0]
+    assert float(closest(x, reduced.model)) == pytest.approx(float(closest(x, model)), rel=1e-12)
+    assert float(contact_energy(x, reduced.model)) == pytest.approx(float(contact_energy(x, model)), rel=1e-12)
