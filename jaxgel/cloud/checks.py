@@ -30,13 +30,14 @@ def check_sizes(plate: Plate, spacing: float | None, nodes_per_hole: int | None,
     background = plate.width / spacing * plate.height / spacing
     if not background <= MAX_NODES:
         raise ValueError(f"spacing: {spacing:g} mm makes about {background:.2g} nodes, {MAX_NODES} are accepted at most; use a larger one")
-    per_hole = max(8, round(plate.nodes_per_hole * own / spacing)) if nodes_per_hole is None else nodes_per_hole
-    if per_hole * len(plate.holes) > MAX_NODES // OUTLINE_SEGMENTS:
+    if nodes_per_hole is None:  # whole quarters, so that turns and mirrors of a hole keep its nodes
+        nodes_per_hole = plate.nodes_per_hole if spacing == own else max(8, 4 * round(plate.nodes_per_hole * own / spacing / 4))
+    if nodes_per_hole * len(plate.holes) > MAX_NODES // OUTLINE_SEGMENTS:
         raise ValueError(
-            f"nodes_per_hole: {per_hole} on each of {len(plate.holes)} holes are more than the {MAX_NODES // OUTLINE_SEGMENTS} accepted; "
-            "use fewer, or a larger spacing"
+            f"nodes_per_hole: {nodes_per_hole} on each of {len(plate.holes)} holes are more than the {MAX_NODES // OUTLINE_SEGMENTS} "
+            "accepted; use fewer, or a larger spacing"
         )
-    return spacing, per_hole
+    return spacing, nodes_per_hole
 
 
 def check_ligaments(topology: "Topology") -> None:

@@ -6,7 +6,7 @@ stability is that of the whole plate either way, of a region block by block.
 
 import dataclasses
 import functools
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -267,6 +267,8 @@ class BlockFactor:
     """The `Basis` of every block."""
     factors: tuple[Factor, ...]
     """The factor of every block."""
+    exact: ClassVar[bool] = True
+    """It is that of the state with which it is kept."""
 
     @property
     def pattern(self) -> Pattern:

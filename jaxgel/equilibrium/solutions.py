@@ -18,7 +18,7 @@ from jax.interpreters import ad, batching, mlir
 
 from .._threads import ONE_THREAD, few_threads, usable_threads
 from ..discretisation import Model
-from ..linalg import solve_near
+from ..linalg import RECENT_FACTORS, solve_near
 from ..mechanics import TangentOperator, gather, hessian_product, is_sparse, linearise, scatter, tangent
 from .derivatives import Tangent, remade
 
@@ -82,12 +82,18 @@ def _solutions_transpose(cotangent, rhs, *leaves, structure):  # noqa: ARG001
 def _solved(rhs, *leaves, structure):
     """On the host, with values; 0 for 0 at no cost.
 
-    Tangents with sparse products are not assembled, unless no recent factor will do; other small ones are solved side by side in threads.
+    Where the sweep has left factors of these very states they solve. Tangents with sparse products are not assembled, unless no recent
+    factor will do; other small ones are solved side by side in threads.
     """
     x, pressure, mu, problem = jax.tree.unflatten(structure, leaves)
     pattern = problem.pattern
     rhs, x, pressure, mu = map(np.asarray, (rhs, x, pressure, mu))
     wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
+    exact = {k: RECENT_FACTORS.exact(pattern, x[k]) for k in wanted}
+    for k, made in exact.items():
+        if made is not None:
+            solutions[k] = _columnwise(made.apply, rhs[k])
+    wanted = np.array([k for k, made in exact.items() if made is None], dtype=int)
 
     def solve(k, product=None):
         pairs = functools.cache(lambda: _pairs(problem, x[k], pressure[k], mu[k]))
@@ -124,9 +130,13 @@ def _solved_traced(rhs, *leaves, structure):
 
 def _solve_columns(pattern, x, rhs, product, pairs):
     """Solutions as the right-hand sides (f,) or (f, r) by `solve_near`, each as accurate as if it were alone; 0 for 0."""
-    rhs = np.asarray(rhs)
+    return _columnwise(lambda b: solve_near(pattern, x, b, product, pairs), np.asarray(rhs))
+
+
+def _columnwise(solve, rhs):
+    """Solutions as the right-hand sides (f,) or (f, r), one by one; 0 for 0."""
     columns = rhs.reshape(len(rhs), -1).T
-    return np.stack([solve_near(pattern, x, b, product, pairs) if np.any(b != 0) else b for b in columns], axis=1).reshape(rhs.shape)
+    return np.stack([solve(b) if np.any(b != 0) else b for b in columns], axis=1).reshape(rhs.shape)
 
 
 def _solved_batch(args, axes, *, structure):

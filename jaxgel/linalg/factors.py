@@ -13,6 +13,7 @@ LU factors.
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -48,6 +49,8 @@ class Factor:
     """The free-free matrix it was made from."""
     fronts: Fronts
     """Its triangular factors, front by front."""
+    exact: ClassVar[bool] = False
+    """Whether it is known to be of the tangent at the positions with which it is kept, and not of one nearby."""
 
     @functools.cached_property
     def negative_pivots(self) -> int:

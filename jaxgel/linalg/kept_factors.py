@@ -51,6 +51,13 @@ class FactorCache:
                 break
         return nearest
 
+    def exact(self, pattern: Pattern, x: Float[Array, "n 2"]) -> Factor | None:
+        """The factor of the tangent at the positions ``x`` themselves, none of a tangent next to it; None where it is not kept."""
+        for made, at in reversed(self.contents()):
+            if made.exact and made.pattern in (pattern, pattern.narrower) and np.array_equal(at, x):
+                return made
+        return None
+
 
 RECENT_FACTORS = FactorCache(REMEMBERED_BYTES)
 """The factors of this process; not kept by the patterns, which compiled programs keep alive."""

@@ -25,7 +25,7 @@ EQUAL = 1e-10  # relative difference of weights, loads and parameters that are e
 NEAREST = 1e-6  # of the spacing, where the places of a cloud belong together
 STATE = 1e-9  # of the spacing: how far a symmetric state may be from its image
 IDENTITY = "identity"
-NAMES = {
+NAMES: dict[tuple[str, ...], str] = {
     (): "C1",
     ("rotation by 180",): "C2",
     ("rotation by 90", "rotation by 180", "rotation by 270"): "C4",

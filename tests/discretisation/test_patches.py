@@ -123,7 +123,7 @@ def test_linear_patches_have_two_whole_squares_and_more(fixture, request):
     size = np.bincount(lists.patch_of_cell, area) / square
     assert lists.linear.any()
     assert whole[lists.linear].min() >= 2
-    assert size[lists.linear].min() > 2 - 1e-9
+    assert size[lists.linear].min() > 2 + 1e-9
     assert size[lists.linear].max() < 5.3  # four squares and the slivers that joined them
     assert np.all(np.bincount(lists.patch_of_cell)[~lists.linear] == 1)
 
@@ -139,7 +139,7 @@ def test_what_is_held_of_a_patch_is_no_round_off():
         for weight, low, up in zip(share, lower, upper, strict=True) if block.carrying > 1 else ():
             root = np.sqrt(weight)[:, None]
             left = up - low @ np.linalg.lstsq(root * low, root * up)[0]
-            assert np.linalg.eigvalsh((root * left).T @ (root * left))[0] > 1e-3
+            assert np.linalg.eigvalsh((root * left).T @ (root * left))[0] > 1e-6  # slivers leave 4e-4, round-off 1e-16
 
 
 def test_a_block_divided_by_a_hole_gives_separate_patches(slit_model):
