@@ -6,20 +6,19 @@ stability is that of the whole plate either way, of a region block by block.
 
 import dataclasses
 import functools
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float
 from ..equilibrium import Stability, State, acting_problem
-from ..linalg import Factor, Pattern, columnwise_products, factor, network_matrix, solve_near_factor
+from ..linalg import factor, network_matrix
 from ..mechanics import Problem, linearise, precomputed_operators, scatter, start_positions, tangent, unknowns
-from ..symmetry import NAMES, Basis, Region, bases, region, symmetries_of, symmetries_of_field, symmetries_of_state
+from ..symmetry import NAMES, Region, bases, region, symmetries_of, symmetries_of_field, symmetries_of_state
+from .blocks import BlockFactor, Diagonal
 from .predictor import rate_of_change
 from .stability import StabilityAnalysis, stability_of_factor
-
-NEGLIGIBLE = 1e-15  # part of a right-hand side in a block that is round-off
 
 
 class Frame(Protocol):
@@ -211,7 +210,7 @@ class RegionFrame(_Conditions):
         at = problem, state.x, state.pressure
         state = dataclasses.replace(state, factor=None)  # free it before the next factorisation
         pairs = np.asarray(tangent(*at, state.linearisation if state.linearisation is not None else linearise(*at, state.mu)))
-        blocks = _Diagonal(tuple(factor(basis.pattern, pairs) for basis in self._bases), self._cuts)
+        blocks = Diagonal(tuple(factor(basis.pattern, pairs) for basis in self._bases), self._cuts)
         found = stability_of_factor(blocks, self._stiffness, blocks.product, None if modes is None else self._projection @ modes)
         inside = np.add.reduceat(found.vectors**2, self._cuts[:-1], axis=0)
         own = np.argmax(inside, axis=0)  # what else a mode has is round-off, or of a mode of another block with the same eigenvalue
@@ -224,77 +223,3 @@ class RegionFrame(_Conditions):
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
         """See `Frame`."""
         return rate_of_change(self.problem, dataclasses.replace(state, factor=state.factor.factors[0]))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Diagonal:
-    """The blocks of a tangent, one copy of each, as one factorised matrix (b, b); serves where a ``linalg.Factor`` does."""
-
-    factors: tuple[Factor, ...]
-    """The factor of every block."""
-    cuts: np.ndarray
-    """Where the coordinates of each block begin, and where the last ones end."""
-
-    @property
-    def negative_pivots(self) -> int:
-        return sum(made.negative_pivots for made in self.factors)
-
-    @functools.cached_property
-    def matrix(self) -> sp.csc_matrix:
-        return sp.block_diag([made.matrix for made in self.factors], format="csc")
-
-    def apply(self, rhs):
-        return self._by_block(rhs, Factor.apply)
-
-    def inverse(self, rhs):
-        return self._by_block(rhs, Factor.inverse)
-
-    def product(self, vectors):
-        return self._by_block(vectors, lambda made, part: columnwise_products(made.matrix, part))
-
-    def _by_block(self, values, function):
-        parts = zip(self.factors, self.cuts[:-1], self.cuts[1:], strict=True)
-        return np.concatenate([function(made, values[start:end]) for made, start, end in parts])
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class BlockFactor:
-    """A factorised tangent of the whole plate at a symmetric state, as the factors of its blocks; serves where a ``linalg.Factor`` does."""
-
-    problem: Problem
-    """The problem of the whole plate."""
-    bases: tuple[Basis, ...]
-    """The `Basis` of every block."""
-    factors: tuple[Factor, ...]
-    """The factor of every block."""
-    exact: ClassVar[bool] = True
-    """It is that of the state with which it is kept."""
-
-    @property
-    def pattern(self) -> Pattern:
-        """The pattern of the whole tangent."""
-        return self.problem.pattern
-
-    @property
-    def negative_pivots(self) -> int:
-        """Number of negative eigenvalues of the whole tangent."""
-        return sum(made.negative_pivots * basis.representation.copies for basis, made in zip(self.bases, self.factors, strict=True))
-
-    @property
-    def size(self) -> int:
-        """Bytes it fills."""
-        return sum(made.size for made in self.factors)
-
-    def apply(self, rhs: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
-        """Solution (f,) for the right-hand side, block by block; a block that it does not excite is left out."""
-        solution, size = np.zeros(len(rhs)), np.linalg.norm(rhs)
-        for basis, made in zip(self.bases, self.factors, strict=True):
-            for fields in basis.fields:
-                part = fields.T @ rhs
-                if np.linalg.norm(part) > NEGLIGIBLE * size:
-                    solution += fields @ made.apply(part)
-        return solution
-
-    def solve_other(self, rhs: Float[np.ndarray, " f"], product: object) -> Float[np.ndarray, " f"] | None:
-        """Solution (f,) for another matrix, see ``linalg.solve_near_factor``."""
-        return solve_near_factor(rhs, product, self.apply)

@@ -92,7 +92,7 @@ def _solved(rhs, *leaves, structure):
     exact = {k: RECENT_FACTORS.exact(pattern, x[k]) for k in wanted}
     for k, made in exact.items():
         if made is not None:
-            solutions[k] = _columnwise(made.apply, rhs[k])
+            solutions[k] = _columnwise(made.inverse, rhs[k])
     wanted = np.array([k for k, made in exact.items() if made is None], dtype=int)
 
     def solve(k, product=None):

@@ -1,0 +1,104 @@
+"""The tangent of a symmetric state as the factors of its blocks."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import ClassVar
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._types import Array, Float, Int
+from ..linalg import Factor, Pattern, columnwise_products, solve_near_factor
+from ..mechanics import Problem
+from ..symmetry import Basis
+
+Columns = Float[Array, " b"] | Float[Array, "b r"]
+
+NEGLIGIBLE = 1e-15  # part of a right-hand side in a block that is round-off
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Diagonal:
+    """The blocks of a tangent, one copy of each, as one factorised matrix (b, b); serves where a ``linalg.Factor`` does."""
+
+    factors: tuple[Factor, ...]
+    """The factor of every block."""
+    cuts: Int[np.ndarray, " _"]
+    """Where the coordinates of each block begin, and where the last ones end."""
+
+    @property
+    def negative_pivots(self) -> int:
+        """Number of negative eigenvalues of the matrix."""
+        return sum(made.negative_pivots for made in self.factors)
+
+    @functools.cached_property
+    def matrix(self) -> sp.csc_matrix:
+        """The matrix (b, b) itself."""
+        return sp.block_diag([made.matrix for made in self.factors], format="csc")
+
+    def apply(self, rhs: Columns) -> Columns:
+        """Solution (b,) or (b, r) for the right-hand side, without refinement."""
+        return self._by_block(rhs, Factor.apply)
+
+    def inverse(self, rhs: Columns) -> Columns:
+        """Solution (b,) or (b, r) as accurate as that of a factor in double precision."""
+        return self._by_block(rhs, Factor.inverse)
+
+    def product(self, vectors: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b m"]:
+        """Products of the matrix with vectors."""
+        return self._by_block(vectors, lambda made, part: columnwise_products(made.matrix, part))
+
+    def _by_block(self, values, function):
+        parts = zip(self.factors, self.cuts[:-1], self.cuts[1:], strict=True)
+        return np.concatenate([function(made, values[start:end]) for made, start, end in parts])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BlockFactor:
+    """A factorised tangent of the whole plate at a symmetric state, as the factors of its blocks; serves where a ``linalg.Factor`` does."""
+
+    problem: Problem
+    """The problem of the whole plate."""
+    bases: tuple[Basis, ...]
+    """The `Basis` of every block."""
+    factors: tuple[Factor, ...]
+    """The factor of every block."""
+    exact: ClassVar[bool] = True
+    """It is that of the state with which it is kept."""
+
+    @property
+    def pattern(self) -> Pattern:
+        """The pattern of the whole tangent."""
+        return self.problem.pattern
+
+    @property
+    def negative_pivots(self) -> int:
+        """Number of negative eigenvalues of the whole tangent."""
+        return sum(made.negative_pivots * basis.representation.copies for basis, made in zip(self.bases, self.factors, strict=True))
+
+    @property
+    def size(self) -> int:
+        """Bytes it fills."""
+        return sum(made.size for made in self.factors)
+
+    def apply(self, rhs: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
+        """Solution (f,) for the right-hand side, block by block, without refinement; a block that it does not excite is left out."""
+        return self._by_block(rhs, Factor.apply)
+
+    def inverse(self, rhs: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
+        """The same, as accurate as that of a factor in double precision."""
+        return self._by_block(rhs, Factor.inverse)
+
+    def _by_block(self, rhs, solve):
+        solution, size = np.zeros(len(rhs)), np.linalg.norm(rhs)
+        for basis, made in zip(self.bases, self.factors, strict=True):
+            for fields in basis.fields:
+                part = fields.T @ rhs
+                if np.linalg.norm(part) > NEGLIGIBLE * size:
+                    solution += fields @ solve(made, part)
+        return solution
+
+    def solve_other(self, rhs: Float[np.ndarray, " f"], product: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, " f"] | None:
+        """Solution (f,) for another matrix, see ``linalg.solve_near_factor``."""
+        return solve_near_factor(rhs, product, self.apply)
