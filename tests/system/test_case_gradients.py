@@ -19,7 +19,7 @@ PERTURBED = {  # radii, relative: without any symmetry, so that a plate buckles 
 CASES = {
     "sample-7": ([-3.0, -1.8], jaxgel.rotation_angle),
     "sample-4": ([-1.9, -1.4], jaxgel.rotation_angle),
-    "lattice": ([-4.3, -1.8], jaxgel.core_rotation),  # its midline does not turn
+    "lattice": ([-4.3, -3.4, -3.1, -1.8], jaxgel.core_rotation),  # its midline does not turn; in one step it may buckle to either side
 }
 STEPS = dict(shape=1e-5, Nv=2e-5, chi=3e-6, mu=5e-5)  # of central differences: mm, kT/v, 1, kT; their error is 1e-8 to 1e-7
 
@@ -42,7 +42,7 @@ class Objectives:
     def path(self, moved):
         model = jaxgel.discretise(self.cloud.at(self.plate.at(self.unravel(self.theta + moved["shape"]))))
         gel = jaxgel.Gel(self.plate.gel.Nv + moved["Nv"], self.plate.gel.chi + moved["chi"])
-        return jaxgel.sweep(model, gel, mu=jnp.array(self.mu) + moved["mu"] * jnp.array([0.0, 1.0]))
+        return jaxgel.sweep(model, gel, mu=jnp.array(self.mu).at[-1].add(moved["mu"]))
 
     def __call__(self, moved):
         path = self.path(moved)
