@@ -6,8 +6,8 @@ Prints, for each case on its default cloud: the linearisation, tangent, factor, 
 mu = -3 (medians of ``--repeats``); the same factor and solve by SciPy's SuperLU in symmetric mode, and their time over jaxgel's; how many
 iterations of conjugate gradients with the factor of mu = -3.14, the state before in such a sweep, leave 1 % of the error ("kept"), and
 how many take as long as a tangent and factor of the state's own ("worth"); the seconds of a sweep of 30 steps to -0.9178 on the stable
-branch on the whole plate, the share of its eigenvalues and pivots, and the share outside compiled programs and LAPACK ("rest"). BLAS and SuperLU use one
-thread, XLA what the machine has.
+branch and the whole plate (``symmetry="off"``), the share of its eigenvalues and pivots, and the share outside compiled programs and
+LAPACK ("rest"). BLAS and SuperLU use one thread, XLA what the machine has.
 """  # fmt: skip
 
 import argparse

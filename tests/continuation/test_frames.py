@@ -51,7 +51,7 @@ def test_eigenvalues_to_the_last_digits(turned):
     np.testing.assert_allclose(lowest_eigenvalue(auto), lowest_eigenvalue(off), rtol=1e-9)
 
 
-@pytest.mark.parametrize("branch", ["symmetric", "stable"])
+@pytest.mark.parametrize("branch", [pytest.param("symmetric", marks=pytest.mark.slow), "stable"])
 def test_path_through_a_bifurcation(buckling, branch):
     """On the symmetric branch all mirrors stay, and what lies below 0 is counted block by block; the stable one keeps the rotations."""
     off, auto = both(buckling, mu=MU, branch=branch)
@@ -78,6 +78,7 @@ def test_contact(turned):
     assert set(auto.symmetry) == {"C4"}
 
 
+@pytest.mark.slow
 def test_adaptive_steps(turned):
     off, auto = both(turned, mu=(-4.5, -2.0))
     np.testing.assert_allclose(auto.mu, off.mu, rtol=1e-12)
@@ -94,7 +95,7 @@ def test_path_that_goes_on_from_its_states(buckling):
     assert again.symmetry == whole.symmetry
 
 
-@pytest.mark.parametrize("parameter", ["symmetric", "one hole"])
+@pytest.mark.parametrize("parameter", [pytest.param("symmetric", marks=pytest.mark.slow), "one hole"])
 def test_derivatives_are_those_of_the_whole_problem(turned, parameter):
     """With respect to all holes alike and to one alone, of a quantity without symmetry."""
     cloud = turned.cloud

@@ -33,7 +33,11 @@ def of_whole_and_region(problem):
     return found[0], reduced, found[1]
 
 
-@pytest.fixture(params=[*NAMED, *OTHERS, *OPTIONS, "field", "network"])
+QUICK = {"D4", "C4", "D2 (diagonals)", "periodic", "cells", "field"}
+ALL = [*NAMED, *OTHERS, *OPTIONS, "field", "network"]
+
+
+@pytest.fixture(params=[name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in ALL])
 def problem(request, plates, problem_of):
     """Plates, edges, discretisations, a film, a field and another network, all with symmetries."""
     name, circle = request.param, Circle((0, 0), 1)
@@ -102,6 +106,7 @@ def test_unknowns_are_symmetric_fields(plates, problem_of):
     assert len(reduced.free) == len(problem.free) // 4
 
 
+@pytest.mark.slow
 def test_subgroups_have_regions_of_their_own(plates, problem_of):
     problem = problem_of(plates["D4"])
     whole = solve(problem, MU, *dry_state(problem))
