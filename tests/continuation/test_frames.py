@@ -1,5 +1,7 @@
 """Facts about sweeps that find symmetric states on a part of the plate: the same paths, with and without."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +9,9 @@ import pytest
 
 import jaxgel
 from jaxgel.continuation import lowest_eigenvalue
+from jaxgel.equilibrium import with_own_factor
 from jaxgel.geometry import Circle, Ellipse, Plate
+from jaxgel.mechanics import prepare
 
 GEL = jaxgel.Gel(1e-3, 1e-4)
 TURNED = [Ellipse((s * 1, t * 1), (0.8, 0.6), 0.0 if s * t > 0 else np.pi / 2) for s, t in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
@@ -109,6 +113,33 @@ def test_derivatives_are_those_of_the_whole_problem(turned, parameter):
     off, auto = (jax.value_and_grad(value)(0.0, symmetry) for symmetry in ("off", "auto"))
     assert auto[0] == pytest.approx(float(off[0]), rel=1e-11)  # parts cancel
     assert auto[1] == pytest.approx(float(off[1]), rel=1e-9)
+
+
+def test_factor_by_blocks_is_that_of_the_whole_tangent(turned):
+    """For any right-hand side, and its inertia; a symmetric one excites one block alone."""
+    found = []
+    for symmetry in ("off", "auto"):
+        jaxgel.sweep(turned, GEL, mu=MU[:2], symmetry=symmetry, contact="off", on_step=found.append)
+    whole, blocks = with_own_factor(prepare(turned, GEL), found[1]).factor, found[-1].factor
+    rhs = np.random.default_rng(3).normal(size=len(whole.pattern.free))
+    np.testing.assert_allclose(blocks.inverse(rhs), whole.solve(rhs)[0], rtol=1e-8, atol=1e-9 * np.abs(whole.solve(rhs)[0]).max())
+    assert (blocks.negative_pivots, blocks.exact) == (whole.negative_pivots, True)
+    assert blocks.size < whole.size
+    symmetric = blocks.bases[0].fields[0] @ np.ones(blocks.bases[0].fields[0].shape[1])
+    alone = dataclasses.replace(blocks, bases=blocks.bases[:1], factors=blocks.factors[:1])
+    np.testing.assert_allclose(alone.inverse(symmetric), blocks.inverse(symmetric), rtol=1e-12)
+
+
+@pytest.mark.parametrize("symmetry", ["off", "auto"])
+def test_edges_stay_in_their_places(symmetry):
+    """To the bit, in a sweep of many given values: extrapolation would let round-off of what all states share grow."""
+    hole = Circle((0, 0) if symmetry == "auto" else (0.3, 0.2), 1)
+    model = jaxgel.discretise(jaxgel.make_cloud(Plate(4, 4, hole, spacing=0.5, nodes_per_hole=16)))
+    path = jaxgel.sweep(model, GEL, mu=np.linspace(-4.5, -2.5, 24), symmetry=symmetry)
+    nodes = np.asarray(model.cloud.nodes)
+    for edge, component in (("left", 0), ("right", 0), ("bottom", 1), ("top", 1)):
+        on = model.cloud.topology.edge_nodes[edge]
+        np.testing.assert_array_equal(np.asarray(path.x)[:, on, component], np.broadcast_to(nodes[on, component], (24, len(on))))
 
 
 @pytest.mark.slow
