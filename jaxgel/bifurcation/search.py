@@ -29,28 +29,28 @@ def locate(model: Model, gel: Gel, mu: tuple[float, float], loads: Float[Array, 
     """The first ``most`` critical points of the branch that continues the dry state, in the order of mu between the two ends ``mu``."""
     steps = []
     path = sweep(model, gel, mu=tuple(map(float, mu)), branch="symmetric", loads=loads, on_step=lambda state: steps.append(state.light))
-    frame = _Frame.of(prepare(model, gel, loads))
+    shared = _Shared.of(prepare(model, gel, loads))
     points = []
     for earlier, (before, after) in zip([None, *steps], itertools.pairwise(steps), strict=False):
         if len(points) == most:
             break
         if before.negative_pivots != after.negative_pivots:
-            for point in _between(frame, earlier, before, after):
+            for point in _between(shared, earlier, before, after):
                 again = point.multiplicity > 1 and any(abs(point.mu - other.mu) < TOGETHER for other in points)
                 points += [] if again else [point]  # an unsymmetric cloud splits a double one
         elif earlier is not None and _ends_before(earlier, before, after.mu):
-            points += [fold for fold in _fold(frame, earlier, before) if before.mu < fold.mu < after.mu]
+            points += [fold for fold in _fold(shared, earlier, before) if before.mu < fold.mu < after.mu]
     if not path.stop.ok and len(points) < most and len(steps) > 1:
-        points += _fold(frame, *steps[-2:])
+        points += _fold(shared, *steps[-2:])
     return sorted(points, key=lambda point: point.mu)[:most]
 
 
 def folds(path: Path, loads: Float[Array, "n 2"] | None = None) -> list[CriticalPoint]:
     """``CriticalPoint``s of kind "fold" where mu turns along a ``Path`` of `switch_branch` or `continue_branch`; not differentiable."""
-    frame, rise = _Frame.of(prepare(path.model, path.gel, loads)), np.diff(path.mu)
+    shared, rise = _Shared.of(prepare(path.model, path.gel, loads)), np.diff(path.mu)
     states = [path[k] for k in range(len(path))]
     turns = np.flatnonzero(rise[1:] * rise[:-1] < 0)
-    return [point for k in turns for point in _fold(frame, states[k], states[k + 1])]
+    return [point for k in turns for point in _fold(shared, states[k], states[k + 1])]
 
 
 def _ends_before(earlier, before, mu):
@@ -60,7 +60,7 @@ def _ends_before(earlier, before, mu):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Frame:
+class _Shared:
     """What the search of all points shares."""
 
     problem: Problem
@@ -75,7 +75,7 @@ class _Frame:
         return self.analysis.stiffness
 
 
-def _between(frame, before, low, high):
+def _between(shared, before, low, high):
     """Critical points between two states with different numbers of negative eigenvalues; halves the interval until they are apart.
 
     Where Newton's method leapt from one side of a fold to the other there is no bifurcation: then the branch is followed from ``low``,
@@ -84,22 +84,22 @@ def _between(frame, before, low, high):
     crossings, close = high.negative_pivots - low.negative_pivots, high.mu - low.mu < TOGETHER
     if crossings == 0:
         return []
-    point = _bifurcation(frame, low, high, abs(crossings)) if abs(crossings) == 1 or close else None
+    point = _bifurcation(shared, low, high, abs(crossings)) if abs(crossings) == 1 or close else None
     if point is not None:
         return [point]
     mu = 0.5 * (low.mu + high.mu)
-    middle = None if close else solve(frame.problem, mu, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), own_factor=True)
+    middle = None if close else solve(shared.problem, mu, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), own_factor=True)
     if middle is None or not middle.status.ok:
-        found = _fold(frame, before, low) if before is not None else []
+        found = _fold(shared, before, low) if before is not None else []
         return [fold for fold in found if low.mu - TOGETHER < fold.mu < high.mu + TOGETHER]
     count = Stability(np.array([np.nan]), None, middle.factor.negative_pivots)
     middle = dataclasses.replace(middle.light, stability=count)
-    return _between(frame, before, low, middle) + _between(frame, low, middle, high)
+    return _between(shared, before, low, middle) + _between(shared, low, middle, high)
 
 
-def _bifurcation(frame, low, high, multiplicity):
+def _bifurcation(shared, low, high, multiplicity):
     """``CriticalPoint`` between two states by Newton's method on the mean eigenvalue and a simple mode's amplitude; None if it fails."""
-    problem = frame.problem
+    problem = shared.problem
 
     def between(mu):
         t = (mu - low.mu) / (high.mu - low.mu)
@@ -112,37 +112,37 @@ def _bifurcation(frame, low, high, multiplicity):
             state = solve(problem, mu, x, pressure, own_factor=True)
             if not state.status.ok:
                 return None
-            _, modes = nearest_modes(state.factor, frame.stiffness, multiplicity)
-            if multiplicity == 1 and not _alone(frame, modes, x):
+            _, modes = nearest_modes(state.factor, shared.stiffness, multiplicity)
+            if multiplicity == 1 and not _alone(shared, modes, x):
                 multiplicity, amplitude = 2, np.zeros(2)
-                _, modes = nearest_modes(state.factor, frame.stiffness, 2)
-        held = frame.stiffness @ modes
+                _, modes = nearest_modes(state.factor, shared.stiffness, 2)
+        held = shared.stiffness @ modes
         pins = Conditions(held, np.zeros(multiplicity), x, mu, amplitude)
         state, forces = solve_bordered(problem, mu, x, pressure, held, pins)
         if not state.status.ok:
             return None
-        eigenvalues, modes = nearest_modes(state.factor, frame.stiffness, multiplicity, modes)
-        local = expand(problem, frame.stiffness, state, modes)
+        eigenvalues, modes = nearest_modes(state.factor, shared.stiffness, multiplicity, modes)
+        local = expand(problem, shared.stiffness, state, modes)
         step = -np.mean(eigenvalues) / local.slope
         if multiplicity == 1:  # to where the third derivative vanishes
             most = limit / np.abs(modes).max()
             amplitude = amplitude - np.clip(local.cubic / local.quartic, -most, most)
         if abs(step) < TOLERANCE:
-            return _point(frame, state, mu + step, modes, eigenvalues, local, forces, low.negative_pivots)
+            return _point(shared, state, mu + step, modes, eigenvalues, local, forces, low.negative_pivots)
         mu += step
         if not low.mu - TOGETHER <= mu <= high.mu + TOGETHER:
             return None
     return None
 
 
-def _alone(frame, modes, x):
+def _alone(shared, modes, x):
     """Whether the symmetries of the cloud keep or reverse the first mode (f, m); where one turns it into another there are two."""
-    field = np.asarray(scatter(modes[:, 0], x.shape, frame.problem.free))
-    return all(abs(character) > KEPT for character in characters(field[None], frame.problem.model).values())
+    field = np.asarray(scatter(modes[:, 0], x.shape, shared.problem.free))
+    return all(abs(character) > KEPT for character in characters(field[None], shared.problem.model).values())
 
 
-def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="bifurcation"):
-    problem, shape = frame.problem, state.x.shape
+def _point(shared, state, mu, modes, eigenvalues, local, forces, unstable, kind="bifurcation"):
+    problem, shape = shared.problem, state.x.shape
     signed = oriented(modes, problem)
     fields = np.stack([np.asarray(scatter(v, shape, problem.free)) for v in signed.T])
     spacing = problem.model.cloud.spacing
@@ -162,12 +162,12 @@ def _point(frame, state, mu, modes, eigenvalues, local, forces, unstable, kind="
     )
 
 
-def _fold(frame, before, last):
+def _fold(shared, before, last):
     """The fold next to two states of a branch: where mu is stationary along it, by the secant method; [] where there is none."""
-    problem, free = frame.problem, frame.problem.free
+    problem, free = shared.problem, shared.problem.free
     along = restrict(np.asarray(last.x) - np.asarray(before.x), free)
-    between = np.sqrt(along @ (frame.stiffness @ along))
-    row, nothing = frame.stiffness @ along[:, None] / between, np.zeros((len(free), 0))
+    between = np.sqrt(along @ (shared.stiffness @ along))
+    row, nothing = shared.stiffness @ along[:, None] / between, np.zeros((len(free), 0))
 
     def rise(state):
         """Tangent (f,) of the branch per unit of the row, and that of mu."""
@@ -191,8 +191,8 @@ def _fold(frame, before, last):
             return []
         dx, slope = rise(state)
         if abs(slope * step) < TOLERANCE:
-            mode = dx[:, None] / np.sqrt(dx @ (frame.stiffness @ dx))
+            mode = dx[:, None] / np.sqrt(dx @ (shared.stiffness @ dx))
             local = Expansion(-float(mode[:, 0] @ mu_force(problem, state.x, state.mu)), 0.0, float("nan"), np.zeros(len(free)))
-            eigenvalue = [float(mode[:, 0] @ frame.analysis.product(state)(mode)[:, 0])]
-            return [_point(frame, state, state.mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
+            eigenvalue = [float(mode[:, 0] @ shared.analysis.product(state)(mode)[:, 0])]
+            return [_point(shared, state, state.mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
     return []

@@ -65,7 +65,6 @@ def _exchanged(triangles, mirrors):
     for image in mirrors:
         known = {frozenset(corners) for corners in triangles.tolist()}
         lone = [k for k, corners in enumerate(image[triangles].tolist()) if frozenset(corners) not in known]
-        lone = [k for k, corners in enumerate(triangles.tolist()) if frozenset(image[corners].tolist()) not in known] if lone else []
         for one, two in itertools.combinations(lone, 2):
             corners = set(triangles[one]) | set(triangles[two])
             if len(corners) == 4 and corners == set(image[list(corners)]):

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +19,7 @@ NEGLIGIBLE = 1e-15  # part of a right-hand side in a block that is round-off
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Diagonal:
-    """The blocks of a tangent, one copy of each, as one factorised matrix (b, b); serves where a ``linalg.Factor`` does."""
+    """The blocks of a tangent, one copy of each, as one factorised matrix (b, b), with what eigenvalues need of a ``linalg.Factor``."""
 
     factors: tuple[Factor, ...]
     """The factor of every block."""
@@ -56,7 +55,10 @@ class Diagonal:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BlockFactor:
-    """A factorised tangent of the whole plate at a symmetric state, as the factors of its blocks; serves where a ``linalg.Factor`` does."""
+    """A factorised tangent of the whole plate at a symmetric state, as the factors of its blocks.
+
+    It has of a ``linalg.Factor`` what derivatives and predictions need.
+    """
 
     problem: Problem
     """The problem of the whole plate."""
@@ -64,8 +66,8 @@ class BlockFactor:
     """The `Basis` of every block."""
     factors: tuple[Factor, ...]
     """The factor of every block."""
-    exact: ClassVar[bool] = True
-    """It is that of the state with which it is kept."""
+    pressure: Float[np.ndarray, " g"]
+    """Pressures of the state whose tangent it is, kT/v."""
 
     @property
     def pattern(self) -> Pattern:
@@ -81,6 +83,10 @@ class BlockFactor:
     def size(self) -> int:
         """Bytes it fills."""
         return sum(made.size for made in self.factors)
+
+    def is_of(self, pressure: Float[Array, " g"]) -> bool:
+        """Whether it is of the very tangent of a state with this ``pressure``, at the positions with which it is kept."""
+        return np.array_equal(self.pressure, pressure)
 
     def apply(self, rhs: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
         """Solution (f,) for the right-hand side, block by block, without refinement; a block that it does not excite is left out."""

@@ -24,6 +24,7 @@ from ..equilibrium import (
     solve_incremental,
     solve_weak,
 )
+from ..linalg import SingularTangent
 from ..mechanics import Problem, free_dofs, restrict, touches
 from .frames import Frames
 from .options import BRANCHES, CONTACT, FORMULATIONS, MAX_STEPS, SYMMETRY
@@ -117,15 +118,18 @@ class _Attempt:
             return frame.whole(found)
         modes, held = history[-1].modes if history else None, [found]
         del found  # its factor may be freed before the next factorisation
-        stability, found = frame.check(held.pop(), modes)
+        bare = dataclasses.replace(held[0], factor=None, status=Status.SINGULAR)
+        try:
+            stability, found = frame.check(held.pop(), modes)
+        except SingularTangent:
+            return frame.whole(bare)
         rate = None if states else frame.rate(found)
         other = self._stable(frame, found, stability, history) if self.stable and stability.negative > 0 else None
-        found = accepted(frame.problem, frame.whole(found), stability, switched=switched)
-        if other is not None:
-            state, stability = other
-            state = dataclasses.replace(state, newton_iterations=found.newton_iterations + state.newton_iterations)
-            found = accepted(self.frames.of_state(state.x).problem, state, stability, switched=True)
-        return dataclasses.replace(found, rate=rate)
+        if other is None:
+            return dataclasses.replace(accepted(frame.problem, frame.whole(found), stability, switched=switched), rate=rate)
+        state, stability = other
+        state = dataclasses.replace(state, newton_iterations=found.newton_iterations + state.newton_iterations)
+        return accepted(self.frames.of_state(state.x).problem, state, stability, switched=True)
 
     def _reach(self, frame, mu, history):
         """`State` at ``mu`` from the one that ``history`` predicts, and whether it lies on another branch.

@@ -20,6 +20,8 @@ from .blocks import BlockFactor, Diagonal
 from .predictor import rate_of_change
 from .stability import StabilityAnalysis, stability_of_factor
 
+ROUND_OFF = 1e-6  # part of a mode's size, squared, in a block to which it does not belong
+
 
 class Frame(Protocol):
     """A problem with the way from and to states of the whole plate."""
@@ -159,14 +161,18 @@ class RegionFrame(_Conditions):
 
     @functools.cached_property
     def _bases(self):
-        model = self._whole.model
-        return bases(model.lists, self.group, model.solver, model.dmax if model.contact is not None else None)
+        return self._bases_of(self._whole.without_contact)
+
+    def _bases_of(self, whole):
+        """The basis of each block, with the pairs of contact, which are many, where the problem of the whole plate has it."""
+        model = whole.model
+        return bases(model.lists, self.group, model.solver, model.dmax if whole.has_contact else None)
 
     @functools.cached_property
     def _stiffnesses(self):
         """Stiffness (b, b) of the network in each block."""
         network = np.asarray(self.problem.operators.network)
-        return [network_matrix(basis.pattern.narrower or basis.pattern, network) for basis in self._bases]
+        return [network_matrix(basis.pattern, network) for basis in self._bases]
 
     @functools.cached_property
     def _stiffness(self):
@@ -206,19 +212,29 @@ class RegionFrame(_Conditions):
 
     def check(self, state: State, modes: Float[np.ndarray, "f m"] | None) -> tuple[Stability, State]:
         """See `Frame`: every block has a factor of its own, and all of them together are one matrix of the blocks' coordinates."""
-        problem = acting_problem(self.problem, state)
-        at = problem, state.x, state.pressure
+        whole, problem = (acting_problem(one, state) for one in (self._whole, self.problem))
+        own_bases, at = self._bases_of(whole), (problem, state.x, state.pressure)
         state = dataclasses.replace(state, factor=None)  # free it before the next factorisation
         pairs = np.asarray(tangent(*at, state.linearisation if state.linearisation is not None else linearise(*at, state.mu)))
-        blocks = Diagonal(tuple(factor(basis.pattern, pairs) for basis in self._bases), self._cuts)
-        found = stability_of_factor(blocks, self._stiffness, blocks.product, None if modes is None else self._projection @ modes)
+        blocks = Diagonal(tuple(factor(basis.pattern, pairs) for basis in own_bases), self._cuts)
+        found = stability_of_factor(blocks, self._stiffness, blocks.product, None if modes is None else self._in_all_blocks(modes))
         inside = np.add.reduceat(found.vectors**2, self._cuts[:-1], axis=0)
         own = np.argmax(inside, axis=0)  # what else a mode has is round-off, or of a mode of another block with the same eigenvalue
         vectors = np.where(np.repeat(np.arange(len(self._bases)), np.diff(self._cuts))[:, None] == own, found.vectors, 0.0)
-        whole = BlockFactor(acting_problem(self._whole, state), self._bases, blocks.factors)
-        symbol = self._bases[own[0]].representation.name
-        stability = Stability(found.eigenvalues, self._fields @ vectors, whole.negative_pivots, symbol)
-        return stability, dataclasses.replace(state, factor=whole)
+        made = BlockFactor(whole, own_bases, blocks.factors, self._region.spread @ np.asarray(state.pressure))
+        stability = Stability(found.eigenvalues, self._fields @ vectors, made.negative_pivots)
+        return stability, dataclasses.replace(state, factor=made)
+
+    def _in_all_blocks(self, modes):
+        """Coordinates (b, w) of the modes (f, m), and of some field in each block that none of them belongs to: it may be the lowest."""
+        start = self._projection @ modes
+        size = np.add.reduceat(start**2, self._cuts[:-1], axis=0)
+        missing = np.flatnonzero((size < ROUND_OFF * size.sum(axis=0)).all(axis=1))
+        some = np.zeros((len(start), len(missing)))
+        for column, block in enumerate(missing):
+            inside = np.arange(self._cuts[block], self._cuts[block + 1])
+            some[inside, column] = np.sin(1.0 + np.arange(len(inside)) ** 1.5)
+        return np.concatenate([start, some], axis=1)
 
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
         """See `Frame`."""

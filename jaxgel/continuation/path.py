@@ -44,7 +44,7 @@ class Path:
     switched: Bool[Array, " k"]
     """Whether the state left an unstable branch for a stable one."""
     symmetry: tuple[str, ...] = ()
-    """Group of symmetries with which each state was found, see ``symmetry.NAMES``; empty where none was asked for."""
+    """Group of symmetries with which each state was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
     stop: Status | None = None
     """``CONVERGED`` where the sweep reached its end, otherwise why it stopped; None inside JAX's transformations."""
     stop_text: str = ""

@@ -88,6 +88,8 @@ def stability_of_factor(
     """`Stability` of a tangent by its own ``factor`` and its ``product`` with vectors; ``start`` are modes (f, m) of one nearby."""
     if start is not None:
         m = min(factor.negative_pivots + 1, TRACKED)
+        if factor.negative_pivots >= TRACKED:  # the lowest ones are far from those that an inverse iteration finds first
+            start, _ = inverse_iteration(factor, stiffness, start)
         found = _from_modes(factor, stiffness, product, start, m, accuracy)
         if int(np.sum(found.eigenvalues < 0)) == min(found.negative, m):
             return found  # otherwise an unstable mode is none of those that were followed

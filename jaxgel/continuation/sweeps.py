@@ -38,12 +38,12 @@ def sweep(
     stable branch that ends, or turns unstable, is left by relaxation (``switched``). ``loads`` (n, 2) are dead nodal forces, see
     ``load_vector``. ``formulation="incremental"`` is the paper's algorithm instead of the total energy; like weak conditions it has neither
     contact nor other branches. ``symmetry="auto"`` finds symmetric states on a fundamental region of the plate (see ``symmetry``): the same
-    states, sooner; ``"off"`` does not. ``on_step(state)`` is called with each accepted `State`, which still has its factor; ``start`` is
-    a State to continue from, or the list of all states of an interrupted sweep, with which the path then begins: to the bit that of a
-    sweep that was not interrupted. Raises ValueError for a gel or mu that cannot be used and ``SweepFailed`` where the first state is not
-    found; later failures end the path early, with the reason in ``path.stop`` and ``path.stop_text``. Differentiating a state without a
-    meaningful derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap``, for given mu only, states that are
-    not reached are nan, and the branch that continues the dry state is followed whatever its stability.
+    states, sooner; ``"off"`` does not. ``on_step(state)`` is called with each accepted `State`, which still has its factor, of a symmetric
+    state by blocks; ``start`` is a State to continue from, or the list of all states of an interrupted sweep, with which the path then
+    begins: to the bit that of a sweep that was not interrupted. Raises ValueError for a gel or mu that cannot be used and ``SweepFailed``
+    where the first state is not found; later failures end the path early, with the reason in ``path.stop`` and ``path.stop_text``.
+    Differentiating a state without a meaningful derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap``, for
+    given mu only, states that are not reached are nan, and the branch that continues the dry state is followed whatever its stability.
     """
     options = Following(branch, contact, formulation, isinstance(mu, tuple) and len(mu) == 2, max_steps, symmetry)
     gel = localised(model, gel)

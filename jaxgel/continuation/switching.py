@@ -5,6 +5,7 @@ import numpy as np
 
 from .._types import Array, Float
 from ..equilibrium import Stability, State, Status, solve, solve_pinned
+from ..linalg import SingularTangent
 from ..mechanics import Problem, gather, restrict, scatter
 from .frames import Frames
 from .stability import oriented
@@ -34,7 +35,10 @@ def stable_state(
         found = _across(problem, frame.part(state), -mode if push < 0 else mode)
         if found is None:
             return None
-        stability, found = frame.check(found, None)
+        try:
+            stability, found = frame.check(found, None)
+        except SingularTangent:
+            return None
         state = frame.whole(found)
         if stability.negative == 0:
             return state, stability
@@ -62,7 +66,7 @@ def _across(problem: Problem, state: State, mode: Float[Array, " f"]) -> State |
             return None
         if force_before is not None and np.sign(force) != np.sign(force_before):
             found = solve(problem, state.mu, pinned.x, pinned.pressure, own_factor=True)
-            moved = float(jnp.linalg.norm(found.x - start))
+            moved = float(np.linalg.norm(restrict(np.asarray(found.x) - np.asarray(start), np.asarray(problem.free))))
             return found if found.status is Status.CONVERGED and moved > 0.5 * amplitude / GROWTH else None
         x = pinned.x + (GROWTH - 1) * (pinned.x - start)
         pressure, amplitude, force_before = pinned.pressure, GROWTH * amplitude, force

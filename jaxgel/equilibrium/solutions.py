@@ -18,7 +18,7 @@ from jax.interpreters import ad, batching, mlir
 
 from .._threads import ONE_THREAD, few_threads, usable_threads
 from ..discretisation import Model
-from ..linalg import RECENT_FACTORS, solve_near
+from ..linalg import RECENT_FACTORS, SingularTangent, solve_near
 from ..mechanics import TangentOperator, gather, hessian_product, is_sparse, linearise, scatter, tangent
 from .derivatives import Tangent, remade
 
@@ -89,11 +89,7 @@ def _solved(rhs, *leaves, structure):
     pattern = problem.pattern
     rhs, x, pressure, mu = map(np.asarray, (rhs, x, pressure, mu))
     wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
-    exact = {k: RECENT_FACTORS.exact(pattern, x[k]) for k in wanted}
-    for k, made in exact.items():
-        if made is not None:
-            solutions[k] = _columnwise(made.inverse, rhs[k])
-    wanted = np.array([k for k, made in exact.items() if made is None], dtype=int)
+    wanted = np.array([k for k in wanted if not _solved_exactly(solutions, k, pattern, x[k], pressure[k], rhs[k])], dtype=int)
 
     def solve(k, product=None):
         pairs = functools.cache(lambda: _pairs(problem, x[k], pressure[k], mu[k]))
@@ -108,6 +104,16 @@ def _solved(rhs, *leaves, structure):
             with ThreadPoolExecutor(usable_threads() if len(pattern.free) <= ONE_THREAD else 1) as pool:
                 list(pool.map(solve, wanted))
     return jnp.asarray(solutions)
+
+
+def _solved_exactly(solutions, k, pattern, x, pressure, rhs):
+    """Whether the sweep has left the factor of this very tangent and it has solved: then ``solutions[k]`` are set."""
+    made = RECENT_FACTORS.exact(pattern, x, pressure)
+    try:
+        solutions[k] = rhs if made is None else _columnwise(made.inverse, rhs)
+    except SingularTangent:
+        return False
+    return made is not None
 
 
 def _solved_traced(rhs, *leaves, structure):

@@ -15,16 +15,16 @@ from .status import Status
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stability:
-    """The lowest eigenvalues of the tangent of a state, m of them, over the network's stiffness."""
+    """The lowest eigenvalues of the tangent of a state, m of them, over the network's stiffness; of a symmetric state found on a region a
+    double one counts once.
+    """
 
     eigenvalues: Float[np.ndarray, " m"]
     """Ascending, dimensionless; the first is as accurate as asked for."""
     vectors: Float[np.ndarray, "f w"] | None
     """At least as many modes, on the free degrees of freedom, 1 / sqrt(kT/v), of either sign; None where they were not kept."""
     negative: int
-    """Number of negative eigenvalues of the tangent, tracked or not."""
-    representation: str = ""
-    """Symbol of the representation of the state's group to which the first mode belongs; empty where it was not found by these."""
+    """Number of negative eigenvalues of the tangent, tracked or not, a double one counted twice."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class State:
     stride: float = float("nan")
     """Step in mu that an adaptive sweep tries next, kT; nan for given values."""
     symmetry: str = ""
-    """Name of the group of symmetries with which it was found, see ``symmetry.NAMES``; empty where none was asked for."""
+    """Name of the group of symmetries with which it was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
     rate: Float[Array, "n 2"] | None = None
     """dx/dmu, mm/kT, from which a sweep's second state is predicted; of its first state only."""
     factor: Factor | None = None

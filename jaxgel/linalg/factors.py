@@ -13,7 +13,6 @@ LU factors.
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -49,13 +48,15 @@ class Factor:
     """The free-free matrix it was made from."""
     fronts: Fronts
     """Its triangular factors, front by front."""
-    exact: ClassVar[bool] = False
-    """Whether it is known to be of the tangent at the positions with which it is kept, and not of one nearby."""
 
     @functools.cached_property
     def negative_pivots(self) -> int:
         """Number of negative pivots = number of negative eigenvalues of the matrix."""
         return self.fronts.negative_pivots
+
+    def is_of(self, pressure: Float[Array, " g"]) -> bool:  # noqa: ARG002
+        """Whether it is known to be of the very tangent of a state with this ``pressure``; no, it may be of one nearby."""
+        return False
 
     def apply(self, rhs: Columns) -> Columns:
         """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""

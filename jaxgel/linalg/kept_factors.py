@@ -51,10 +51,10 @@ class FactorCache:
                 break
         return nearest
 
-    def exact(self, pattern: Pattern, x: Float[Array, "n 2"]) -> Factor | None:
-        """The factor of the tangent at the positions ``x`` themselves, none of a tangent next to it; None where it is not kept."""
+    def exact(self, pattern: Pattern, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> Factor | None:
+        """The factor of the very tangent at the positions ``x`` and ``pressure``, none of one nearby; None where it is not kept."""
         for made, at in reversed(self.contents()):
-            if made.exact and made.pattern in (pattern, pattern.narrower) and np.array_equal(at, x):
+            if np.array_equal(at, x) and made.is_of(pressure) and made.pattern in (pattern, pattern.narrower):
                 return made
         return None
 

@@ -119,7 +119,7 @@ def _add_contact(total, x, model):
 def is_sparse(problem: Problem) -> bool:
     """Whether `TangentOperator` multiplies by sparse matrices."""
     model = problem.model
-    own = model.method != "displacement" and problem.gel.network is neo_hookean and model.contact is None
+    own = model.method != "displacement" and problem.gel.network is neo_hookean and model.contact is None and model.lists.unknowns is None
     return own and len(problem.free) <= ONE_THREAD
 
 

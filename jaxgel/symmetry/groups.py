@@ -5,7 +5,6 @@ points and patches is found once for a cloud; whether it does so to round-off is
 """
 
 import dataclasses
-import itertools
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ from ..cloud import Topology
 from ..discretisation import Connectivity, Model
 from ..geometry import SYMMETRIES, keeps_edges
 from ..materials import Gel, LocalValues, neo_hookean
-from ..mechanics import Problem
+from ..mechanics import Problem, free_dofs
 
 EXACT = 1e-10  # of the spacing: how far a place may lie from its image's; round-off leaves 1e-12
 EQUAL = 1e-10  # relative difference of weights, loads and parameters that are equal
@@ -64,9 +63,11 @@ class Images:
 def symmetries_of(problem: Problem) -> tuple[str, ...]:
     """The group of a problem: the symmetries that keep its plate, cloud, gel and loads to round-off; none where only nearly."""
     model = problem.model
-    if model.quadrature == "paper" or model.conditions != "nodes" or not _is_isotropic(problem.gel):
+    if model.quadrature == "paper" or model.conditions != "nodes":
         return ()
     found = images(model.lists)
+    if not found or not _is_isotropic(problem.gel):
+        return ()
     return _closed(tuple(name for name, image in found.items() if _keeps(image, problem)))
 
 
@@ -125,11 +126,13 @@ def images(lists: Connectivity) -> dict[str, Images]:
 def characters(modes: Float[np.ndarray, "m n 2"], model: Model) -> dict[str, float]:
     """Name -> trace of each symmetry of the cloud in the space of the modes (m, n, 2), orthonormalised."""
     fields = np.linalg.qr(modes.reshape(len(modes), -1).T)[0].T.reshape(modes.shape)
-    traces = {}
+    nodes, traces = np.asarray(model.cloud.nodes), {}
     for name, image in node_images(model.lists.topology).items():
-        moved = np.empty_like(fields)
-        moved[:, image] = fields @ np.array(SYMMETRIES[name], dtype=float).T
-        traces[name] = float(np.sum(fields * moved))
+        matrix = np.array(SYMMETRIES[name], dtype=float)
+        if np.abs(nodes[image] - nodes @ matrix.T).max() < NEAREST * model.cloud.spacing:  # where the holes of the cloud have moved alike
+            moved = np.empty_like(fields)
+            moved[:, image] = fields @ matrix.T
+            traces[name] = float(np.sum(fields * moved))
     return traces
 
 
@@ -137,20 +140,24 @@ def _keeps(image, problem):
     """Whether a symmetry keeps nodes, quadrature points with their weights, the gel's parameters and the loads."""
     model, tolerance = problem.model, EXACT * problem.model.cloud.spacing
     nodes, loads = np.asarray(model.cloud.nodes), np.asarray(problem.loads)
-    positions, weights = (by_point(model.lists, [getattr(block, name) for block in model.blocks]) for name in ("position", "weight"))
+    held = np.ones(2 * len(nodes) + 1, dtype=bool)
+    held[np.asarray(free_dofs(model.lists.topology))] = False
+    there = np.where(image.dofs < 0, ~image.dofs, image.dofs)
+    positions, weights = (_by_point(model.lists, [getattr(block, name) for block in model.blocks]) for name in ("position", "weight"))
     fields = [part for part in jax.tree.leaves(problem.gel, is_leaf=_is_local) if _is_local(part)]
     return (
         np.abs(nodes[image.nodes] - nodes @ image.matrix.T).max() < tolerance
+        and np.array_equal(held[there], held[:-1])  # of a cell that is periodic one way a corner is held
         and np.abs(positions[image.points] - positions @ image.matrix.T).max() < tolerance
         and np.allclose(weights[image.points], weights, rtol=0.0, atol=EQUAL * weights.max())
         and np.allclose(loads[image.nodes], loads @ image.matrix.T, rtol=0.0, atol=EQUAL * np.abs(loads).max())
         and all(
-            np.allclose(values[image.points], values, rtol=EQUAL, atol=0.0) for values in (by_point(model.lists, f.points) for f in fields)
+            np.allclose(values[image.points], values, rtol=EQUAL, atol=0.0) for values in (_by_point(model.lists, f.points) for f in fields)
         )
     )
 
 
-def by_point(lists: Connectivity, parts: list) -> Float[np.ndarray, "p ..."]:
+def _by_point(lists: Connectivity, parts: list) -> Float[np.ndarray, "p ..."]:
     """Values (p, ...) of all quadrature points by their numbers, from those (c, q, ...) of each block."""
     first = np.asarray(parts[0])
     values = np.zeros((len(lists.cell_of_point), *first.shape[2:]))
@@ -164,21 +171,15 @@ def _is_local(part):
 
 
 def _is_isotropic(gel: Gel) -> bool:
-    """Whether the network's energy is that of a turned and mirrored deformation too, at a few deformations."""
+    """Whether the network's energy is that of a turned and mirrored deformation too, at a few deformations and both ends of each field."""
     if gel.network is neo_hookean:
         return True
-    mean = jax.tree.map(lambda part: jnp.mean(part.groups) if _is_local(part) else part, gel, is_leaf=_is_local)
+    some = [
+        jax.tree.map(lambda part, at=at: at(part.groups) if _is_local(part) else part, gel, is_leaf=_is_local) for at in (jnp.min, jnp.max)
+    ]
     F = np.array([[[1.31, 0.23], [-0.11, 1.17]], [[1.05, -0.34], [0.21, 1.43]]])
     energies = [
-        [float(gel.network(jnp.asarray(M @ one @ M.T), mean)) for one in F]
+        [float(gel.network(jnp.asarray(M @ one @ M.T), at)) for one in F for at in some]
         for M in ([np.eye(2), *(np.array(matrix, dtype=float) for matrix in SYMMETRIES.values())])
     ]
     return bool(np.allclose(energies, energies[0], rtol=1e-12, atol=0.0))
-
-
-def products(group: tuple[str, ...]) -> dict[tuple[str, str], str]:
-    """(first, second) -> name of the symmetry that is ``second`` and then ``first``, of a group with its identity."""
-    matrices = {IDENTITY: np.eye(2, dtype=int), **{name: np.array(SYMMETRIES[name]) for name in group}}
-    names = {tuple(matrix.ravel().tolist()): name for name, matrix in matrices.items()}
-    pairs = itertools.product(matrices, repeat=2)
-    return {(a, b): names[tuple((matrices[a] @ matrices[b]).ravel().tolist())] for a, b in pairs}

@@ -13,7 +13,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .groups import IDENTITY, NAMES, products
+from ..geometry import SYMMETRIES
+from .groups import IDENTITY, NAMES
 
 ALIKE = 0.1  # difference of a character from that of a representation
 
@@ -76,3 +77,11 @@ def representation_of(characters: Mapping[str, float]) -> str:
         if np.allclose(expected, list(characters.values()), atol=ALIKE):
             return representation.name
     return ""
+
+
+def products(group: tuple[str, ...]) -> dict[tuple[str, str], str]:
+    """(first, second) -> name of the symmetry that is ``second`` and then ``first``, of a group with its identity."""
+    matrices = {IDENTITY: np.eye(2, dtype=int), **{name: np.array(SYMMETRIES[name]) for name in group}}
+    names = {tuple(matrix.ravel().tolist()): name for name, matrix in matrices.items()}
+    pairs = itertools.product(matrices, repeat=2)
+    return {(a, b): names[tuple((matrices[a] @ matrices[b]).ravel().tolist())] for a, b in pairs}

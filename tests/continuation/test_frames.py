@@ -9,9 +9,11 @@ import pytest
 
 import jaxgel
 from jaxgel.continuation import lowest_eigenvalue
+from jaxgel.continuation.frames import Frames
 from jaxgel.equilibrium import with_own_factor
 from jaxgel.geometry import Circle, Ellipse, Plate
-from jaxgel.mechanics import prepare
+from jaxgel.mechanics import prepare, scatter
+from jaxgel.symmetry import characters, representation_of, symmetries_of
 
 GEL = jaxgel.Gel(1e-3, 1e-4)
 TURNED = [Ellipse((s * 1, t * 1), (0.8, 0.6), 0.0 if s * t > 0 else np.pi / 2) for s, t in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
@@ -29,7 +31,10 @@ def assert_same(off, auto, tolerance=1e-10):
     np.testing.assert_allclose(auto.energy, off.energy, rtol=1e-12)
     np.testing.assert_array_equal(auto.negative_pivots, off.negative_pivots)
     np.testing.assert_array_equal(auto.switched, off.switched)
-    np.testing.assert_allclose(auto.lowest_eigenvalue, off.lowest_eigenvalue, rtol=8e-3)  # what a sweep's eigenvalues are good to
+    few = off.negative_pivots < 2  # of many unstable modes the whole plate may have followed others than the lowest
+    near = 8e-3 * np.abs(off.lowest_eigenvalue)  # what a sweep's eigenvalues are good to
+    np.testing.assert_array_less(auto.lowest_eigenvalue, off.lowest_eigenvalue + near)
+    np.testing.assert_array_less((off.lowest_eigenvalue - near)[few], auto.lowest_eigenvalue[few])
 
 
 @pytest.fixture(scope="module")
@@ -74,12 +79,14 @@ def test_load_without_symmetry(buckling):
     assert_same(off, auto)
 
 
-def test_contact(turned):
-    """Sides that meet: pushed by a range of contact of three spacings."""
-    model = jaxgel.mechanics.with_contact(turned, GEL, range=0.75)
-    off, auto = both(model, mu=MU[::2])
-    assert_same(off, auto, 1e-9)
-    assert set(auto.symmetry) == {"C4"}
+@pytest.mark.slow
+def test_contact():
+    """Sample 7, whose corners close: on an eighth of the plate the contact of all holes acts through the symmetric unknowns."""
+    plate, steps = jaxgel.sample("sample-7"), []
+    model = jaxgel.discretise(jaxgel.make_cloud(plate))
+    off, auto = both(model, plate.gel, mu=[-2.0, -1.0, -0.7, -0.55], branch="symmetric", on_step=steps.append)
+    assert_same(off, auto, 1e-7)  # next to contact tangents are stiff, and round-off large
+    assert set(auto.symmetry) == {"D4"} and any(state.contact_active for state in steps)
 
 
 @pytest.mark.slow
@@ -123,11 +130,33 @@ def test_factor_by_blocks_is_that_of_the_whole_tangent(turned):
     whole, blocks = with_own_factor(prepare(turned, GEL), found[1]).factor, found[-1].factor
     rhs = np.random.default_rng(3).normal(size=len(whole.pattern.free))
     np.testing.assert_allclose(blocks.inverse(rhs), whole.solve(rhs)[0], rtol=1e-8, atol=1e-9 * np.abs(whole.solve(rhs)[0]).max())
-    assert (blocks.negative_pivots, blocks.exact) == (whole.negative_pivots, True)
+    assert blocks.negative_pivots == whole.negative_pivots
+    assert blocks.is_of(found[-1].pressure) and not blocks.is_of(found[2].pressure) and not whole.is_of(found[1].pressure)
     assert blocks.size < whole.size
     symmetric = blocks.bases[0].fields[0] @ np.ones(blocks.bases[0].fields[0].shape[1])
     alone = dataclasses.replace(blocks, bases=blocks.bases[:1], factors=blocks.factors[:1])
     np.testing.assert_allclose(alone.inverse(symmetric), blocks.inverse(symmetric), rtol=1e-12)
+
+
+def test_modes_of_a_block_that_none_was_followed_in_are_found(buckling):
+    """From modes of the other blocks alone, the lowest of all is found in a few states."""
+    problem = prepare(buckling, GEL)
+    frame, states = Frames(problem, symmetry=True).of(symmetries_of(problem)), []
+    jaxgel.sweep(buckling, GEL, mu=MU[:1], contact="off", on_step=states.append)
+    state = frame.part(states[0])
+    expected, _ = frame.check(state, None)
+    symbols = [representation_of(characters(field_of(mode, state, problem), buckling)) for mode in expected.vectors.T]
+    others = expected.vectors[:, [symbol != symbols[0] for symbol in symbols]]
+    assert others.shape[1] > 0
+    found = None
+    for _ in range(4):
+        found, _ = frame.check(state, others if found is None else found.vectors)
+    assert found.eigenvalues[0] == pytest.approx(expected.eigenvalues[0], rel=1e-2)
+
+
+def field_of(mode, state, problem):
+    """A mode (f,) as fields (1, n, 2)."""
+    return np.asarray(scatter(mode, state.x.shape, problem.free))[None]
 
 
 @pytest.mark.parametrize("symmetry", ["off", "auto"])

@@ -17,6 +17,8 @@ from jaxgel.symmetry import NAMES, bases, region, symmetries_of
 MU = -2.0
 OTHERS = {
     "periodic": dict(edges="periodic", spacing=0.25),
+    "periodic one way": dict(edges={"left": "periodic", "right": "periodic", "top": "free", "bottom": "free"}, spacing=0.25),
+    "periodic between rollers": dict(edges={"left": "periodic", "right": "periodic"}, spacing=0.25),
     "fixed and free": dict(edges={"left": "fixed", "right": "fixed", "top": "free", "bottom": "free"}, spacing=0.25),
     "odd number of squares": dict(spacing=4 / 15),
     "film": dict(kinematics="plane stress", spacing=0.25),
@@ -27,13 +29,14 @@ NAMED = ["D4", "C4", "D2 (axes)", "D2 (diagonals)", "C2", "D1 (x -> -x)", "D1 (x
 
 def of_whole_and_region(problem):
     """The whole problem with a state of its own, its region and a state of that."""
-    reduced = region(problem, symmetries_of(problem))
+    group = symmetries_of(problem)
+    reduced = region(problem, group)
     found = [solve(one, MU, *dry_state(one), own_factor=True) for one in (problem, reduced.problem)]
     assert all(state.status.ok for state in found)
     return found[0], reduced, found[1]
 
 
-QUICK = {"D4", "C4", "D2 (diagonals)", "periodic", "cells", "field"}
+QUICK = {"D4", "C4", "D2 (diagonals)", "periodic", "periodic one way", "cells", "field"}
 ALL = [*NAMED, *OTHERS, *OPTIONS, "field", "network"]
 
 
