@@ -18,7 +18,6 @@ MU = -2.0
 OTHERS = {
     "periodic": dict(edges="periodic", spacing=0.25),
     "periodic one way": dict(edges={"left": "periodic", "right": "periodic", "top": "free", "bottom": "free"}, spacing=0.25),
-    "periodic between rollers": dict(edges={"left": "periodic", "right": "periodic"}, spacing=0.25),
     "fixed and free": dict(edges={"left": "fixed", "right": "fixed", "top": "free", "bottom": "free"}, spacing=0.25),
     "odd number of squares": dict(spacing=4 / 15),
     "film": dict(kinematics="plane stress", spacing=0.25),
@@ -36,7 +35,7 @@ def of_whole_and_region(problem):
     return found[0], reduced, found[1]
 
 
-QUICK = {"D4", "C4", "D2 (diagonals)", "periodic", "periodic one way", "cells", "field"}
+QUICK = {"D4", "C4", "D2 (diagonals)", "periodic", "cells", "field"}
 ALL = [*NAMED, *OTHERS, *OPTIONS, "field", "network"]
 
 
