@@ -54,6 +54,7 @@ def test_path_with_rotations(turned):
     np.testing.assert_allclose(auto.pressure, off.pressure, rtol=1e-6, atol=1e-7 * np.abs(off.pressure).max())
 
 
+@pytest.mark.slow
 def test_eigenvalues_to_the_last_digits(turned):
     """`lowest_eigenvalue` is exact, of whole tangents: the states are the same."""
     off, auto = both(turned, mu=MU[:4])
@@ -71,6 +72,7 @@ def test_path_through_a_bifurcation(buckling, branch):
         assert auto.symmetry[0] == "D4" and auto.symmetry[-1] == "C4" and auto.switched.sum() == 1
 
 
+@pytest.mark.slow
 def test_load_without_symmetry(buckling):
     loads = np.zeros((buckling.n_nodes, 2))
     loads[:, 0] = 1e-7

@@ -35,7 +35,7 @@ def of_whole_and_region(problem):
     return found[0], reduced, found[1]
 
 
-QUICK = {"D4", "C4", "D2 (diagonals)", "periodic", "cells", "field"}
+QUICK = {"D4", "C4", "field"}
 ALL = [*NAMED, *OTHERS, *OPTIONS, "field", "network"]
 
 
