@@ -163,7 +163,7 @@ def _locate_on_segments(cuts, known, segments, lines, tolerance):
 def _merge_slivers(vertices, triangles, piece_of_triangle, square_area, images):
     """Cell numbers (t,) after small pieces joined the neighbour with the longest common edge, smallest piece first.
 
-    The images of a piece do as it does; between two neighbours that a mirror exchanges it joins both.
+    The images of a piece do as it does; between two neighbours that a mirror exchanges it joins none.
     """
     areas = signed_areas(vertices, triangles)
     area = np.bincount(piece_of_triangle, areas)
@@ -181,18 +181,16 @@ def _merge_slivers(vertices, triangles, piece_of_triangle, square_area, images):
                 lengths[root[other]] = lengths.get(root[other], 0.0) + length
         if not lengths:
             continue
-        longest = max(lengths, key=lengths.get)
-        hosts = {longest}
-        for move in moves:
-            if move[piece] == piece:
-                hosts |= {host for host in lengths if host == root[move[longest]] and lengths[host] > (1 - EQUAL) * lengths[longest]}
+        host = max(lengths, key=lengths.get)
+        rivals = {root[move[host]] for move in moves if move[piece] == piece} - {host}
+        if any(lengths.get(rival, 0.0) > (1 - EQUAL) * lengths[host] for rival in rivals):
+            continue
         for move in [np.arange(len(area)), *moves]:
             done[move[piece]] = True
-            for host in hosts:
-                one, two = root[move[piece]], root[move[host]]
-                if one != two:
-                    area[two] += area[one]
-                    root[root == one] = two
+            one, two = root[move[piece]], root[move[host]]
+            if one != two:
+                area[two] += area[one]
+                root[root == one] = two
     return np.unique(root[piece_of_triangle], return_inverse=True)[1]
 
 

@@ -17,7 +17,7 @@ def moved(plate, semi_axes):
 
 @pytest.fixture(scope="module")
 def cloud():
-    return jaxgel.make_cloud(jaxgel.sample("sample-1"), spacing=22 / 30)
+    return jaxgel.make_cloud(jaxgel.sample("sample-1"), spacing=22 / 30, nodes_per_hole=30)
 
 
 def core_rotation(cloud):
