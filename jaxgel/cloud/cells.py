@@ -182,8 +182,8 @@ def _merge_slivers(vertices, triangles, piece_of_triangle, square_area, images):
         if not lengths:
             continue
         host = max(lengths, key=lengths.get)
-        rivals = {root[move[host]] for move in moves if move[piece] == piece} - {host}
-        if any(lengths.get(rival, 0.0) > (1 - EQUAL) * lengths[host] for rival in rivals):
+        rivals = [int(root[move[host]]) for move in moves if move[piece] == piece]
+        if any(rival != host and lengths.get(rival, 0.0) > (1 - EQUAL) * lengths[host] for rival in rivals):
             continue
         for move in [np.arange(len(area)), *moves]:
             done[move[piece]] = True

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from .._types import Float
 from ..equilibrium import Stability, State, acting_problem, with_own_factor
-from ..linalg import Factor, columnwise_products, inverse_iteration, lowest_of_factor, network_matrix, rayleigh_ritz
+from ..linalg import Factorised, columnwise_products, inverse_iteration, lowest_of_factor, network_matrix, rayleigh_ritz
 from ..mechanics import Problem, gather, linearise, tangent_product
 
 TRACKED = 2  # modes whose eigenvalues are made accurate where all may be unstable: both of a double eigenvalue
@@ -79,7 +79,7 @@ class StabilityAnalysis:
 
 
 def stability_of_factor(
-    factor: Factor,
+    factor: Factorised,
     stiffness: sp.csr_matrix,
     product: Callable[[Float[np.ndarray, "f m"]], Float[np.ndarray, "f m"]],
     start: Float[np.ndarray, "f m"] | None = None,

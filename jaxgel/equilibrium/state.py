@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
-from ..linalg import Factor
+from ..linalg import Factor, Kept
 from ..materials import gel_in_groups, value
 from ..mechanics import Linearisation, Problem, carries_volume, energy_at, pressure_at, start_positions, volume_ratios
 from .status import Status
@@ -57,8 +57,9 @@ class State:
     """Name of the group of symmetries with which it was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
     rate: Float[Array, "n 2"] | None = None
     """dx/dmu, mm/kT, from which a sweep's second state is predicted; of its first state only."""
-    factor: Factor | None = None
-    """Factor of a tangent near the state; None once a sweep goes on, where a factorisation failed, and for a state read from a file."""
+    factor: Factor | Kept | None = None
+    """Factor of a tangent near the state, its own by blocks where it was found on a region; None once a sweep goes on, where a
+    factorisation failed, and for a state read from a file."""
     linearisation: Linearisation | None = None
     """The mixed form about the state; None where it was not computed or kept."""
 

@@ -2,6 +2,7 @@
 
 from .dissection import dissect
 from .eigen import (
+    Factorised,
     columnwise_products,
     extreme_eigenvalues,
     inverse_iteration,
@@ -12,7 +13,7 @@ from .eigen import (
     rayleigh_ritz,
 )
 from .factors import Bordered, Factor, SingularTangent, factor, solve_near_factor
-from .kept_factors import RECENT_FACTORS, FactorCache, remember, solve_near
+from .kept_factors import RECENT_FACTORS, FactorCache, Kept, remember, solve_near
 from .multifrontal import factorise
 from .pattern import SOLVERS, Pattern, analyse, standing
 
@@ -22,6 +23,8 @@ __all__ = [
     "Bordered",
     "Factor",
     "FactorCache",
+    "Factorised",
+    "Kept",
     "Pattern",
     "SingularTangent",
     "analyse",

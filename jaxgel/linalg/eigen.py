@@ -1,18 +1,43 @@
 """Eigenvalues of a factorised tangent against the stiffness of the network: shift-invert Lanczos, Rayleigh-Ritz."""
 
+from typing import Protocol, runtime_checkable
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
 from .._types import Array, Float
-from .factors import Factor
+from .factors import Columns
 from .pattern import Pattern
 
 FOLLOWED = 4  # modes that are carried along a sweep, any of which may become the lowest
 SAME = 1e-8  # part of a vector that is left beside the others where they are next to dependent
 FIRST_ITERATIONS = 4  # inverse iterations for modes of which nothing is known
 MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
+
+
+@runtime_checkable
+class Factorised(Protocol):
+    """What eigenvalues need of a factorised matrix (f, f): a `Factor` has it."""
+
+    @property
+    def matrix(self) -> sp.csc_matrix:
+        """The matrix itself."""
+        ...
+
+    @property
+    def negative_pivots(self) -> int:
+        """Number of its negative eigenvalues."""
+        ...
+
+    def apply(self, rhs: Columns) -> Columns:
+        """Solution (f,) or (f, r) for the right-hand side, without refinement."""
+        ...
+
+    def inverse(self, rhs: Columns) -> Columns:
+        """Solution (f,) or (f, r) as accurate as that of a factor in double precision."""
+        ...
 
 
 def network_matrix(pattern: Pattern, laplacian: Float[Array, " p"]) -> sp.csr_matrix:
@@ -22,13 +47,13 @@ def network_matrix(pattern: Pattern, laplacian: Float[Array, " p"]) -> sp.csr_ma
     return matrix.copy()  # half of the entries were zero, but not given back
 
 
-def extreme_eigenvalues(factor: Factor, stiffness: sp.csr_matrix) -> tuple[float, float]:
+def extreme_eigenvalues(factor: Factorised, stiffness: sp.csr_matrix) -> tuple[float, float]:
     """The lowest eigenvalue of the factorised tangent, and the one nearest zero: the same where none is negative."""
     nearest = nearest_modes(factor, stiffness, 1)[0][0]
     return lowest_mode(factor, stiffness)[0] if factor.negative_pivots > 0 else nearest, nearest
 
 
-def lowest_mode(factor: Factor, stiffness: sp.csr_matrix) -> tuple[float, Float[np.ndarray, " f"]]:
+def lowest_mode(factor: Factorised, stiffness: sp.csr_matrix) -> tuple[float, Float[np.ndarray, " f"]]:
     """The lowest eigenvalue of the factorised tangent and its mode (f,), by shift-invert Lanczos."""
     negative = min(factor.negative_pivots, MOST_NEGATIVE)
     values, modes = nearest_modes(factor, stiffness, max(negative, 1), which="SA" if negative else "LM")
@@ -36,7 +61,7 @@ def lowest_mode(factor: Factor, stiffness: sp.csr_matrix) -> tuple[float, Float[
 
 
 def inverse_iteration(
-    factor: Factor, stiffness: sp.csr_matrix, start: Float[np.ndarray, "f m"]
+    factor: Factorised, stiffness: sp.csr_matrix, start: Float[np.ndarray, "f m"]
 ) -> tuple[Float[np.ndarray, "f m"], Float[np.ndarray, "f m"]]:
     """Ritz vectors (f, m) of the factorised tangent, ascending, after an inverse iteration from ``start`` (f, m), and N times them."""
     before = columnwise_products(stiffness, start)
@@ -55,7 +80,7 @@ def _without_symmetry(f, factor=1):
     return np.sin(1.0 + np.multiply.outer(np.arange(f) ** 1.5, factor))
 
 
-def lowest_of_factor(factor: Factor, stiffness: sp.csr_matrix) -> Float[np.ndarray, "f m"]:
+def lowest_of_factor(factor: Factorised, stiffness: sp.csr_matrix) -> Float[np.ndarray, "f m"]:
     """Modes (f, FOLLOWED) of the factorised tangent with the lowest eigenvalues: the negative ones, or those next to zero."""
     negative = min(factor.negative_pivots, MOST_NEGATIVE)
     if negative == 0:
@@ -70,7 +95,7 @@ def lowest_of_factor(factor: Factor, stiffness: sp.csr_matrix) -> Float[np.ndarr
 
 
 def nearest_modes(
-    factor: Factor, stiffness: sp.csr_matrix, count: int, before: Float[np.ndarray, "f m"] | None = None, *, which: str = "LM"
+    factor: Factorised, stiffness: sp.csr_matrix, count: int, before: Float[np.ndarray, "f m"] | None = None, *, which: str = "LM"
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "f m"]]:
     """The ``count`` eigenvalues nearest zero of the factorised tangent, ascending, and their modes (f, count), by shift-invert Lanczos.
 
