@@ -34,6 +34,7 @@ from .switching import stable_state
 
 SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
 MOSTLY = 0.5  # of a step's energy in the network
+SAYS_NOTHING = 1e-6  # of a step along a mode: what is predicted of it and smaller may be round-off
 LEAST_RAMP = 1 / 200  # of the motion of a plate's edges, which may come in steps before the first state
 
 
@@ -185,8 +186,9 @@ def _as_predicted(frame, found, predicted, last):
         return found
     step, expected = (restrict(np.asarray(x) - np.asarray(last.x), np.asarray(frame.problem.free)) for x in (found.x, predicted))
     weighted = frame.stiffness @ frame.along(last.modes[:, 0])  # a mode v has v . N v = 1
-    against = (weighted @ step) * (weighted @ expected) < 0
-    mostly = (weighted @ step) ** 2 > MOSTLY * (step @ (frame.stiffness @ step))
+    moved, foreseen = weighted @ step, weighted @ expected
+    against = moved * foreseen < 0 and abs(foreseen) > SAYS_NOTHING * abs(moved)
+    mostly = moved**2 > MOSTLY * (step @ (frame.stiffness @ step))
     return dataclasses.replace(found, status=Status.NOT_CONVERGED) if against and mostly else found
 
 

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel.continuation.follow import Followed, Following, _as_predicted
+from jaxgel.continuation.frames import Frames
+from jaxgel.mechanics import prepare, scatter
 
 
 @pytest.fixture(scope="module")
@@ -27,3 +30,14 @@ def test_a_plate_turns_on_in_the_direction_in_which_it_began(mu, twisted_model):
     rotation = np.asarray(jaxgel.core_rotation(path))
     assert path.stop.ok and not path.negative_pivots.any()
     assert rotation[0] > 0 and np.all(np.diff(rotation) > 0)
+
+
+@pytest.mark.parametrize(("share", "ok"), [(1.0, True), (1e-9, True), (-1e-9, True), (-0.1, False)])
+def test_only_a_prediction_that_says_something_refuses_a_step(share, ok, twisted_model):
+    """A step along the softest mode, of which ``share`` was predicted."""
+    problem = prepare(twisted_model, twisted_model.cloud.plate.gel)
+    (last,) = Followed(problem, [-1.95], Following())
+    step = np.asarray(scatter(last.modes[:, 0], last.x.shape, problem.free))
+    found, predicted = (dataclasses.replace(last, mu=-1.9, x=np.asarray(last.x) + part * step) for part in (1.0, share))
+    frame = Frames(problem, symmetry=False).of(())
+    assert _as_predicted(frame, found, predicted.x, last).status.ok == ok
