@@ -125,6 +125,7 @@ def test_tangent_residual_and_products_are_derivatives_of_the_energy(film_model)
     assert float(curvature(x, field, film_model, GEL, mu, problem.loads)) == pytest.approx(float(v @ exact), rel=1e-11)
 
 
+@pytest.mark.slow
 def test_gradients_through_a_sweep_of_a_film_are_those_of_differences(film_model):
     """By Nv, chi and mu at once, of energy, place, thickness and smallest stress."""
 

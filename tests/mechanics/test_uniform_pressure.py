@@ -57,7 +57,7 @@ def test_tangent_costs_no_motion_less_than_the_network_does(p, spacing):
     assert least > 1 - 1e-9  # equal where no volume changes, to round-off of the bulk stiffness of some 1e3 Nv
 
 
-@pytest.mark.parametrize("method", ["cells", "mixed"])
+@pytest.mark.parametrize("method", [pytest.param("cells", marks=pytest.mark.slow), "mixed"])
 def test_a_traction_balances_a_uniform_stress(method):
     """Nodal forces of P n on the free edges hold the freely deformed gel, whatever rule the method takes along edges."""
     plate = jaxgel.Plate(4, 2, edges=dict.fromkeys(("left", "right", "bottom", "top"), "free") | {"bottom": "roller"}, spacing=0.3)

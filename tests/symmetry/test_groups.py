@@ -23,7 +23,7 @@ def test_group_of_a_plate_is_that_of_its_holes(name, plates, problem_of):
     assert name_of(problem_of(plates[name])) == name
 
 
-@pytest.mark.parametrize("name", ["sample-1", "sample-4", "sample-5", "sample-9", "lattice"])
+@pytest.mark.parametrize("name", ["sample-1", "lattice", *(pytest.param(f"sample-{k}", marks=pytest.mark.slow) for k in (4, 5, 9))])
 def test_clouds_of_the_samples_are_symmetric_to_round_off(name, problem_of):
     """Nodes, quadrature points and weights: the largest distance is 3e-13 of the spacing."""
     plate = jaxgel.sample(name)

@@ -35,11 +35,10 @@ def of_whole_and_region(problem):
     return found[0], reduced, found[1]
 
 
-QUICK = {"D4", "C4", "field"}
 ALL = [*NAMED, *OTHERS, *OPTIONS, "field", "network"]
 
 
-@pytest.fixture(params=[name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in ALL])
+@pytest.fixture(params=[name if name == "D4" else pytest.param(name, marks=pytest.mark.slow) for name in ALL])
 def problem(request, plates, problem_of):
     """Plates, edges, discretisations, a film, a field and another network, all with symmetries."""
     name, circle = request.param, Circle((0, 0), 1)
