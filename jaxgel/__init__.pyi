@@ -14,6 +14,7 @@ from . import materials as materials
 from . import mechanics as mechanics
 from . import observables as observables
 from . import plotting as plotting
+from . import waves as waves
 from .bifurcation import CriticalPoint as CriticalPoint
 from .bifurcation import continue_branch as continue_branch
 from .bifurcation import critical_points as critical_points
@@ -70,3 +71,8 @@ from .observables import outlines as outlines
 from .observables import rotation_angle as rotation_angle
 from .observables import surface_ratio as surface_ratio
 from .observables import volume_ratio as volume_ratio
+from .waves import Dispersion as Dispersion
+from .waves import LatticeOnset as LatticeOnset
+from .waves import dispersion as dispersion
+from .waves import lattice_onset as lattice_onset
+from .waves import primitive_cell as primitive_cell

@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1] / "jaxgel"
 PACKAGES = [
     *("materials", "geometry", "linalg", "cloud", "discretisation", "mechanics", "symmetry", "equilibrium", "continuation"),
-    *("bifurcation", "observables", "io", "design", "plotting", "cases", "paper", "cli"),
+    *("bifurcation", "waves", "observables", "io", "design", "plotting", "cases", "paper", "cli"),
 ]
 INDEPENDENT = ("materials", "geometry", "linalg")  # know none of the others
 MODULE_LINES, FUNCTION_LINES = 300, 70

@@ -1,7 +1,7 @@
 """Bifurcations: critical points of a branch, folds, the branches that leave, further states, imperfections."""
 
 from .branches import continue_branch, solve_from, switch_branch
-from .critical import critical_points
+from .critical import critical_points, located
 from .deflation import find_states_by_deflation
 from .imperfections import imperfection, imperfection_load, sweep_by_options
 from .points import CriticalPoint
@@ -15,6 +15,7 @@ __all__ = [
     "folds",
     "imperfection",
     "imperfection_load",
+    "located",
     "solve_from",
     "sweep_by_options",
     "switch_branch",

@@ -3,11 +3,12 @@
 Derivative: lambda = v . K v = phi(x, theta, mu) with the modes normalised. Its change with theta at fixed x, and by the state's motion
 dx = -K^-1 dr across the mode, is that of phi - w . r with K w = dphi/dx across the mode; the modes' own motion drops out. With
 Phi = phi - w . r at fixed x, v, w:  d mu_c = -(dPhi/dtheta) / (dPhi/dmu). For a double eigenvalue phi is the sum over both modes. At a
-fold Phi = v . r.
+fold Phi = v . r. A complex mode counts as two, its real and its imaginary part.
 """
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -35,11 +36,22 @@ def critical_points(
     check_mu(mu)
     if not (isinstance(mu, tuple) and len(mu) == 2):
         raise ValueError(f"mu: {mu} is not accepted, it must be a tuple (first, last)")
+    ends = tuple(map(float, mu))
+    return located("critical_points", lambda *at: locate(*at[:2], ends, at[2], most), model, gel, loads)
+
+
+def located(
+    name: str, find: Callable[[Model, Gel, Float[Array, "n 2"]], list], model: Model, gel: Gel, loads: Float[Array, "n 2"] | None
+) -> list:
+    """The points that ``find(model, gel, loads)`` gives, with a ``mu`` that JAX differentiates as that of a `CriticalPoint`.
+
+    A point has its ``mu``, ``kind``, ``x``, ``modes`` and ``correction``. Errors speak of ``name``.
+    """
     loads, gel = jnp.zeros((model.n_nodes, 2)) if loads is None else loads, localised(model, gel)
     if not is_traced((model, gel, loads)):
-        return locate(model, gel, mu, loads, most)
+        return find(model, gel, loads)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
-    search = _Search(tuple(map(float, mu)), most)
+    search = _Search(name, find)
     leaves, structure = jax.tree.flatten((model, gel, loads))
     values = _located(search, structure, leaves)
     return [dataclasses.replace(point, mu=value) for point, value in zip(search.points, values, strict=True)]
@@ -49,8 +61,8 @@ def critical_points(
 class _Search:
     """What a traced search looks for, and the points it found: its result, but for mu, is on the host. Hashed by identity."""
 
-    mu: tuple
-    most: int
+    name: str
+    find: Callable
     points: list = dataclasses.field(default_factory=list)
 
 
@@ -58,15 +70,14 @@ class _Search:
 def _located(search, structure, leaves):
     """Critical mu (k,)."""
     if is_traced(leaves):
-        raise ValueError("critical_points: is not available inside jit or vmap")
-    model, gel, loads = jax.tree.unflatten(structure, leaves)
-    search.points[:] = locate(model, gel, search.mu, loads, search.most)
+        raise ValueError(f"{search.name}: is not available inside jit or vmap")
+    search.points[:] = search.find(*jax.tree.unflatten(structure, leaves))
     return jnp.array([point.mu for point in search.points])
 
 
 @_located.defjvp
 def _located_jvp(search, structure, primals, tangents):
-    mu = first_order_only(_located(search, structure, *primals), "critical_points")
+    mu = first_order_only(_located(search, structure, *primals), search.name)
     inputs, dots = jax.tree.unflatten(structure, primals[0]), jax.tree.unflatten(structure, tangents[0])
     found = [_onset_tangent(p.x, p.modes, p.correction, p.mu, inputs, dots, fold=p.kind == "fold") for p in search.points]
     return mu, jnp.stack(found) if found else jnp.zeros(0)

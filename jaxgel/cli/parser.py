@@ -75,6 +75,13 @@ def _case_commands(add):
     p.add_argument("--most", type=_whole, default=4, metavar="N", help="number of points after which the search ends (default: 4)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure of the modes")
 
+    p = add("wave_runs.waves", "waves", "find the onset of an infinite lattice from one periodic cell, and its bands")
+    _case_options(p, "out/CASE-waves")
+    p.add_argument("--mu", type=_real, metavar="MU", help="state of the bands in kT (default: just before the onset, or the last)")
+    p.add_argument("--bands", type=_whole, default=6, metavar="N", help="number of bands (default: 6)")
+    p.add_argument("--divisions", type=_whole, default=8, metavar="N", help="steps from the middle of the zone to its edge (default: 8)")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figures")
+
     p = _case_options(add("runs.check_grad", "check-grad", "Taylor test of a case's gradients"), "out/CASE")
     p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of mu (default: 4)")
     _branch_option(p)

@@ -9,6 +9,7 @@ from .recorder import NUMERICAL, Recorder, write_points
 from .run import STEP_ARRAYS, Run, load_run, read_summary
 from .terminal import Progress, interruptible
 from .vtk import point_fields, write_series
+from .wave_files import write_waves
 from .workers import TRIES, InThisProcess, Workers, dask_executor, run_calls
 
 __all__ = [
@@ -47,4 +48,5 @@ __all__ = [
     "write_outline",
     "write_points",
     "write_series",
+    "write_waves",
 ]

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._types import Array, Float, Int
+from .._types import Array, Bool, Float, Int
 from ..cloud import Topology, thin_plate_matrix
 from ..discretisation import Connectivity
 from ..geometry import EDGES, Plate, held_components
@@ -23,19 +23,24 @@ from ..geometry import EDGES, Plate, held_components
 @once_per_owner
 def free_dofs(topology: Topology) -> Int[Array, "f ..."]:
     """The unknowns ``free`` (f,) or (f, k), see above; ValueError as `check_edges`."""
-    plate, walls, n = topology.plate, topology.wall_nodes, len(topology.node_vertices)
-    free, held = np.ones((n, 2), dtype=bool), np.zeros(2, dtype=int)
-    for edge in EDGES:
-        for component in held_components(plate.edges, edge):
-            free[walls[edge], component] = False
-            held[component] += len(walls[edge])
+    plate, walls = topology.plate, topology.wall_nodes
+    free = ~held_dofs(topology)
     if "periodic" in plate.edges.values():
         first = periodic_images(topology)
         corner = first[walls["left"][0] if plate.edges["left"] == "periodic" else walls["bottom"][0]]
-        free[corner, held == 0] = False  # a periodic cell has its place by convention
+        free[corner, free.all(axis=0)] = False  # a periodic cell has its place by convention
         return _tied(first, free)
     check_edges(plate)
     return np.flatnonzero(free.ravel())
+
+
+def held_dofs(topology: Topology) -> Bool[np.ndarray, "n 2"]:
+    """Which degrees of freedom the plate's edges hold, (n, 2)."""
+    held = np.zeros((len(topology.node_vertices), 2), dtype=bool)
+    for edge in EDGES:
+        for component in held_components(topology.plate.edges, edge):
+            held[topology.wall_nodes[edge], component] = True
+    return held
 
 
 def unknowns(lists: Connectivity) -> Int[Array, "f ..."]:

@@ -6,6 +6,7 @@ from .design import draw_study
 from .notebook import PathView, show_path
 from .patterns import plot_gel, plot_modes, plot_pattern, plot_patterns
 from .style import STYLE, colour_scale, save_figure
+from .wave_figures import plot_bands, plot_lattice, plot_zone
 
 __all__ = [
     "CURVES",
@@ -14,12 +15,15 @@ __all__ = [
     "animate_pattern",
     "colour_scale",
     "draw_study",
+    "plot_bands",
     "plot_curve",
     "plot_curves",
     "plot_gel",
+    "plot_lattice",
     "plot_modes",
     "plot_pattern",
     "plot_patterns",
+    "plot_zone",
     "save_figure",
     "show_path",
 ]

@@ -1,0 +1,109 @@
+"""Figures of waves: frequencies along the edge of the Brillouin zone, the softest wave over the zone, and the pattern it makes."""
+
+import itertools
+from types import SimpleNamespace
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+
+from .._types import Float
+from ..cloud import boundary_edges
+from ..discretisation import Model
+from ..geometry import SYMMETRIES
+from ..observables import deformed_vertices
+from ..waves import Dispersion, LatticeOnset
+from .style import COLOURS, LINE, SHADE, length_unit, mu_text, styled
+
+FEWEST = 4  # cells along a side that a figure of a pattern shows
+
+
+@styled
+def plot_bands(dispersion: Dispersion, *, ax: Axes | None = None) -> Axes:
+    """Axes with the frequencies along the way through the Brillouin zone; gaps between bands are shaded."""
+    ax = plt.subplots(figsize=(3.6, 2.9), layout="constrained")[1] if ax is None else ax
+    for low, high in dispersion.gaps:
+        ax.axhspan(low, high, color=SHADE, linewidth=0)
+        ax.text(0.985 * dispersion.along[-1], 0.5 * (low + high), "gap", ha="right", va="center", fontsize=7)
+    ax.plot(dispersion.along, dispersion.frequencies, color=COLOURS[0])
+    for place in dispersion.corners.values():
+        ax.axvline(place, color=LINE, linewidth=0.5)
+    ax.set_xticks(list(dispersion.corners.values()), [label.strip() for label in dispersion.corners])
+    ax.set(xlim=(dispersion.along[0], dispersion.along[-1]), ylabel=r"$\omega$ ($\sqrt{kT/v\rho}$ / mm)", title=mu_text(dispersion.mu))
+    ax.set_ylim(bottom=0)
+    return ax
+
+
+@styled
+def plot_zone(onset: LatticeOnset, model: Model, *, ax: Axes | None = None) -> Axes:
+    """Axes with the lowest eigenvalue of the waves over the Brillouin zone at the onset; a dot is the wave vector that becomes unstable.
+
+    Of a strip, which is periodic along one side, a curve.
+    """
+    ax = plt.subplots(figsize=(3.6, 2.9), layout="constrained")[1] if ax is None else ax
+    plate = model.cloud.plate
+    shares = onset.zone * np.array([plate.width, plate.height]) / np.pi
+    critical = onset.wave_vector * np.array([plate.width, plate.height]) / np.pi
+    axis = np.flatnonzero(np.ptp(shares, axis=0))
+    if len(axis) == 1:
+        order = np.argsort(np.abs(shares[:, axis[0]]))
+        ax.plot(np.abs(shares[order, axis[0]]), onset.eigenvalues[order], color=COLOURS[0])
+        ax.axhline(0, color=LINE, linewidth=0.5)
+        ax.plot(abs(critical[axis[0]]), 0, "o", color=COLOURS[1], markersize=4)
+        ax.set(xlabel=f"$k_{'xy'[axis[0]]}$ (π / side)", ylabel=r"lowest eigenvalue $\lambda$", title=mu_text(onset.mu))
+        return ax
+    matrices = [np.eye(2), *(np.array(SYMMETRIES[name], dtype=float) for name in onset.group)]
+    images = np.concatenate([sign * shares @ matrix.T for matrix in matrices for sign in (1, -1)])
+    values = np.tile(onset.eigenvalues, 2 * len(matrices))
+    edges = np.concatenate([images + shift for shift in itertools.product((-2, 0, 2), repeat=2)])
+    inside = np.abs(edges).max(axis=1) <= 1 + 1e-9
+    points, first = np.unique(edges[inside].round(9), axis=0, return_index=True)
+    field = ax.tricontourf(*points.T, np.tile(values, 9)[inside][first], levels=24, cmap="cividis")
+    ax.figure.colorbar(field, ax=ax, label=r"lowest eigenvalue $\lambda$")
+    at = np.concatenate([sign * critical @ matrix.T for matrix in matrices for sign in (1, -1)]).reshape(-1, 2)
+    ax.plot(*at.T, "o", color=COLOURS[1], markersize=4, clip_on=False)
+    ax.set(xlabel="$k_x$ (π / width)", ylabel="$k_y$ (π / height)", aspect="equal", title=mu_text(onset.mu))
+    return ax
+
+
+@styled
+def plot_lattice(onset: LatticeOnset, model: Model, *, ax: Axes | None = None, size: float = 0.06) -> Axes:
+    """Axes with cells of the infinite lattice, moved along the wave that becomes unstable, and in colour before.
+
+    As many cells are shown as make the pattern whole twice, and at least ``FEWEST`` along a side; the largest displacement is ``size``
+    times the cell's shorter side.
+    """
+    ax = plt.subplots(figsize=(3.3, 3.3), layout="constrained")[1] if ax is None else ax
+    plate, wave = model.cloud.plate, onset.modes[0] + 1j * onset.modes[1]
+    sides, deformation = np.array([plate.width, plate.height]), np.array(plate.deformation)
+    wave = wave * size * sides.min() / np.linalg.norm(np.abs(wave), axis=1).max()
+    periodic = onset.periodic
+    repeats = onset.periods or (1, 1)
+    counts = [max(FEWEST, 2 * repeat) if along else 1 for repeat, along in zip(repeats, periodic, strict=True)]
+    for cell in itertools.product(*(range(count) for count in counts)):
+        shift = np.array(cell) * sides
+        moved = np.asarray(onset.x) + np.real(wave * np.exp(1j * (onset.wave_vector @ shift)))
+        for x, style in ((np.asarray(onset.x), _RESTING), (moved, _MOVED)):
+            ax.add_collection(LineCollection(_outline(x, model) + shift @ deformation.T, **style))
+    unit = length_unit(model.cloud)
+    ax.autoscale_view()
+    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=mu_text(onset.mu))
+    return ax
+
+
+_RESTING: dict[str, Any] = {"colors": COLOURS[1], "linewidths": 0.6}
+_MOVED: dict[str, Any] = {"colors": LINE, "linewidths": 0.9}
+
+
+def _outline(x: Float[np.ndarray, "n 2"], model: Model) -> Float[np.ndarray, "e 2 2"]:
+    """Edges (e, 2, 2) of the holes' outlines and of the plate's free edges."""
+    vertices = np.asarray(deformed_vertices(SimpleNamespace(model=model, x=x[None])))[0]
+    edges = boundary_edges(np.asarray(model.cloud.triangles))
+    dry, plate = np.asarray(model.cloud.vertices), model.cloud.plate
+    on = [
+        (np.abs(np.abs(dry[edges][:, :, axis]) - half).max(axis=1) < 1e-9 * half) & (plate.edges[edge] == "periodic")
+        for edge, axis, half in (("left", 0, plate.width / 2), ("bottom", 1, plate.height / 2))
+    ]
+    return vertices[edges[~(on[0] | on[1])]]

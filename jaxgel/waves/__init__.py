@@ -1,0 +1,20 @@
+"""Waves: fields of a periodic cell that differ by a phase from cell to cell; onset of infinite lattices, dispersion of oscillations."""
+
+from .bloch import BlochStates
+from .cells import check_periodic, primitive_cell, translations
+from .dispersion import Dispersion, dispersion
+from .onset import LatticeOnset, lattice_onset
+from .zone import brillouin_path, wave_vectors_of_zone
+
+__all__ = [
+    "BlochStates",
+    "Dispersion",
+    "LatticeOnset",
+    "brillouin_path",
+    "check_periodic",
+    "dispersion",
+    "lattice_onset",
+    "primitive_cell",
+    "translations",
+    "wave_vectors_of_zone",
+]

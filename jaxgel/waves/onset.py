@@ -1,0 +1,242 @@
+"""Onset of the instability of an infinite lattice: the first chemical potential at which some Bloch wave of one cell costs no energy.
+
+lambda(k, mu) is the lowest eigenvalue of the waves with the wave vector k about the cell's own periodic state. Its first zero is looked for
+on a grid of the Brillouin zone, then in k and mu in turn: lambda(k, .) = 0, lambda(., mu) least. A long wave, |k| -> 0, is the loss of
+ellipticity of the lattice as a material (Geymonat, Mueller & Triantafyllidis 1993); a short one is a pattern that repeats after some
+cells.
+"""
+
+import dataclasses
+import functools
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import brentq, minimize
+
+from .._threads import few_threads
+from .._types import Array, Float, Int, Scalar
+from ..bifurcation import located
+from ..continuation import SweepFailed, check_mu, sweep
+from ..discretisation import Model
+from ..equilibrium import solve
+from ..linalg import Bordered
+from ..materials import Gel
+from ..mechanics import curvature, gather, mu_force, prepare, restrict, scatter
+from ..symmetry import symmetries_of
+from .bloch import BlochStates
+from .cells import check_periodic
+from .zone import LONG, wave_vectors_of_zone
+
+DIVISIONS = 8  # of the zone from its middle to its edge
+ROUNDS = 8  # of k and mu in turn
+TOLERANCE = 1e-9  # of mu, kT
+TURN, MOVE = 0.1, 0.04  # first steps of the refinement: of a long wave's direction, rad, and of a short wave's vector over pi / side
+CLOSE = 1e-7  # kT: a wave vector that lowers the critical mu by less is no better
+REPEATS = 12  # most cells along a side after which a short wave's pattern repeats
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LatticeOnset:
+    """The state of a periodic cell at which the first of all waves costs no energy."""
+
+    mu: Scalar
+    """Critical chemical potential, kT; differentiable with respect to the model and the gel."""
+    wave_vector: Float[np.ndarray, " 2"]
+    """Wave vector of the wave, rad per mm of the dry cell; one of those that are images of each other."""
+    kind: str
+    """"long wave" or "short wave"."""
+    periods: tuple[int, int] | None
+    """Number of cells along x and y after which a short wave's pattern repeats; None for a long wave, and above ``REPEATS``."""
+    x: Float[Array, "n 2"]
+    """Nodal positions of the cell, mm."""
+    pressure: Float[Array, " g"]
+    """Pressures of the volume groups, kT/v."""
+    modes: Float[np.ndarray, "2 n 2"]
+    """Real and imaginary part of the wave in the cell; in the cell R away it is exp(i k . R) times as large."""
+    slope: float
+    """d lambda / d mu along the branch."""
+    group: tuple[str, ...]
+    """Symmetries of the cell, see ``symmetry``."""
+    periodic: tuple[bool, bool]
+    """Whether the lattice goes on along x and along y."""
+    zone: Float[np.ndarray, "w 2"]
+    """Wave vectors that were looked at, rad/mm; by the symmetries and k -> -k they stand for all."""
+    eigenvalues: Float[np.ndarray, " w"]
+    """Lowest eigenvalue of the waves with each of them at the onset, over the stiffness of the network."""
+    correction: Float[np.ndarray, "n 2"]
+    """Field w of the derivative, see ``bifurcation.critical``."""
+
+    @property
+    def text(self) -> str:
+        """One line that says what it is."""
+        k = ", ".join(f"{component:.4g}" for component in self.wave_vector)
+        if self.kind == "long wave":
+            return f"long wave along ({k}): the lattice loses its ellipticity"
+        if not self.wave_vector.any():
+            return "the same in all cells: the cell's own pattern"
+        repeats = f"repeats after {self.periods[0]} x {self.periods[1]} cells" if self.periods else "does not repeat after a few cells"
+        return f"short wave ({k}) rad/mm: a pattern that {repeats}"
+
+
+def lattice_onset(model: Model, gel: Gel, *, mu: tuple[float, float], divisions: int = DIVISIONS) -> LatticeOnset | None:
+    """`LatticeOnset` of the infinite lattice of a periodic cell in ``mu = (first, last)``; None where it stays stable.
+
+    The branch is that of states which are the same in all cells. The zone has ``divisions`` steps from its middle to its edge; the wave
+    vector found on the grid is then refined. ``onset.mu`` is differentiable once, forward and reverse, at fixed sides of the cell. Raises
+    ValueError for a plate that is not periodic and a lattice that is unstable from the first state on, ``SweepFailed`` where the branch
+    ends, or the sides of a hole touch, before an onset is found.
+    """
+    check_mu(mu)
+    if not (isinstance(mu, tuple) and len(mu) == 2):
+        raise ValueError(f"mu: {mu} is not accepted, it must be a tuple (first, last)")
+    if not (isinstance(divisions, int) and divisions > 0):
+        raise ValueError(f"divisions: {divisions!r} is not a positive whole number")
+    check_periodic(model.lists.topology.plate)
+    ends = tuple(map(float, mu))
+    with few_threads(2 * model.n_nodes):
+        points = located("lattice_onset", lambda model, gel, _: _search(model, gel, ends, divisions), model, gel, None)
+    return points[0] if points else None
+
+
+def _search(model, gel, mu, divisions):
+    """[`LatticeOnset`], or [] where every wave is stable."""
+    steps = []
+    path = sweep(model, gel, mu=mu, branch="symmetric", contact="stop", on_step=lambda state: steps.append(state.light))
+    problem = prepare(model, gel)
+    group = symmetries_of(problem)
+    zone = wave_vectors_of_zone(model.lists.topology.plate, divisions, group)
+    for before, after in itertools.pairwise([None, *steps]):
+        waves = BlochStates(problem, after)
+        unstable = [k for k in zone if waves.negative(k)]
+        if unstable and before is None:
+            raise ValueError(f"mu: the lattice is unstable at the first state, mu = {after.mu:g} kT; start lower")
+        if unstable:
+            return [_Refined(problem, before, after, group).onset(unstable, zone)]
+    if not path.stop.ok:
+        raise SweepFailed(f"lattice_onset: no wave is unstable on the states found; {path.stop_text}")
+    return []
+
+
+class _Refined:
+    """The search in k and mu between two states, of which the first is stable against all waves."""
+
+    def __init__(self, problem, before, after, group):
+        self._problem, self._before, self._after, self._group = problem, before, after, group
+        plate = problem.model.lists.topology.plate
+        self._periodic, self._corner = check_periodic(plate), np.pi / np.array([plate.width, plate.height])
+
+    @functools.cache  # noqa: B019
+    def _waves(self, mu):
+        """`BlochStates` at ``mu``, with a factor of the cell's tangent."""
+        low, high = self._before, self._after
+        t = (mu - low.mu) / (high.mu - low.mu)
+        start = (1 - t) * low.x + t * high.x, (1 - t) * low.pressure + t * high.pressure
+        state = solve(self._problem, mu, *start, own_factor=True)
+        if not state.status.ok:
+            raise SweepFailed(f"lattice_onset: no periodic state at mu = {mu:.6g}: {state.status.text}")
+        return BlochStates(self._problem, state)
+
+    def _lowest(self, k, mu):
+        return self._waves(mu).lowest(k)[0][0]
+
+    def _zero(self, k):
+        """First mu at which the waves with the wave vector k are not stable."""
+        return brentq(lambda mu: self._lowest(k, mu), self._before.mu, self._after.mu, xtol=TOLERANCE)
+
+    def onset(self, unstable, zone):
+        """`LatticeOnset` of the waves of which some with wave vectors in ``unstable`` have a negative eigenvalue at the later state."""
+        candidates = [np.asarray(k) for k in unstable]
+        k = min(candidates, key=lambda k: self._lowest(k, self._after.mu))
+        mu = self._zero(k)
+        for _ in range(ROUNDS):
+            lowest = min(candidates, key=lambda k: self._lowest(k, mu))
+            better = self._refine(lowest, mu)
+            if not self._lowest(better, self._after.mu) < 0 <= self._lowest(better, self._before.mu):
+                break
+            lower = self._zero(better)
+            if lower > mu - CLOSE:
+                break
+            k, mu = better, lower
+        return self._point(k, mu, zone)
+
+    def _refine(self, k, mu):
+        """The wave vector next to ``k`` with the lowest eigenvalue at ``mu``; a long wave keeps its length."""
+        shares, axes = k / self._corner, np.flatnonzero(self._periodic)
+        if not shares.any():
+            return k
+        if _is_long(shares):
+            angle, length = np.arctan2(shares[1], shares[0]), np.linalg.norm(shares)
+            first, step = np.array([angle]), TURN
+
+            def at(angles):
+                return length * np.array([np.cos(angles[0]), np.sin(angles[0])])
+
+        else:
+            first, step = shares[axes], -MOVE
+
+            def at(components):
+                return np.bincount(axes, components, minlength=2)
+
+        def value(free):
+            return self._lowest(at(free) * self._corner, mu) if np.linalg.norm(at(free)) > 0.9 * LONG else np.inf
+
+        if len(axes) == 1 and _is_long(shares):
+            return k
+        simplex = np.array([first, *(first + step * row for row in np.eye(len(first)))])
+        found = minimize(value, first, method="Nelder-Mead", options=dict(initial_simplex=simplex, xatol=1e-4, fatol=1e-12))
+        return at(found.x) * self._corner
+
+    def _point(self, k, mu, zone):
+        waves = self._waves(mu)
+        _, (wave,) = waves.lowest(k)
+        modes = np.stack([wave.real, wave.imag])
+        slope, correction = _derivatives(self._problem, waves.state, modes, not k.any())
+        kind = "long wave" if _is_long(k / self._corner) else "short wave"
+        return LatticeOnset(
+            mu=float(mu),
+            wave_vector=np.asarray(k),
+            kind=kind,
+            periods=_repeats(k / self._corner) if kind == "short wave" else None,
+            x=np.asarray(waves.state.x),
+            pressure=np.asarray(waves.state.pressure),
+            modes=modes,
+            slope=slope,
+            group=self._group,
+            periodic=self._periodic,
+            zone=zone,
+            eigenvalues=np.array([waves.lowest(k)[0][0] for k in zone]),
+            correction=correction,
+        )
+
+
+def _is_long(shares):
+    """Whether k = ``shares`` pi / side is that of a long wave; waves that are the same in all cells are short."""
+    return 0 < np.linalg.norm(shares) < 1.5 * LONG
+
+
+def _repeats(shares: Float[np.ndarray, " 2"]) -> tuple[int, int] | None:
+    """Number of cells along x and y after which a wave with k = ``shares`` pi / side repeats, at most ``REPEATS``; None above."""
+    cells: Int[np.ndarray, " m"] = np.arange(1, REPEATS + 1)
+    turns = np.abs(np.multiply.outer(shares / 2, cells))
+    whole = np.abs(turns - np.round(turns)) < 1e-3
+    return (int(cells[whole[0].argmax()]), int(cells[whole[1].argmax()])) if whole.any(axis=1).all() else None
+
+
+def _derivatives(problem, state, modes, same_in_all):
+    """D lambda / d mu along the branch, and the field w = K^-1 dphi/dx of its other derivatives, see ``bifurcation.critical``."""
+
+    def phi(x, mu):
+        return sum(curvature(x, v, problem.model, problem.gel, mu, problem.loads) for v in jnp.asarray(modes))
+
+    gradient, slope = jax.jit(jax.grad(phi, argnums=(0, 1)))(jnp.asarray(state.x), jnp.asarray(state.mu))
+    pull = np.asarray(gather(gradient, problem.free))
+    if same_in_all:  # the tangent of the cell itself is singular, along the wave
+        same = np.asarray(restrict(modes.sum(axis=0), np.asarray(problem.free)))
+        system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, same[:, None], same[:, None], np.zeros((1, 1)))
+        correction, _ = system.solve(pull, np.zeros(1))
+    else:
+        correction = state.factor.inverse(pull)
+    slope = float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu))
+    return slope, np.asarray(scatter(correction, state.x.shape, problem.free))

@@ -1,0 +1,104 @@
+"""Onset of infinite lattices: what it is, how it moves with the design, against the buckling of larger cells."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.cli import command_line as cli
+from jaxgel.continuation import SweepFailed
+from jaxgel.mechanics import prepare
+from jaxgel.waves import BlochStates, dispersion
+
+WINDOW = (-3.6, -2.4)
+
+
+def test_round_holes_buckle_in_a_pattern_of_two_by_two_cells(onset):
+    assert onset.kind == "short wave" and onset.periods == (2, 2)
+    np.testing.assert_allclose(np.abs(onset.wave_vector), np.pi / 2)
+    assert onset.slope < 0 and np.all(onset.eigenvalues > -1e-8)
+    assert onset.text.endswith("a pattern that repeats after 2 x 2 cells")
+
+
+def test_the_waves_change_their_stability_at_the_onset(onset, cell, gel):
+    path = jaxgel.sweep(cell, gel, mu=[WINDOW[0], onset.mu - 1e-5, onset.mu + 1e-5], branch="symmetric")
+    before, after = (BlochStates(prepare(cell, gel), path[k]) for k in (1, 2))
+    assert [waves.negative(onset.wave_vector) for waves in (before, after)] == [0, 1]
+    rise = after.lowest(onset.wave_vector)[0][0] - before.lowest(onset.wave_vector)[0][0]
+    assert rise / 2e-5 == pytest.approx(onset.slope, rel=1e-4)
+
+
+def test_flat_holes_lose_their_ellipticity(model_of, gel):
+    """A long wave, found in its own direction."""
+    model = model_of(jaxgel.Ellipse((0, 0), (0.9, 0.6)))
+    onset = jaxgel.lattice_onset(model, gel, mu=(-2.5, -0.9), divisions=2)
+    assert onset.kind == "long wave" and onset.periods is None and "ellipticity" in onset.text
+    assert abs(onset.wave_vector[1]) < 1e-3 * abs(onset.wave_vector[0])
+
+
+@pytest.mark.slow
+def test_onset_is_that_of_the_larger_cell(gel):
+    """Four cells that may buckle on their own: the clouds differ at the edges of the cells, by 0.1 % of mu on these."""
+
+    def model(side, centres):
+        plate = jaxgel.Plate(side, side, [jaxgel.Circle(centre, 0.8) for centre in centres], edges="periodic")
+        return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=1 / 16, nodes_per_hole=48))
+
+    (point,) = jaxgel.critical_points(model(4, [(x, y) for x in (-1, 1) for y in (-1, 1)]), gel, mu=(-2.6, -1.6), most=1)
+    onset = jaxgel.lattice_onset(model(2, [(0, 0)]), gel, mu=(-2.6, -1.6), divisions=4)
+    assert onset.mu == pytest.approx(point.mu, rel=5e-3)
+
+
+@pytest.mark.parametrize("of", ["radius", "gel"])
+def test_derivatives_are_differences_of_relocated_onsets(of, cell, gel, onset):
+    plate = cell.cloud.plate
+
+    def critical(v):
+        moved = jaxgel.discretise(cell.cloud.at(plate.at([{"radius": v}]))) if of == "radius" else cell
+        own = gel if of == "radius" else jaxgel.Gel(1e-3, v)
+        return jaxgel.lattice_onset(moved, own, mu=(onset.mu - 0.05, onset.mu + 0.05), divisions=1).mu
+
+    at, h = (0.9, 1e-4) if of == "radius" else (0.01, 1e-3)
+    value, slope = jax.value_and_grad(critical)(at)
+    assert float(value) == pytest.approx(onset.mu, abs=0.02)
+    assert float(slope) == pytest.approx((critical(at + h) - critical(at - h)) / (2 * h), rel=1e-5)
+
+
+def test_waves_that_cannot_be_had_are_refused(cell, gel):
+    walls = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, [jaxgel.Circle((0, 0), 0.7)]), spacing=0.25))
+    with pytest.raises(ValueError, match="edges: no two opposite edges are periodic"):
+        jaxgel.lattice_onset(walls, gel, mu=WINDOW)
+    with pytest.raises(ValueError, match=r"mu: the lattice is unstable at the first state, mu = -2\.6"):
+        jaxgel.lattice_onset(cell, gel, mu=(-2.6, -2.5), divisions=2)
+    with pytest.raises(ValueError, match=r"mu: \[-3.*it must be a tuple"):
+        jaxgel.lattice_onset(cell, gel, mu=[-3.0, -2.0])
+    with pytest.raises(ValueError, match="divisions: 0 is not a positive whole number"):
+        jaxgel.lattice_onset(cell, gel, mu=WINDOW, divisions=0)
+    with pytest.raises(ValueError, match="lattice_onset: is not available inside jit or vmap"):
+        jax.jit(lambda chi: jaxgel.lattice_onset(cell, jaxgel.Gel(1e-3, chi), mu=WINDOW).mu)(0.0)
+    path = jaxgel.sweep(cell, gel, mu=[-3.6])
+    with pytest.raises(ValueError, match="bands: 0 is not between 1 and"):
+        dispersion(path, bands=0)
+
+
+def test_a_stable_lattice_has_no_onset_and_a_branch_that_ends_says_so(cell, model_of, gel):
+    assert jaxgel.lattice_onset(cell, gel, mu=(-4.6, -3.8), divisions=2) is None
+    with pytest.raises(SweepFailed, match="no wave is unstable on the states found; stopped after mu = -3"):
+        jaxgel.lattice_onset(model_of(jaxgel.Ellipse((0, 0), (0.6, 0.1))), gel, mu=(-4.6, -2.5), divisions=1)
+
+
+def test_the_command_finds_the_cell_of_a_larger_one(tmp_path, capsys, onset):
+    holes = "".join(f"[[holes]]\nkind = 'circle'\ncentre = [{x}, {y}]\nradius = 0.9\n" for x in (-1, 1) for y in (-1, 1))
+    text = "[plate]\nwidth = 4\nheight = 4\nedges = 'periodic'\n" + holes + "[gel]\nNv = 1e-3\nchi = 1e-5\n"
+    (tmp_path / "four.toml").write_text(text + "[discretisation]\nspacing = 0.25\nnodes_per_hole = 16\n")
+    command = ["waves", str(tmp_path / "four.toml"), "--out", str(tmp_path / "out"), "--mu-start", "-3.6", "--mu-end", "-2.4"]
+    assert cli.main([*command, "--divisions", "4", "--bands", "3"]) == 0
+    said = capsys.readouterr().out
+    assert "four consists of 2 x 2 equal cells, 2 x 2 mm" in said and "repeats after 2 x 2 cells" in said
+    record = json.loads((tmp_path / "out" / "waves.json").read_text())
+    assert record["onset"]["mu"] == pytest.approx(onset.mu, abs=1e-8) and record["onset"]["periods"] == [2, 2]
+    bands = np.loadtxt(tmp_path / "out" / "bands.csv", delimiter=",", skiprows=1)
+    assert bands.shape == (37, 6) and np.all(np.diff(bands[:, 3:], axis=1) >= 0)
+    assert all((tmp_path / "out" / f"{name}.png").stat().st_size > 5000 for name in ("bands", "zone", "pattern"))
