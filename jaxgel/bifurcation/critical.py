@@ -9,6 +9,7 @@ fold Phi = v . r. A complex mode counts as two, its real and its imaginary part.
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,8 @@ from ..materials import Gel
 from ..mechanics import curvature, free_dofs, localised, prescribed_motion, residual
 from .points import CriticalPoint
 from .search import locate
+
+Point = TypeVar("Point")
 
 
 def critical_points(
@@ -41,8 +44,8 @@ def critical_points(
 
 
 def located(
-    name: str, find: Callable[[Model, Gel, Float[Array, "n 2"]], list], model: Model, gel: Gel, loads: Float[Array, "n 2"] | None
-) -> list:
+    name: str, find: Callable[[Model, Gel, Float[Array, "n 2"]], list[Point]], model: Model, gel: Gel, loads: Float[Array, "n 2"] | None
+) -> list[Point]:
     """The points that ``find(model, gel, loads)`` gives, with a ``mu`` that JAX differentiates as that of a `CriticalPoint`.
 
     A point has its ``mu``, ``kind``, ``x``, ``modes`` and ``correction``. Errors speak of ``name``.

@@ -1,8 +1,8 @@
 """Waves: fields of a periodic cell that differ by a phase from cell to cell; onset of infinite lattices, dispersion of oscillations."""
 
+from .bands import Dispersion, dispersion
 from .bloch import BlochStates
 from .cells import check_periodic, primitive_cell, translations
-from .dispersion import Dispersion, dispersion
 from .onset import LatticeOnset, lattice_onset
 from .zone import brillouin_path, wave_vectors_of_zone
 

@@ -159,12 +159,11 @@ class BlochLayout:
         def solve(v):
             return moved.apply(np.ascontiguousarray(v.ravel()).view(float)).view(complex)
 
-        weight, shape = self.matrix(weight), (self.size, self.size)
-        inverse = sla.LinearOperator(shape, matvec=solve, dtype=complex)
+        W, inverse = self.matrix(weight), sla.LinearOperator((self.size, self.size), matvec=solve, dtype=complex)
         start = np.exp(1j * np.arange(self.size) ** 1.5)
-        values, vectors = sla.eigsh(self.matrix(matrix), count, weight, shift, which="LM", OPinv=inverse, v0=start)
+        values, vectors = sla.eigsh(self.matrix(matrix), count, W, shift, which="LM", OPinv=inverse, v0=start)
         rank = np.argsort(values.real)
-        vectors = vectors[:, rank] / np.sqrt(np.einsum("bm,bm->m", vectors[:, rank].conj(), weight @ vectors[:, rank]).real)
+        vectors = vectors[:, rank] / np.sqrt(np.einsum("bm,bm->m", vectors[:, rank].conj(), W @ vectors[:, rank]).real)
         return values.real[rank], vectors
 
     def fields(self, vectors: Complex[np.ndarray, "b m"], wave_vector: Float[np.ndarray, " 2"]) -> Complex[np.ndarray, "m n 2"]:

@@ -67,7 +67,8 @@ def primitive_cell(plate: Plate) -> Plate:
     for shares in itertools.product((0.0, 0.25, 0.5, 0.75), repeat=2):  # until no hole is cut
         holes = _holes_inside(plate, -sides / 2 + np.array(shares) * size, size)
         if len(holes) * parts.prod() == len(plate.holes):
-            return dataclasses.replace(plate, width=float(size[0]), height=float(size[1]), holes=holes, core=(0.0, 0.0), cells=None)
+            width, height = map(float, size)
+            return dataclasses.replace(plate, width=width, height=height, holes=holes, core=(0.0, 0.0), cells=None, reference=None)
     raise ValueError(f"holes: every cell of {size[0]:g} x {size[1]:g} mm that repeats cuts one; shift the plate")
 
 

@@ -7,7 +7,6 @@ cells.
 """
 
 import dataclasses
-import functools
 import itertools
 
 import jax
@@ -20,10 +19,9 @@ from .._types import Array, Float, Int, Scalar
 from ..bifurcation import located
 from ..continuation import SweepFailed, check_mu, sweep
 from ..discretisation import Model
-from ..equilibrium import solve
-from ..linalg import Bordered
+from ..linalg import Bordered, factor
 from ..materials import Gel
-from ..mechanics import curvature, gather, mu_force, prepare, restrict, scatter
+from ..mechanics import curvature, gather, linearise, mu_force, prepare, restrict, scatter, tangent
 from ..symmetry import symmetries_of
 from .bloch import BlochStates
 from .cells import check_periodic
@@ -126,17 +124,24 @@ class _Refined:
         self._problem, self._before, self._after, self._group = problem, before, after, group
         plate = problem.model.lists.topology.plate
         self._periodic, self._corner = check_periodic(plate), np.pi / np.array([plate.width, plate.height])
+        self._known = {}
 
-    @functools.cache  # noqa: B019
     def _waves(self, mu):
-        """`BlochStates` at ``mu``, with a factor of the cell's tangent."""
-        low, high = self._before, self._after
-        t = (mu - low.mu) / (high.mu - low.mu)
-        start = (1 - t) * low.x + t * high.x, (1 - t) * low.pressure + t * high.pressure
-        state = solve(self._problem, mu, *start, own_factor=True)
-        if not state.status.ok:
-            raise SweepFailed(f"lattice_onset: no periodic state at mu = {mu:.6g}: {state.status.text}")
-        return BlochStates(self._problem, state)
+        """`BlochStates` at ``mu``, found once."""
+        if mu not in self._known:
+            self._known[mu] = BlochStates(self._problem, self._state(mu))
+        return self._known[mu]
+
+    def _state(self, mu):
+        """The periodic `State` at ``mu``, by the symmetries of the cell: its own tangent may be singular there."""
+        for end in (self._before, self._after):
+            if mu == end.mu:
+                return end
+        model, gel = self._problem.model, self._problem.gel
+        path = sweep(model, gel, mu=[mu], branch="symmetric", contact="off", start=self._before)
+        if not path.stop.ok:
+            raise SweepFailed(f"lattice_onset: no periodic state at mu = {mu:.6g}: {path.stop_text}")
+        return path[-1]
 
     def _lowest(self, k, mu):
         return self._waves(mu).lowest(k)[0][0]
@@ -164,26 +169,18 @@ class _Refined:
     def _refine(self, k, mu):
         """The wave vector next to ``k`` with the lowest eigenvalue at ``mu``; a long wave keeps its length."""
         shares, axes = k / self._corner, np.flatnonzero(self._periodic)
-        if not shares.any():
+        if not shares.any() or (len(axes) == 1 and _is_long(shares)):
             return k
-        if _is_long(shares):
-            angle, length = np.arctan2(shares[1], shares[0]), np.linalg.norm(shares)
-            first, step = np.array([angle]), TURN
+        long = _is_long(shares)
+        first, step = (np.array([np.arctan2(shares[1], shares[0])]), TURN) if long else (shares[axes], -MOVE)
 
-            def at(angles):
-                return length * np.array([np.cos(angles[0]), np.sin(angles[0])])
-
-        else:
-            first, step = shares[axes], -MOVE
-
-            def at(components):
-                return np.bincount(axes, components, minlength=2)
+        def at(free):
+            """K over pi / side: a long wave's is given by its direction."""
+            return np.linalg.norm(shares) * np.array([np.cos(free[0]), np.sin(free[0])]) if long else np.bincount(axes, free, minlength=2)
 
         def value(free):
             return self._lowest(at(free) * self._corner, mu) if np.linalg.norm(at(free)) > 0.9 * LONG else np.inf
 
-        if len(axes) == 1 and _is_long(shares):
-            return k
         simplex = np.array([first, *(first + step * row for row in np.eye(len(first)))])
         found = minimize(value, first, method="Nelder-Mead", options=dict(initial_simplex=simplex, xatol=1e-4, fatol=1e-12))
         return at(found.x) * self._corner
@@ -226,17 +223,26 @@ def _repeats(shares: Float[np.ndarray, " 2"]) -> tuple[int, int] | None:
 
 def _derivatives(problem, state, modes, same_in_all):
     """D lambda / d mu along the branch, and the field w = K^-1 dphi/dx of its other derivatives, see ``bifurcation.critical``."""
-
-    def phi(x, mu):
-        return sum(curvature(x, v, problem.model, problem.gel, mu, problem.loads) for v in jnp.asarray(modes))
-
-    gradient, slope = jax.jit(jax.grad(phi, argnums=(0, 1)))(jnp.asarray(state.x), jnp.asarray(state.mu))
+    gradient, slope = _changes(problem, jnp.asarray(state.x), jnp.asarray(state.mu), modes)
     pull = np.asarray(gather(gradient, problem.free))
+    at = problem, state.x, state.pressure
+    pairs = tangent(*at, linearise(*at, state.mu))
     if same_in_all:  # the tangent of the cell itself is singular, along the wave
-        same = np.asarray(restrict(modes.sum(axis=0), np.asarray(problem.free)))
-        system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, same[:, None], same[:, None], np.zeros((1, 1)))
+        larger = modes[np.argmax(np.linalg.norm(modes, axis=(1, 2)))]  # the other one is a multiple of it
+        same = np.asarray(restrict(larger, np.asarray(problem.free)))[:, None]
+        system = Bordered(problem.pattern.tree.order, problem.pattern.matrix(pairs), same, same, np.zeros((1, 1)))
         correction, _ = system.solve(pull, np.zeros(1))
     else:
-        correction = state.factor.inverse(pull)
+        correction = factor(problem.pattern, pairs).inverse(pull)
     slope = float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu))
     return slope, np.asarray(scatter(correction, state.x.shape, problem.free))
+
+
+@jax.jit
+def _changes(problem, x, mu, modes):
+    """Dphi/dx (n, 2) and dphi/dmu of phi = v* K v."""
+
+    def phi(x, mu):
+        return sum(curvature(x, v, problem.model, problem.gel, mu, problem.loads) for v in modes)
+
+    return jax.grad(phi, argnums=(0, 1))(x, mu)

@@ -57,7 +57,16 @@ def leaves(tree, path=()):
 
 
 ENTRIES = [(name, path) for name, table in CASES.items() for path in leaves(table) if not (name.startswith("hole") and path[0] == "plate")]
-COMMANDS = dict.fromkeys(("run", "critical", "check-grad", "outline"), "square") | {"design": "no.toml", "map": "no.toml", "resume": "no"}
+COMMANDS = dict.fromkeys(("run", "critical", "check-grad", "outline"), "square") | {
+    "waves": "cell.toml",
+    "design": "no.toml",
+    "map": "no.toml",
+    "resume": "no",
+}
+CELL = """
+plate = { width = 4.0, height = 4.0, spacing = 0.8, nodes_per_hole = 12, edges = "periodic" }
+holes = [{ kind = "circle", centre = [0.0, 0.0], radius = 1.1 }]
+"""
 NUMERIC = {parser._real, parser._whole, parser._steps}
 
 
@@ -109,7 +118,9 @@ def ends(monkeypatch, capsys, tmp_path):
         monkeypatch.setattr(f"jaxgel.cases.case.Case.{name}", stop)
     monkeypatch.setattr("jaxgel.cloud.checks.MAX_NODES", 2000)  # so that what is accepted is quick
     monkeypatch.setattr("jaxgel.cli.taylor_test.check_gradient", stop)
+    monkeypatch.setattr("jaxgel.cli.wave_runs.lattice_onset", stop)
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "cell.toml").write_text(CELL)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
     def run(arguments):

@@ -40,15 +40,15 @@ def test_flat_holes_lose_their_ellipticity(model_of, gel):
 
 @pytest.mark.slow
 def test_onset_is_that_of_the_larger_cell(gel):
-    """Four cells that may buckle on their own: the clouds differ at the edges of the cells, by 0.1 % of mu on these."""
+    """Four cells that may buckle on their own: the clouds differ at the edges of the cells, on these by 0.05 % of mu."""
 
     def model(side, centres):
-        plate = jaxgel.Plate(side, side, [jaxgel.Circle(centre, 0.8) for centre in centres], edges="periodic")
-        return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=1 / 16, nodes_per_hole=48))
+        plate = jaxgel.Plate(side, side, [jaxgel.Circle(centre, 0.7) for centre in centres], edges="periodic")
+        return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=1 / 12, nodes_per_hole=48))
 
-    (point,) = jaxgel.critical_points(model(4, [(x, y) for x in (-1, 1) for y in (-1, 1)]), gel, mu=(-2.6, -1.6), most=1)
-    onset = jaxgel.lattice_onset(model(2, [(0, 0)]), gel, mu=(-2.6, -1.6), divisions=4)
-    assert onset.mu == pytest.approx(point.mu, rel=5e-3)
+    (point,) = jaxgel.critical_points(model(4, [(x, y) for x in (-1, 1) for y in (-1, 1)]), gel, mu=(-1.9, -1.4), most=1)
+    onset = jaxgel.lattice_onset(model(2, [(0, 0)]), gel, mu=(-1.9, -1.4), divisions=2)
+    assert onset.mu == pytest.approx(point.mu, rel=1e-3)
 
 
 @pytest.mark.parametrize("of", ["radius", "gel"])
@@ -64,6 +64,23 @@ def test_derivatives_are_differences_of_relocated_onsets(of, cell, gel, onset):
     value, slope = jax.value_and_grad(critical)(at)
     assert float(value) == pytest.approx(onset.mu, abs=0.02)
     assert float(slope) == pytest.approx((critical(at + h) - critical(at - h)) / (2 * h), rel=1e-5)
+
+
+def test_a_larger_cell_has_an_onset_of_its_own(gel):
+    """Of two by two cells the pattern is the same in all: the bifurcation of the cell itself, with its derivative."""
+    holes = [jaxgel.Circle((x, y), 0.9) for x in (-1, 1) for y in (-1, 1)]
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, holes, edges="periodic"), spacing=0.25, nodes_per_hole=16))
+
+    def lattice(chi):
+        return jaxgel.lattice_onset(model, jaxgel.Gel(gel.Nv, chi), mu=WINDOW, divisions=1)
+
+    def cell(chi):
+        return jaxgel.critical_points(model, jaxgel.Gel(gel.Nv, chi), mu=WINDOW, most=1)[0].mu
+
+    onset = lattice(gel.chi)
+    assert onset.kind == "short wave" and onset.periods == (1, 1) and not onset.wave_vector.any() and "the cell's own" in onset.text
+    (mu, slope), (expected, by_cell) = jax.value_and_grad(lambda chi: lattice(chi).mu)(0.01), jax.value_and_grad(cell)(0.01)
+    assert float(mu) == pytest.approx(float(expected), abs=1e-6) and float(slope) == pytest.approx(float(by_cell), rel=1e-4)
 
 
 def test_waves_that_cannot_be_had_are_refused(cell, gel):
@@ -86,7 +103,7 @@ def test_waves_that_cannot_be_had_are_refused(cell, gel):
 def test_a_stable_lattice_has_no_onset_and_a_branch_that_ends_says_so(cell, model_of, gel):
     assert jaxgel.lattice_onset(cell, gel, mu=(-4.6, -3.8), divisions=2) is None
     with pytest.raises(SweepFailed, match="no wave is unstable on the states found; stopped after mu = -3"):
-        jaxgel.lattice_onset(model_of(jaxgel.Ellipse((0, 0), (0.6, 0.1))), gel, mu=(-4.6, -2.5), divisions=1)
+        jaxgel.lattice_onset(model_of(jaxgel.Ellipse((0, 0), (0.6, 0.1))), gel, mu=(-4.6, -0.6), divisions=1)
 
 
 def test_the_command_finds_the_cell_of_a_larger_one(tmp_path, capsys, onset):

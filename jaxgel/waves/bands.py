@@ -96,6 +96,8 @@ def mass_blocks(model: Model, x: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, 
     probe = make_probe(model, quadrature.points(model.cloud.vertices), np.asarray(quadrature.points(topology.partition.vertices)))
     weight = np.asarray(quadrature.weights(model.cloud.vertices) * jnp.linalg.det(probe.deformation_gradient(jnp.asarray(x))))
     values, nodes = np.asarray(probe.phi), np.asarray(probe.nodes)
+    if np.iscomplexobj(values):
+        raise ValueError(f"kind: {model.kind!r} has complex shape functions, for which there is no mass")
     points = np.repeat(np.arange(len(nodes)), nodes.shape[1])
     shapes = sp.csr_matrix((values.ravel(), (points, nodes.ravel())), shape=(len(nodes), model.n_nodes))
     mass = sp.csr_matrix(shapes.T @ shapes.multiply(weight[:, None]))

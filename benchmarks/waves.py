@@ -1,0 +1,116 @@
+"""Onset of infinite lattices and bands of one cell beside finite elements (bloch_elements.py; extra ``[bench]``).
+
+    python benchmarks/waves.py [--rows onset bands solid] [--figure FILE]
+
+``onset``: round holes in cells of 2 mm, by Bloch waves of one cell, by jaxgel's own 2 x 2 cell, and by finite elements of both;
+``bands``: six frequencies at six wave vectors, of a cell with a hole; ``solid``: plane waves of a cell without one. ``--figure FILE`` draws
+what docs/howto/waves.md shows.
+"""  # fmt: skip
+
+import argparse
+import itertools
+import time
+
+import bloch_elements as elements
+import matplotlib as mpl
+import numpy as np
+
+import jaxgel
+
+GEL = elements.GEL
+RADII = {0.7: (-2.2, -1.2), 0.8: (-2.8, -1.6)}  # of holes in cells of 2 mm, mm -> mu between which the onset lies, kT
+SPACINGS = (1 / 8, 1 / 12, 1 / 16)  # mm
+STATE = -4.0  # of the bands, kT
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rows", nargs="*", default=list(ROWS), choices=list(ROWS))
+    parser.add_argument("--figure", help="file of the figure of docs/howto/waves.md")
+    options = parser.parse_args()
+    for row in options.rows:
+        ROWS[row]()
+    if options.figure is not None:
+        draw(options.figure)
+
+
+def model_of(radius, spacing, cells=1):
+    """Model of a periodic plate of ``cells`` x ``cells`` cells of 2 mm."""
+    centres = np.arange(1 - cells, cells, 2)
+    holes = [jaxgel.Circle(centre, radius) for centre in itertools.product(centres, centres)] if radius else []
+    plate = jaxgel.Plate(2 * cells, 2 * cells, holes, edges="periodic", spacing=spacing, nodes_per_hole=round(4 / spacing / 4) * 4)
+    return jaxgel.discretise(jaxgel.make_cloud(plate))
+
+
+def onset():
+    """Onsets by one cell and by 2 x 2, beside those of finite elements."""
+    print("onset of the lattice of holes 2 mm apart")
+    for radius, mu in RADII.items():
+        begin = time.perf_counter()
+        exact, k, _ = elements.onset_of_lattice(2.0, radius, *mu, order=6)
+        cells = elements.onset_of_cells(2.0, radius, 2, *mu, order=6)
+        seconds = time.perf_counter() - begin
+        print(f"r = {radius}: finite elements {exact:.5f}, k W/pi {k * 2 / np.pi}, 2 x 2 holes {cells:.5f}, both {seconds:.0f} s")
+        for spacing in SPACINGS:
+            begin = time.perf_counter()
+            found = jaxgel.lattice_onset(model_of(radius, spacing), GEL, mu=mu)
+            seconds = time.perf_counter() - begin
+            (point,) = jaxgel.critical_points(model_of(radius, spacing, 2), GEL, mu=mu, most=1)
+            errors = [100 * (value / cells - 1) for value in (found.mu, point.mu)]
+            print(
+                f"  spacing {spacing:.4f}: one cell {found.mu:.5f} ({errors[0]:+.2f} %, {seconds:.0f} s), 2 x 2 {point.mu:.5f}"
+                f" ({errors[1]:+.2f} %); {found.kind}, periods {found.periods}",
+                flush=True,
+            )
+
+
+def bands():
+    """Frequencies of a cell with a hole beside those of finite elements."""
+    print(f"bands: six frequencies at six wave vectors, r = 0.7, mu = {STATE}")
+    cell = elements.Cell(2.0, 0.7, order=6).equilibrium(STATE)
+    wave_vectors = np.pi / 2 * np.array(list(elements.POINTS.values()), dtype=float)
+    exact = np.sqrt([cell.bloch(k)[0] for k in wave_vectors])
+    for spacing in SPACINGS:
+        path = jaxgel.sweep(model_of(0.7, spacing), GEL, mu=[STATE])
+        found = jaxgel.dispersion(path, bands=6, wave_vectors=wave_vectors).frequencies
+        errors = np.abs(100 * (found / exact - 1)).max(axis=0)
+        print(f"  spacing {spacing:.4f}: largest error {errors.max():.2f} %, of each band {errors.round(2)}", flush=True)
+
+
+def solid():
+    """Plane waves of a cell without a hole: omega^2 J = eigenvalues of the acoustic tensor."""
+    stretch, k = 1.3, 0.75 * np.pi / 2 * np.array([1.0, 0.4])
+    exact = np.sort(elements.plane_waves(stretch, -0.5, k, 2.0)[1], axis=None)[:3]
+    print("three lowest plane waves of a cell without a hole, stretch 1.3: relative errors of the squares")
+    for spacing in (1 / 2, 1 / 4, 1 / 8, 1 / 16):
+        plate = jaxgel.Plate(2, 2, edges="periodic", deformation=((stretch, 0), (0, stretch)), spacing=spacing)
+        path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), GEL, mu=[-0.5])
+        print(
+            f"  spacing {spacing:.4f}:",
+            np.array2string(jaxgel.dispersion(path, bands=3, wave_vectors=k).squares[0] / exact - 1, precision=2),
+        )
+
+
+def draw(file):
+    """Bands, zone and pattern of the lattice of the paper's radius, side by side."""
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    from jaxgel.plotting import STYLE, plot_bands, plot_lattice, plot_zone, save_figure
+
+    model, gel = model_of(0.9, 1 / 12), jaxgel.sample("lattice").gel
+    found = jaxgel.lattice_onset(model, gel, mu=(-3.6, -2.8))
+    path = jaxgel.sweep(model, gel, mu=[-3.6, found.mu - 1e-3], branch="symmetric")
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(1, 3, figsize=(10.2, 3.1), layout="constrained")
+    plot_bands(jaxgel.dispersion(path), ax=axes[0])
+    plot_zone(found, model, ax=axes[1])
+    plot_lattice(found, model, ax=axes[2])
+    save_figure(figure, file)
+
+
+ROWS = {"onset": onset, "bands": bands, "solid": solid}
+
+
+if __name__ == "__main__":
+    main()
