@@ -1,14 +1,16 @@
 """The command waves."""
 
 import dataclasses
+import sys
 from argparse import Namespace
 from pathlib import Path as File
 
 from ..cases import load_case
 from ..continuation import sweep
 from ..io import open_folder, write_waves
-from ..waves import dispersion, lattice_onset, primitive_cell, translations
-from .environment import DONE
+from ..materials import varies
+from ..waves import dispersion, lattice_onset, primitive_cell
+from .environment import DONE, STOPPED
 from .inputs import changes
 from .runs import printer
 
@@ -18,38 +20,60 @@ BELOW = 1e-3  # kT: how far below the onset the bands are, where no mu is given
 def waves(args: Namespace) -> int:
     """``jaxgel waves``: the onset of a periodic case's infinite lattice, and the bands of one of its states."""
     case, say = load_case(args.case, changes(args)), printer(args)
-    if case.loads.body_force or case.loads.traction:
-        raise ValueError("loads: are not accepted here, waves are those of a cell without loads")
-    cell = primitive_cell(case.plate)
+    _check(case, args)
+    cell = case.plate if varies(case.gel) else primitive_cell(case.plate)
     folder = open_folder(args.out or File("out") / f"{case.name}-waves")
-    nx, ny = translations(case.plate)
     if cell is not case.plate:
-        say(f"{case.name} consists of {nx} x {ny} equal cells, {cell.width:g} x {cell.height:g} {cell.unit}, one of which is looked at")
-    case = dataclasses.replace(case, plate=cell, source=case.source)
+        say(f"{case.name} consists of equal cells, {cell.width:g} x {cell.height:g} {cell.unit}, one of which is looked at")
+    case = dataclasses.replace(case, plate=cell)
     model, (first, last) = case.model(), case.sweep.ends
     say(f"{case.name}: {model.n_nodes} nodes, mu from {first:g} to {last:g}, {args.divisions} divisions of the zone")
     onset = lattice_onset(model, case.gel, mu=(first, last), divisions=args.divisions)
     say("every wave is stable" if onset is None else f"mu = {float(onset.mu):.7f}: {onset.text}")
-    at = args.mu if args.mu is not None else last if onset is None else float(onset.mu) - BELOW
-    if not at > first:
-        raise ValueError(f"mu: {at:g} kT is not above the first of the sweep, {first:g}")
-    bands = dispersion(sweep(model, case.gel, mu=[first, at], branch="symmetric"), bands=args.bands)
-    write_waves(bands, onset, folder, case.table())
-    for low, high in bands.gaps:
-        say(f"no waves between the frequencies {low:.4g} and {high:.4g} at mu = {at:g}")
+    write_waves(onset, None, folder, case.table())
+    if case.output.figures and onset is not None:
+        _draw(onset, model, folder)
+    at = args.mu if args.mu is not None else last if onset is None else max(float(onset.mu) - BELOW, first)
+    path = sweep(model, case.gel, mu=sorted({first, at}), branch="symmetric")
+    if not path.stop.ok:
+        print(f"jaxgel: no bands at mu = {at:g}: {path.stop_text}", file=sys.stderr)
+        return STOPPED
+    bands = dispersion(path, bands=args.bands)
+    write_waves(onset, bands, folder, case.table())
     if case.output.figures:
-        _draw(bands, onset, model, folder)
+        _draw_bands(bands, folder)
+    for low, high in bands.gaps:
+        say(f"no waves of the bands drawn between the frequencies {low:.4g} and {high:.4g} at mu = {at:g}")
     say(f"bands at mu = {at:.7g} in {folder}")
     return DONE
 
 
-def _draw(bands, onset, model, folder):
+def _check(case, args):
+    """ValueError for what the command does not do, before anything is computed."""
+    if case.loads.body_force or case.loads.traction:
+        raise ValueError("loads: are not accepted here, waves are those of a cell without loads")
+    if case.sweep.imperfection:
+        raise ValueError(f"sweep.imperfection: {case.sweep.imperfection:g} is not accepted here, waves are those of a perfect lattice")
+    if case.plate.kinematics != "plane strain":
+        raise ValueError(f"plate.kinematics: {case.plate.kinematics!r} is not accepted here; jaxgel.lattice_onset takes films")
+    if args.mu is not None and not args.mu >= case.sweep.ends[0]:
+        raise ValueError(f"mu: {args.mu:g} kT is not above the first of the sweep, {case.sweep.ends[0]:g}")
+
+
+def _draw(onset, model, folder):
     import matplotlib as mpl
 
     mpl.use("Agg")
-    from ..plotting import plot_bands, plot_lattice, plot_zone, save_figure
+    from ..plotting import plot_lattice, plot_zone, save_figure
+
+    save_figure(plot_zone(onset, model).figure, folder / "zone.png")
+    save_figure(plot_lattice(onset, model).figure, folder / "pattern.png")
+
+
+def _draw_bands(bands, folder):
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from ..plotting import plot_bands, save_figure
 
     save_figure(plot_bands(bands).figure, folder / "bands.png")
-    if onset is not None:
-        save_figure(plot_zone(onset, model).figure, folder / "zone.png")
-        save_figure(plot_lattice(onset, model).figure, folder / "pattern.png")

@@ -9,15 +9,17 @@ from ..waves import Dispersion, LatticeOnset
 from .files import write_atomically, write_csv, write_json
 
 
-def write_waves(bands: Dispersion, onset: LatticeOnset | None, folder: File, options: dict[str, Any]) -> None:
-    """``waves.json`` with the onset (null without one) and the gaps, ``bands.csv`` with the frequencies by wave vector, in a folder.
+def write_waves(onset: LatticeOnset | None, bands: Dispersion | None, folder: File, options: dict[str, Any]) -> None:
+    """``waves.json`` with the onset and the gaps of the bands, null where there are none, in a folder.
 
-    With an onset also ``zone.csv``, the lowest eigenvalue by wave vector, and ``onset.npz`` with state and wave.
+    With an onset also ``zone.csv``, the lowest eigenvalue by wave vector, and ``onset.npz`` with state and wave; with bands ``bands.csv``,
+    the frequencies by wave vector.
     """
-    gaps = {"mu": bands.mu, "gaps": bands.gaps, "corners": bands.corners}
+    gaps = None if bands is None else {"mu": bands.mu, "gaps": bands.gaps, "corners": bands.corners}
     write_json(folder / "waves.json", {"options": options, "onset": _entry(onset), "bands": gaps})
-    header = ["kx", "ky", "along", *(f"omega_{k + 1}" for k in range(bands.squares.shape[1]))]
-    write_csv(folder / "bands.csv", header, np.column_stack([bands.wave_vectors, bands.along, bands.frequencies]).tolist())
+    if bands is not None:
+        header = ["kx", "ky", "along", *(f"omega_{k + 1}" for k in range(bands.squares.shape[1]))]
+        write_csv(folder / "bands.csv", header, np.column_stack([bands.wave_vectors, bands.along, bands.frequencies]).tolist())
     if onset is not None:
         write_csv(folder / "zone.csv", ["kx", "ky", "eigenvalue"], np.column_stack([onset.zone, onset.eigenvalues]).tolist())
         arrays = {"x": np.asarray(onset.x), "modes": onset.modes, "wave_vector": onset.wave_vector}

@@ -28,9 +28,9 @@ def plot_bands(dispersion: Dispersion, *, ax: Axes | None = None) -> Axes:
         ax.axhspan(low, high, color=SHADE, linewidth=0)
         ax.text(0.985 * dispersion.along[-1], 0.5 * (low + high), "gap", ha="right", va="center", fontsize=7)
     ax.plot(dispersion.along, dispersion.frequencies, color=COLOURS[0])
-    for place in dispersion.corners.values():
+    for _, place in dispersion.corners:
         ax.axvline(place, color=LINE, linewidth=0.5)
-    ax.set_xticks(list(dispersion.corners.values()), [label.strip() for label in dispersion.corners])
+    ax.set_xticks([place for _, place in dispersion.corners], [label for label, _ in dispersion.corners])
     ax.set(xlim=(dispersion.along[0], dispersion.along[-1]), ylabel=r"$\omega$ ($\sqrt{kT/v\rho}$ / mm)", title=mu_text(dispersion.mu))
     ax.set_ylim(bottom=0)
     return ax

@@ -4,7 +4,7 @@ from .bands import Dispersion, dispersion
 from .bloch import BlochStates
 from .cells import check_periodic, primitive_cell, translations
 from .onset import LatticeOnset, lattice_onset
-from .zone import brillouin_path, wave_vectors_of_zone
+from .zone import brillouin_path, long_wave_number, wave_vectors_of_zone
 
 __all__ = [
     "BlochStates",
@@ -14,6 +14,7 @@ __all__ = [
     "check_periodic",
     "dispersion",
     "lattice_onset",
+    "long_wave_number",
     "primitive_cell",
     "translations",
     "wave_vectors_of_zone",

@@ -32,8 +32,8 @@ class Dispersion:
     """Wave vectors of the dry cell, rad/mm."""
     along: Float[np.ndarray, " w"]
     """Distance along the way through the zone, rad/mm."""
-    corners: dict[str, float]
-    """Label of each corner of the way -> its distance along it."""
+    corners: list[tuple[str, float]]
+    """(label, distance along it) of the corners of the way, see `zone.brillouin_path`."""
     squares: Float[np.ndarray, "w m"]
     """Squares of the lowest angular frequencies, ascending; negative where the state is unstable."""
 
@@ -45,7 +45,7 @@ class Dispersion:
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
-        """Intervals of frequencies between two bands in which no wave of the way travels; [] where the state is unstable."""
+        """Intervals of frequencies between two bands in which none of these waves lies; [] where the state is unstable."""
         bands = self.frequencies
         if np.isnan(bands).any():
             return []
@@ -58,11 +58,10 @@ def dispersion(
 ) -> Dispersion:
     """`Dispersion` of the lowest ``bands`` about one ``state`` of a periodic cell's path, along the edge of the Brillouin zone.
 
-    ``points`` lie from one corner of the zone to the next; ``wave_vectors`` (w, 2), rad/mm, replace them. Waves travel in the gel with its
-    solvent at rest in it or moving with it as the chemical potential asks: the stiffness is the tangent at fixed mu, which is that of slow
-    oscillations. Network and solvent have the same density in the swollen gel, so that the mass of a dry area is its J; angular frequencies
-    are in sqrt(kT / (v density)) / mm: 2e5 rad/s for kT / v = 40 MPa and 1000 kg/m^3. Raises ValueError for a plate that is not periodic, a
-    film, a state in contact, and more bands than the cell has waves.
+    ``points`` lie from one corner of the zone to the next; ``wave_vectors`` (w, 2), rad/mm, replace them. The stiffness is the tangent at
+    fixed mu, of oscillations so slow that solvent flows in and out. Network and solvent have the same density in the swollen gel, so that
+    the mass of a dry area is its J; angular frequencies are in sqrt(kT / (v density)) / mm: 2e5 rad/s for kT / v = 40 MPa and 1000 kg/m^3.
+    Raises ValueError for a plate that is not periodic, a film, a state in contact, and more bands than the cell has waves.
     """
     problem = prepare(path.model, path.gel)
     plate = path.model.lists.topology.plate
@@ -76,11 +75,13 @@ def dispersion(
         raise ValueError(f"bands: {bands} is not between 1 and {most}, the waves that this cell has")
     if wave_vectors is None:
         group = symmetries_of_state(at.x, path.model, symmetries_of(problem.without_contact))
+        if not (isinstance(points, int) and points > 0):
+            raise ValueError(f"points: {points!r} is not a positive whole number")
         wave_vectors, along, corners = brillouin_path(plate, points, group)
     else:
         wave_vectors = np.asarray(wave_vectors, dtype=float).reshape(-1, 2)
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(wave_vectors, axis=0), axis=1))])
-        corners = {}
+        corners = []
     mass = layout.by_translation(mass_blocks(path.model, at.x))
     below = BELOW * float(mean_parameter(problem.gel.Nv, path.model)) * (np.pi / max(plate.width, plate.height)) ** 2
     phases = [layout.phases(k) for k in wave_vectors]

@@ -56,6 +56,12 @@ class BlochStates:
         """The tangent, kT/v, by translations."""
         return self._parts[0]
 
+    def network_energy(self, field: Float[np.ndarray, "n 2"]) -> float:
+        """V . N v of a nodal field (n, 2), kT/v mm^2."""
+        i, j = node_pairs(self.problem.model.lists)[0].T
+        twice = np.where(i == j, 1.0, 2.0) * np.asarray(self.problem.operators.network)
+        return float(twice @ np.sum(field[i] * field[j], axis=1))
+
     def _entries(self, wave_vector):
         """The layout of the waves with a wave vector, and the entries of the tangent and of the network's stiffness."""
         layout = self.layout.of(wave_vector)

@@ -25,13 +25,14 @@ from ..mechanics import curvature, gather, linearise, mu_force, prepare, restric
 from ..symmetry import symmetries_of
 from .bloch import BlochStates
 from .cells import check_periodic
-from .zone import LONG, wave_vectors_of_zone
+from .zone import long_wave_number, wave_vectors_of_zone
 
 DIVISIONS = 8  # of the zone from its middle to its edge
 ROUNDS = 8  # of k and mu in turn
 TOLERANCE = 1e-9  # of mu, kT
 TURN, MOVE = 0.1, 0.04  # first steps of the refinement: of a long wave's direction, rad, and of a short wave's vector over pi / side
 CLOSE = 1e-7  # kT: a wave vector that lowers the critical mu by less is no better
+SAME = 1e-6  # difference of two eigenvalues that are one
 REPEATS = 12  # most cells along a side after which a short wave's pattern repeats
 
 
@@ -51,8 +52,9 @@ class LatticeOnset:
     """Nodal positions of the cell, mm."""
     pressure: Float[Array, " g"]
     """Pressures of the volume groups, kT/v."""
-    modes: Float[np.ndarray, "2 n 2"]
-    """Real and imaginary part of the wave in the cell; in the cell R away it is exp(i k . R) times as large."""
+    modes: Float[np.ndarray, "m n 2"]
+    """Real and imaginary part of the wave in the cell; in the cell R away it is exp(i k . R) times as large. Of waves that are the same in
+    all cells the real modes, two for a double eigenvalue."""
     slope: float
     """d lambda / d mu along the branch."""
     group: tuple[str, ...]
@@ -70,6 +72,8 @@ class LatticeOnset:
     def text(self) -> str:
         """One line that says what it is."""
         k = ", ".join(f"{component:.4g}" for component in self.wave_vector)
+        if self.kind == "long wave" and not all(self.periodic):
+            return f"long wave ({k}) rad/mm: a pattern of a hundred cells or more"
         if self.kind == "long wave":
             return f"long wave along ({k}): the lattice loses its ellipticity"
         if not self.wave_vector.any():
@@ -82,9 +86,11 @@ def lattice_onset(model: Model, gel: Gel, *, mu: tuple[float, float], divisions:
     """`LatticeOnset` of the infinite lattice of a periodic cell in ``mu = (first, last)``; None where it stays stable.
 
     The branch is that of states which are the same in all cells. The zone has ``divisions`` steps from its middle to its edge; the wave
-    vector found on the grid is then refined. ``onset.mu`` is differentiable once, forward and reverse, at fixed sides of the cell. Raises
-    ValueError for a plate that is not periodic and a lattice that is unstable from the first state on, ``SweepFailed`` where the branch
-    ends, or the sides of a hole touch, before an onset is found.
+    vector found on the grid is then refined. ``onset.mu`` is differentiable once, forward and reverse, at fixed sides of the cell: where
+    symmetry gives several waves one onset, by parameters that break it, it is that of one of them. Long waves are a hundred cells long; of
+    a strip with free edges, which buckles as a beam however long it is, the onset depends on that. Raises ValueError for a plate that is
+    not periodic and a lattice that is unstable from the first state on, ``SweepFailed`` where the branch ends, or the sides of a hole
+    touch, before an onset is found.
     """
     check_mu(mu)
     if not (isinstance(mu, tuple) and len(mu) == 2):
@@ -102,28 +108,27 @@ def _search(model, gel, mu, divisions):
     """[`LatticeOnset`], or [] where every wave is stable."""
     steps = []
     path = sweep(model, gel, mu=mu, branch="symmetric", contact="stop", on_step=lambda state: steps.append(state.light))
-    problem = prepare(model, gel)
+    problem = prepare(model, gel).without_contact
     group = symmetries_of(problem)
     zone = wave_vectors_of_zone(model.lists.topology.plate, divisions, group)
-    for before, after in itertools.pairwise([None, *steps]):
-        waves = BlochStates(problem, after)
+    for number, state in enumerate(steps):
+        waves = BlochStates(problem, state)
         unstable = [k for k in zone if waves.negative(k)]
-        if unstable and before is None:
-            raise ValueError(f"mu: the lattice is unstable at the first state, mu = {after.mu:g} kT; start lower")
         if unstable:
-            return [_Refined(problem, before, after, group).onset(unstable, zone)]
+            return [_Refined(problem, steps[: number + 1], group).onset(unstable, zone)]
     if not path.stop.ok:
         raise SweepFailed(f"lattice_onset: no wave is unstable on the states found; {path.stop_text}")
     return []
 
 
 class _Refined:
-    """The search in k and mu between two states, of which the first is stable against all waves."""
+    """The search in k and mu, between ``states`` of which only the last one is unstable against the waves of the grid."""
 
-    def __init__(self, problem, before, after, group):
-        self._problem, self._before, self._after, self._group = problem, before, after, group
+    def __init__(self, problem, states, group):
+        self._problem, self._states, self._group = problem, states, group
         plate = problem.model.lists.topology.plate
         self._periodic, self._corner = check_periodic(plate), np.pi / np.array([plate.width, plate.height])
+        self._long = 1.5 * long_wave_number(plate)
         self._known = {}
 
     def _waves(self, mu):
@@ -134,11 +139,11 @@ class _Refined:
 
     def _state(self, mu):
         """The periodic `State` at ``mu``, by the symmetries of the cell: its own tangent may be singular there."""
-        for end in (self._before, self._after):
-            if mu == end.mu:
-                return end
+        before = [state for state in self._states if state.mu <= mu][-1]
+        if before.mu == mu:
+            return before
         model, gel = self._problem.model, self._problem.gel
-        path = sweep(model, gel, mu=[mu], branch="symmetric", contact="off", start=self._before)
+        path = sweep(model, gel, mu=[mu], branch="symmetric", contact="off", start=before)
         if not path.stop.ok:
             raise SweepFailed(f"lattice_onset: no periodic state at mu = {mu:.6g}: {path.stop_text}")
         return path[-1]
@@ -147,55 +152,57 @@ class _Refined:
         return self._waves(mu).lowest(k)[0][0]
 
     def _zero(self, k):
-        """First mu at which the waves with the wave vector k are not stable."""
-        return brentq(lambda mu: self._lowest(k, mu), self._before.mu, self._after.mu, xtol=TOLERANCE)
+        """The mu above which the waves with the wave vector k, unstable at the last state, are unstable; None where they are at once."""
+        for later, earlier in itertools.pairwise(state.mu for state in reversed(self._states)):
+            if self._lowest(k, earlier) > 0 > self._lowest(k, later):
+                return brentq(lambda mu: self._lowest(k, mu), earlier, later, xtol=TOLERANCE)
+        return None
 
     def onset(self, unstable, zone):
-        """`LatticeOnset` of the waves of which some with wave vectors in ``unstable`` have a negative eigenvalue at the later state."""
-        candidates = [np.asarray(k) for k in unstable]
-        k = min(candidates, key=lambda k: self._lowest(k, self._after.mu))
+        """`LatticeOnset` of the waves of which some with wave vectors in ``unstable`` have a negative eigenvalue at the last state."""
+        k = min(unstable, key=lambda k: self._lowest(k, self._states[-1].mu))
         mu = self._zero(k)
         for _ in range(ROUNDS):
-            lowest = min(candidates, key=lambda k: self._lowest(k, mu))
-            better = self._refine(lowest, mu)
-            if not self._lowest(better, self._after.mu) < 0 <= self._lowest(better, self._before.mu):
-                break
-            lower = self._zero(better)
-            if lower > mu - CLOSE:
+            if mu is None:
+                raise ValueError(f"mu: the lattice is unstable at the first state, mu = {self._states[0].mu:g} kT; start lower")
+            better = self._refine(min([k, *unstable], key=lambda k: self._lowest(k, mu)), mu)
+            lower = self._zero(better) if self._lowest(better, mu) < 0 else mu
+            if lower is not None and lower > mu - CLOSE:
                 break
             k, mu = better, lower
         return self._point(k, mu, zone)
 
     def _refine(self, k, mu):
         """The wave vector next to ``k`` with the lowest eigenvalue at ``mu``; a long wave keeps its length."""
-        shares, axes = k / self._corner, np.flatnonzero(self._periodic)
-        if not shares.any() or (len(axes) == 1 and _is_long(shares)):
+        length, axes = np.linalg.norm(k), np.flatnonzero(self._periodic)
+        long = length < self._long
+        if not length or (len(axes) == 1 and long):
             return k
-        long = _is_long(shares)
-        first, step = (np.array([np.arctan2(shares[1], shares[0])]), TURN) if long else (shares[axes], -MOVE)
+        first, step = (np.array([np.arctan2(k[1], k[0])]), TURN) if long else ((k / self._corner)[axes], -MOVE)
 
         def at(free):
-            """K over pi / side: a long wave's is given by its direction."""
-            return np.linalg.norm(shares) * np.array([np.cos(free[0]), np.sin(free[0])]) if long else np.bincount(axes, free, minlength=2)
+            """The wave vector: a long wave's is given by its direction, another one by what it is over pi / side."""
+            if long:
+                return length * np.array([np.cos(free[0]), np.sin(free[0])])
+            return np.bincount(axes, free, minlength=2) * self._corner
 
         def value(free):
-            return self._lowest(at(free) * self._corner, mu) if np.linalg.norm(at(free)) > 0.9 * LONG else np.inf
+            return self._lowest(at(free), mu) if long or np.linalg.norm(at(free)) > self._long else np.inf
 
         simplex = np.array([first, *(first + step * row for row in np.eye(len(first)))])
         found = minimize(value, first, method="Nelder-Mead", options=dict(initial_simplex=simplex, xatol=1e-4, fatol=1e-12))
-        return at(found.x) * self._corner
+        return at(found.x)
 
     def _point(self, k, mu, zone):
         waves = self._waves(mu)
-        _, (wave,) = waves.lowest(k)
-        modes = np.stack([wave.real, wave.imag])
+        modes = _modes(waves, k)
         slope, correction = _derivatives(self._problem, waves.state, modes, not k.any())
-        kind = "long wave" if _is_long(k / self._corner) else "short wave"
+        long = bool(0 < np.linalg.norm(k) < self._long)
         return LatticeOnset(
             mu=float(mu),
             wave_vector=np.asarray(k),
-            kind=kind,
-            periods=_repeats(k / self._corner) if kind == "short wave" else None,
+            kind="long wave" if long else "short wave",
+            periods=None if long else _repeats(k / self._corner),
             x=np.asarray(waves.state.x),
             pressure=np.asarray(waves.state.pressure),
             modes=modes,
@@ -208,9 +215,17 @@ class _Refined:
         )
 
 
-def _is_long(shares):
-    """Whether k = ``shares`` pi / side is that of a long wave; waves that are the same in all cells are short."""
-    return 0 < np.linalg.norm(shares) < 1.5 * LONG
+def _modes(waves, k):
+    """The wave's real and imaginary part (2, n, 2), or the real modes (m, n, 2) of waves that are the same in all cells."""
+    values, fields = waves.lowest(k, 1 if k.any() else 2)
+    if k.any():
+        return np.stack([fields[0].real, fields[0].imag])
+    count = 1 + int(values[1] - values[0] < SAME)
+    parts = np.concatenate([fields[:count].real, fields[:count].imag])
+    _, sizes, rows = np.linalg.svd(parts.reshape(2 * count, -1), full_matrices=False)
+    real = (sizes[:count, None] * rows[:count]).reshape(count, *parts.shape[1:])
+    network = [waves.network_energy(field) for field in real]
+    return real / np.sqrt(network)[:, None, None]
 
 
 def _repeats(shares: Float[np.ndarray, " 2"]) -> tuple[int, int] | None:
@@ -227,14 +242,13 @@ def _derivatives(problem, state, modes, same_in_all):
     pull = np.asarray(gather(gradient, problem.free))
     at = problem, state.x, state.pressure
     pairs = tangent(*at, linearise(*at, state.mu))
-    if same_in_all:  # the tangent of the cell itself is singular, along the wave
-        larger = modes[np.argmax(np.linalg.norm(modes, axis=(1, 2)))]  # the other one is a multiple of it
-        same = np.asarray(restrict(larger, np.asarray(problem.free)))[:, None]
-        system = Bordered(problem.pattern.tree.order, problem.pattern.matrix(pairs), same, same, np.zeros((1, 1)))
-        correction, _ = system.solve(pull, np.zeros(1))
+    if same_in_all:  # the tangent of the cell itself is singular, along the modes
+        held = np.stack([np.asarray(restrict(mode, np.asarray(problem.free))) for mode in modes], axis=1)
+        system = Bordered(problem.pattern.tree.order, problem.pattern.matrix(pairs), held, held, np.zeros((held.shape[1],) * 2))
+        correction, _ = system.solve(pull, np.zeros(held.shape[1]))
     else:
         correction = factor(problem.pattern, pairs).inverse(pull)
-    slope = float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu))
+    slope = (float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu))) / (len(modes) if same_in_all else 1)
     return slope, np.asarray(scatter(correction, state.x.shape, problem.free))
 
 
