@@ -59,8 +59,8 @@ def primitive_cell(plate: Plate) -> Plate:
     >>> import jaxgel
     >>> holes = [jaxgel.Circle((x, y), 0.9) for x in (-1, 1) for y in (-1, 1)]
     >>> cell = primitive_cell(jaxgel.Plate(4, 4, holes, edges="periodic"))
-    >>> cell.width, [hole.centre for hole in cell.holes]
-    (2.0, [array([0., 0.])])
+    >>> cell.width, [hole.centre.tolist() for hole in cell.holes]
+    (2.0, [[0.0, 0.0]])
     """
     parts = np.array(translations(plate))
     if tuple(parts) == (1, 1):

@@ -10,6 +10,7 @@ import jaxgel
 from jaxgel.cli import command_line as cli
 from jaxgel.continuation import SweepFailed, lowest_eigenvalue
 from jaxgel.mechanics import prepare
+from jaxgel.plotting import plot_lattice, plot_zone, save_figure
 from jaxgel.waves import BlochStates, dispersion
 
 WINDOW = (-3.6, -2.4)
@@ -75,6 +76,20 @@ def test_onset_is_that_of_the_larger_cell(gel):
     (point,) = jaxgel.critical_points(model(4, [(x, y) for x in (-1, 1) for y in (-1, 1)]), gel, mu=(-1.9, -1.4), most=1)
     onset = jaxgel.lattice_onset(model(2, [(0, 0)]), gel, mu=(-1.9, -1.4), divisions=2)
     assert onset.mu == pytest.approx(point.mu, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_onset_of_a_strip_between_mirrors_of_the_lattice_is_that_of_finite_elements(tmp_path):
+    """Rollers through the centres of the holes. -2.14015 is the infinite lattice's by `benchmarks/waves.py`; 0.16 % measured."""
+    edges = {"left": "periodic", "right": "periodic", "bottom": "roller", "top": "roller"}
+    plate = jaxgel.Plate(2, 2, [jaxgel.Circle((0, y), 0.8) for y in (-1, 1)], edges=edges)
+    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.1, nodes_per_hole=40))
+    onset = jaxgel.lattice_onset(model, jaxgel.Gel(Nv=1e-3, chi=1e-4), mu=(-3.0, -1.6), divisions=4)
+    assert onset.mu == pytest.approx(-2.14015, rel=3e-3) and onset.periods == (2, 1)
+    np.testing.assert_allclose(onset.wave_vector, [np.pi / 2, 0], atol=1e-12)
+    for name, draw in (("zone", plot_zone), ("pattern", plot_lattice)):
+        save_figure(draw(onset, model).figure, tmp_path / f"{name}.png")
+        assert (tmp_path / f"{name}.png").stat().st_size > 5000
 
 
 @pytest.mark.parametrize("of", ["radius", "gel"])
