@@ -8,8 +8,9 @@ import scipy.linalg
 
 import jaxgel
 from jaxgel.continuation import lowest_eigenvalue
-from jaxgel.mechanics import curvature, prepare
+from jaxgel.mechanics import curvature, node_pairs, prepare
 from jaxgel.waves import BlochStates, dispersion
+from jaxgel.waves.bands import mass_blocks
 
 K = np.array([0.7, 0.3])
 MU = -3.4
@@ -102,3 +103,13 @@ def test_plane_waves_of_a_solid_cell_converge_to_those_of_the_acoustic_tensor(ge
     errors = np.array(errors)
     rates = np.log2(errors[:-1] / errors[1:])
     assert errors[-1].max() < 1e-3 and rates[-1].min() > 3
+
+
+def test_the_mass_of_a_cell_is_its_swollen_area(gel):
+    """One stretched as a whole, of which nodes and quadrature points know the area to round-off."""
+    model = solid(0.25)
+    x = jaxgel.sweep(model, gel, mu=[-0.5])[0].x
+    i, j = node_pairs(model.lists)[0].T
+    mass = mass_blocks(model, x)
+    assert np.sum(np.where(i == j, 1.0, 2.0) * mass[:, 0, 0]) == pytest.approx(4 * 1.3**2, rel=1e-12)
+    assert not mass[:, 0, 1].any() and np.array_equal(mass[:, 0, 0], mass[:, 1, 1])
