@@ -76,7 +76,7 @@ def plot_lattice(onset: LatticeOnset, model: Model, *, ax: Axes | None = None, s
     times the cell's shorter side.
     """
     ax = plt.subplots(figsize=(3.3, 3.3), layout="constrained")[1] if ax is None else ax
-    plate, wave = model.cloud.plate, onset.modes[0] + 1j * onset.modes[1]
+    plate, wave = model.cloud.plate, onset.modes[0] + (1j * onset.modes[1] if len(onset.modes) > 1 else 0.0)
     sides, deformation = np.array([plate.width, plate.height]), np.array(plate.deformation)
     wave = wave * size * sides.min() / np.linalg.norm(np.abs(wave), axis=1).max()
     periodic = onset.periodic

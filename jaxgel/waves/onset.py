@@ -152,22 +152,20 @@ class _Refined:
         return self._waves(mu).lowest(k)[0][0]
 
     def _zero(self, k):
-        """The mu above which the waves with the wave vector k, unstable at the last state, are unstable; None where they are at once."""
+        """The mu above which the waves with the wave vector k, unstable at the last state, are unstable; ValueError where they all are."""
         for later, earlier in itertools.pairwise(state.mu for state in reversed(self._states)):
             if self._lowest(k, earlier) > 0 > self._lowest(k, later):
                 return brentq(lambda mu: self._lowest(k, mu), earlier, later, xtol=TOLERANCE)
-        return None
+        raise ValueError(f"mu: the lattice is unstable at the first state, mu = {self._states[0].mu:g} kT; start lower")
 
     def onset(self, unstable, zone):
         """`LatticeOnset` of the waves of which some with wave vectors in ``unstable`` have a negative eigenvalue at the last state."""
         k = min(unstable, key=lambda k: self._lowest(k, self._states[-1].mu))
         mu = self._zero(k)
         for _ in range(ROUNDS):
-            if mu is None:
-                raise ValueError(f"mu: the lattice is unstable at the first state, mu = {self._states[0].mu:g} kT; start lower")
             better = self._refine(min([k, *unstable], key=lambda k: self._lowest(k, mu)), mu)
             lower = self._zero(better) if self._lowest(better, mu) < 0 else mu
-            if lower is not None and lower > mu - CLOSE:
+            if lower > mu - CLOSE:
                 break
             k, mu = better, lower
         return self._point(k, mu, zone)

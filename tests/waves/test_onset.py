@@ -107,7 +107,7 @@ def test_derivatives_are_differences_of_relocated_onsets(of, cell, gel, onset):
     assert float(slope) == pytest.approx((critical(at + h) - critical(at - h)) / (2 * h), rel=1e-5)
 
 
-def test_a_larger_cell_has_an_onset_of_its_own(gel):
+def test_a_larger_cell_has_an_onset_of_its_own(gel, tmp_path):
     """Of two by two cells the pattern is the same in all: the bifurcation of the cell itself, with its derivative."""
     holes = [jaxgel.Circle((x, y), 0.9) for x in (-1, 1) for y in (-1, 1)]
     model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, holes, edges="periodic"), spacing=0.25, nodes_per_hole=16))
@@ -119,6 +119,7 @@ def test_a_larger_cell_has_an_onset_of_its_own(gel):
         return jaxgel.critical_points(model, jaxgel.Gel(gel.Nv, chi), mu=WINDOW, most=1)[0].mu
 
     onset = lattice(gel.chi)
+    save_figure(plot_lattice(onset, model).figure, tmp_path / "pattern.png")  # of one real mode
     assert onset.kind == "short wave" and onset.periods == (1, 1) and not onset.wave_vector.any() and "the cell's own" in onset.text
     (mu, slope), (expected, by_cell) = jax.value_and_grad(lambda chi: lattice(chi).mu)(0.01), jax.value_and_grad(cell)(0.01)
     assert float(mu) == pytest.approx(float(expected), abs=1e-6) and float(slope) == pytest.approx(float(by_cell), rel=1e-4)
