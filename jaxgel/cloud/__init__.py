@@ -2,12 +2,13 @@
 
 from .cells import SLIVER, boundary_edges, contour_edges, partition
 from .clearance import CLEARANCE
-from .cloud import GRADING, Cloud, Topology, assemble, make_cloud, place
+from .cloud import Cloud, make_cloud, place
 from .ligaments import find_ligaments
 from .morph import thin_plate_matrix
 from .outlines import OUTLINE_SEGMENTS, Outline
 from .quadrature import EDGE_POINTS, edge_points, square_cells
 from .quadtree import make_background
+from .topology import GRADING, Topology, assemble
 
 __all__ = [
     "CLEARANCE",

@@ -9,6 +9,7 @@ square, the cells have them too.
 import dataclasses
 import functools
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
@@ -16,10 +17,10 @@ from scipy.spatial import cKDTree
 
 from .._types import Float, Int
 from ..geometry import SYMMETRIES
+from .outlines import SNAP
 from .triangles import nearest_points, signed_areas, triangulate
 
 SLIVER = 0.3  # pieces below this fraction of their background square join the neighbour with the longest common edge
-SNAP = 1e-7  # points closer than this times the spacing are one vertex
 EQUAL = 1e-6  # relative difference of two common edges that are equally long
 
 
@@ -37,6 +38,8 @@ class Partition:
     """Vertex numbers, anticlockwise."""
     cell_of_triangle: Int[np.ndarray, " t"]
     """Cell number of each triangle, 0 ... n_cells - 1."""
+    region_of_cell: Int[np.ndarray, " c"]
+    """Region of each cell: 0 outside the plate's regions, else one more than the number of its region."""
     quadrilaterals: Int[np.ndarray, "k 2"]
     """Pairs of triangles that are integrated as one quadrilateral: halves of a parallelogram, or of what a mirror of its piece keeps."""
 
@@ -56,9 +59,9 @@ def partition(
     squares: list[Int[np.ndarray, " _"]],
     outline_loops: Int[np.ndarray, "s 2"],
     outline_vertices: Float[np.ndarray, "o 2"],
-    gel: shapely.Geometry,
+    regions: Sequence[shapely.Geometry],
 ) -> Partition:
-    """Partition of the polygon ``gel`` (shapely) by the background squares.
+    """Partition of the polygons ``regions`` (shapely) by the background squares.
 
     ``background`` (b, 2) are grid vertices, ``squares`` a list of vertex loops into it (anticlockwise, hanging vertices included),
     ``outline_vertices`` (o, 2) the fine outline vertices, ``outline_loops`` their segments (s, 2) as numbers into it.
@@ -69,18 +72,25 @@ def partition(
     around = np.array([*squares, None], dtype=object)[:-1]  # an array of arrays, also if all loops are equally long
     boxes = _polygons(background, around)
     tolerance = SNAP * np.sqrt(np.median(shapely.area(boxes)))
-    shapely.prepare(gel)
-    whole = shapely.covers(gel, boxes)
-    whole[lines.query(boxes, predicate="dwithin", distance=tolerance)[0]] = False  # a side may lie along an outline
-    pieces, square = _clip(boxes, np.flatnonzero(~whole), gel)
+    region = np.full(len(boxes), -1)  # of whole squares
+    for number, gel in enumerate(regions):
+        shapely.prepare(gel)
+        region[shapely.covers(gel, boxes)] = number
+    region[lines.query(boxes, predicate="dwithin", distance=tolerance)[0]] = -1  # a side may lie along an outline
+    whole, pieces = region >= 0, [_clip(boxes, np.flatnonzero(region < 0), gel) for gel in regions]
+    square, owner = np.concatenate([part[1] for part in pieces]), np.repeat(np.arange(len(regions)), [len(part[1]) for part in pieces])
+    pieces = np.concatenate([part[0] for part in pieces])
     vertices, loops, cut_segments, cut_fractions = _number_vertices(pieces, known, segments, lines, tolerance)
     solid = np.array([len(np.unique(loop[0])) > 2 for loop in loops], dtype=bool)  # others are thinner than the tolerance
     loops, square = [[loop] for loop in around[whole]] + list(itertools.compress(loops, solid)), square[solid]
+    region = np.concatenate([region[whole], owner[solid]])  # of pieces
     images = _images(vertices, loops, tolerance)
     triangles, piece_of_triangle, quadrilaterals = triangulate(vertices, loops, images)
     squares_area = shapely.area(np.concatenate([boxes[whole], boxes[square]]))
-    cell_of_triangle = _merge_slivers(vertices, triangles, piece_of_triangle, squares_area, images)
-    return Partition(vertices, cut_segments, cut_fractions, triangles, cell_of_triangle, quadrilaterals)
+    cell_of_triangle = _merge_slivers(vertices, triangles, piece_of_triangle, squares_area, region, images)
+    region_of_cell = np.zeros(cell_of_triangle.max() + 1, dtype=int)
+    region_of_cell[cell_of_triangle] = region[piece_of_triangle]
+    return Partition(vertices, cut_segments, cut_fractions, triangles, cell_of_triangle, region_of_cell, quadrilaterals)
 
 
 def _images(vertices, loops, tolerance):
@@ -160,8 +170,8 @@ def _locate_on_segments(cuts, known, segments, lines, tolerance):
     return nearest, fraction
 
 
-def _merge_slivers(vertices, triangles, piece_of_triangle, square_area, images):
-    """Cell numbers (t,) after small pieces joined the neighbour with the longest common edge, smallest piece first.
+def _merge_slivers(vertices, triangles, piece_of_triangle, square_area, region, images):
+    """Cell numbers (t,) after small pieces joined the neighbour of their region with the longest common edge, smallest piece first.
 
     The images of a piece do as it does; between two neighbours that a mirror exchanges it joins none.
     """
@@ -177,7 +187,7 @@ def _merge_slivers(vertices, triangles, piece_of_triangle, square_area, images):
             continue  # an image of it has joined, or others joined it
         lengths = {}
         for other, length in common.get(piece, ()):
-            if root[other] != root[piece]:
+            if root[other] != root[piece] and region[other] == region[piece]:
                 lengths[root[other]] = lengths.get(root[other], 0.0) + length
         if not lengths:
             continue

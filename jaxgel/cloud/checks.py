@@ -12,7 +12,7 @@ from .ligaments import sides
 from .outlines import OUTLINE_SEGMENTS, loop
 
 if TYPE_CHECKING:
-    from .cloud import Topology
+    from .topology import Topology
 
 MAX_NODES = 1_000_000  # of a cloud: a model of a million nodes takes tens of gigabytes
 

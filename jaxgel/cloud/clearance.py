@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from .._types import Float
 from ..geometry import Plate, inside_holes
-from .outlines import OUTLINE_SEGMENTS, Outline
+from .outlines import OUTLINE_SEGMENTS, SNAP, Outline, on_lines
 from .quadtree import Background
 
 CLEARANCE = 0.2  # least distance of a background vertex from an outline node, in sides of the largest square around it
@@ -18,26 +18,40 @@ ROUND_OFF = 1e-12  # of a unit vector
 EQUAL = 1e-9  # of a side: difference of two distances that are equal
 
 
-def with_clearance(plate: Plate, background: Background, outlines: tuple[Outline, ...], points: Float[np.ndarray, "o 2"]) -> Background:
+def with_clearance(
+    plate: Plate,
+    background: Background,
+    outlines: tuple[Outline, ...],
+    interfaces: tuple[Outline, ...],
+    points: Float[np.ndarray, "o 2"],
+) -> Background:
     """The background with its vertices in the gel moved to ``CLEARANCE`` from the nearest outline node, along the outline's normal there.
 
-    ``points`` (o, 2) are the fine outlines'. Vertices on an edge of the plate stay on it; the plate's corners do not move.
+    ``points`` (o, 2) are those of the fine outlines and ``interfaces``; from these vertices on either side are moved, but not those on
+    them.
+    Vertices on an edge of the plate stay on it; the plate's corners do not move.
     """
-    if not outlines:
+    lines = outlines + interfaces
+    if not lines:
         return background
-    nodes, normals = _nodes_and_normals(outlines, points, len(background.vertices))
+    nodes, normals = _nodes_and_normals(lines, points, len(background.vertices))
     vertices, side = background.vertices, background.side.min()
     least = CLEARANCE * side / 2.0 ** background.fewest_halvings(vertices)
     (distance, second), (nearest, other) = (part.T for part in cKDTree(nodes).query(vertices, k=2))
     free = distance < least * (1 - EQUAL)
     normals = normals[nearest] + np.where((second < distance + EQUAL * side)[:, None], normals[other], 0.0)  # between two as near: of both
     free[free] = ~inside_holes(plate, vertices[free], 1e-9 * side)
+    free &= ~on_lines(interfaces, points, len(background.vertices), vertices, SNAP * side)
     on_edge = np.abs(np.abs(vertices) + background.low) < 1e-9 * side
     free &= ~on_edge.all(axis=1)
     from_node, least = vertices[free] - nodes[nearest[free]], least[free]
     direction = np.where(on_edge[free], 0.0, normals[free])
     direction /= np.linalg.norm(direction, axis=1, keepdims=True) + ROUND_OFF  # zero at an edge that the outline runs along
     along = (from_node * direction).sum(axis=1)
+    beyond = (along < 0) & (
+        nearest[free] >= sum(len(o.vertices[::OUTLINE_SEGMENTS]) for o in outlines)
+    )  # on the other side of an interface
+    direction[beyond], along[beyond] = -direction[beyond], -along[beyond]
     step = np.sqrt(along**2 + least**2 - distance[free] ** 2) - along
     moved = vertices.copy()
     moved[free] += step[:, None] * direction

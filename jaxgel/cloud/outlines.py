@@ -6,11 +6,12 @@ import functools
 import numpy as np
 import shapely
 
-from .._types import Float, Int
+from .._types import Bool, Float, Int
 from ..geometry import Arc, Plate, arc_points, arcs, equal_arc_length, outline_points
 from .quadtree import Background
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
+SNAP = 1e-7  # points closer than this times the spacing are one vertex
 CROWDED = 1.15  # outline nodes to a side of a square beyond which no pressure holds their motions; the paper's clouds have up to 1.11
 
 
@@ -31,12 +32,20 @@ class Outline:
         return self.arc.closed
 
 
-def fine_outlines(plate: Plate, nodes_per_hole: int, background: Background) -> tuple[tuple[Outline, ...], Float[np.ndarray, "o 2"]]:
-    """The fine outline of every arc, numbered after the background, and its points (o, 2); its intervals are halved as the squares are."""
-    found, lines, offset = [], [], len(background.vertices)
+def fine_outlines(
+    plate: Plate, nodes_per_hole: int | None, background: Background, offset: int
+) -> tuple[tuple[Outline, ...], Float[np.ndarray, "o 2"]]:
+    """The fine outline of every arc, its vertices numbered from ``offset``, and its points (o, 2).
+
+    Intervals between nodes are halved as the squares are. Without ``nodes_per_hole`` they are about as long as the sides of the squares.
+    """
+    found, lines, side = [], [], background.side.max()
     for arc in arcs(plate):
         points = functools.partial(arc_points, plate, arc)
-        intervals = max(2, round(nodes_per_hole * _fraction_of_hole(plate, arc)))
+        if nodes_per_hole is None:
+            intervals = _intervals_of_length(side, plate, arc)
+        else:
+            intervals = max(2, round(nodes_per_hole * _fraction_of_hole(plate, arc)))
         ends = equal_arc_length(plate, arc, intervals)
         ends = np.append(ends, ends[0] + 1.0) if arc.closed else ends
         for halvings in range(len(background.halved)):
@@ -62,9 +71,32 @@ def loop(outline: Outline) -> Int[np.ndarray, " m"]:
     return np.append(outline.vertices, outline.vertices[0]) if outline.closed else outline.vertices
 
 
+def on_lines(
+    lines: tuple[Outline, ...],
+    points: Float[np.ndarray, "o 2"],
+    offset: int,
+    where: Float[np.ndarray, "p 2"],
+    tolerance: float,
+) -> Bool[np.ndarray, " p"]:
+    """Whether each place (p, 2) is within ``tolerance`` mm of one of the lines, whose ``points`` (o, 2) are numbered from ``offset``."""
+    if not lines:
+        return np.zeros(len(where), dtype=bool)
+    own = shapely.multilinestrings([shapely.LineString(points[loop(line) - offset]) for line in lines])
+    shapely.prepare(own)
+    return shapely.dwithin(own, shapely.points(where), tolerance)
+
+
 def renumbered(outline: Outline, by: int) -> Outline:
     """The outline with ``by`` added to its vertex numbers."""
     return dataclasses.replace(outline, vertices=outline.vertices + by)
+
+
+def _intervals_of_length(length, plate, arc):
+    """Number of intervals of about this ``length`` on an arc, four or a multiple of it on a closed one."""
+    hole = plate.holes[arc.hole]
+    along = _length(np.asarray(outline_points(hole, np.linspace(arc.start, arc.end, 4001))))
+    sides = sum(arc.start - 1e-9 < corner + turn < arc.end + 1e-9 for corner in hole.corners for turn in (0, 1))
+    return max(2 * sides, 4 * max(2, round(along / length / 4))) if arc.closed else max(2, 2 * sides, round(along / length))
 
 
 def _fraction_of_hole(plate, arc):
@@ -81,7 +113,24 @@ def _length(line):
 
 def gel_polygon(plate: Plate, outlines: tuple[Outline, ...], outline_vertices: Float[np.ndarray, "o 2"], offset: int) -> shapely.Geometry:
     """The dry gel as a shapely polygon: the plate less each hole's fine polygon, continued outside the plate for cut holes."""
-    box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
+    return shapely.difference(_box(plate), shapely.union_all(_polygons(plate, outlines, outline_vertices, offset)))
+
+
+def region_polygons(
+    plate: Plate, outlines: tuple[Outline, ...], interfaces: tuple[Outline, ...], vertices: Float[np.ndarray, "o 2"], offset: int
+) -> list[shapely.Geometry]:
+    """The dry gel of every region as shapely polygons, first that outside all of them; ``vertices`` (o, 2) are those of both."""
+    gel = gel_polygon(plate, outlines, vertices, offset)
+    own = _polygons(plate.with_regions_as_holes, interfaces, vertices, offset)
+    return [shapely.difference(gel, shapely.union_all(own)), *(shapely.intersection(gel, polygon) for polygon in own)]
+
+
+def _box(plate):
+    return shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
+
+
+def _polygons(plate, outlines, outline_vertices, offset):
+    """The fine polygon of every hole."""
     rings = []
     for k, hole in enumerate(plate.holes):
         own = [o for o in outlines if o.arc.hole == k]
@@ -92,10 +141,15 @@ def gel_polygon(plate: Plate, outlines: tuple[Outline, ...], outline_vertices: F
         for this, following in zip(own, own[1:] + own[:1], strict=True):
             ring.append(outline_vertices[this.vertices - offset])
             stop = following.arc.start + (following.arc.start <= this.arc.end - 1e-12 or len(own) == 1)
-            outside = np.linspace(this.arc.end, stop, 66)[1:-1]
+            outside = np.union1d(np.linspace(this.arc.end, stop, 66)[1:-1], _between(hole.corners, this.arc.end, stop))
             ring.append(np.asarray(outline_points(hole, outside % 1.0)))
         rings.append(shapely.Polygon(np.concatenate(ring)))
-    return shapely.difference(box, shapely.union_all(rings))
+    return rings
+
+
+def _between(corners, start, end):
+    """The parameters of the corners between ``start`` and ``end``, which may be above 1."""
+    return [corner + turn for corner in corners for turn in (0, 1) if start + 1e-9 < corner + turn < end - 1e-9]
 
 
 def intervals(nodes: Float[np.ndarray, "m 2"]) -> tuple[np.ndarray, Float[np.ndarray, " m-1"]]:

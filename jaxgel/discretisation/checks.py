@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .._types import Float
+from .._types import Float, Int
 from ..cloud import Topology
 from ..linalg import SOLVERS
 from .interpolation import in_plane
@@ -49,9 +49,17 @@ def check_conditions(kind: str, conditions: str, penalty: float) -> None:
         raise ValueError(f"penalty: {penalty!r} is not a finite number above 0 (kT/v per mm)")
 
 
-def check_support(topology: Topology, points: Float[np.ndarray, "p 2"], support: Float[np.ndarray, " n"], basis: str) -> None:
-    """Raise ValueError, which names the first point, for points within the supports of fewer nodes than the basis needs."""
+def check_support(
+    topology: Topology, points: Float[np.ndarray, "p 2"], regions: Int[np.ndarray, " p"], support: Float[np.ndarray, " n"], basis: str
+) -> None:
+    """Raise ValueError, which names the first point, for points within the supports of fewer nodes of their region than the basis needs."""
     nodes = topology.partition.vertices[topology.node_vertices]
+    for region in np.unique(regions):
+        own = (topology.node_regions == region).any(axis=1)
+        _check_support(nodes[own], points[regions == region], support[own], basis)
+
+
+def _check_support(nodes, points, support, basis):
     need = n_monomials(basis) + 1
     distance, index = cKDTree(nodes).query(points, k=need)
     index = np.minimum(index, len(nodes) - 1)  # a missing neighbour is infinitely far

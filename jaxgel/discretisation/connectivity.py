@@ -3,10 +3,12 @@ reference plate.
 """
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int
@@ -51,6 +53,13 @@ class Connectivity:
         """Patch number of each quadrature point."""
         return self.patch_of_cell[self.cell_of_point]
 
+    @functools.cached_property
+    def region_of_patch(self) -> Int[np.ndarray, " c"]:
+        """Region of each patch, numbered as in ``cloud.Partition``."""
+        found = np.zeros(len(self.linear), dtype=int)
+        found[self.patch_of_cell] = self.topology.partition.region_of_cell
+        return found
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Contour:
@@ -71,6 +80,9 @@ class Contour:
     is free or the edge lies inside the plate."""
     numbers: tuple[Int[np.ndarray, "..."], ...]
     """Per block (c, e) numbers of the edges on the patches' own contours, -1 for padding."""
+    on_interfaces: tuple[Int[np.ndarray, " k"], Float[np.ndarray, "k a"]] | None = None
+    """Numbers of the `points` that lie on interfaces, and the weights of the nodes in the patches' lists in the trace there, see
+    ``cloud.curves``; None without interfaces."""
 
     @property
     def rule(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
@@ -105,11 +117,11 @@ def _conforming(topology, method, basis, dmax, skin):
     contour = _contour(topology, patch_of_cell, curved=method == "mixed")
     inner, on_edge = np.asarray(quadrature.points(part.vertices)), np.asarray(contour.points(part.vertices))
     support = dmax * topology.node_spacing
-    points = np.concatenate([inner, on_edge])
-    check_support(topology, points, support, basis)
+    points, cells = np.concatenate([inner, on_edge]), np.concatenate([quadrature.owner, np.repeat(contour.cell, 2)])
+    regions = part.region_of_cell[cells]
+    check_support(topology, points, regions, support, basis)
     point_owner = patch_of_cell[quadrature.owner]
-    owner = np.concatenate([point_owner, np.repeat(contour.owner, 2)])
-    nodes, supports = pad_nodes(*reaching_nodes(topology, points, owner, support, skin), support)
+    nodes, supports = pad_nodes(*reaching_nodes(topology, points, patch_of_cell[cells], regions, support, skin), support)
 
     groups = _groups_of_similar_size(linear, quadrature.owner, patch_of_cell)
     end_nodes = plate_edge_ends(topology, contour.ends)
@@ -119,7 +131,8 @@ def _conforming(topology, method, basis, dmax, skin):
         raise ValueError(f"dmax: {dmax} is too small for the supports to reach along the plate's edges; use a larger one")
     outer = np.flatnonzero(_is_outer(contour, len(part.vertices)))
     numbers = tuple(np.where(rows >= 0, outer[rows], -1) for rows in _rows_of(contour.owner[outer], len(linear), groups))
-    contour = dataclasses.replace(contour, edge_ends=edge_ends, numbers=numbers)
+    on_interfaces = _on_interfaces(topology, contour, nodes, supports) if topology.interfaces else None
+    contour = dataclasses.replace(contour, edge_ends=edge_ends, numbers=numbers, on_interfaces=on_interfaces)
     points_of = _rows_of(point_owner, len(linear), groups)
     return Connectivity(topology, nodes, supports, patch_of_cell, linear, quadrature.owner, points_of, groups, contour)
 
@@ -133,6 +146,31 @@ def _contour(topology, patch_of_cell, *, curved):
     following = order[np.searchsorted(start, end, sorter=order)]
     middles = topology.middles(ends) if curved else None
     return Contour(ends, middles, cell, patch_of_cell[cell], following, np.full_like(ends, -1), ())
+
+
+def _on_interfaces(topology, contour, nodes, supports):
+    """`Contour.on_interfaces`: starts of edges that are vertices of an interface, and all points of edges along one."""
+    part, ends = topology.partition, contour.ends
+    n, region, traces = len(part.vertices), part.region_of_cell[contour.cell], topology.traces
+    key, reverse = ends @ [n, 1], ends @ [1, n]
+    order = np.argsort(key)
+    other = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
+    along = np.flatnonzero((key[other] == reverse) & (region != region[other]))
+    if contour.middles is None:
+        first, last = (traces[ends[along, k]] for k in range(2))
+        parts = [(2 * along + k, (1 - share) * first + share * last) for k, share in enumerate(EDGE_POINTS)]
+    else:
+        starts, (at, weights) = np.flatnonzero(np.diff(traces.indptr)[ends[:, 0]]), contour.middles
+        middle = sum(traces[at[along, k]].multiply(weights[along, k, None]) for k in range(3))
+        parts = [(2 * starts, traces[ends[starts, 0]]), (2 * along + 1, middle)]
+    numbers, values = np.concatenate([own for own, _ in parts]), sp.vstack([rows for _, rows in parts]).tocoo()
+    owner = contour.owner[numbers // 2][values.coords[0]]
+    listed = (nodes[owner] == values.coords[1][:, None]) & (supports[owner] > 0)
+    if not listed.any(axis=1).all():
+        raise ValueError("dmax: it is too small for the supports to reach along the outlines of the regions; use a larger one")
+    found = np.zeros((len(numbers), nodes.shape[1]))
+    found[values.coords[0], listed.argmax(axis=1)] = values.data
+    return numbers, found
 
 
 def _is_outer(contour, n):
@@ -178,9 +216,9 @@ def paper_connectivity(
     counts = counts[counts > 0]
     points, weight = points[outside], weight[outside]
     support = dmax * topology.node_spacing
-    check_support(topology, points, support, basis)
-    members = np.arange(len(counts))
-    nodes, supports = pad_nodes(*reaching_nodes(topology, points, np.repeat(members, counts), support, 0.0), support)
+    outside, members = np.zeros(len(points), dtype=int), np.arange(len(counts))
+    check_support(topology, points, outside, support, basis)
+    nodes, supports = pad_nodes(*reaching_nodes(topology, points, np.repeat(members, counts), outside, support, 0.0), support)
     numbers = pad_rows(np.arange(len(points)), counts, members)
     none = np.zeros(0, dtype=int)
     contour = Contour(np.full((0, 2), -1), None, none, none, none, np.full((0, 2), -1), ())

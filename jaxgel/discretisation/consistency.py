@@ -25,7 +25,7 @@ def consistent_gradients(
     One constant vector per cell and node is added to the gradients so that sum_q w_q dphi_a(q) is the contour integral of phi_a n, the
     integration constraint of Chen et al. (2001). With curved sides the weights are scaled to the area inside each cell's dry contour, and
     the contour integral is the derivative of that area by the position of node a. Contour edges with ``edge_ends``, see ``Contour``, carry
-    the linear trace between these two nodes.
+    the linear trace between these two nodes, and points on interfaces the trace that is common to both sides.
     """
     lists, supports, contour = connectivity.nodes, connectivity.support, connectivity.contour
     quadrature = connectivity.topology.quadrature
@@ -33,6 +33,9 @@ def consistent_gradients(
     _, dphi = evaluate_points(nodes, quadrature.points(vertices), owner=connectivity.owner, **shared)
     on_contour = contour.points(vertices)
     trace = evaluate_points(nodes, on_contour, owner=np.repeat(contour.owner, 2), gradients=False, **shared)
+    if contour.on_interfaces is not None:
+        at, weights = contour.on_interfaces
+        trace = jnp.asarray(trace).at[at].set(weights)
     numbers = connectivity.cell_of_point, connectivity.patch_of_cell, contour.ends, contour.cell
     following = None if contour.middles is None else contour.following
     weight = quadrature.weights(vertices)

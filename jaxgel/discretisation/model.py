@@ -155,6 +155,8 @@ def discretise(
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
     topology = cloud.topology
     if quadrature == "paper":
+        if topology.plate.regions:
+            raise ValueError("quadrature: 'paper' has no cells along the outlines of regions; use 'conforming'")
         if topology.plate.kinematics != "plane strain":
             raise ValueError(f"quadrature: 'paper' knows plane strain only, not {topology.plate.kinematics!r}; use 'conforming'")
         if is_moved(cloud):

@@ -19,20 +19,29 @@ def neighbours_of_points(
 ) -> tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]]:
     """Padded node lists and supports of material points and of all points within ``room`` mm of them."""
     support = dmax * topology.node_spacing
-    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), support, room)
+    regions = topology.regions_at(reference_points)
+    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), regions, support, room)
     return pad_nodes(*reaching, support)
 
 
 def reaching_nodes(
-    topology: Topology, points: Float[np.ndarray, "p 2"], owner: Int[np.ndarray, " p"], support: Float[np.ndarray, " n"], skin: float
+    topology: Topology,
+    points: Float[np.ndarray, "p 2"],
+    owner: Int[np.ndarray, " p"],
+    regions: Int[np.ndarray, " p"],
+    support: Float[np.ndarray, " n"],
+    skin: float,
 ) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " o"]]:
     """Numbers of the nodes whose ``support`` reaches a point of each owner to within ``skin`` mm, ascending, owner after owner.
 
-    The second value is how many each owner has. ``points`` lie on the reference plate; ``owner`` numbers count from 0.
+    The second value is how many each owner has. ``points`` lie on the reference plate, in these ``regions``, whose nodes alone reach them;
+    ``owner`` numbers count from 0.
     """
     nodes = topology.partition.vertices[topology.node_vertices]
     pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max() + skin, output_type="ndarray")
     pairs = pairs[pairs["v"] < support[pairs["j"]] + skin]
+    if topology.interfaces:
+        pairs = pairs[(topology.node_regions[pairs["j"]] == regions[pairs["i"], None]).any(axis=1)]
     key = np.unique(owner[pairs["i"]] * len(nodes) + pairs["j"])
     return key % len(nodes), np.bincount(key // len(nodes), minlength=owner.max() + 1)
 

@@ -76,7 +76,8 @@ def _connected_parts(topology, block):
     key, reverse = edges @ [n, 1], edges @ [1, n]
     order = np.argsort(key)
     at = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
-    inside = (key[at] == reverse) & (block[owner] == block[owner[at]])
+    region = part.region_of_cell[owner]
+    inside = (key[at] == reverse) & (block[owner] == block[owner[at]]) & (region == region[at])
     pairs = owner[inside], owner[at[inside]]
     graph = sp.coo_array((np.ones(len(pairs[0])), pairs), (len(block), len(block)))
     return sp.csgraph.connected_components(graph, directed=False)[1]

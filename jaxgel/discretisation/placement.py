@@ -66,6 +66,8 @@ def quality(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None
     support, points = dmax * topology.node_spacing, (np.asarray(quadrature.points(before)), np.asarray(quadrature.points(now)))
     nodes = before[topology.node_vertices], now[topology.node_vertices]
     near = cKDTree(points[1]).sparse_distance_matrix(cKDTree(nodes[1]), support.max(), output_type="ndarray")
+    regions = topology.partition.region_of_cell[quadrature.owner]
+    near = near[(topology.node_regions[near["j"]] == regions[near["i"], None]).any(axis=1)]
     i, j = near["i"], near["j"]
     listed = np.linalg.norm(points[0][i] - nodes[0][j], axis=1) < support[j] + SKIN * cloud.spacing
     depth = np.where(listed, 0.0, (support[j] - near["v"]) / topology.node_spacing[j])

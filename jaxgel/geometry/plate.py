@@ -38,6 +38,8 @@ class Plate:
     holes: Sequence[Hole] = ()
     """The holes; kept as a tuple."""
     _: dataclasses.KW_ONLY
+    regions: Sequence[Hole] = ()
+    """Outlines of the parts of the plate that have a material of their own, see ``materials.Composite``; kept as a tuple."""
     edges: Mapping[str, str] | str = "roller"
     """A condition for all edges, or edge -> condition; edges left out are rollers. "roller" holds the displacement normal to the edge,
     "fixed" both components, "free" none; opposite edges that are "periodic" move alike but for ``deformation``."""
@@ -75,10 +77,12 @@ class Plate:
         object.__setattr__(self, "deformation", checked_deformation(self.deformation, self.edges))
         object.__setattr__(self, "displacement", checked_displacement(self.displacement, self.edges))
         object.__setattr__(self, "core", tuple(float(c) for c in self.core))
-        object.__setattr__(self, "holes", (self.holes,) if isinstance(self.holes, Hole) else tuple(self.holes))
-        for k, hole in enumerate(self.holes):
-            if not isinstance(hole, Hole):
-                raise ValueError(f"holes[{k}]: {hole!r} is not a hole such as Circle(centre=(0, 0), radius=1)")
+        for name in ("holes", "regions"):
+            outlines = getattr(self, name)
+            object.__setattr__(self, name, (outlines,) if isinstance(outlines, Hole) else tuple(outlines))
+            for k, outline in enumerate(getattr(self, name)):
+                if not isinstance(outline, Hole):
+                    raise ValueError(f"{name}[{k}]: {outline!r} is not a {name[:-1]} such as Circle(centre=(0, 0), radius=1)")
 
     @property
     def moved(self) -> bool:
@@ -90,17 +94,26 @@ class Plate:
         """Parameters of all holes: a tuple of dicts, name -> array; a pytree, the argument of ``at``."""
         return tuple(hole.theta for hole in self.holes)  # pyright: ignore[reportGeneralTypeIssues]
 
-    def at(self, theta: Sequence[Mapping[str, object]]) -> "Plate":
-        """The plate with new hole parameters, which may be traced.
+    @property
+    def theta_of_regions(self) -> tuple[dict[str, Array], ...]:
+        """Parameters of the outlines of all regions, likewise."""
+        return tuple(region.theta for region in self.regions)
+
+    @property
+    def with_regions_as_holes(self) -> "Plate":
+        """The plate whose holes are the regions of this one: `arcs` and all that follows the outlines of holes serve for them too."""
+        return dataclasses.replace(self, holes=self.regions, regions=(), reference=None)
+
+    def at(self, theta: Sequence[Mapping[str, object]], regions: Sequence[Mapping[str, object]] | None = None) -> "Plate":
+        """The plate with new parameters of its holes, and of its ``regions`` if given, which may be traced.
 
         ``theta`` has one dict per hole, name -> value; what is left out stays as it is. The result's ``reference`` is the plate
         that was first moved. Raises ValueError for a wrong number of holes, an unknown name or a value of another shape.
         """
-        if len(theta) != len(self.holes):
-            raise ValueError(f"theta: {len(theta)} entries for {len(self.holes)} holes; give one dict of parameters per hole")
-        holes = tuple(_hole_at(hole, new, f"theta[{k}]") for k, (hole, new) in enumerate(zip(self.holes, theta, strict=True)))  # pyright: ignore[reportGeneralTypeIssues]
+        holes = _all_at(self.holes, theta, "theta", "hole")
+        moved = self.regions if regions is None else _all_at(self.regions, regions, "regions", "region")
         reference = self if self.reference is None and not _traced(self) else self.reference
-        return dataclasses.replace(self, holes=holes, reference=reference)
+        return dataclasses.replace(self, holes=holes, regions=moved, reference=reference)
 
 
 def reference_plate(plate: Plate) -> Plate:
@@ -122,32 +135,75 @@ def check_plate(plate: Plate) -> None:
     That is: values that are not finite or not positive, outlines that cross themselves, holes outside the plate, with a side along
     its edge, overlapping or touching each other, swallowing the plate or cutting it into parts. The plate's edge may cut holes.
     """
-    for k, hole in enumerate(plate.holes):
-        check_parameters(hole, f"holes[{k}]")
     box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
     touch = TOUCH * min(plate.width, plate.height)
-    inner = []
-    for k, hole in enumerate(plate.holes):
-        shape = shapely.Polygon(np.asarray(outline_points(hole, np.union1d(np.arange(1440) / 1440, hole.corners))))
-        if not shape.is_valid or not shape.exterior.is_ccw:
-            raise ValueError(f"holes[{k}]: its outline crosses itself or runs clockwise; give a simple anticlockwise outline")
-        if shape.intersection(box).area <= touch**2:
-            raise ValueError(f"holes[{k}]: it lies outside the plate, |x| <= {plate.width / 2:g}, |y| <= {plate.height / 2:g}; move it in")
-        if shape.contains(box):
-            raise ValueError(f"holes[{k}]: it covers the whole plate of {plate.width:g} x {plate.height:g} mm; make it smaller")
-        _check_sides_along_edges(plate, hole, f"holes[{k}]", touch)
+    shapes = _checked_outlines(plate, "holes", box, touch)
+    for k, shape in enumerate(shapes):
         if plate.moved and any(shape.contains(shapely.Point(corner)) for corner in shapely.get_coordinates(box)):
             raise ValueError(f"holes[{k}]: it takes a corner of a plate whose edges move; choose the plate so that its corners are gel")
-        for edge, (axis, coordinate) in edge_lines(plate).items():
-            if plate.edges[edge] == "periodic" and np.max(np.sign(coordinate) * shapely.get_coordinates(shape)[:, axis]) > abs(coordinate):
-                raise ValueError(f"holes[{k}]: the periodic edge {edge} cuts it; choose the cell so that its holes lie inside")
-        inner.append(shape.intersection(box))
-    inner = np.array(inner, dtype=object)
-    for i, j in np.argwhere(np.triu(shapely.dwithin(inner[:, None], inner[None, :], touch), 1)):
+        for edge in _periodic_edges_across(plate, shape):
+            raise ValueError(f"holes[{k}]: the periodic edge {edge} cuts it; choose the cell so that its holes lie inside")
+    inner = shapely.intersection(shapes, box)
+    for i, j in _apart(inner, touch):
         raise ValueError(f"holes[{i}], holes[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
     rest = shapely.get_parts(shapely.difference(box, shapely.union_all(inner)))
     if len(rest) != 1:
         raise ValueError(f"holes: they cut the plate into {len(rest)} parts; leave one connected piece")
+    _check_regions(plate, shapes, box, touch)
+
+
+def _check_regions(plate, holes, box, touch):
+    """Refuse regions that cross a hole or each other; ``holes`` are polygons."""
+    shapes = _checked_outlines(plate, "regions", box, touch)
+    for k, shape in enumerate(shapes):
+        crossed = _periodic_edges_across(plate, shape)
+        if crossed and set(crossed) not in ({"left", "right"}, {"bottom", "top"}):
+            raise ValueError(f"regions[{k}]: the periodic edge {crossed[0]} cuts it; choose the cell so that it lies inside, or is a layer")
+    inner = shapely.intersection(shapes, box)
+    for i, j in _apart(inner, touch):
+        raise ValueError(f"regions[{i}], regions[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
+    lines = shapely.intersection(shapely.boundary(shapes), box), shapely.intersection(shapely.boundary(holes), box)
+    for i, j in np.argwhere(shapely.dwithin(lines[0][:, None], lines[1][None, :], touch)):
+        raise ValueError(f"regions[{i}], holes[{j}]: their outlines cross or touch; leave more than {touch:.2g} mm between them")
+    for i, j in np.argwhere(shapely.contains(holes[:, None], inner[None, :])):
+        raise ValueError(f"regions[{j}]: it lies in holes[{i}]; to fill a hole give its outline as a region instead")
+
+
+def _checked_outlines(plate, name, box, touch):
+    """Polygons of the ``holes`` or ``regions``, also outside the plate; ValueError for one that has no part or all of the plate."""
+    found = np.empty(len(getattr(plate, name)), dtype=object)
+    for k, outline in enumerate(getattr(plate, name)):
+        where = f"{name}[{k}]"
+        check_parameters(outline, where)
+        shape = shapely.Polygon(np.asarray(outline_points(outline, np.union1d(np.arange(1440) / 1440, outline.corners))))
+        if not shape.is_valid or not shape.exterior.is_ccw:
+            raise ValueError(f"{where}: its outline crosses itself or runs clockwise; give a simple anticlockwise outline")
+        if shape.intersection(box).area <= touch**2:
+            raise ValueError(f"{where}: it lies outside the plate, |x| <= {plate.width / 2:g}, |y| <= {plate.height / 2:g}; move it in")
+        if shape.contains(box):
+            raise ValueError(f"{where}: it covers the whole plate of {plate.width:g} x {plate.height:g} mm; make it smaller")
+        _check_sides_along_edges(plate, outline, where, touch)
+        found[k] = shape
+    return found
+
+
+def _periodic_edges_across(plate, shape):
+    """The periodic edges beyond which a polygon reaches."""
+    points = shapely.get_coordinates(shape)
+    lines = ((edge, line) for edge, line in edge_lines(plate).items() if plate.edges[edge] == "periodic")
+    return [edge for edge, (axis, coordinate) in lines if np.max(np.sign(coordinate) * points[:, axis]) > abs(coordinate)]
+
+
+def _apart(one, touch):
+    """Pairs of numbers i < j of polygons (k,) that are not more than ``touch`` apart."""
+    return np.argwhere(np.triu(shapely.dwithin(one[:, None], one[None, :], touch), 1))
+
+
+def _all_at(outlines, theta, name, kind):
+    """The holes or regions with the parameters of ``theta``, a dict for each, in place of their own."""
+    if len(theta) != len(outlines):
+        raise ValueError(f"{name}: {len(theta)} entries for {len(outlines)} {kind}s; give one dict of parameters per {kind}")
+    return tuple(_hole_at(hole, new, f"{name}[{k}]") for k, (hole, new) in enumerate(zip(outlines, theta, strict=True)))
 
 
 def _hole_at(hole, new, where):

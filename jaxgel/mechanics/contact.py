@@ -237,7 +237,7 @@ def contact_groups(topology: Topology, dmax: float) -> "list[ContactGroup]":
         points, joined = np.concatenate(points), np.concatenate(joined)
         vertices = np.concatenate([o.vertices for o in topology.outlines])[points]
         reference = topology.partition.vertices[vertices]
-        nodes, _ = reaching_nodes(topology, reference, np.zeros(len(points), dtype=int), support, room)
+        nodes, _ = reaching_nodes(topology, reference, np.zeros(len(points), dtype=int), topology.regions_at(reference), support, room)
         images = _images(topology.plate, [topology.outlines[i].arc for i in own])
         found.setdefault((len(points), len(images)), []).append((k, points, joined, nodes, *np.moveaxis(images, 1, 0)))
     return [_group(holes, len(topology.node_vertices)) for holes in found.values()]

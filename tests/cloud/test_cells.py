@@ -127,4 +127,4 @@ def test_a_clipped_corner_off_every_outline_is_reported():
     outline = np.array([[0.5, 0.0], [0.5, 1.0]])
     gel = shapely.Polygon([(0, 0), (0.8, 0.0), (0.5, 1.0), (0, 1)])  # not along the outline
     with pytest.raises(RuntimeError, match=r"a clipped vertex lies 3\.0e-01 off every hole outline"):
-        partition(grid, [np.arange(4)], np.array([[0, 1]]), outline, gel)
+        partition(grid, [np.arange(4)], np.array([[0, 1]]), outline, [gel])
