@@ -51,6 +51,8 @@ from .geometry import Polygon as Polygon
 from .geometry import Rectangle as Rectangle
 from .geometry import Superellipse as Superellipse
 from .materials import ArrudaBoyce as ArrudaBoyce
+from .materials import Composite as Composite
+from .materials import Elastomer as Elastomer
 from .materials import Gel as Gel
 from .materials import Gent as Gent
 from .materials import PixelField as PixelField

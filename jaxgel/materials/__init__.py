@@ -1,5 +1,22 @@
 """The gel: free energy, stress, free and uniaxial swelling."""
 
+from .checks import check_gel, check_parameter
+from .composite import (
+    Composite,
+    Elastomer,
+    Filled,
+    by_material,
+    elastic_energy,
+    elastic_film_energy,
+    elastic_film_pressure,
+    elastic_film_stiffness,
+    elastic_film_stretch,
+    elastic_film_stretch_at,
+    elastic_pressure,
+    elastic_stiffness,
+    elastic_volume_ratio,
+    takes_solvent,
+)
 from .deng2020 import paper_free_energy, paper_stress, paper_tangent, voigt
 from .fields import (
     LocalValues,
@@ -28,10 +45,13 @@ from .film import (
 )
 from .gel import ArrudaBoyce, Gel, Gent, bulk_stiffness, cauchy_stress, free_energy, neo_hookean, osmotic
 from .mixing import flory_huggins, flory_rehner
-from .swelling import check_gel, check_parameter, free_swelling, largest_mu, largest_pressure, uniaxial_swelling, volume_ratio_at
+from .swelling import free_swelling, largest_mu, largest_pressure, uniaxial_swelling, volume_ratio_at
 
 __all__ = [
     "ArrudaBoyce",
+    "Composite",
+    "Elastomer",
+    "Filled",
     "Gel",
     "Gent",
     "LocalValues",
@@ -39,10 +59,20 @@ __all__ = [
     "Varying",
     "WithHoles",
     "bulk_stiffness",
+    "by_material",
     "cauchy_stress",
     "check_gel",
     "check_network",
     "check_parameter",
+    "elastic_energy",
+    "elastic_film_energy",
+    "elastic_film_pressure",
+    "elastic_film_stiffness",
+    "elastic_film_stretch",
+    "elastic_film_stretch_at",
+    "elastic_pressure",
+    "elastic_stiffness",
+    "elastic_volume_ratio",
     "elementwise",
     "fields_of",
     "film_energy",
@@ -67,6 +97,7 @@ __all__ = [
     "paper_stress",
     "paper_tangent",
     "split",
+    "takes_solvent",
     "uniaxial_swelling",
     "value",
     "varies",

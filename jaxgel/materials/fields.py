@@ -120,7 +120,7 @@ def _taken(gel, values):
 
 def varies(gel: Any) -> bool:
     """Whether a parameter of the gel is a field, or its values."""
-    parts = jax.tree.leaves(gel, is_leaf=lambda part: part is not gel)
+    parts = jax.tree.leaves(gel, is_leaf=lambda part: callable(part) or isinstance(part, LocalValues | Varying))
     return any(callable(part) or isinstance(part, LocalValues | Varying) for part in parts)
 
 

@@ -15,11 +15,10 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Array, Float
+from .composite import SLACK
 from .fields import Varying, elementwise
 from .gel import neo_hookean
 from .swelling import Numbers, _volume_ratio_or_nan, branch_ends, inverted, rises_always
-
-SLACK = 1e-9  # of Nv: a film's pressure that is not below this is taken for it, as none at or above zero exists
 
 
 def check_network(gel: Any) -> None:

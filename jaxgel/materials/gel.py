@@ -20,9 +20,10 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
+from .checks import check_number
 from .fields import Field
 from .mixing import flory_rehner
-from .swelling import Numbers, _check, _elementwise
+from .swelling import Numbers, _elementwise
 
 
 def neo_hookean(F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
@@ -55,7 +56,7 @@ class Gent:
     Jm: float  # the largest I - 3 ()
 
     def __post_init__(self) -> None:
-        _check("Jm", self.Jm, lambda v: 0 < v < math.inf, "a finite number > 0")
+        check_number("Jm", self.Jm, lambda v: 0 < v < math.inf, "a finite number > 0")
 
     def __call__(self, F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
         return -gel.Nv * self.Jm / 2 * jnp.log1p(-(jnp.sum(F**2) - 2) / self.Jm)
@@ -71,7 +72,7 @@ class ArrudaBoyce:
     N: float  # links per chain ()
 
     def __post_init__(self) -> None:
-        _check("N", self.N, lambda v: 0 < v < math.inf, "a finite number > 0")
+        check_number("N", self.N, lambda v: 0 < v < math.inf, "a finite number > 0")
 
     def __call__(self, F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
         invariant = jnp.sum(F**2) + 1

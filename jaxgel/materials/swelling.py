@@ -8,45 +8,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from .._types import Array, Bool, Float, Scalar
-from .fields import LocalValues, Varying, elementwise, split, value
+from .fields import Varying, elementwise, split, value
 from .mixing import flory_rehner, good_solvent
 
 Numbers = Float[Array, "..."] | Scalar
 
 SMALLEST_SWELLING, LARGEST_SWELLING = 1e-14, 1e8  # bounds of J - 1 in the search for a volume ratio
 _MOST_STEPS = 100  # 52 bisections take the whole interval of ln(J - 1) to round-off
-
-
-ACCEPTED = {
-    "Nv": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),
-    "chi": (lambda v: (v > 0) & (v < 2), "a number in (0, 2), bounds excluded"),
-}  # of the parameters: what is accepted, of a number or an array, and the same in words
-
-
-def check_gel(gel: Any, mu: object = None) -> None:
-    """Raise ValueError, one line, unless Nv > 0, 0 < chi < 2 and ``mu`` (number or array, if given) is finite.
-
-    Traced values pass, and fields, which `check_parameter` sees at the points of a model.
-    """
-    for name, (accepted, text) in ACCEPTED.items():
-        parameter = getattr(gel, name)
-        if not (callable(parameter) or isinstance(parameter, LocalValues)):
-            _check(name, parameter, accepted, text)
-    if mu is not None and not any(isinstance(value, Tracer) for value in jax.tree.leaves(mu)):
-        for value in np.ravel(np.asarray(mu, dtype=object)):
-            _check("mu", value, math.isfinite, "a finite number (chemical potential in kT)")
-
-
-def check_parameter(name: str, values: Float[Array, " p"], places: Float[Array, "p 2"]) -> None:
-    """Raise ValueError, one line, with the first of the ``places``, mm, at which the value of a field is not accepted or not finite."""
-    accepted, text = ACCEPTED.get(name, (np.isfinite, "a finite number"))
-    wrong = np.flatnonzero(~accepted(np.asarray(values)))
-    if len(wrong):
-        x, y = np.asarray(places)[wrong[0]]
-        raise ValueError(f"{name}: {float(values[wrong[0]]):g} at ({x:.4g}, {y:.4g}) mm is not accepted, it must be {text}")
 
 
 def _volume_only(J, gel):
@@ -239,15 +209,3 @@ def _elementwise(function, x, gel):
     """``function(x (), gel)`` at every element of ``x`` (...), with the parameters of its place where these are `Varying`."""
     gel = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), gel)
     return elementwise(function, jnp.asarray(x, float), gel)
-
-
-def _check(name, value, accepted, text):
-    if isinstance(value, Tracer):
-        return
-    try:
-        number = math.nan if isinstance(value, str) or np.ndim(value) else float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not accepted(number):
-        shown = repr(value) if math.isnan(number) and not isinstance(value, np.generic | jax.Array) else f"{number:g}"
-        raise ValueError(f"{name}: {shown} is not accepted, it must be {text}")

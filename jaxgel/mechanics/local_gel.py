@@ -9,23 +9,43 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._types import Scalar
+from .._memo import once_per_owner
+from .._types import Int, Scalar
+from ..cloud import Topology
 from ..discretisation import Model
-from ..materials import Gel, LocalValues, WithHoles, check_network, check_parameter, fields_of, with_parameters
+from ..materials import (
+    Composite,
+    Elastomer,
+    Filled,
+    Gel,
+    LocalValues,
+    WithHoles,
+    check_gel,
+    check_network,
+    check_parameter,
+    fields_of,
+    named_parameters,
+    with_parameters,
+)
 from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, is_film
 
 
-def localised(model: Model, gel: Gel) -> Gel:
-    """The gel with `LocalValues` in place of its fields; a gel of numbers as it is.
+def localised(model: Model, gel: Gel | Composite) -> Gel:
+    """The gel with `LocalValues` in place of its fields; a gel of numbers as it is. Of a `Composite` every parameter has local values.
 
-    ValueError for a network that a film cannot have, for a field that does not give one number, and, with the place, for a number that a
-    gel cannot have; traced values pass.
+    ValueError for a network that a film cannot have, for other numbers of materials than the plate has regions, for a field that does not
+    give one number, and, with the place, for a number that a gel cannot have; traced values pass.
     """
     if is_film(model):
-        check_network(gel)
+        check_network(gel.matrix if isinstance(gel, Composite) else gel)
     for part in jax.tree.leaves(gel, is_leaf=lambda part: isinstance(part, LocalValues)):
         if isinstance(part, LocalValues) and part.groups.shape != np.shape(carries_volume(model)):
             raise ValueError("gel: has the values of its fields on another model; give the fields themselves")
+    return _composed(model, gel) if isinstance(gel, Composite) else _with_values(model, gel)
+
+
+def _with_values(model, gel):
+    """The gel or elastomer with `LocalValues` in place of its fields."""
     fields = fields_of(gel)
     if not fields:
         return gel
@@ -36,6 +56,57 @@ def localised(model: Model, gel: Gel) -> Gel:
         local = _evaluated(name, field, reference if isinstance(field, WithHoles) else places)
         gel = with_parameters(gel, lambda part, field=field, local=local: local if part is field else part)
     return gel
+
+
+def _composed(model, gel):
+    """The gel of a `Composite` with the values of each region's material there."""
+    check_gel(gel)
+    count = len(model.lists.topology.plate.regions)
+    if len(gel.regions) != count:
+        raise ValueError(f"gel: a Composite of {len(gel.regions)} regions does not fit a plate of {count}; give a material for each region")
+    own = [named_parameters(_with_values(model, material)) for material in (gel.matrix, *gel.regions)]
+    matrix = own[0]
+    local = {name: _by_region(model, [part.get(name, matrix[name]) for part in own]) for name in matrix}
+    found = jax.tree.unflatten(jax.tree.structure(gel.matrix, is_leaf=lambda part: part is not gel.matrix), list(local.values()))
+    if not any(isinstance(material, Elastomer) for material in gel.regions):
+        return found
+    return Filled(found, _by_region(model, [part.get("bulk", 0.0) for part in own]))
+
+
+def _by_region(model, parameters):
+    """`LocalValues` of a parameter given for each region, the first one outside all of them, as numbers or `LocalValues`.
+
+    Numbers that are all the same stay one number.
+    """
+    if all(part is parameters[0] or (_is_number(part) and part == parameters[0]) for part in parameters):
+        return parameters[0]
+    numbers = jnp.stack([jnp.nan if isinstance(part, LocalValues) else jnp.asarray(part, float) for part in parameters])
+    regions, blocks = model.lists.region_of_patch, model.blocks
+
+    def chosen(regions, values_of, shape):
+        values = jnp.broadcast_to(numbers[regions], shape)
+        for number, part in enumerate(parameters):
+            if isinstance(part, LocalValues):
+                values = jnp.where(regions == number, values_of(part), values)
+        return values
+
+    own = [regions[np.asarray(block.patches)][:, None] for block in blocks]
+    points = tuple(chosen(own[k], lambda part, k=k: part.points[k], block.weight.shape) for k, block in enumerate(blocks))
+    of_groups = np.concatenate([np.tile(r, (1, block.n_groups)).ravel() for r, block in zip(own, blocks, strict=True)])
+    outline = _outline_regions(model.lists.topology)
+    groups = chosen(of_groups, lambda part: part.groups, of_groups.shape)
+    return LocalValues(points, groups, chosen(outline, lambda part: part.outline, outline.shape))
+
+
+def _is_number(parameter):
+    return isinstance(parameter, int | float)
+
+
+@once_per_owner
+def _outline_regions(topology: Topology) -> Int[np.ndarray, " p"]:
+    """The region of each outline vertex."""
+    numbers = np.concatenate([np.zeros(0, int), *(outline.vertices for outline in topology.outlines)])
+    return topology.regions_at(topology.partition.vertices[numbers])
 
 
 def mean_parameter(parameter: Scalar | LocalValues, model: Model) -> Scalar:

@@ -28,14 +28,13 @@ from .problem import Problem
 from .volumes import (
     all_volumes,
     by_block,
-    carries_volume,
     cofactors,
-    is_film,
     local_positions,
     pressure_at,
     pressure_rate,
     ratio_at,
     stiffness_at,
+    swelling_of,
     volume_ratios,
 )
 
@@ -78,8 +77,7 @@ def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], m
     rhs = problem.loads - network - touch - nodal_sum(gradients, p, model)
     topology = model.lists.topology
     across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
-    swelling = jnp.where(carries_volume(model), star if is_film(model) else star - 1, 0.0)
-    violation = jnp.max(jnp.abs(error) / (swelling + ROUND_OFF)) / max(1.0, across / FINE)
+    violation = jnp.max(jnp.abs(error) / (swelling_of(star, model, gel) + ROUND_OFF)) / max(1.0, across / FINE)
     per_force = 1 / (jnp.linalg.norm(network) + jnp.linalg.norm(problem.loads))
     residual_norm = jnp.linalg.norm(gather(rhs, problem.free)) * per_force
     return Linearisation(rhs, gradients, stiffness_at(star, model, gel, mu), error, residual_norm, violation, per_force)

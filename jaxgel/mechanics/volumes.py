@@ -6,6 +6,8 @@ follows the gel: its pressure is p = d volumetric / dJ - mu. In a film, in plane
 stiffness of the network, p = HELD Nv J, so that its energy is HELD Nv/2 V J^2.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +18,15 @@ from ..discretisation import Model, PatchBlock, in_plane
 from ..materials import (
     Gel,
     bulk_stiffness,
+    by_material,
+    elastic_energy,
+    elastic_film_energy,
+    elastic_film_pressure,
+    elastic_film_stiffness,
+    elastic_film_stretch_at,
+    elastic_pressure,
+    elastic_stiffness,
+    elastic_volume_ratio,
     elementwise,
     film_energy,
     film_pressure,
@@ -23,6 +34,7 @@ from ..materials import (
     film_stretch_at,
     gel_in_groups,
     osmotic,
+    takes_solvent,
     value,
     volume_ratio_at,
 )
@@ -128,30 +140,36 @@ def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c
 def ratio_at(p: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
     """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible."""
     carries, gel = carries_volume(model), gel_in_groups(gel)
-    ratio = film_stretch_at if is_film(model) else volume_ratio_at
-    star = ratio(jnp.where(carries, p, -1.0) if not carries.all() else p, mu, gel)
+    ratio, elastic = (film_stretch_at, elastic_film_stretch_at) if is_film(model) else (volume_ratio_at, elastic_volume_ratio)
+    safe = jnp.where(carries, p, -1.0) if not carries.all() else p
+    star = by_material(lambda p, gel: ratio(p, mu, gel), elastic, safe, -1.0, gel)
     return jnp.where(carries, star, p / (HELD * value(gel.Nv)))
 
 
 def pressure_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
-    """Pressure of each group at its volume ratio ``J``, kT/v; nan where a group that carries volume has J <= 1."""
+    """Pressure of each group at its volume ratio ``J``, kT/v; nan where a group of gel that carries volume has J <= 1."""
     carries, gel = carries_volume(model), gel_in_groups(gel)
-    pressure = film_pressure if is_film(model) else osmotic
-    return jnp.where(carries, pressure(jnp.where(carries, J, 2.0), mu, gel), HELD * value(gel.Nv) * J)
+    pressure, elastic = (film_pressure, elastic_film_pressure) if is_film(model) else (osmotic, elastic_pressure)
+    own = by_material(lambda J, gel: pressure(J, mu, gel), elastic, jnp.where(carries, J, 2.0), 2.0, gel)
+    return jnp.where(carries, own, HELD * value(gel.Nv) * J)
 
 
 def stiffness_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
     """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v."""
     carries, gel = carries_volume(model), gel_in_groups(gel)
     safe = jnp.where(carries, J, 2.0)
-    return jnp.where(carries, film_stiffness(safe, mu, gel) if is_film(model) else bulk_stiffness(safe, gel), HELD * value(gel.Nv))
+    if is_film(model):
+        own = by_material(lambda A, gel: film_stiffness(A, mu, gel), elastic_film_stiffness, safe, 2.0, gel)
+    else:
+        own = by_material(bulk_stiffness, elastic_stiffness, safe, 2.0, gel)
+    return jnp.where(carries, own, HELD * value(gel.Nv))
 
 
 def pressure_rate(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
-    """Derivative dp/dmu of the pressure of each group at its volume ratio ``J``, 1/v; -1 in plane strain."""
+    """Derivative dp/dmu of the pressure of each group at its volume ratio ``J``, 1/v; -1 in a gel in plane strain."""
     if is_film(model):
         return jax.jvp(lambda mu: pressure_at(J, model, gel, mu), (jnp.asarray(mu, float),), (1.0,))[1]
-    return -carries_volume(model).astype(float)
+    return -(carries_volume(model) * takes_solvent(gel_in_groups(gel))).astype(float)
 
 
 def volume_energy(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, ""]:
@@ -159,10 +177,17 @@ def volume_energy(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> 
     carries, gel = carries_volume(model), gel_in_groups(gel)
     safe = jnp.where(carries, J, 2.0)
     if is_film(model):
-        swelling = film_energy(safe, mu, gel)
+        own = by_material(lambda A, gel: film_energy(A, mu, gel), elastic_film_energy, safe, 2.0, gel)
     else:
-        swelling = elementwise(lambda J, gel: gel.volumetric(J, gel) - mu * (J - 1), safe, gel)
-    return jnp.sum(all_volumes(model) * jnp.where(carries, swelling, HELD * value(gel.Nv) / 2 * J**2))
+        swelling = functools.partial(elementwise, lambda J, gel: gel.volumetric(J, gel) - mu * (J - 1))
+        own = by_material(swelling, elastic_energy, safe, 2.0, gel)
+    return jnp.sum(all_volumes(model) * jnp.where(carries, own, HELD * value(gel.Nv) / 2 * J**2))
+
+
+def swelling_of(J: Float[Array, " g"], model: Model, gel: Gel) -> Float[Array, " g"]:
+    """What the accuracy of each group's volume ratio ``J`` is measured by: J - 1 in a gel in plane strain, J elsewhere; 0 if held."""
+    dry = jnp.where(takes_solvent(gel_in_groups(gel)), 0.0 if is_film(model) else 1.0, 0.0)
+    return jnp.where(carries_volume(model), J - dry, 0.0)
 
 
 def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:

@@ -1,0 +1,73 @@
+"""What the parameters of a gel are refused for."""
+
+import math
+from typing import Any
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from .._types import Float
+from .composite import Composite, Elastomer
+from .fields import LocalValues
+
+ACCEPTED = {
+    "Nv": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),
+    "chi": (lambda v: (v > 0) & (v < 2), "a number in (0, 2), bounds excluded"),
+    "bulk": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),
+}  # of the parameters: what is accepted, of a number or an array, and the same in words
+
+
+def check_gel(gel: Any, mu: object = None) -> None:
+    """Raise ValueError, one line, unless Nv > 0, 0 < chi < 2 and ``mu`` (number or array, if given) is finite.
+
+    Traced values pass, and fields, which `check_parameter` sees at the points of a model. Of a `Composite` every material is checked.
+    """
+    if isinstance(gel, Composite):
+        check_gel(gel.matrix, mu)
+        for k, material in enumerate(gel.regions):
+            _check_region(f"regions[{k}]", material, gel.matrix)
+        return
+    for name in ("Nv", "bulk" if isinstance(gel, Elastomer) else "chi"):
+        parameter = getattr(gel, name)
+        if not (callable(parameter) or isinstance(parameter, LocalValues)):
+            check_number(name, parameter, *ACCEPTED[name])
+    if mu is not None and not any(isinstance(value, Tracer) for value in jax.tree.leaves(mu)):
+        for value in np.ravel(np.asarray(mu, dtype=object)):
+            check_number("mu", value, math.isfinite, "a finite number (chemical potential in kT)")
+
+
+def _check_region(where, material, matrix):
+    if not isinstance(material, Elastomer):
+        if type(material) is not type(matrix):
+            raise ValueError(f"{where}: {material!r} is neither an Elastomer nor a {type(matrix).__name__}, as the matrix is")
+        for name in ("network", "volumetric"):
+            if getattr(material, name) != getattr(matrix, name):
+                own, needed = getattr(material, name), getattr(matrix, name)
+                raise ValueError(f"{where}: its {name} is {own!r}, it must be that of the matrix, {needed!r}")
+    try:
+        check_gel(material)
+    except ValueError as problem:
+        raise ValueError(f"{where}: {problem}") from None
+
+
+def check_parameter(name: str, values: Float[Any, " p"], places: Float[Any, "p 2"]) -> None:
+    """Raise ValueError, one line, with the first of the ``places``, mm, at which the value of a field is not accepted or not finite."""
+    accepted, text = ACCEPTED.get(name, (np.isfinite, "a finite number"))
+    wrong = np.flatnonzero(~accepted(np.asarray(values)))
+    if len(wrong):
+        x, y = np.asarray(places)[wrong[0]]
+        raise ValueError(f"{name}: {float(values[wrong[0]]):g} at ({x:.4g}, {y:.4g}) mm is not accepted, it must be {text}")
+
+
+def check_number(name: str, value: object, accepted: Any, text: str) -> None:
+    """Raise ValueError, one line, unless ``value`` is a number that is ``accepted``, in words ``text``; traced values pass."""
+    if isinstance(value, Tracer):
+        return
+    try:
+        number = math.nan if isinstance(value, str) or np.ndim(value) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not accepted(number):
+        shown = repr(value) if math.isnan(number) and not isinstance(value, np.generic | jax.Array) else f"{number:g}"
+        raise ValueError(f"{name}: {shown} is not accepted, it must be {text}")
