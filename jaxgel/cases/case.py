@@ -7,6 +7,8 @@ A table has the sections of a case file, all but ``plate`` optional:
                        `geometry.Plate`; either with kinematics = "plane stress" for a film
     [[holes]]          kind = "ellipse" and the hole's own parameters, its angle in radians or as angle_deg in degrees; as many as there
                        are holes, none with a sample; or kind = "outline", file = "hole.dxf" (.csv, .svg), see `hole_table`
+    [[regions]]        outlines as of holes, of parts with a material of their own: gel = {Nv, chi ...}, what differs from the plate's, or
+                       elastomer = {Nv, bulk}, which takes no solvent
     [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
     [gel]              Nv, chi, each a number or a grey picture {file = "mask.png", low, high} that covers the plate, see `io.masks`;
                        energy = "module:function" and numbers that the function takes, see `user_energy`
@@ -25,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from .._validation import check
+from .._validation import check, did_you_mean
 from ..bifurcation import CriticalPoint, critical_points, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions
@@ -33,13 +35,13 @@ from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import State
 from ..geometry import Plate, check_plate
 from ..io import mask_table, mask_values, read_toml
-from ..materials import Gel, PixelField, WithHoles, check_gel
+from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, named_parameters
 from ..mechanics import Loads, check_edges, check_room, with_contact
 from .samples import sample
-from .schema import HOLES, OPTIONS, OutputOptions, case_schema
+from .schema import HOLES, MATERIAL, OPTIONS, OutputOptions, case_schema
 from .user_energy import user_gel
 
-SECTIONS = ("plate", "holes", "moved", "gel", "loads", "sweep", "discretisation", "output")
+SECTIONS = ("plate", "holes", "regions", "moved", "gel", "loads", "sweep", "discretisation", "output")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,8 +52,8 @@ class Case:
     """Built-in name, or the case file's name without its ending."""
     plate: Plate
     """Plate with its holes."""
-    gel: Gel
-    """Material."""
+    gel: Gel | Composite
+    """Material, or those of the plate and its regions."""
     loads: Loads
     """Body force and tractions."""
     sweep: SweepOptions
@@ -61,7 +63,7 @@ class Case:
     output: OutputOptions
     """Files to write."""
     source: dict
-    """The ``plate``, ``holes`` and ``moved`` sections that it was made from, and ``gel`` where that names an energy."""
+    """The ``plate``, ``holes``, ``regions`` and ``moved`` sections that it was made from, and ``gel`` where that names an energy."""
 
     def cloud(self) -> Cloud:
         """The cloud of the plate, or of the plate from which it was moved; ValueError where it cannot be made."""
@@ -104,7 +106,8 @@ class Case:
 
     def table(self) -> dict:
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
-        numbers = {name: float(own) for name, own in (("Nv", self.gel.Nv), ("chi", self.gel.chi)) if not callable(own)}
+        matrix = self.gel.matrix if isinstance(self.gel, Composite) else self.gel
+        numbers = {name: float(own) for name, own in (("Nv", matrix.Nv), ("chi", matrix.chi)) if not callable(own)}
         gel = self.source.get("gel", {}) | numbers
         options = {section: _given(getattr(self, section)) for section in OPTIONS}
         return self.source | {"gel": gel} | {section: given for section, given in options.items() if given}
@@ -137,13 +140,16 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
     """
     check(table, case_schema(), "case file")
     holes = [_numbers_of(hole, folder, f"holes[{i}]") for i, hole in enumerate(table.get("holes", []))]
-    plate, moved = table["plate"], table.get("moved", [])
-    gel = {key: mask_table(own, folder, f"gel.{key}") if isinstance(own, dict) else own for key, own in table.get("gel", {}).items()}
-    found = _moved(_plate(plate, holes, name), moved)
-    source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("moved", moved)) if value}
+    regions = [_numbers_of(region, folder, f"regions[{i}]") for i, region in enumerate(table.get("regions", []))]
+    regions = [{key: _pixels(own, folder, f"regions[{i}].{key}") for key, own in region.items()} for i, region in enumerate(regions)]
+    plate, moved, gel = table["plate"], table.get("moved", []), _pixels(table.get("gel", {}), folder, "gel")
+    found = _moved(_plate(plate, holes, regions, name), moved)
+    source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("regions", regions), ("moved", moved)) if value}
     source |= {"gel": gel} if "energy" in gel or any(isinstance(own, dict) for own in gel.values()) else {}
     options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
-    return Case(name, found, _gel(gel, found, folder or "."), source=source, **options)
+    material = _materials(_gel(gel, found, folder or "."), regions, found)
+    check_gel(material)
+    return Case(name, found, material, source=source, **options)
 
 
 def _check_mu_used(section, old, entries):
@@ -174,19 +180,27 @@ def _numbers_of(hole, folder, where):
     return hole_table(hole, folder, where)
 
 
-def _plate(table, holes, name):
+def _pixels(table, folder, where):
+    """A table with the pixels of its pictures in place of their files; other values as they are."""
+    if not isinstance(table, dict):
+        return table
+    return {key: mask_table(own, folder, f"{where}.{key}") if isinstance(own, dict) else own for key, own in table.items()}
+
+
+def _plate(table, holes, regions, name):
+    regions = [_outline(f"regions[{i}]", {k: v for k, v in region.items() if k not in MATERIAL}) for i, region in enumerate(regions)]
     if "sample" not in table:
-        return Plate(**table, holes=[_hole(i, hole) for i, hole in enumerate(holes)], name=name)
+        return Plate(**table, holes=[_outline(f"holes[{i}]", hole) for i, hole in enumerate(holes)], regions=regions, name=name)
     if holes:
         raise ValueError(f"holes: plate.sample = {table['sample']!r} has its own; drop one of the two")
-    return dataclasses.replace(sample(table["sample"]), **{key: value for key, value in table.items() if key != "sample"})
+    return dataclasses.replace(sample(table["sample"]), regions=regions, **{k: value for k, value in table.items() if k != "sample"})
 
 
-def _hole(i, table):
+def _outline(where, table):
     try:
         return HOLES[table["kind"]](**{key: value for key, value in _in_radians(table).items() if key != "kind"})
     except ValueError as problem:
-        raise ValueError(f"holes[{i}]: {problem}") from None
+        raise ValueError(f"{where}: {problem}") from None
 
 
 def _in_radians(table):
@@ -206,24 +220,34 @@ def _moved(plate, moved):
 
 def _gel(table, plate, folder):
     default = plate.gel or Gel()
-    own = {key: _parameter(key, value, plate) for key, value in table.items() if key != "energy"}
+    own = {key: _parameter(f"gel.{key}", value, plate) for key, value in table.items() if key != "energy"}
     numbers = {"Nv": default.Nv, "chi": default.chi} | own
-    gel = user_gel(table["energy"], numbers, folder) if "energy" in table else Gel(**numbers)
-    check_gel(gel)
-    return gel
+    return user_gel(table["energy"], numbers, folder) if "energy" in table else Gel(**numbers)
 
 
-def _parameter(name, value, plate):
+def _materials(gel, regions, plate):
+    """The gel, or the `Composite` of it and the materials of the regions."""
+    return Composite(gel, tuple(_material(region, f"regions[{i}]", gel, plate) for i, region in enumerate(regions))) if regions else gel
+
+
+def _material(region, where, gel, plate):
+    """The material of a region."""
+    kind = "gel" if "gel" in region else "elastomer"
+    own = {key: _parameter(f"{where}.{kind}.{key}", value, plate) for key, value in region[kind].items()}
+    unknown = next((key for key in own if kind == "gel" and not hasattr(gel, key)), None)
+    if unknown is not None:
+        raise ValueError(f"{where}.gel: {unknown!r} is no number of the plate's gel; {did_you_mean(unknown, named_parameters(gel))}")
+    return dataclasses.replace(gel, **own) if kind == "gel" else Elastomer(**own)
+
+
+def _parameter(where, value, plate):
     """A number, or the field of a picture on the dry plate."""
     if not isinstance(value, dict):
         return float(value)
     for end in ("low", "high"):
-        try:
-            check_gel(Gel(**{name: value[end]}))
-        except ValueError as problem:
-            raise ValueError(f"gel.{name}.{end}: {str(problem).partition(': ')[2]}") from None
+        check_number(f"{where}.{end}", value[end], *ACCEPTED[where.rpartition(".")[2]])
     w, h = plate.width, plate.height
-    field = PixelField(mask_values(value, (w, h), f"gel.{name}"), (-w / 2, w / 2, -h / 2, h / 2))
+    field = PixelField(mask_values(value, (w, h), where), (-w / 2, w / 2, -h / 2, h / 2))
     return WithHoles(field) if value.get("with_holes") else field
 
 

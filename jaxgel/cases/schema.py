@@ -7,7 +7,7 @@ import inspect
 import sys
 from typing import Any
 
-from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, listed, not_both, option, tabled, whole, word
+from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, exactly_one, listed, not_both, option, tabled, whole, word
 from ..continuation import SweepOptions
 from ..discretisation import DiscretisationOptions
 from ..geometry import CONDITIONS, EDGES, KINEMATICS, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
@@ -27,6 +27,10 @@ GEL = {
     "chi": _number_or_picture(NUMBER | {"exclusiveMinimum": 0.0, "exclusiveMaximum": 2.0})
     | {"description": "Flory's parameter of mixing."},
 }
+ELASTOMER = {
+    "Nv": _number_or_picture(POSITIVE) | {"description": "Shear modulus, kT/v."},
+    "bulk": _number_or_picture(POSITIVE) | {"description": "Bulk modulus, kT/v."},
+}
 ENERGY = {
     "type": "string",
     "pattern": r"^[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*$",
@@ -38,7 +42,7 @@ ENERGY = {
 @functools.cache
 def case_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a case file, a dict."""
-    sections = {"plate": _plate(), "holes": listed(_hole()), "gel": _gel()}
+    sections = {"plate": _plate(), "holes": listed(_hole()), "regions": listed(_hole(MATERIAL)), "gel": _gel()}
     sections["moved"] = listed({"type": "object"} | not_both(("angle", "angle_deg"))) | {
         "description": "Parameters that replace those of each hole."
     }
@@ -86,9 +90,11 @@ def _plate():
     }
 
 
-def _hole():
-    """The kind decides about the other entries."""
+def _hole(material=None):
+    """The kind decides about the other entries; those of a region say which ``material`` it has."""
     kinds = {kind: _parameters(kind) for kind in HOLES} | {"outline": OUTLINE}
+    if material is not None:
+        kinds = {kind: rule | {"properties": rule["properties"] | material} | exactly_one(tuple(material)) for kind, rule in kinds.items()}
     rules = [{"if": {"properties": {"kind": {"const": kind}}}, "then": rule} for kind, rule in kinds.items()]
     return {"type": "object", "required": ["kind"], "properties": {"kind": word(kinds)}, "allOf": rules}
 
@@ -125,6 +131,11 @@ def _options(cls):
     return tabled(properties)
 
 
+MATERIAL = {
+    "gel": {"type": "object", "properties": GEL, "additionalProperties": NUMBER}
+    | {"description": "The gel of a region: what differs from that of the plate."},
+    "elastomer": tabled(ELASTOMER, list(ELASTOMER)) | {"description": "A passive material in place of a gel; it takes no solvent."},
+}
 HOLES = {kind.__name__.lower(): kind for kind in (Circle, Ellipse, Rectangle, Superellipse, Fourier, Polygon)}
 _CONDITION = word(CONDITIONS)
 PLATE = {

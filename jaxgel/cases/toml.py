@@ -7,7 +7,7 @@ import numpy as np
 
 from ..geometry import Plate
 from .case import Case, from_table
-from .schema import GEL, OPTIONS, PLATE, field_texts, hole_texts
+from .schema import GEL, MATERIAL, OPTIONS, PLATE, field_texts, hole_texts
 
 COLUMN = 43  # where comments start
 EXAMPLE = {
@@ -33,7 +33,10 @@ def explicit(case: Case) -> Case:
     own["displacement"] = {edge: value for edge, value in case.plate.displacement.items() if any(value)}
     plate = {key: value for key, value in own.items() if value not in ({}, defaults[key])} | {"edges": dict(case.plate.edges)}
     holes = [_hole(hole) for hole in case.plate.holes]
-    source = {"plate": plate} | ({"holes": holes} if holes else {}) | {key: case.source[key] for key in ("gel",) if key in case.source}
+    materials = [{key: own[key] for key in MATERIAL if key in own} for own in case.source.get("regions", [])]
+    regions = [_hole(region) | material for region, material in zip(case.plate.regions, materials, strict=True)]
+    source = {"plate": plate} | {key: own for key, own in (("holes", holes), ("regions", regions)) if own}
+    source |= {key: case.source[key] for key in ("gel",) if key in case.source}
     return dataclasses.replace(case, source=source)
 
 
@@ -51,10 +54,12 @@ def case_text(case: Case) -> str:
     table = case.table()
     lines = [f"# {case.name}: lengths in mm, mu in kT. jaxgel schema lists all that is accepted.", ""]
     for section, entries in table.items():
-        if section != "holes":
+        if section not in ("holes", "regions"):
             lines += [f"[{section}]", *_lines(entries, _texts(section)), *_left_out(section, entries), ""]
-        for hole in entries if section == "holes" else ():
-            lines += ["[[holes]]", *_lines(hole, hole_texts(hole["kind"])), ""]
+            continue
+        materials = {key: rule["description"] for key, rule in MATERIAL.items()}
+        for outline in entries:
+            lines += [f"[[{section}]]", *_lines(outline, hole_texts(outline["kind"]) | materials), ""]
     return "\n".join(lines)
 
 

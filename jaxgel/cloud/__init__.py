@@ -5,7 +5,7 @@ from .clearance import CLEARANCE
 from .cloud import Cloud, make_cloud, place
 from .ligaments import find_ligaments
 from .morph import thin_plate_matrix
-from .outlines import OUTLINE_SEGMENTS, Outline
+from .outlines import OUTLINE_SEGMENTS, Outline, loop
 from .quadrature import EDGE_POINTS, edge_points, square_cells
 from .quadtree import make_background
 from .topology import GRADING, Topology, assemble
@@ -24,6 +24,7 @@ __all__ = [
     "contour_edges",
     "edge_points",
     "find_ligaments",
+    "loop",
     "make_background",
     "make_cloud",
     "partition",

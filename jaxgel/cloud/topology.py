@@ -122,10 +122,10 @@ class Topology:
         return polygons
 
     def regions_at(self, points: Float[np.ndarray, "p 2"]) -> Int[np.ndarray, " p"]:
-        """The region (p,) of each point (p, 2) of the reference plate, numbered as those of cells; 0 in a hole."""
+        """The region (p,) of each point (p, 2) of the reference plate, numbered as those of cells; on an outline the one inside it."""
         found = np.zeros(len(points), dtype=int)
         for number in range(1, len(self.plate.regions) + 1):
-            found[shapely.intersects(self._region_polygons[number], shapely.points(points))] = number
+            found[shapely.dwithin(self._region_polygons[number], shapely.points(points), SNAP * self.spacing)] = number
         return found
 
 

@@ -1,6 +1,6 @@
 """The gel: free energy, stress, free and uniaxial swelling."""
 
-from .checks import check_gel, check_parameter
+from .checks import ACCEPTED, check_gel, check_number, check_parameter
 from .composite import (
     Composite,
     Elastomer,
@@ -48,6 +48,7 @@ from .mixing import flory_huggins, flory_rehner
 from .swelling import free_swelling, largest_mu, largest_pressure, uniaxial_swelling, volume_ratio_at
 
 __all__ = [
+    "ACCEPTED",
     "ArrudaBoyce",
     "Composite",
     "Elastomer",
@@ -63,6 +64,7 @@ __all__ = [
     "cauchy_stress",
     "check_gel",
     "check_network",
+    "check_number",
     "check_parameter",
     "elastic_energy",
     "elastic_film_energy",

@@ -17,6 +17,8 @@ from ..materials import (
     Gel,
     LocalValues,
     Varying,
+    by_material,
+    elastic_film_stretch,
     elementwise,
     film_volume_ratio,
     free_swelling,
@@ -128,7 +130,8 @@ def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
 def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """Cauchy stress (k, n, 3) at the nodes, components xx, yy, xy, kT/v.
 
-    The pressure at a node is the mean over the cells that have the node as a corner of their triangles; with the paper's quadrature it is
+    The pressure at a node is the mean over the cells that have the node as a corner of their triangles; on the outline of a region it is
+    the stress inside the region. With the paper's quadrature it is
     the mean over all cells that the node's support reaches, weighted with the node's part in their stiffness.
     """
     model = path.model
@@ -167,7 +170,8 @@ def _gel_at_nodes(gel: Gel, model: Model, mean: Callable) -> Gel:
 @functools.partial(jax.vmap, in_axes=(0, 0, None, None))
 def _film_volume_ratio(x, mu, model, gel):
     A, carries = volume_ratios(x, model), carries_volume(model)
-    return _cell_means(film_volume_ratio(jnp.where(carries, A, 2.0), mu, gel_in_groups(gel)), model)
+    safe, elastic = jnp.where(carries, A, 2.0), lambda A, Nv, K: A * elastic_film_stretch(A, Nv, K)
+    return _cell_means(by_material(lambda A, gel: film_volume_ratio(A, mu, gel), elastic, safe, 2.0, gel_in_groups(gel)), model)
 
 
 def _cell_volume_ratio(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:
@@ -202,6 +206,8 @@ def _node_mean(model: Model) -> Callable[[Float[Array, " c"]], Float[Array, " n"
     number[topology.node_vertices] = np.arange(model.n_nodes)
     corners = number[part.triangles]
     pairs = np.stack([corners, np.broadcast_to(part.cell_of_triangle[:, None], corners.shape)], axis=-1)[corners >= 0]
+    node_region = topology.regions_at(part.vertices[topology.node_vertices])
+    pairs = pairs[node_region[pairs[:, 0]] == part.region_of_cell[pairs[:, 1]]]
     node, cell = np.unique(pairs, axis=0).T
     share = 1 / np.bincount(node, minlength=model.n_nodes)[node]
     return lambda values: jnp.zeros(model.n_nodes).at[node].add(share * values[cell])

@@ -12,7 +12,7 @@ from .._types import Array, Float, Int, Scalar
 from ..cloud import OUTLINE_SEGMENTS, Topology
 from ..continuation import Path
 from ..discretisation import Model
-from ..materials import elementwise, gel_on_outline, value, volume_ratio_at
+from ..materials import by_material, elastic_volume_ratio, elementwise, gel_on_outline, value, volume_ratio_at
 from ..mechanics import is_film
 
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each reduces the error by Nv over the bulk stiffness
@@ -77,9 +77,12 @@ def _surface_ratio(tangential: Float[Array, " m"], mu: Scalar, gel: Any) -> Floa
     def improved(J, _):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
         F = jnp.stack([tangential, J / tangential], axis=1)[:, :, None] * jnp.eye(2)
         force = elementwise(lambda F, gel: jax.grad(gel.network)(F, gel)[1, 1], F, gel, "(i,j)->()")
-        return volume_ratio_at(-force / tangential, mu, gel), None
+        return ratio_at(-force / tangential), None
 
-    start = jnp.broadcast_to(volume_ratio_at(-value(gel.Nv), mu, gel), tangential.shape)
+    def ratio_at(p):
+        return by_material(lambda p, gel: volume_ratio_at(p, mu, gel), elastic_volume_ratio, p, -1.0, gel)
+
+    start = ratio_at(jnp.broadcast_to(-value(gel.Nv), tangential.shape))
     J, _ = jax.lax.scan(improved, start, length=SURFACE_ITERATIONS)  # a loop: unrolled it compiles five times as long
     return J / tangential**2
 

@@ -12,19 +12,22 @@ import numpy as np
 import scipy.sparse
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
-from .._types import Array, Float, Scalar
+from .._types import Array, Float, Int, Scalar
 from ..bifurcation import CriticalPoint
-from ..cloud import Cloud, boundary_edges
+from ..cloud import Cloud, boundary_edges, loop
 from ..continuation import Path
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
 from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values
 from .style import COLOURS, GEL, LINE, WALL, length_unit, mu_text, styled
+
+PARAMETERS = {"Nv": "$Nv$", "chi": r"$\chi$", "bulk": "bulk modulus of elastomers (kT/v)"}
+WIDE = 30.0  # ratio of the largest to the smallest value of a parameter above which its scale is logarithmic
 
 
 @styled
@@ -77,10 +80,16 @@ def plot_gel(path: Path, *, axes: Any = None) -> np.ndarray:
     axes, cloud = np.ravel(axes), path.model.cloud
     vertices, cells, unit = np.asarray(cloud.vertices), np.asarray(cloud.cell_of_triangle), length_unit(cloud)
     for ax, (name, of_cells) in zip(axes, values.items(), strict=True):
-        gel = Gel(ax, cloud, vertices, of_cells[cells], (of_cells.min(), of_cells.max()))
+        gel = Gel(ax, cloud, vertices, of_cells[cells], _scale(of_cells))
         ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title="dry plate")
-        ax.figure.colorbar(gel.cells, ax=ax, label={"Nv": "$Nv$", "chi": r"$\chi$"}.get(name, name), shrink=0.85)
+        ax.figure.colorbar(gel.cells, ax=ax, label=PARAMETERS.get(name, name), shrink=0.85)
     return axes
+
+
+def _scale(values: Float[np.ndarray, " c"]) -> Normalize:
+    """The colour scale of a parameter with these ``values`` (c,) in the cells."""
+    low, high = values.min(), values.max()
+    return LogNorm(low, high) if 0 < low * WIDE < high else Normalize(low, high)
 
 
 @styled
@@ -98,8 +107,8 @@ def plot_modes(model: Model, points: list[CriticalPoint], *, axes: Any = None, s
         states = SimpleNamespace(model=model, x=np.stack([point.x, moved]))
         vertices = np.asarray(deformed_vertices(states))
         Gel(ax, model.cloud, vertices[1], None, None)
-        for loop in outlines(states):
-            ax.plot(*np.append(loop[0], loop[0, :1], axis=0).T, color=COLOURS[1], linewidth=0.8, linestyle=(0, (4, 2)))
+        for hole in outlines(states):
+            ax.plot(*np.append(hole[0], hole[0, :1], axis=0).T, color=COLOURS[1], linewidth=0.8, linestyle=(0, (4, 2)))
         draw_frame(ax, model.cloud, vertices, float(point.mu))
         ax.set_title(f"{point.kind}, {mu_text(point.mu)}")
         ax.label_outer()
@@ -139,29 +148,35 @@ def colour_range(values: list) -> tuple[float, float] | None:
 class Gel:
     """The filled gel and its outline on some axes; `move` draws another state.
 
-    A field is the mean of the cells around each vertex, and linear in the triangles.
+    A field is the mean of the cells around each vertex, and linear in the triangles; it jumps across the outlines of regions.
     """
 
-    def __init__(self, ax: Axes, cloud: Cloud, vertices: Array, values: Array | None, limits: tuple[float, float] | None) -> None:
-        self.ax, self.limits, self.cells = ax, limits or (None, None), None
-        self.triangles, self.mean = np.asarray(cloud.triangles), _vertex_mean(cloud)
-        self.boundary = boundary_edges(self.triangles)
+    def __init__(
+        self, ax: Axes, cloud: Cloud, vertices: Array, values: Array | None, limits: tuple[float, float] | Normalize | None
+    ) -> None:
+        self.ax, self.cells = ax, None
+        self.scale = limits if isinstance(limits, Normalize) else Normalize(*(limits or (None, None)))
+        self.corners, self.triangles, self.mean = _by_region(cloud)
+        self.boundary = boundary_edges(np.asarray(cloud.triangles))
+        between = [np.stack([line[:-1], line[1:]], axis=1) for line in map(loop, cloud.topology.interfaces)]
+        self.between = np.concatenate([np.zeros((0, 2), dtype=int), *between])
         self.outline = ax.add_collection(LineCollection([], colors=LINE, linewidths=0.7, capstyle="round"))
+        self.interfaces = ax.add_collection(LineCollection([], colors=LINE, linewidths=0.35, capstyle="round"))
         self.move(vertices, values)
 
     def move(self, vertices: Float[Array, "v 2"], values: Float[Array, " t"] | None) -> None:
         """Draw another state: vertices (v, 2) and triangle values (t,), or None for a plain fill."""
         if self.cells is not None:
             self.cells.remove()
-        mesh = Triangulation(*vertices.T, self.triangles)
+        mesh = Triangulation(*vertices[self.corners].T, self.triangles)
         if values is None:
             plain = {"facecolors": np.zeros(len(self.triangles)), "cmap": ListedColormap([GEL]), "antialiased": False}
             self.cells = self.ax.tripcolor(mesh, rasterized=True, **plain)
         else:
-            lowest, highest = self.limits
-            colours = {"cmap": "cividis", "vmin": lowest, "vmax": highest, "shading": "gouraud"}
+            colours = {"cmap": "cividis", "norm": self.scale, "shading": "gouraud"}
             self.cells = self.ax.tripcolor(mesh, self.mean @ values, rasterized=True, **colours)
         self.outline.set_segments(vertices[self.boundary])
+        self.interfaces.set_segments(vertices[self.between])
 
 
 def draw_frame(ax: Axes, cloud: Cloud, states: Any, mu: Scalar) -> None:
@@ -171,13 +186,19 @@ def draw_frame(ax: Axes, cloud: Cloud, states: Any, mu: Scalar) -> None:
     ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=mu_text(mu))
 
 
-def _vertex_mean(cloud: Cloud) -> scipy.sparse.sparray:
-    """Sparse matrix (v, t) that takes values on triangles to the mean over the cells around each vertex."""
+def _by_region(cloud: Cloud) -> tuple[Int[np.ndarray, " w"], Int[np.ndarray, "t 3"], scipy.sparse.sparray]:
+    """Vertices (w,) of the regions, those on an outline between two once for each, and the triangles (t, 3) between them.
+
+    The sparse matrix (w, t) takes values on triangles to the mean over the cells of the region around each vertex.
+    """
     triangles, cells = np.asarray(cloud.triangles), np.asarray(cloud.cell_of_triangle)
+    key = cloud.topology.partition.region_of_cell[cells][:, None] * len(cloud.vertices) + triangles
+    keys, corner = np.unique(key, return_inverse=True)
+    corner = corner.reshape(triangles.shape)
     _, representative = np.unique(cells, return_index=True)  # values are constant in a cell: one triangle stands for it
-    pairs = np.unique(np.stack([triangles.ravel(), np.repeat(representative[cells], 3)]), axis=1)
-    touches = scipy.sparse.csr_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(len(cloud.vertices), len(triangles)))
-    return touches / np.maximum(touches.sum(axis=1), 1.0)[:, None]
+    pairs = np.unique(np.stack([corner.ravel(), np.repeat(representative[cells], 3)]), axis=1)
+    touches = scipy.sparse.csr_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(len(keys), len(triangles)))
+    return keys % len(cloud.vertices), corner, touches / touches.sum(axis=1)[:, None]
 
 
 def _draw_edges(ax: Axes, cloud: Cloud, vertices: Float[np.ndarray, "k v 2"]) -> None:
