@@ -26,8 +26,9 @@ KEEP = 0.1  # a factorisation is kept while each correction is below this fracti
 def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
     """Triangles of a ``jaxgel.Plate``, edges up to ``size`` mm long, to ``hole`` mm on the outlines, to ``corner`` mm at their corners.
 
-    With ``folds`` = n the lower left part, 1/2^n of either side, is meshed and then mirrored n times each way, so that the mesh has the
-    mirror lines of the plate to round-off. The boundaries are "x" and "y", the walls by their normal, and "hole".
+    Regions of the plate are domains with the names "region0", "region1" ..., their outlines as fine as the holes'. With ``folds`` = n the
+    lower left part, 1/2^n of either side, is meshed and then mirrored n times each way, so that the mesh has the mirror lines of the plate
+    to round-off. The boundaries are "x" and "y", the walls by their normal, and "hole".
     """
     left, bottom = -plate.width / 2, -plate.height / 2
     face = occ.MoveTo(left, bottom).Rectangle(plate.width / 2**folds, plate.height / 2**folds).Face()
@@ -35,6 +36,14 @@ def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
         outline.edges.maxh, outline.edges.name = hole, "hole"
         outline.vertices.maxh = corner or hole
         face = face - outline
+    parts = []
+    for number, region in enumerate(map(_face, plate.regions)):
+        region.edges.maxh = hole
+        region = region * face
+        region.faces.name = f"region{number}"
+        face = face - region
+        parts.append(region)
+    face = occ.Glue([face, *parts]) if parts else face
     mesh = occ.OCCGeometry(face, dim=2).GenerateMesh(maxh=size, grading=grading)
     for n in range(folds, 0, -1):
         for start, length, axis in ((left, plate.width, (1, 0, 0)), (bottom, plate.height, (0, 1, 0))):
@@ -107,8 +116,7 @@ class MixedGel:
         grad_u, grad_v = ng.Grad(du), ng.Grad(v)
         self.F = ng.Id(2) + ng.Grad(self.u)
         C = cofactor(self.F)
-        self.J = volume_ratio(self.p, self.mu, gel, steps).Compile()
-        self.compliance = (1 / (1 / (self.J**2 * (self.J - 1)) - 2 * gel.chi / self.J**3 + gel.Nv / self.J**2)).Compile()  # dJ*/dp
+        self.J, self.compliance = (part.Compile() for part in self.volumes(gel, steps))
         # One term per line, because NGSolve evaluates every factor of an integrand once for each pair of components.
         self.tangent = ng.BilinearForm(space, condense=True)
         self.tangent += (gel.Nv * ng.InnerProduct(grad_u, grad_v) + self.p * ng.InnerProduct(cofactor(grad_u), grad_v)) * self.dx
@@ -120,6 +128,11 @@ class MixedGel:
         self.step = self.state.vec.CreateVector()
         self.inverse, self.free = None, space.FreeDofs(True)
         self.midline = np.linspace(-0.5, 0.5, 1001) * plate.width  # where extrema of the deformed line y = 0 are sought, mm
+
+    def volumes(self, gel, steps):
+        """J*(p) and dJ*/dp."""
+        J = volume_ratio(self.p, self.mu, gel, steps)
+        return J, 1 / (1 / (J**2 * (J - 1)) - 2 * gel.chi / J**3 + gel.Nv / J**2)
 
     @functools.cached_property
     def mass(self):

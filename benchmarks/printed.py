@@ -1,10 +1,11 @@
-"""Graded gels and films: sample 1 by jaxgel beside refined finite elements (NGSolve, extra ``[bench]``).
+"""Graded gels, inclusions and films: sample 1 by jaxgel beside refined finite elements (NGSolve, extra ``[bench]``).
 
-    python benchmarks/printed.py [graded film "graded film"] [--spacing 0.39]
+    python benchmarks/printed.py [graded film "graded film" stiff soft "stiff film" "soft film"] [--spacing 0.39]
 
 One row per case and mu: the core rotation of both, their relative difference, the spread of the finite elements between the two of
 `MESHES`, the negative eigenvalues of both tangents, and the surface ratio, the largest of normal to tangential stretch on the outlines by
 finite elements. The gel of the graded cases is stiffer on the right: Nv = 1e-3 (1 + sin(2 pi x / width) / 2). Films are in plane stress.
+The stiff inclusion is an elastomer, the soft one a gel with less cross-links; either is an ellipse in the middle of the plate.
 
 In plane strain the finite elements are followed up to Biot's surface ratio of 3.4. Beyond it there is no smooth state that refinement
 converges to: the finer the mesh, the earlier it is lost. So there is nothing to compare with, and the row says "-". The graded gel passes
@@ -33,7 +34,19 @@ SPACING = 22 / 56  # mm, about 1800 nodes
 TARGET = 0.5  # %
 SAMPLE = jaxgel.sample("sample-1")
 FILM = dataclasses.replace(SAMPLE, kinematics="plane stress")
-CASES = {"graded": (SAMPLE, True), "film": (FILM, False), "graded film": (FILM, True)}  # name -> plate, whether its gel is graded
+INCLUSION = jaxgel.Ellipse((0.0, 0.0), (1.5, 0.8), 0.6)
+FILLED = [dataclasses.replace(plate, regions=[INCLUSION]) for plate in (SAMPLE, FILM)]
+STIFF, SOFT = (jaxgel.Composite(SAMPLE.gel, (own,)) for own in (jaxgel.Elastomer(Nv=0.1, bulk=10.0), jaxgel.Gel(Nv=3e-4, chi=0.2)))
+GRADED = jaxgel.Gel(Nv=lambda X: graded(X[0], jnp.sin))
+CASES = {
+    "graded": (SAMPLE, GRADED),
+    "film": (FILM, SAMPLE.gel),
+    "graded film": (FILM, GRADED),
+    "stiff": (FILLED[0], STIFF),
+    "soft": (FILLED[0], SOFT),
+    "stiff film": (FILLED[1], STIFF),
+    "soft film": (FILLED[1], SOFT),
+}  # name -> plate, gel
 
 
 def graded(x, sin):
@@ -41,12 +54,39 @@ def graded(x, sin):
     return 1e-3 * (1 + 0.5 * sin(2 * math.pi * x / SAMPLE.width))
 
 
-def graded_field(X):
-    return graded(X[0], jnp.sin)
+@dataclasses.dataclass
+class Material:
+    """Parameters of the gel and of an inclusion on a mesh; ``bulk`` is above 0 in an elastomer."""
+
+    Nv: object
+    chi: object
+    bulk: object
+
+
+def material(gel, mesh):
+    """`Material` of a gel of numbers, a graded one or one with an inclusion."""
+    if gel is GRADED:
+        return Material(graded(ng.x, ng.sin), gel.chi, ng.CF(0))
+    own, inside = (gel.matrix, gel.regions[0]) if isinstance(gel, jaxgel.Composite) else (gel, gel)
+    names = [("Nv", own.Nv), ("chi", own.chi), ("bulk", 0.0)]
+    return Material(*(mesh.MaterialCF({"region0": getattr(inside, name, value)}, default=value) for name, value in names))
+
+
+class FilledGel(MixedGel):
+    """A gel with an inclusion, which may be an elastomer: p = K (J - 1) - Nv/J."""
+
+    def volumes(self, gel, steps):
+        J, compliance = super().volumes(gel, steps)
+        passive, K = gel.bulk, ng.IfPos(gel.bulk, gel.bulk, 1.0)
+        half = (K + self.p) / (2 * K)
+        own = half + ng.sqrt(half**2 + gel.Nv / K)
+        return ng.IfPos(passive, own, J), ng.IfPos(passive, 1 / (K + gel.Nv / own**2), compliance)
 
 
 class FilmGel(MixedGel):
     """A film: displacement, and in place of the pressure s = ln(J - 1) of one order less, so that the volume ratio J is above 1.
+
+    In an elastomer it is s = ln(J).
 
     The energy, with J / det F for the stretch of the thickness, is stationary in both; NGSolve differentiates it.
     """
@@ -55,11 +95,12 @@ class FilmGel(MixedGel):
         super().__init__(plate, mesh, order)
         space, gel = self.state.space, plate.gel
         (du, ds), (v, t) = space.TnT()
-        self.p.Set(START - 1)  # mu = s + 1 close to the dry state
+        self.p.Set(ng.IfPos(gel.bulk, 0.0, START - 1))  # mu = s + 1 close to the dry state
         self.F, s = (ng.Id(2) + ng.Grad(self.u)).MakeVariable(), ng.CF(self.p).MakeVariable()
-        self.J = J = 1 + ng.exp(s)
+        self.J = J = ng.IfPos(gel.bulk, 0.0, 1.0) + ng.exp(s)
         network = gel.Nv / 2 * (ng.InnerProduct(self.F, self.F) - 3 + (J / ng.Det(self.F)) ** 2 - 2 * ng.log(J))
-        self.density = network - (J - 1) * ng.log(1 + ng.exp(-s)) - gel.chi / J - self.mu * (J - 1)
+        swelling = -(J - 1) * ng.log(1 + ng.exp(-s)) - gel.chi / J - self.mu * (J - 1)
+        self.density = network + ng.IfPos(gel.bulk, gel.bulk / 2 * (J - 1) ** 2, swelling)
         first = self.density.Diff(self.F, ng.Grad(v)) + self.density.Diff(s, t)
         self.residual, self.tangent = ng.LinearForm(space), ng.BilinearForm(space, condense=True)
         self.residual += first.Compile() * self.dx
@@ -75,10 +116,9 @@ def main(names, spacing):
     heads = ("mu", "jaxgel", "NGSolve", "difference", "spread", "met", "negative", "NGSolve's", "surface")
     print(f"{'':>12}" + "".join(f"{head:>11}" for head in heads))
     for name in names or CASES:
-        plate, is_graded = CASES[name]
-        path, seconds = swept(plate, jaxgel.Gel(Nv=graded_field) if is_graded else plate.gel, spacing)
-        material = jaxgel.Gel(Nv=graded(ng.x, ng.sin)) if is_graded else plate.gel
-        results = [elements(dataclasses.replace(plate, gel=material), mesh) for mesh in MESHES]
+        plate, gel = CASES[name]
+        path, seconds = swept(plate, gel, spacing)
+        results = [elements(plate, gel, mesh) for mesh in MESHES]
         angles = np.asarray(jaxgel.core_rotation(path))
         for k, mu in enumerate(MU):
             found = angles[k] if k < len(path) else math.nan
@@ -105,10 +145,12 @@ def swept(plate, gel, spacing):
     return jaxgel.sweep(model, gel, mu=list(MU), contact="off"), time.perf_counter() - begin
 
 
-def elements(plate, mesh):
+def elements(plate, gel, mesh):
     """Finite elements: {"rows": {mu: core rotation, negative eigenvalues, surface ratio}, "size", "seconds"}."""
     begin, is_film = time.perf_counter(), plate.kinematics == "plane stress"
-    gel = FilmGel(*meshed(plate, mesh)) if is_film else MixedGel(*meshed(plate, mesh), steps=4)
+    _, made, order = meshed(plate, mesh)
+    plate = dataclasses.replace(plate, gel=material(gel, made))
+    gel = FilmGel(plate, made, order) if is_film else FilledGel(plate, made, order, steps=4)
     rows = {}
     for mu in gel.follow(stops(START, sorted({*MU, *SMALL_STEPS.tolist()}))):
         surface = gel.outlines()[2].max()

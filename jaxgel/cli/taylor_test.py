@@ -26,6 +26,7 @@ from ..cases import Case
 from ..continuation import Path
 from ..equilibrium import acting_problem, solve
 from ..io import write_atomically
+from ..materials import Composite, Elastomer
 from ..mechanics import condensed_rhs, factorised_tangent, linearise, prepare, scatter, with_contact
 from ..observables import area_reduction, core_rotation, is_flat, rotation_angle
 
@@ -35,8 +36,9 @@ RATE_ERROR = 0.05  # of a rate that is judged: below 2 - 0.05 = RATE it is not n
 NOISE_VALUES = 9  # values, the last step apart, from which the noise is estimated
 STEPS = {"angle": 2e-5, "cos": 2e-5, "sin": 2e-5, "exponent": 1e-4, "mu": 0.01, "chi": 0.005}
 LENGTH = 1e-4  # first step of lengths over the node spacing
-SHARE = 0.1  # first step of Nv over its value: its effect is nearly linear
+SHARE = {"Nv": 0.1, "bulk": 0.02}  # first step over the value: the effect of Nv is nearly linear
 FILE = "check-grad.csv"
+REGIONS, MATERIALS = "regions: ", "materials: "  # what the names of their families begin with
 OBJECTIVES = {
     "rotation": lambda path: rotation_angle(path)[-1],
     "core rotation": lambda path: core_rotation(path)[-1],
@@ -53,7 +55,7 @@ class Row:
     objective: str
     """A name of ``OBJECTIVES``."""
     family: str
-    """Name of the parameters that vary together, of all holes."""
+    """Name of the parameters that vary together, of all holes, of all ``regions`` or of the ``materials`` of these."""
     direction: int
     """Number of the random direction."""
     slope: float
@@ -81,16 +83,18 @@ def check_gradient(
 
     def moved(tree):
         """The model with the holes of a point."""
-        placed = cloud.at(plate.at([{name: tree[name][k] for name in hole.theta} for k, hole in enumerate(plate.holes)]))
-        return case.discretisation.model(placed)
+        holes = [{name: tree[name][k] for name in hole.theta} for k, hole in enumerate(plate.holes)]
+        regions = [{name: tree[REGIONS + name][k] for name in region.theta} for k, region in enumerate(plate.regions)]
+        return case.discretisation.model(cloud.at(plate.at(holes, regions)))
 
     def made(tree):
         """Model, gel and loads (n, 2) of a point; the start's model where only the gel or mu are others."""
-        model = start.model if start and all(tree[name] is point[name] for hole in plate.holes for name in hole.theta) else moved(tree)
+        model = start.model if start and all(tree[name] is point[name] for name in outlines) else moved(tree)
         loads = case.loads.of(model)
         loads = push if loads is None else loads if push is None else loads + push
-        return model, dataclasses.replace(case.gel, Nv=tree["Nv"], chi=tree["chi"]), loads
+        return model, _gel_at(case.gel, tree), loads
 
+    outlines = [name for name in point if name not in ("Nv", "chi", "mu") and not name.startswith(MATERIALS)]
     push = start = None
     model, gel, loads = made(point)
     push = imperfection_load(model, gel, case.sweep, loads=loads)
@@ -156,13 +160,31 @@ def write_table(rows: list[Row], folder: pathlib.Path) -> None:
 
 
 def _point(plate, gel, mu):
-    """Family -> its values: hole parameters {hole: value} by name, then Nv and chi, numbers or fields, and mu."""
+    """Family -> its values: hole parameters {hole: value} by name, those of regions, then Nv and chi, numbers or fields, and mu."""
     families = {}
-    for k, hole in enumerate(plate.holes):
-        for name, value in hole.theta.items():
-            families.setdefault(name, {})[k] = jnp.asarray(value, dtype=float)
-    parameters = jax.tree.map(lambda value: jnp.asarray(value, dtype=float), {"Nv": gel.Nv, "chi": gel.chi})
-    return families | parameters | {"mu": jnp.asarray(mu)}
+    for prefix, own in (("", plate.holes), (REGIONS, plate.regions)):
+        for k, outline in enumerate(own):
+            for name, value in outline.theta.items():
+                families.setdefault(prefix + name, {})[k] = value
+    matrix, materials = (gel.matrix, gel.regions) if isinstance(gel, Composite) else (gel, ())
+    for k, material in enumerate(materials):
+        for name in ("Nv", "bulk" if isinstance(material, Elastomer) else "chi"):
+            families.setdefault(MATERIALS + name, {})[k] = getattr(material, name)
+    families |= {"Nv": matrix.Nv, "chi": matrix.chi}
+    return jax.tree.map(lambda value: jnp.asarray(value, dtype=float), families) | {"mu": jnp.asarray(mu)}
+
+
+def _gel_at(gel, tree):
+    """The gel or `materials.Composite` with the parameters of a point."""
+    if not isinstance(gel, Composite):
+        return dataclasses.replace(gel, Nv=tree["Nv"], chi=tree["chi"])
+    own = [
+        {name: tree[MATERIALS + name].get(k) for name in ("Nv", "chi", "bulk") if MATERIALS + name in tree} for k in range(len(gel.regions))
+    ]
+    regions = [
+        dataclasses.replace(one, **{n: v for n, v in new.items() if v is not None}) for one, new in zip(gel.regions, own, strict=True)
+    ]
+    return Composite(_gel_at(gel.matrix, tree), tuple(regions))
 
 
 def _direction(random, family, point, spacing):
@@ -170,9 +192,10 @@ def _direction(random, family, point, spacing):
     flat, unravel = ravel_pytree(point[family])
     normal = random.normal(size=flat.shape)
     normal /= np.linalg.norm(normal)
-    if family == "chi":
+    name = family.removeprefix(MATERIALS).removeprefix(REGIONS)
+    if name == "chi":
         normal = np.abs(normal)  # chi is above 0 and may be near it
-    size = np.abs(np.asarray(flat)) * SHARE if family == "Nv" else STEPS.get(family, LENGTH * spacing)
+    size = np.abs(np.asarray(flat)) * SHARE[name] if name in SHARE else STEPS.get(name, LENGTH * spacing)
     return unravel(jnp.asarray(normal * size * np.sqrt(len(flat)) * random.uniform(0.5, 1.0)))
 
 

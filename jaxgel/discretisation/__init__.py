@@ -2,7 +2,7 @@
 
 from .checks import BASES, METHODS, QUADRATURES
 from .connectivity import Connectivity, plate_edge_ends
-from .interpolation import MIDLINE_POINTS, Interpolation, core_probe, in_plane, make_probe, midline_probe
+from .interpolation import MIDLINE_POINTS, Interpolation, core_probe, in_plane, make_probe, midline_points, midline_probe
 from .model import Model, PatchBlock, discretise
 from .moving_least_squares import KINDS, n_monomials, shape_functions, shape_functions_and_gradients
 from .neighbours import reaching_nodes
@@ -29,6 +29,7 @@ __all__ = [
     "discretise",
     "in_plane",
     "make_probe",
+    "midline_points",
     "midline_probe",
     "n_monomials",
     "plate_edge_ends",

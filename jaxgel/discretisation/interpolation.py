@@ -74,6 +74,11 @@ def midline_probe(model: "Model") -> Interpolation:
     return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
 
 
+def midline_points(topology: Topology, dmax: float) -> Float[np.ndarray, "p 2"]:
+    """The points (p, 2) of `midline_probe`, mm; ``dmax`` is the model's."""
+    return _midline(topology, dmax)[0]
+
+
 def core_probe(model: "Model") -> Interpolation:
     """``Interpolation`` at the plate's core point (1, 2) on the model's cloud; its gradients are nan where the core lies in a hole."""
     points, neighbours, in_hole = _core(model.cloud.topology, model.dmax)

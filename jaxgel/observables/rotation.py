@@ -7,11 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._memo import once_per_owner
 from .._types import Array, Bool, Float
-from ..discretisation import MIDLINE_POINTS, Model, core_probe, midline_probe
+from ..cloud import Topology
+from ..discretisation import MIDLINE_POINTS, Model, core_probe, midline_points, midline_probe
 from .states import States
 
 ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
+FOUND = 1e-6  # of the slope at either end of its reach: below it the line has an extremum
 FLAT = 1e-9  # height over length up to which round-off chooses the extrema
 EXTREMA = 16  # that are found together, or a multiple
 DEGREE = 3  # of the polynomial that smooths the midline about a point
@@ -21,7 +24,9 @@ SINGULAR = 1e-13  # added to its moments, relative: a piece of the line may have
 
 def angle_of_extrema(x: Float[Array, "k n 2"], model: Model) -> Float[Array, " k"]:
     """Angle (k,) to the x axis, degrees, of the line through the midline's highest and lowest point in each state of ``x`` (k, n, 2)."""
-    samples = _next_to_extrema(x, midline_probe(model), model.dmax * model.cloud.topology.spacing)
+    line, topology = midline_probe(model), model.lists.topology
+    kinks = _kinks(topology, model.dmax)
+    samples = _next_to_extrema(x, line, kinks, model.dmax * topology.spacing)
     return _angle_between(_extrema(*samples), len(x))
 
 
@@ -31,15 +36,21 @@ def is_flat(x: Float[Array, "k n 2"], model: Model) -> Bool[Array, " k"]:
     return jnp.ptp(line[:, :, 1], axis=1) < FLAT * jnp.ptp(line[:, :, 0], axis=1)
 
 
+@once_per_owner
+def _kinks(topology: Topology, dmax: float) -> Bool[np.ndarray, " p"]:
+    """Whether (p-1,) the outline of a region lies between neighbouring samples of the midline."""
+    return np.diff(topology.regions_at(midline_points(topology, dmax))) != 0
+
+
 @jax.jit
-def _next_to_extrema(x, line, radius):
+def _next_to_extrema(x, line, kinks, radius):
     """The arguments of `_extremum` for the highest and the lowest sample of the midline in each state of ``x`` (k, n, 2).
 
     They are padded with the first one and with samples of no weight: one program of the extrema serves most paths.
     """
     at = line.points[:, 0]
     apart = jnp.diff(at)
-    gap = apart > 1.5 * jnp.min(apart)  # a hole: the line ends at both samples, and an extremum there is no root of its slope
+    gap = (apart > 1.5 * jnp.min(apart)) | kinks  # a hole or kink: the line ends there, and an extremum is no root of its slope
     end, piece = jnp.append(True, gap) | jnp.append(gap, True), jnp.cumsum(jnp.append(False, gap))
     radius = jnp.maximum(radius, SAMPLES * jnp.min(apart))
     room = (0, MIDLINE_POINTS - len(at))
@@ -72,7 +83,9 @@ def _angle_between(extrema, states):
 
 
 def _extremum(start, sample, end, same, at, position, radius):
-    """Point (2,) of the deformed midline that is extremal in y, within ``radius`` of the dry point ``start``; the ``sample`` at an ``end``.
+    """Point (2,) of the deformed midline that is extremal in y, within ``radius`` of the dry point ``start``.
+
+    It is the ``sample`` at an ``end`` and where the smoothed line has no extremum within reach.
 
     The line is smoothed: about each point it is the polynomial that fits the samples ``position`` (p, 2) with dry coordinates ``at`` (p,)
     best on the ``same`` (p,) piece, weighted out to ``radius``. The extremum is where dy/ds = 0, and moves with the state as that equation
@@ -89,10 +102,6 @@ def _extremum(start, sample, end, same, at, position, radius):
         coefficients = jnp.linalg.solve(moments + SINGULAR * moments[0, 0] * jnp.eye(DEGREE + 1), (weight * powers) @ position)
         return coefficients[0], coefficients[1]
 
-    def slope(s):
-        """dy/ds; for an ``end``, which is no root of it, a function with its root there: second derivatives are else 0 times nan."""
-        return jnp.where(end, s - start, fit(s)[1][1])
-
     def over(value, rate):
         return jnp.where(rate == 0, 0.0, value / jnp.where(rate == 0, 1.0, rate))
 
@@ -102,8 +111,16 @@ def _extremum(start, sample, end, same, at, position, radius):
 
         return lax.fori_loop(0, ITERATIONS, step, start)
 
-    s = lax.custom_root(slope, start, by_newton, lambda rate, value: over(value, rate(1.0)))
-    return jnp.where(end, sample, fit(s)[0])
+    found = lax.stop_gradient(by_newton(lambda s: fit(s)[1][1], start))
+    steepest = jnp.maximum(jnp.abs(fit(low)[1][1]), jnp.abs(fit(high)[1][1]))
+    fixed = end | ~(jnp.abs(fit(found)[1][1]) <= FOUND * steepest)  # or no root within reach, next to a wall
+
+    def slope(s):
+        """dy/ds; for a ``fixed`` point, which is no root of it, a function with its root there: second derivatives are else 0 times nan."""
+        return jnp.where(fixed, s - start, fit(s)[1][1])
+
+    s = lax.custom_root(slope, jnp.where(fixed, start, found), by_newton, lambda rate, value: over(value, rate(1.0)))
+    return jnp.where(fixed, sample, fit(s)[0])
 
 
 def _least(values, counted):
