@@ -39,6 +39,7 @@ from .design import value_at as value_at
 from .design import verify as verify
 from .design import weighted_sum as weighted_sum
 from .discretisation import Model as Model
+from .discretisation import NodalField as NodalField
 from .discretisation import discretise as discretise
 from .discretisation import make_probe as make_probe
 from .discretisation import shape_functions as shape_functions

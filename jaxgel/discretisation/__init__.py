@@ -2,12 +2,13 @@
 
 from .checks import BASES, METHODS, QUADRATURES
 from .connectivity import Connectivity, plate_edge_ends
-from .interpolation import MIDLINE_POINTS, Interpolation, core_probe, in_plane, make_probe, midline_points, midline_probe
+from .interpolation import MIDLINE_POINTS, Interpolation, NodalField, core_probe, in_plane, make_probe, midline_points, midline_probe
 from .model import Model, PatchBlock, discretise
 from .moving_least_squares import KINDS, n_monomials, shape_functions, shape_functions_and_gradients
 from .neighbours import reaching_nodes
 from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
+from .pressures import group_weights
 from .weights import cubic_spline_weight, singular_weight
 
 __all__ = [
@@ -21,12 +22,14 @@ __all__ = [
     "DiscretisationOptions",
     "Interpolation",
     "Model",
+    "NodalField",
     "PatchBlock",
     "Quality",
     "cell_sizes",
     "core_probe",
     "cubic_spline_weight",
     "discretise",
+    "group_weights",
     "in_plane",
     "make_probe",
     "midline_points",

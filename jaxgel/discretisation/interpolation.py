@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 BATCH = 64  # points whose shape functions are evaluated together
 LARGE, SMALL = 4096, 512  # points of one call of the program that evaluates them: two sizes, so two programs serve every cloud
 NEIGHBOURS = 16  # the program's neighbours are padded to a multiple of this
+LARGEST_SUM = 10.0  # of absolute values of shape functions: below 3 in the gel, and more away from it, where they extrapolate
 MIDLINE_POINTS = 401  # samples of the plate's midline, those in holes included
 
 
@@ -55,6 +56,69 @@ class Interpolation:
     def deformation_gradient(self, x: Float[Array, "n 2"]) -> Float[Array, "p 2 2"]:
         """Deformation gradients at the points."""
         return in_plane(jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi), axis=1)
+
+
+@jax.tree_util.register_pytree_node_class
+class NodalField:
+    """A field by its values at the nodes, interpolated by the shape functions of a model; a pytree whose data are the values.
+
+    It belongs to the model's cloud as that was made, on its reference plate. As the parameter of a gel it moves with the nodes: where a
+    design moves holes, each point of the material keeps its value, as with `materials.WithHoles`. On another cloud, a finer one for
+    instance, it is read where that cloud's points are on its own reference plate.
+    The shape functions are the interpolating ones, ``kind="imls"``, with the basis and ``dmax`` of the model: values at nodes and
+    polynomials of the basis are reproduced. Raises ValueError for another number of values than the model has nodes.
+
+    >>> import jax.numpy as jnp
+    >>> import jaxgel
+    >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, spacing=0.5)))
+    >>> field = NodalField(model.cloud.nodes[:, 0] ** 2, model)
+    >>> [round(float(value), 6) for value in field.at([[0.5, 0.3], [-0.7, 0.1], [9.0, 0.0]])]
+    [0.25, 0.49, nan]
+    """
+
+    values: Float[Array, " n"]
+    """Value at each node."""
+
+    def __init__(self, values: Float[Array, " n"], model: "Model") -> None:
+        if np.shape(values) != (model.n_nodes,):
+            raise ValueError(f"values: an array of shape {np.shape(values)}, it must have one number for each of {model.n_nodes} nodes")
+        self.values, self._shape_functions = values, (model.cloud.topology, model.basis, model.dmax)
+
+    def tree_flatten(self) -> tuple:
+        """The values, and what does not change."""
+        return (self.values,), self._shape_functions
+
+    @classmethod
+    def tree_unflatten(cls, shape_functions: tuple, values: tuple) -> "NodalField":
+        """The field with these values."""
+        field = object.__new__(cls)
+        (field.values,), field._shape_functions = values, shape_functions
+        return field
+
+    def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
+        """Value at one position X (2,), mm, which may be traced; all nodes are looked at, see ``at`` for many positions."""
+        topology, basis, dmax = self._shape_functions
+        return shape_functions(X, _reference_nodes(topology), dmax * topology.node_spacing, basis=basis, kind="imls") @ jnp.asarray(
+            self.values
+        )
+
+    def at(self, points: Float[Array, "p 2"]) -> Float[Array, " p"]:
+        """Values at many ``points``, mm, which must be numbers: their neighbours are searched on the host. nan away from the nodes."""
+        topology, basis, dmax = self._shape_functions
+        points, nodes = np.asarray(points, dtype=float), _reference_nodes(topology)
+        with jax.ensure_compile_time_eval():  # numbers, also inside jit
+            found = neighbours_of_points(topology, dmax, points, 0.0)
+            lists, supports = (np.pad(part, ((0, 0), (0, 1))) for part in found)  # one column at least
+            own = np.arange(len(points))
+            phi = np.asarray(evaluate_points(nodes, points, lists, supports, own, basis=basis, kind="imls", gradients=False))
+        missed = np.linalg.norm(np.einsum("pa,pai->pi", phi, nodes[lists]) - points, axis=1)
+        reached = (missed < 1e-6 * topology.spacing) & (np.abs(phi).sum(axis=1) < LARGEST_SUM)
+        values = jnp.einsum("pa,pa->p", np.where(reached[:, None], phi, 0.0), jnp.asarray(self.values)[lists])
+        return jnp.where(reached, values, jnp.nan)
+
+
+def _reference_nodes(topology):
+    return topology.partition.vertices[topology.node_vertices]
 
 
 def make_probe(model: "Model", points: Float[Array, "p 2"], reference_points: Float[Array, "p 2"] | None = None) -> Interpolation:

@@ -4,6 +4,8 @@ The network is integrated with the parameters at the quadrature points. A volume
 stands, see ``discretisation.pressures``; a held one those at the centroid of its patch.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +14,7 @@ from jax.core import Tracer
 from .._memo import once_per_owner
 from .._types import Int, Scalar
 from ..cloud import Topology
-from ..discretisation import Model
+from ..discretisation import Connectivity, Model, NodalField, group_weights
 from ..materials import (
     Composite,
     Elastomer,
@@ -49,11 +51,11 @@ def _with_values(model, gel):
     fields = fields_of(gel)
     if not fields:
         return gel
-    places = _places(model, [block.position for block in model.blocks], model.outline.points)
-    if any(isinstance(field, WithHoles) for field in fields.values()):
-        reference = _reference_places(model)
-    for name, field in fields.items():
-        local = _evaluated(name, field, reference if isinstance(field, WithHoles) else places)
+    with_material = [isinstance(field, WithHoles | NodalField) for field in fields.values()]
+    places = _places(model.blocks, model.outline.points)
+    reference = _reference_places(model) if any(with_material) else places
+    for (name, field), moves in zip(fields.items(), with_material, strict=True):
+        local = _evaluated(name, field, reference if moves else places)
         gel = with_parameters(gel, lambda part, field=field, local=local: local if part is field else part)
     return gel
 
@@ -117,26 +119,40 @@ def mean_parameter(parameter: Scalar | LocalValues, model: Model) -> Scalar:
     return jnp.sum(volumes * parameter.groups) / jnp.sum(volumes)
 
 
-def _places(model, points, outline):
-    """Positions, mm, as the fields of `LocalValues`, from those of the quadrature points per block (c, q, 2)."""
-    groups = [_group_positions(block, X).reshape(-1, 2) for block, X in zip(model.blocks, points, strict=True)]
-    return tuple(points), jnp.concatenate(groups), outline
+def _places(blocks, outline):
+    """Positions, mm, as the fields of `LocalValues`: of quadrature points and volume groups of the blocks, and of outline vertices."""
+    groups = [_group_positions(block).reshape(-1, 2) for block in blocks]
+    return tuple(block.position for block in blocks), jnp.concatenate(groups), outline
 
 
 def _reference_places(model):
-    """`_places` of the cloud that was placed, for a cloud that a design has moved."""
-    topology = model.lists.topology
+    """`_places` of the cloud that was placed, numbers, for a cloud that a design has moved."""
     if model.quadrature == "paper":  # it cannot be moved
-        return _places(model, [block.position for block in model.blocks], model.outline.points)
+        return _places(model.blocks, model.outline.points)
+    with jax.ensure_compile_time_eval():  # numbers, also inside jit
+        parts, outline = _reference_quadrature(model.lists, model.method == "mixed")
+        blocks = [dataclasses.replace(block, **own) for block, own in zip(model.blocks, parts, strict=True)]
+        return _places(blocks, outline)
+
+
+@once_per_owner
+def _reference_quadrature(lists: Connectivity, mixed: bool):
+    """Per block the fields of `PatchBlock` that say where its points and groups were before holes moved; and outline vertices (p, 2)."""
+    topology, parts = lists.topology, []
     vertices = topology.partition.vertices
-    points = jnp.asarray(topology.quadrature.points(vertices))
-    at = [np.where(numbers >= 0, numbers, numbers[:, :1]) for numbers in model.lists.points]
+    points, weight = (jnp.asarray(read(vertices)) for read in (topology.quadrature.points, topology.quadrature.weights))
+    for numbers, patches in zip(lists.points, lists.patches, strict=True):
+        at = np.where(numbers >= 0, numbers, numbers[:, :1])
+        X, w = points[at], jnp.where(numbers >= 0, weight[at], 0.0)
+        groups = group_weights(X, w, bool(lists.linear[patches[0]])) if mixed else None
+        parts.append({"position": X, "weight": w, "group_weight": groups})
     numbers = np.concatenate([np.zeros(0, int), *(outline.vertices for outline in topology.outlines)])
-    return _places(model, [points[own] for own in at], jnp.asarray(vertices[numbers]))
+    return parts, jnp.asarray(vertices[numbers])
 
 
-def _group_positions(block, X):
-    """Positions (c, g, 2), mm, of the volume groups of a block whose quadrature points are at ``X`` (c, q, 2)."""
+def _group_positions(block):
+    """Positions (c, g, 2), mm, of the volume groups of a block."""
+    X = block.position
     if block.carrying == 0:
         return X
     total = jnp.einsum("cq,cqi->ci", block.weight, X)[:, None]
@@ -155,8 +171,9 @@ def _evaluated(name, field, places):
         raise ValueError(f"{name}: the field gives an array of shape {shape}, it must give one number for a position (2,)")
 
     leaves, structure = jax.tree.flatten(places)
-    X = jnp.concatenate([leaf.reshape(-1, 2) for leaf in leaves])
-    values = jax.vmap(field)(X).astype(float)  # all at once: few operations
+    host = np if not any(isinstance(leaf, Tracer) for leaf in leaves) else jnp  # numbers stay numbers inside jit
+    X = host.concatenate([host.asarray(leaf).reshape(-1, 2) for leaf in leaves])
+    values = field.at(X) if isinstance(field, NodalField) else jax.vmap(field)(X).astype(float)  # all at once: few operations
     if not isinstance(values, Tracer):
         check_parameter(name, values, X)
     cuts = np.cumsum([leaf.size // 2 for leaf in leaves])[:-1]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel.geometry import inside_holes
 from jaxgel.materials import Gent, uniaxial_swelling
 from jaxgel.mechanics import localised, mean_parameter
 
@@ -119,3 +120,72 @@ def test_the_mean_of_a_linear_field_is_its_value_at_the_centroid(coarse_model):
     """Sample 1 is symmetric about its centre, where the field is 2e-3."""
     gel = localised(coarse_model, jaxgel.Gel(lambda X: 2e-3 + 1e-4 * X[0] - 5e-5 * X[1]))
     assert float(mean_parameter(gel.Nv, coarse_model)) == pytest.approx(2e-3, rel=1e-9)
+
+
+def quadratic(X):
+    return 1e-3 * (2.0 + 0.3 * X[..., 0] - 0.2 * X[..., 0] * X[..., 1] + 0.1 * X[..., 1] ** 2)
+
+
+def nodal(model, function=quadratic):
+    return jaxgel.NodalField(function(model.cloud.nodes), model)
+
+
+def test_a_nodal_field_reproduces_nodal_values_and_quadratics(tiny_plate, tiny_model):
+    """At the nodes, at every point of the gel, one point alone, and on another cloud; to round-off."""
+    field, rough = nodal(tiny_model), nodal(tiny_model, lambda X: jnp.sin(9 * X[:, 0] + 5 * X[:, 1]))
+    np.testing.assert_allclose(rough.at(tiny_model.cloud.nodes), rough.values, atol=1e-12)
+    points = np.random.default_rng(3).uniform(-2, 2, (200, 2))
+    points = points[~inside_holes(tiny_plate, points)]
+    np.testing.assert_allclose(field.at(points), quadratic(points), rtol=1e-11)
+    assert float(field(jnp.array(points[0]))) == pytest.approx(quadratic(points[0]), rel=1e-11)
+    finer = jaxgel.discretise(jaxgel.make_cloud(tiny_plate, spacing=0.35))
+    for model in (tiny_model, finer):
+        found, exact = (localised(model, jaxgel.Gel(own)).Nv for own in (field, jaxgel.WithHoles(quadratic)))
+        for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(exact), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-11)
+
+
+def test_a_nodal_field_says_where_it_has_no_value_and_what_it_takes(tiny_model, coarse_model):
+    field = nodal(tiny_model)
+    assert np.isnan(field.at(np.array([[5.0, 0.0], [2.8, 2.8], [1.0, 3.1]]))).all()
+    with pytest.raises(ValueError, match=r"^Nv: nan at \(-?\d.*\) mm is not accepted, it must be a finite number > 0$"):
+        jaxgel.sweep(coarse_model, jaxgel.Gel(field), mu=MU)
+    with pytest.raises(ValueError, match=r"^values: an array of shape \(3,\), it must have one number for each of 79 nodes$"):
+        jaxgel.NodalField(np.ones(3), tiny_model)
+
+
+def test_a_sweep_is_differentiable_by_nodal_values(tiny_model):
+    """Taylor: the remainder after the gradient falls with the square of the step."""
+    start, direction = nodal(tiny_model), 1e-3 * np.random.default_rng(7).uniform(-1, 1, tiny_model.n_nodes)
+
+    def read(values):
+        path = jaxgel.sweep(tiny_model, jaxgel.Gel(jaxgel.NodalField(values, tiny_model), 0.1), mu=MU[:2])
+        return path.energy[-1] + path.x[-1, 40, 0]
+
+    value, gradient = jax.value_and_grad(read)(start.values)
+    steps = 0.05 / 2.0 ** np.arange(3)
+    remainders = [abs(float(read(start.values + h * direction) - value - h * (gradient @ direction))) for h in steps]
+    assert np.log2(np.divide(remainders[:-1], remainders[1:])).min() >= 1.95
+
+
+def test_a_nodal_field_moves_with_its_nodes(tiny_plate):
+    """Values at all points stay as a hole moves, also where jit traces it; the derivative by the hole is that of differences."""
+    cloud = jaxgel.make_cloud(tiny_plate)
+    field = nodal(jaxgel.discretise(cloud))
+
+    def moved(shift):
+        plate = tiny_plate.at([{"centre": jnp.array([0.1, -0.2]) + shift * jnp.array([0.6, 0.8])}])
+        return jaxgel.discretise(cloud.at(plate))
+
+    before, after = (localised(moved(shift), jaxgel.Gel(field)) for shift in (0.0, 0.05))
+    traced = jax.jit(lambda shift: localised(moved(shift), jaxgel.Gel(field)))(0.05)
+    for other in (after, traced):
+        for one, same in zip(jax.tree.leaves(before.Nv), jax.tree.leaves(other.Nv), strict=True):
+            np.testing.assert_allclose(one, same, rtol=1e-12)
+
+    def read(shift):
+        path = jaxgel.sweep(moved(shift), jaxgel.Gel(field, 0.1), mu=MU[:2])
+        return path.energy[-1] + path.x[-1, 40, 0]
+
+    h = 1e-5
+    assert jax.grad(read)(0.01) == pytest.approx(float(read(0.01 + h) - read(0.01 - h)) / (2 * h), rel=1e-6)
