@@ -6,7 +6,8 @@ A table has the sections of a case file, all but ``plate`` optional:
                        (of held and periodic edges), displacement = {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of
                        `geometry.Plate`; either with kinematics = "plane stress" for a film
     [[holes]]          kind = "ellipse" and the hole's own parameters, its angle in radians or as angle_deg in degrees; as many as there
-                       are holes, none with a sample; or kind = "outline", file = "hole.dxf" (.csv, .svg), see `hole_table`
+                       are holes, none with a sample; or kind = "outline", file = "hole.dxf" (.csv, .svg), see `hole_table`;
+                       or all holes of a picture of the plate, kind = "image", file = "holes.png", see `hole_tables`
     [[regions]]        outlines as of holes, of parts with a material of their own: gel = {Nv, chi ...}, what differs from the plate's, or
                        elastomer = {Nv, bulk}, which takes no solvent
     [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
@@ -34,7 +35,7 @@ from ..continuation import Path, SweepOptions
 from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import State
 from ..geometry import Plate, check_plate
-from ..io import mask_table, mask_values, read_toml
+from ..io import hole_table, hole_tables, mask_table, mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, named_parameters
 from ..mechanics import Loads, check_edges, check_room, with_contact
 from .samples import sample
@@ -139,10 +140,10 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
     for modules. Without ``folder`` a table cannot name drawings.
     """
     check(table, case_schema(), "case file")
-    holes = [_numbers_of(hole, folder, f"holes[{i}]") for i, hole in enumerate(table.get("holes", []))]
-    regions = [_numbers_of(region, folder, f"regions[{i}]") for i, region in enumerate(table.get("regions", []))]
-    regions = [{key: _pixels(own, folder, f"regions[{i}].{key}") for key, own in region.items()} for i, region in enumerate(regions)]
     plate, moved, gel = table["plate"], table.get("moved", []), _pixels(table.get("gel", {}), folder, "gel")
+    if "sample" in plate and table.get("holes"):
+        raise ValueError(f"holes: plate.sample = {plate['sample']!r} has its own; drop one of the two")
+    holes, regions = (_with_numbers(table.get(section, []), folder, plate, section) for section in ("holes", "regions"))
     found = _moved(_plate(plate, holes, regions, name), moved)
     source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("regions", regions), ("moved", moved)) if value}
     source |= {"gel": gel} if "energy" in gel or any(isinstance(own, dict) for own in gel.values()) else {}
@@ -169,21 +170,30 @@ def _read(case):
     return read_toml(file, "case"), file.stem, file.parent
 
 
-def _numbers_of(hole, folder, where):
-    """The table of a hole, with the numbers of a drawing in place of its file, so that a run's folder needs no other file."""
-    if hole["kind"] != "outline":
-        return hole
-    if folder is None:
-        raise ValueError(f"{where}.kind: 'outline' belongs in a case file; name that file by case = instead of repeating its holes")
-    from ..io import hole_table
+def _with_numbers(entries, folder, plate, section):
+    """The tables of holes or regions with numbers in place of files, so that a run's folder needs no other; a picture gives several."""
+    tables = []
+    for i, entry in enumerate(entries):
+        where, material = f"{section}[{i}]", {key: entry[key] for key in MATERIAL if key in entry}
+        material = {key: _pixels(own, folder, f"{where}.{key}") for key, own in material.items()}
+        tables += [own | material for own in _numbers_of(entry, folder, plate, where)]
+    return tables
 
-    return hole_table(hole, folder, where)
+
+def _numbers_of(entry, folder, plate, where):
+    """The tables of the holes that an entry describes."""
+    if entry["kind"] not in ("outline", "image"):
+        return [entry]
+    if folder is None:
+        raise ValueError(f"{where}.kind: {entry['kind']!r} belongs in a case file; name that file by case = instead of repeating its holes")
+    if entry["kind"] == "outline":
+        return [hole_table(entry, folder, where)]
+    own = sample(plate["sample"]) if "sample" in plate else None
+    return hole_tables(entry, folder, (plate["width"], plate["height"]) if own is None else (own.width, own.height), where)
 
 
 def _pixels(table, folder, where):
-    """A table with the pixels of its pictures in place of their files; other values as they are."""
-    if not isinstance(table, dict):
-        return table
+    """A table with the pixels of its pictures in place of their files."""
     return {key: mask_table(own, folder, f"{where}.{key}") if isinstance(own, dict) else own for key, own in table.items()}
 
 
@@ -191,8 +201,6 @@ def _plate(table, holes, regions, name):
     regions = [_outline(f"regions[{i}]", {k: v for k, v in region.items() if k not in MATERIAL}) for i, region in enumerate(regions)]
     if "sample" not in table:
         return Plate(**table, holes=[_outline(f"holes[{i}]", hole) for i, hole in enumerate(holes)], regions=regions, name=name)
-    if holes:
-        raise ValueError(f"holes: plate.sample = {table['sample']!r} has its own; drop one of the two")
     return dataclasses.replace(sample(table["sample"]), regions=regions, **{k: value for k, value in table.items() if k != "sample"})
 
 

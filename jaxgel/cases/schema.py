@@ -11,7 +11,7 @@ from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, exa
 from ..continuation import SweepOptions
 from ..discretisation import DiscretisationOptions
 from ..geometry import CONDITIONS, EDGES, KINEMATICS, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
-from ..io import MASK, OUTLINE
+from ..io import IMAGE, MASK, OUTLINE
 from ..mechanics import Loads
 from .samples import sample_names
 
@@ -92,7 +92,7 @@ def _plate():
 
 def _hole(material=None):
     """The kind decides about the other entries; those of a region say which ``material`` it has."""
-    kinds = {kind: _parameters(kind) for kind in HOLES} | {"outline": OUTLINE}
+    kinds = {kind: _parameters(kind) for kind in HOLES} | {"outline": OUTLINE, "image": IMAGE}
     if material is not None:
         kinds = {kind: rule | {"properties": rule["properties"] | material} | exactly_one(tuple(material)) for kind, rule in kinds.items()}
     rules = [{"if": {"properties": {"kind": {"const": kind}}}, "then": rule} for kind, rule in kinds.items()]

@@ -3,6 +3,7 @@
 from .._validation import read_toml
 from .drawings import FORMATS, OUTLINE, dry_gel, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
 from .files import one_line, open_folder, read_record, write_atomically, write_csv, write_json
+from .hole_pictures import IMAGE, hole_tables
 from .masks import MASK, mask_table, mask_values
 from .netcdf import export
 from .recorder import NUMERICAL, Recorder, write_points
@@ -14,6 +15,7 @@ from .workers import TRIES, InThisProcess, Workers, dask_executor, run_calls
 
 __all__ = [
     "FORMATS",
+    "IMAGE",
     "MASK",
     "NUMERICAL",
     "OUTLINE",
@@ -29,6 +31,7 @@ __all__ = [
     "export",
     "fit_fourier",
     "hole_table",
+    "hole_tables",
     "interruptible",
     "load_run",
     "mask_table",

@@ -1,4 +1,4 @@
-"""Outlines from and to files: a hole from a list of points, a DXF or an SVG drawing; a pattern as DXF, SVG or extruded STL.
+"""Outlines from and to files: a hole from a list of points, a DXF or an SVG drawing; a pattern as DXF, SVG, extruded STL.
 
 Lengths in mm. DXF files say their unit; where they do not, and in SVG files and lists of points, a length of 1 is 1 mm. The y axis of
 SVG points down and is turned over. DXF and SVG drawings are read by the libraries of the extra ``[outline]``.
@@ -6,6 +6,7 @@ SVG points down and is turned over. DXF and SVG drawings are read by the librari
 
 import csv
 import io
+from collections.abc import Callable, Mapping
 from pathlib import Path as File
 from typing import Any
 
@@ -16,18 +17,17 @@ from .._types import Float
 from .._validation import NUMBER, PAIR, POSITIVE, TEXT, is_number, tabled, whole, word
 from ..cloud import boundary_edges
 from ..continuation import Path
-from ..geometry import Fourier, Plate, Polygon, outline_points
+from ..geometry import Fourier, Hole, Plate, Polygon, outline_points
 from ..observables import deformed_vertices
 from .files import write_atomically
 
 FORMATS = ("dxf", "svg", "stl")
-FITS = ("fourier", "polygon")
 OUTLINE: dict[str, Any] = tabled(
     {
         "kind": {"const": "outline"},
         "file": TEXT | {"$comment": "give the path of a CSV, DXF or SVG file"},
         "number": whole(0) | {"description": "Which of several closed outlines, counted from 0."},
-        "fit": word(FITS),
+        "fit": word(("fourier", "polygon")),
         "tolerance": POSITIVE | {"description": "Distance of the fit from the outline, mm."},
         "scale": NUMBER | {"description": "Multiplies lengths."},
         "centre": PAIR | {"description": "Where the centroid goes, mm."},
@@ -59,10 +59,15 @@ def hole_table(entry: dict[str, Any], folder: str | File, where: str) -> dict[st
     tolerance = entry.get("tolerance", TOLERANCE * np.sqrt(shape.area / np.pi))
     fit = entry.get("fit", "fourier")
     try:
-        hole = fit_fourier(points, tolerance) if fit == "fourier" else fit_polygon(points, tolerance)
+        hole = FITS[fit](points, tolerance)
     except ValueError as problem:
         raise ValueError(f"{where}.fit: {problem}") from None
-    return {"kind": fit} | {name: np.asarray(value).tolist() for name, value in hole.theta.items()}
+    return hole_entries(fit, hole)
+
+
+def hole_entries(kind: str, hole: Hole) -> dict[str, Any]:
+    """The case-file table of a hole of that kind."""
+    return {"kind": kind} | {name: np.asarray(value).tolist() for name, value in hole.theta.items()}
 
 
 def read_outlines(file: str | File) -> list[Float[np.ndarray, "_ 2"]]:
@@ -164,6 +169,10 @@ def fit_polygon(points: Float[np.ndarray, "m 2"], tolerance: float) -> Polygon:
     """The ``holes.Polygon`` of those points of a closed outline (m, 2) that keep it within ``tolerance`` mm (Douglas and Peucker)."""
     ring = shapely.simplify(shapely.Polygon(points), tolerance).normalize()
     return Polygon(np.asarray(shapely.orient_polygons(ring).exterior.coords)[:-1])
+
+
+FITS: Mapping[str, Callable[[np.ndarray, float], Hole]] = {"fourier": fit_fourier, "polygon": fit_polygon}
+"""Kind of the hole that an outline becomes, and the function that fits it."""
 
 
 def _equidistant(points: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "s 2"]:

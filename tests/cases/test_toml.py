@@ -113,6 +113,9 @@ def test_schema_and_cases_accept_the_same(change, validator):
 def test_the_schema_knows_holes_from_drawings(validator):
     outline = {"kind": "outline", "file": "a.dxf", "number": 1, "fit": "polygon", "tolerance": 0.1, "scale": 2, "centre": [0.0, 1.0]}
     validator.validate({"plate": PLATE, "holes": [outline, {"kind": "outline", "file": "b.csv"}]})
+    validator.validate(
+        {"plate": PLATE, "holes": [{"kind": "image", "file": "a.png", "shade": "light", "fit": "polygon", "tolerance": 0.1}]}
+    )
 
 
 @pytest.mark.parametrize(
@@ -137,6 +140,7 @@ def test_the_schema_knows_holes_from_drawings(validator):
         {"holes": [{"kind": "circle", "centre": [0.0, 0.0]}]},
         {"holes": [CIRCLE | {"angle": 0.1}]},
         {"holes": [{"kind": "outline"}]},
+        {"holes": [{"kind": "image"}]},
         {"holes": [{"kind": "outline", "file": "a.csv", "fit": "spline"}]},
         {"holes": [CIRCLE | {"centre": [0.0]}]},
         {"holes": [CIRCLE | {"angle_deg": 5.0}]},
