@@ -105,6 +105,11 @@ class Case:
             raise ValueError(f"sweep.contact: {self.sweep.contact!r} is not accepted here, critical points are searched with contact 'on'")
         return critical_points(model, self.gel, mu=self.sweep.ends, most=most, loads=self.loads.of(model))
 
+    def pictures(self) -> dict[str, tuple[PixelField | WithHoles, float, float]]:
+        """The entries of the gel that are pictures, by name: the field, its value where the picture is black and where it is white."""
+        found = {name: own for name, own in self.source.get("gel", {}).items() if isinstance(own, dict)}
+        return {name: (_parameter(name, own, self.plate), own["low"], own["high"]) for name, own in found.items()}
+
     def table(self) -> dict:
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
         matrix = self.gel.matrix if isinstance(self.gel, Composite) else self.gel

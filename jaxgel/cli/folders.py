@@ -6,8 +6,9 @@ from pathlib import Path as File
 import numpy as np
 
 from ..cases import OutputOptions, from_table, load_case, load_path, other_versions, resumed, resumed_map, resumed_study, write_page
-from ..io import dry_gel, load_run, open_folder, swollen_gel, write_outline
+from ..io import dry_gel, load_run, open_folder, swollen_gel, write_mask, write_outline
 from ..io import export as write_netcdf
+from ..materials import WithHoles
 from .environment import DONE
 from .inputs import DESIGN, MAP, STARTS, kind_of_folder
 from .runs import draw, printer, run_recorded
@@ -44,17 +45,33 @@ def _resume_run(args):
 
 
 def outline(args: Namespace) -> int:
-    """``jaxgel outline``: write the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``."""
-    is_run = File(args.source).is_dir()
+    """``jaxgel outline``: write the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``.
+
+    Beside a dry outline it writes the masks of a printed gel.
+    """
+    case = None
     if args.mu is not None:
         path = load_path(args.source)
         name, gel = File(args.source).name, swollen_gel(path, int(np.abs(np.asarray(path.mu) - args.mu).argmin()))
     else:
-        summary = load_run(args.source).summary if is_run else None
+        summary = load_run(args.source).summary if File(args.source).is_dir() else None
         case = from_table(summary["options"], summary["case"]) if summary else load_case(args.source)
         name, gel = case.name, dry_gel(case.plate)
-    print(write_outline(gel, args.out or f"{name}.{args.format}", args.height))
+    file = write_outline(gel, args.out or f"{name}.{args.format}", args.height, args.pixels_per_mm)
+    print(file)
+    for mask in _masks(case, file, args.pixels_per_mm) if case else ():
+        print(mask)
     return DONE
+
+
+def _masks(case, file, pixels_per_mm):
+    """Write the pictures of a case's gel beside ``file``; their paths."""
+    plate, pictures = case.plate, case.pictures()
+    follows = plate.reference is not None and any(isinstance(field, WithHoles) for field, *_ in pictures.values())
+    cloud = case.cloud().at(plate) if follows else None
+    for name, (field, low, high) in pictures.items():
+        size, beside = (plate.width, plate.height), file.with_name(f"{file.stem}-{name}.png")
+        yield write_mask(field, size, beside, low=low, high=high, pixels_per_mm=pixels_per_mm, cloud=cloud)
 
 
 def export(args: Namespace) -> int:

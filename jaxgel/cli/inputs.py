@@ -16,7 +16,7 @@ OPTIONS = {
 RUN, DESIGN, STARTS, MAP = "summary.json", "design.json", "starts.json", "map.json"
 COUNTS = {"bands": 100, "divisions": 64, "most": 100, "states": 1000, "workers": 1024}
 """Options that are no entries of a case -> most that is accepted."""
-FORMATS = ("dxf", "svg", "stl")
+FORMATS = ("dxf", "svg", "stl", "png")
 
 
 def check_inputs(args: Namespace) -> None:
@@ -82,6 +82,8 @@ def _check_study(file):
 def _check_outline(args):
     if not (math.isfinite(args.height) and args.height > 0):
         raise ValueError(f"--height: {args.height:g} is not a height in mm above 0")
+    if args.pixels_per_mm is not None and not (math.isfinite(args.pixels_per_mm) and args.pixels_per_mm > 0):
+        raise ValueError(f"--pixels-per-mm: {args.pixels_per_mm:g} is not a number of pixels above 0")
     if args.mu is not None and not math.isfinite(args.mu):
         raise ValueError(f"--mu: {args.mu:g} is not a finite number")
     if args.format not in FORMATS:
@@ -91,7 +93,23 @@ def _check_outline(args):
     elif args.mu is not None:
         raise ValueError(f"--mu: {args.source!r} is a case; the states at some mu are in a run's folder")
     else:
-        check_case(case_table(args.source), {})
+        table = case_table(args.source)
+        check_case(table, {})
+        _check_inputs_kept(args, table)
+
+
+def _check_inputs_kept(args, table):
+    """Refuse an outline or mask that would take the place of a picture or drawing that the case reads."""
+    source, gel = Path(args.source), table.get("gel", {})
+    read = {(source.parent / entry["file"]).resolve() for entry in (*table.get("holes", []), *gel.values()) if "file" in _table(entry)}
+    file = Path(args.out or f"{source.stem}.{args.format}")
+    for written in (file, *(file.with_name(f"{file.stem}-{name}.png") for name, entry in gel.items() if _table(entry))):
+        if written.resolve() in read:
+            raise ValueError(f"--out: {str(written)!r} is a file that the case reads; give another name")
+
+
+def _table(entry):
+    return entry if isinstance(entry, dict) else {}
 
 
 def _check_folder(args):

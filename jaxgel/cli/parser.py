@@ -116,12 +116,19 @@ def _folder_commands(add):
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation of a run")
     p.set_defaults(resumes=True)
 
-    p = _cache_option(add("folders.outline", "outline", "write the outline of a case or a run as DXF, SVG or STL"))
+    p = _cache_option(
+        add("folders.outline", "outline", "write the outline of a case or a run as DXF, SVG, STL or PNG, and the masks of a printed gel")
+    )
     p.add_argument("source", metavar="DIR|CASE", help="folder written by jaxgel run, a built-in name or the path of a TOML file")
-    p.add_argument("--format", default="dxf", metavar="dxf|svg|stl", help="kind of file (default: dxf)")
+    p.add_argument("--format", default="dxf", metavar="dxf|svg|stl|png", help="kind of file (default: dxf)")
     p.add_argument("--mu", type=_real, metavar="MU", help="the state of the run nearest to this mu in kT (default: the dry plate)")
     p.add_argument("--height", type=_real, default=1.0, metavar="H", help="height in mm of the extruded STL (default: 1)")
-    p.add_argument("--out", metavar="FILE", help="the file (default: CASE.FORMAT)")
+    p.add_argument(
+        "--pixels-per-mm", type=_real, metavar="P", help="scale of PNG files (default: a round number, at most 2000 pixels along a side)"
+    )
+    p.add_argument(
+        "--out", metavar="FILE", help="the file (default: CASE.FORMAT); masks are written beside it as CASE-Nv.png, CASE-chi.png"
+    )
 
     p = _cache_option(add("folders.export", "export", "write a run's history and states as one netCDF (HDF5) file"))
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")

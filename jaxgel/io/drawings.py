@@ -1,4 +1,4 @@
-"""Outlines from and to files: a hole from a list of points, a DXF or an SVG drawing; a pattern as DXF, SVG, extruded STL.
+"""Outlines from and to files: a hole from a list of points, a DXF or an SVG drawing; a pattern as DXF, SVG, extruded STL or PNG.
 
 Lengths in mm. DXF files say their unit; where they do not, and in SVG files and lists of points, a length of 1 is 1 mm. The y axis of
 SVG points down and is turned over. DXF and SVG drawings are read by the libraries of the extra ``[outline]``.
@@ -20,8 +20,9 @@ from ..continuation import Path
 from ..geometry import Fourier, Hole, Plate, Polygon, outline_points
 from ..observables import deformed_vertices
 from .files import write_atomically
+from .masks import write_drawing
 
-FORMATS = ("dxf", "svg", "stl")
+FORMATS = ("dxf", "svg", "stl", "png")
 OUTLINE: dict[str, Any] = tabled(
     {
         "kind": {"const": "outline"},
@@ -202,14 +203,19 @@ def swollen_gel(path: Path, k: int) -> shapely.Geometry:
     return gel
 
 
-def write_outline(gel: shapely.Geometry, file: str | File, height: float = 1.0) -> File:
-    """Write a polygon (shapely, mm) to a .dxf, .svg or .stl ``file``, the last one extruded by ``height`` mm; returns the file."""
+def write_outline(gel: shapely.Geometry, file: str | File, height: float = 1.0, pixels_per_mm: float | None = None) -> File:
+    """Write a polygon (shapely, mm) to a .dxf, .svg, .stl or .png ``file``; returns the file.
+
+    STL is extruded by ``height`` mm; for PNG and its ``pixels_per_mm`` see `write_drawing`.
+    """
     file = File(file)
     kind = file.suffix.lower().lstrip(".")
     if kind not in FORMATS:
         raise ValueError(f"file: {str(file)!r} does not end in one of {', '.join('.' + name for name in FORMATS)}")
     if not (np.isfinite(height) and height > 0):
         raise ValueError(f"height: {height} is not a positive length in mm")
+    if kind == "png":
+        return write_drawing(gel, file, pixels_per_mm)
     gel = shapely.orient_polygons(gel)
     content = {"dxf": _dxf, "svg": _svg, "stl": lambda gel: _stl(gel, height)}[kind](gel)
     write_atomically(file, lambda stream: stream.write(content))

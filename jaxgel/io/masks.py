@@ -1,15 +1,28 @@
-"""Grey pictures that cover a plate, their first row at the upper edge: masks of printed gels."""
+"""Grey pictures that cover a plate, their first row at the upper edge: masks of printed gels, read and written, and drawings of the gel."""
 
+import io
+from collections.abc import Callable
 from pathlib import Path as File
 from typing import Any
 
+import jax
 import numpy as np
+import shapely
+from scipy.interpolate import LinearNDInterpolator
 
 from .._types import Float, Int
 from .._validation import FLAG, NUMBER, TEXT, exactly_one, listed, tabled, whole
+from ..cloud import Cloud
+from ..discretisation import NodalField
+from ..materials import WithHoles
+from .files import write_atomically
 
 WHITE = 255  # of an 8-bit grey picture; black is 0
 GREY = ("1", "L")  # modes of such pictures
+LONGER_SIDE = 2000  # most pixels of a written picture where its scale is not given
+MOST_PIXELS = 2**24  # of a written picture
+INCH = 25.4  # mm
+FINEST = 1e8  # pixels per inch that a PNG file can say
 MASK: dict[str, Any] = tabled(
     {
         "file": TEXT | {"description": "A PNG file, black and white or 8-bit grey, that covers the plate."},
@@ -70,3 +83,81 @@ def mask_values(entry: dict[str, Any], size: tuple[float, float], where: str) ->
     grey = np.array(rows, dtype=float) / WHITE
     check_cover(grey.shape, size, where)
     return entry["low"] + (entry["high"] - entry["low"]) * grey
+
+
+def write_mask(
+    field: Callable[..., Any],
+    size: tuple[float, float],
+    file: str | File,
+    *,
+    low: float,
+    high: float,
+    pixels_per_mm: float | None = None,
+    cloud: Cloud | None = None,
+) -> File:
+    """Write a field on a plate of that ``size`` (width and height, mm) as a grey PNG file, ``low`` black, ``high`` white; returns the file.
+
+    ``field`` is a function of the position (2,), mm, as for a gel; each pixel has its value at the pixel's centre, black where there is
+    none. ``pixels_per_mm`` is by default the largest of 1, 2 and 5 times a power of ten with at most ``LONGER_SIDE`` pixels along a side;
+    the file says its size in mm. On a plate whose holes have moved, ``cloud`` is the cloud placed there: fields that move with the
+    material are read where a point was before. ValueError for a picture without pixels or with more than ``MOST_PIXELS``.
+    """
+    (r, c), (width, height) = _shape(size, pixels_per_mm), size
+    x, y = width * ((np.arange(c) + 0.5) / c - 0.5), height * (0.5 - (np.arange(r) + 0.5) / r)
+    back = _before(cloud) if cloud is not None and isinstance(field, WithHoles | NodalField) else lambda points: points
+    read = field.at if isinstance(field, NodalField) else jax.jit(jax.vmap(field))
+    values = np.stack([np.asarray(read(back(np.stack([x, np.full(c, own)], axis=1)))) for own in y])
+    return _write_grey((values - low) / (high - low or 1.0), size, file)
+
+
+def write_drawing(gel: shapely.Geometry, file: str | File, pixels_per_mm: float | None = None) -> File:
+    """Write a polygon (shapely, mm) as a grey PNG file of its bounds: the share of each pixel that it covers, black in holes.
+
+    ``pixels_per_mm`` and ValueError as in `write_mask`.
+    """
+    left, low, right, high = gel.bounds
+    r, c = _shape((right - left, high - low), pixels_per_mm)
+    w, h = (right - left) / c, (high - low) / r
+    shapely.prepare(gel)
+    covered = shapely.contains_xy(gel, *np.meshgrid(left + w * (np.arange(c) + 0.5), high - h * (np.arange(r) + 0.5))).astype(float)
+    edge = shapely.get_coordinates(shapely.segmentize(gel.boundary, min(w, h) / 4))
+    at = np.stack([(high - edge[:, 1]) / h, (edge[:, 0] - left) / w], axis=1).astype(int)
+    i, j = np.unique(np.clip(at, 0, [r - 1, c - 1]), axis=0).T
+    pixels = shapely.box(left + j * w, high - (i + 1) * h, left + (j + 1) * w, high - i * h)
+    covered[i, j] = shapely.area(shapely.intersection(gel, pixels)) / (w * h)
+    return _write_grey(covered, (right - left, high - low), file)
+
+
+def _shape(size, pixels_per_mm):
+    """Rows and columns of a picture of that size, mm."""
+    if pixels_per_mm is None:
+        power = 10.0 ** np.floor(np.log10(LONGER_SIDE / max(size)))
+        pixels_per_mm = max(digit * power for digit in (1, 2, 5) if digit * power * max(size) <= LONGER_SIDE)
+    c, r = (round(pixels_per_mm * side) for side in size)
+    if min(r, c) < 1 or r * c > MOST_PIXELS:
+        text = f"{size[0]:g} x {size[1]:g} mm in {c:g} x {r:g} pixels, there must be at least 1 and at most {MOST_PIXELS} pixels"
+        raise ValueError(f"pixels_per_mm: {pixels_per_mm:g} gives {text}")
+    return r, c
+
+
+def _before(cloud):
+    """The function of points (p, 2) on the plate of a placed cloud that gives where they were before, linear between vertices."""
+    before = LinearNDInterpolator(np.asarray(cloud.vertices), cloud.topology.partition.vertices)
+
+    def back(points):
+        found = before(points)
+        return np.where(np.isnan(found), points, found)
+
+    return back
+
+
+def _write_grey(shares, size, file):
+    """Write shares of white (r, c) as a PNG file that opens in that size, mm."""
+    from PIL import Image
+
+    pixels = np.rint(WHITE * np.clip(np.nan_to_num(shares), 0.0, 1.0)).astype(np.uint8)
+    stream = io.BytesIO()
+    dpi = np.minimum(INCH * np.array(pixels.shape[::-1]) / size, FINEST)
+    Image.fromarray(pixels).save(stream, "png", dpi=tuple(dpi))
+    write_atomically(File(file), lambda target: target.write(stream.getvalue()))
+    return File(file)

@@ -8,6 +8,7 @@ from PIL import Image
 import jaxgel
 from jaxgel.cases import load_case, load_path
 from jaxgel.cli import main
+from jaxgel.io import read_outlines, write_mask
 
 PLATE = "[plate]\nwidth = 4.0\nheight = 2.0\nedges = { top = 'free' }\n"
 OPTIONS = "[sweep]\nmu = [-3.0, -2.0]\n[discretisation]\nspacing = 0.5\n[output]\nanimation = false\n"
@@ -90,3 +91,48 @@ def test_a_sample_may_be_a_film(tmp_path):
     found = load_case(tmp_path / "film.toml")
     assert found.plate.kinematics == "plane stress"
     assert len(found.plate.holes) == 4
+
+
+def grey_of(file):
+    with Image.open(file) as picture:
+        return np.asarray(picture), np.array(picture.size) / picture.info["dpi"] * 25.4
+
+
+def test_a_printed_gel_is_written_as_an_outline_and_masks_of_one_scale(case, tmp_path, capsys):
+    """At its own scale the picture comes back; the DXF file is as large as it."""
+    case('Nv = { file = "mask.png", low = 1e-3, high = 2e-3 }\nchi = { pixels = [[0, 255]], low = 0.3, high = 0.2 }')
+    assert main(["outline", str(tmp_path / "case.toml"), "--pixels-per-mm", "1", "--out", str(tmp_path / "plate.dxf")]) == 0
+    files = [tmp_path / name for name in ("plate.dxf", "plate-Nv.png", "plate-chi.png")]
+    assert capsys.readouterr().out.split() == [str(file) for file in files]
+    pixels, size = grey_of(files[1])
+    np.testing.assert_array_equal(pixels, GREY)
+    np.testing.assert_allclose(size, (4, 2), rtol=1e-4)
+    np.testing.assert_array_equal(grey_of(files[2])[0], [[0, 64, 191, 255]] * 2)  # between two pixels of 2 mm
+    (outline,) = read_outlines(files[0])
+    np.testing.assert_allclose(np.ptp(outline, axis=0), (4, 2))
+
+
+def test_any_field_is_written_at_the_centres_of_the_pixels(tmp_path, tiny_model):
+    """A function, and one by its values at nodes, black where that has none."""
+    plane = lambda X: 1.0 + 0.1 * X[..., 0] - 0.2 * X[..., 1]  # noqa: E731
+    y, x = np.meshgrid(1.5 - np.arange(4), np.arange(4) - 1.5, indexing="ij")
+    exact = np.rint(255 * (1.0 + 0.1 * x - 0.2 * y) / 2)
+    ends = {"low": 0.0, "high": 2.0, "pixels_per_mm": 1.0}
+    np.testing.assert_array_equal(grey_of(write_mask(plane, (4.0, 4.0), tmp_path / "a.png", **ends))[0], exact)
+    nodal = jaxgel.NodalField(plane(tiny_model.cloud.nodes), tiny_model)
+    np.testing.assert_array_equal(grey_of(write_mask(nodal, (4.0, 4.0), tmp_path / "b.png", **ends))[0], exact)
+    far = grey_of(write_mask(nodal, (16.0, 16.0), tmp_path / "c.png", **ends))[0]
+    assert far[0].max() == 0
+
+
+def test_a_mask_that_moves_with_a_hole_is_written_where_the_material_is(case, tmp_path):
+    """Beside the moved outline stands what was beside the outline: a step of Nv through the hole's centre has moved with it."""
+    hole = "[[holes]]\nkind = 'circle'\ncentre = [{}, 0.0]\nradius = 0.6\n"
+    moved = "[[moved]]\ncentre = [0.3, 0.0]\n"
+    mask = "Nv = { pixels = [[0, 0, 255, 255], [0, 0, 255, 255]], low = 1e-3, high = 2e-3, with_holes = true }"
+    case(mask, PLATE + hole.format(0.0) + moved)
+    assert main(["outline", str(tmp_path / "case.toml"), "--pixels-per-mm", "50", "--out", str(tmp_path / "a.svg")]) == 0
+    pixels, _ = grey_of(tmp_path / "a-Nv.png")
+    above = pixels[50 - 32]  # y = 0.63 mm, just above the hole
+    half = (np.flatnonzero(above > 127)[0] + 0.5) / 50 - 2
+    assert half == pytest.approx(0.3, abs=0.04)  # two pixels: the material above the hole moves nearly as far

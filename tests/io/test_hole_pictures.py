@@ -1,4 +1,6 @@
-"""Holes from pictures of the plate: drawn circles and edges in closed form, refusals."""
+"""Holes from pictures of the plate: drawn circles and edges in closed form, refusals, and pictures that are written and read again."""
+
+import dataclasses
 
 import numpy as np
 import pytest
@@ -7,8 +9,9 @@ from PIL import Image
 
 import jaxgel
 from jaxgel.cases import from_table, load_case
+from jaxgel.cli import command_line as cli
 from jaxgel.geometry import check_plate
-from jaxgel.io import dry_gel
+from jaxgel.io import dry_gel, write_outline
 
 WIDTH, HEIGHT, PER_MM = 20.0, 12.0, 10  # of the plate, mm
 PIXEL = 1 / PER_MM
@@ -112,3 +115,37 @@ def test_a_case_keeps_the_numbers_and_stands_beside_other_holes(case, tmp_path):
         from_table({"plate": {"width": 2.0, "height": 1.0}, "holes": [{"kind": "image", "file": "a.png"}]}, "study")
     with pytest.raises(ValueError, match=r"^holes: plate\.sample = 'square' has its own; drop one of the two$"):
         from_table({"plate": {"sample": "square"}, "holes": [{"kind": "image", "file": "a.png"}]}, "case", tmp_path)
+
+
+def test_holes_that_are_written_are_read_again(tmp_path, capsys):
+    """The picture of a case read as its holes: outlines within a tenth of a pixel and the tolerance, in a picture of the plate's size."""
+    plate = jaxgel.Plate(WIDTH, HEIGHT, [jaxgel.Ellipse(LEFT[0], (3.0, 2.0), 0.4), jaxgel.Fourier(RIGHT[0], 2.0, [0.1, 0.05], [0.0, 0.1])])
+    holes = [
+        {"kind": type(hole).__name__.lower()} | {name: np.asarray(value).tolist() for name, value in hole.theta.items()}
+        for hole in plate.holes
+    ]
+    lines = "".join("[[holes]]\n" + "".join(f"{key} = {value!r}\n" for key, value in hole.items()) for hole in holes)
+    (tmp_path / "case.toml").write_text(f"[plate]\nwidth = {WIDTH}\nheight = {HEIGHT}\n{lines}")
+    file = tmp_path / "holes.png"
+    assert cli.main(["outline", str(tmp_path / "case.toml"), "--format", "png", "--pixels-per-mm", "25", "--out", str(file)]) == 0
+    assert capsys.readouterr().out.split() == [str(file)]
+    with Image.open(file) as picture:
+        assert picture.size == (500, 300)
+        np.testing.assert_allclose(np.array(picture.size) / picture.info["dpi"] * 25.4, (WIDTH, HEIGHT), rtol=1e-4)
+    entries = "kind = 'image'\nfile = 'holes.png'\nfit = 'polygon'\ntolerance = 1e-3"
+    (tmp_path / "again.toml").write_text(f"[plate]\nwidth = {WIDTH}\nheight = {HEIGHT}\n[[holes]]\n{entries}\n")
+    assert cli.main(["outline", str(tmp_path / "again.toml"), "--format", "png", "--out", str(file)]) == 2
+    assert capsys.readouterr().err == f"jaxgel: error: --out: '{file}' is a file that the case reads; give another name\n"
+    again = load_case(tmp_path / "again.toml").plate
+    assert shapely.hausdorff_distance(dry_gel(again), dry_gel(plate)) < 0.1 / 25 + 1e-3
+    assert dry_gel(again).area == pytest.approx(dry_gel(plate).area, rel=1e-4)
+
+
+def test_a_picture_has_a_round_scale_and_a_bounded_number_of_pixels(tmp_path):
+    gel = dry_gel(dataclasses.replace(jaxgel.sample("sample-1"), holes=()))
+    with Image.open(write_outline(gel, tmp_path / "plate.png")) as picture:
+        assert picture.size == (1100, 1100)  # 50 to a mm
+        assert np.asarray(picture).min() == 255
+    for scale in (1e3, 1e-3):
+        with pytest.raises(ValueError, match=r"^pixels_per_mm: .* gives 22 x 22 mm in .* pixels, there must be at least 1 and at most"):
+            write_outline(gel, tmp_path / "plate.png", pixels_per_mm=scale)
