@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from .._types import Float
 from ..geometry import Plate, inside_holes
-from .outlines import OUTLINE_SEGMENTS, SNAP, Outline, on_lines
+from .outlines import OUTLINE_SEGMENTS, SNAP, Outline, on_lines, points_and_normals
 from .quadtree import Background
 
 CLEARANCE = 0.2  # least distance of a background vertex from an outline node, in sides of the largest square around it
@@ -34,7 +34,8 @@ def with_clearance(
     lines = outlines + interfaces
     if not lines:
         return background
-    nodes, normals = _nodes_and_normals(lines, points, len(background.vertices))
+    found = [points_and_normals(line, points, len(background.vertices), OUTLINE_SEGMENTS) for line in lines]
+    nodes, normals = (np.concatenate(parts) for parts in zip(*found, strict=True))
     vertices, side = background.vertices, background.side.min()
     least = CLEARANCE * side / 2.0 ** background.fewest_halvings(vertices)
     (distance, second), (nearest, other) = (part.T for part in cKDTree(nodes).query(vertices, k=2))
@@ -56,15 +57,3 @@ def with_clearance(
     moved = vertices.copy()
     moved[free] += step[:, None] * direction
     return dataclasses.replace(background, vertices=moved)
-
-
-def _nodes_and_normals(outlines, points, offset):
-    """The nodes (k, 2) of the outlines and the unit normals (k, 2) into the gel there."""
-    nodes, normals = [], []
-    for outline in outlines:
-        fine = points[outline.vertices - offset]
-        tangents = (np.roll(fine, -1, axis=0) - np.roll(fine, 1, axis=0)) if outline.closed else np.gradient(fine, axis=0)
-        tangents = tangents[::OUTLINE_SEGMENTS]
-        nodes.append(fine[::OUTLINE_SEGMENTS])
-        normals.append(np.stack([tangents[:, 1], -tangents[:, 0]], axis=1) / np.linalg.norm(tangents, axis=1, keepdims=True))
-    return np.concatenate(nodes), np.concatenate(normals)

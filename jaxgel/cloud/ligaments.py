@@ -1,11 +1,14 @@
-"""Ligaments: strips of gel between two holes, or between a hole and an edge of the plate, and how wide they are."""
+"""Ligaments: strips of gel between two holes, or between a hole and an edge of the plate, and how wide they and regions are."""
 
 import numpy as np
 import shapely
 
 from .._types import Float
 from ..geometry import EDGES, Arc, Plate
-from .outlines import Outline, gel_polygon, loop
+from .outlines import OUTLINE_SEGMENTS, Outline, gel_polygon, loop, points_and_normals, region_polygons
+
+REACH = 4.0  # spacings from an interface up to which the width of a region is of interest
+CLOSE = 1e-2  # spacings: what is nearer begins on the interface; its corners have shorter lines
 
 
 def ligaments(
@@ -38,6 +41,31 @@ def find_ligaments(
         strips.append(shapely.convex_hull(shapely.multipoints(np.concatenate([ends[both], ends[both + 1]], axis=1))))
         widths.append(np.minimum(width[both], width[both + 1]))
     return np.concatenate(strips), np.concatenate(widths)
+
+
+def across_regions(
+    plate: Plate,
+    outlines: tuple[Outline, ...],
+    interfaces: tuple[Outline, ...],
+    points: Float[np.ndarray, "o 2"],
+    offset: int,
+    spacing: float,
+) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:
+    """Lines (m,) across the gel on either side of the ``interfaces``, along their normals, and their lengths (m,), mm.
+
+    They end where a region does, or ``REACH`` times the ``spacing`` away. ``points`` (o, 2) are those of outlines and interfaces.
+    """
+    regions, found = region_polygons(plate, outlines, interfaces, points, offset), []
+    for interface in interfaces:
+        at, normals = points_and_normals(interface, points, offset, OUTLINE_SEGMENTS // 2)
+        for sign, number in ((1.0, 0), (-1.0, interface.arc.hole + 1)):
+            ends = np.stack([at, at + sign * REACH * spacing * normals], axis=1)
+            inside = shapely.intersection(shapely.linestrings(ends), regions[number])
+            parts, owner = shapely.get_parts(inside, return_index=True)
+            near = shapely.distance(parts, shapely.points(at[owner])) < CLOSE * spacing
+            found.append(parts[near & (shapely.length(parts) > CLOSE * spacing)])
+    lines = np.concatenate(found)
+    return lines, shapely.length(lines)
 
 
 def sides(plate: Plate) -> list[shapely.LineString]:

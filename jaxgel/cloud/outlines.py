@@ -71,6 +71,16 @@ def loop(outline: Outline) -> Int[np.ndarray, " m"]:
     return np.append(outline.vertices, outline.vertices[0]) if outline.closed else outline.vertices
 
 
+def points_and_normals(
+    line: Outline, points: Float[np.ndarray, "o 2"], offset: int, every: int
+) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2"]]:
+    """Every so many points (k, 2) of a line, numbered from ``offset`` among ``points``, and the unit normals (k, 2) out of its hole."""
+    fine = points[line.vertices - offset]
+    tangents = (np.roll(fine, -1, axis=0) - np.roll(fine, 1, axis=0)) if line.closed else np.gradient(fine, axis=0)
+    tangents = tangents[::every]
+    return fine[::every], np.stack([tangents[:, 1], -tangents[:, 0]], axis=1) / np.linalg.norm(tangents, axis=1, keepdims=True)
+
+
 def on_lines(
     lines: tuple[Outline, ...],
     points: Float[np.ndarray, "o 2"],

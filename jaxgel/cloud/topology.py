@@ -14,12 +14,13 @@ from .cells import Partition, partition
 from .checks import check_ligaments, check_sizes
 from .clearance import with_clearance
 from .curves import Curves, curves_of, interface_traces, interpolation_along, make_interfaces, middles
-from .ligaments import ligaments
+from .ligaments import across_regions, ligaments
 from .morph import Morph, make_morph
 from .outlines import OUTLINE_SEGMENTS, SNAP, Outline, fine_outlines, intervals, join, loop, on_lines, region_polygons, renumbered
 from .quadrature import Quadrature, cell_quadrature
 from .quadtree import Background, make_background
 
+SQUARES_ACROSS = 2  # least number across a region: with the nodes on its outline three lines of nodes, for quadratic shape functions
 GRADING = 0.75  # slope of the node spacing between large squares and small ones
 
 
@@ -138,6 +139,11 @@ def make_topology(plate: Plate, spacing: float | None, nodes_per_hole: int | Non
     if across is not None and across > 2 and outlines:
         strips, widths = ligaments(plate, outlines, points, len(background.vertices))
         refined.append((strips, widths / (across - 2)))
+    if plate.regions:
+        interfaces, own = make_interfaces(plate, background, len(background.vertices) + len(points))
+        lines, widths = across_regions(plate, outlines, interfaces, np.concatenate([points, own]), len(background.vertices), spacing)
+        refined.append((lines, widths / SQUARES_ACROSS))
+    if refined:
         background = make_background(plate, spacing, refined)
         outlines, points = fine_outlines(plate, nodes_per_hole, background, len(background.vertices))
     n = len(background.vertices)
