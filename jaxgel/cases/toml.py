@@ -20,9 +20,18 @@ EXAMPLE = {
 }
 
 
-def example() -> Case:
-    """The `Case` that ``jaxgel init`` writes: four ellipses that turn the plate, as in the paper's sample 1."""
-    return from_table(EXAMPLE, "example")
+REGIONS = [
+    {"kind": "circle", "centre": [0.0, 0.0], "radius": 1.2, "elastomer": {"Nv": 0.1, "bulk": 10.0}},
+    {"kind": "circle", "centre": [0.0, 9.5], "radius": 1.0, "gel": {"Nv": 4e-3}},
+]
+
+
+def example(*, regions: bool = False) -> Case:
+    """The `Case` that ``jaxgel init`` writes: four ellipses that turn the plate, as in the paper's sample 1.
+
+    With ``regions`` it has an elastomer in the middle and a stiffer gel at the upper edge.
+    """
+    return from_table(EXAMPLE | ({"regions": REGIONS} if regions else {}), "example")
 
 
 def explicit(case: Case) -> Case:

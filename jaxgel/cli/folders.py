@@ -6,7 +6,7 @@ from pathlib import Path as File
 import numpy as np
 
 from ..cases import OutputOptions, from_table, load_case, load_path, other_versions, resumed, resumed_map, resumed_study, write_page
-from ..io import dry_gel, load_run, open_folder, swollen_gel, write_mask, write_outline
+from ..io import dry_gel, dry_regions, load_run, open_folder, swollen_gel, write_mask, write_outline
 from ..io import export as write_netcdf
 from ..materials import WithHoles
 from .environment import DONE
@@ -49,15 +49,15 @@ def outline(args: Namespace) -> int:
 
     Beside a dry outline it writes the masks of a printed gel.
     """
-    case = None
+    case, regions = None, []
     if args.mu is not None:
         path = load_path(args.source)
         name, gel = File(args.source).name, swollen_gel(path, int(np.abs(np.asarray(path.mu) - args.mu).argmin()))
     else:
         summary = load_run(args.source).summary if File(args.source).is_dir() else None
         case = from_table(summary["options"], summary["case"]) if summary else load_case(args.source)
-        name, gel = case.name, dry_gel(case.plate)
-    file = write_outline(gel, args.out or f"{name}.{args.format}", args.height, args.pixels_per_mm)
+        name, gel, regions = case.name, dry_gel(case.plate), dry_regions(case.plate)
+    file = write_outline(gel, args.out or f"{name}.{args.format}", args.height, args.pixels_per_mm, regions)
     print(file)
     for mask in _masks(case, file, args.pixels_per_mm) if case else ():
         print(mask)

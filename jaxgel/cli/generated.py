@@ -10,7 +10,7 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from typing import Any
 
-EXAMPLE = "example"  # name of the case that ``jaxgel init`` writes without --from
+EXAMPLE, WITH_REGIONS = "example", "example with regions"  # names of the cases that ``jaxgel init`` writes without --from
 
 
 @functools.cache
@@ -21,7 +21,7 @@ def schema() -> dict[str, Any]:
 
 @functools.cache
 def samples() -> dict[str, dict[str, str]]:
-    """Name of a built-in case -> ``line``, its line in ``jaxgel samples``, and ``text``, its case file; and the example's ``text``."""
+    """Name of a built-in case -> ``line``, its line in ``jaxgel samples``, and ``text``, its case file; and the examples' ``text``."""
     return json.loads(file("samples.json").read_text(encoding="utf-8"))
 
 
@@ -51,7 +51,8 @@ def make() -> dict[str, str]:
     from ..cases import case_schema, case_text, example, explicit, load_case, sample, sample_names
 
     texts = {name: {"line": _line(sample(name)), "text": case_text(explicit(load_case(name)))} for name in sample_names()}
-    files = {"schema.json": case_schema(), "samples.json": texts | {EXAMPLE: {"text": case_text(example())}}}
+    examples = {name: {"text": case_text(example(regions=name == WITH_REGIONS))} for name in (EXAMPLE, WITH_REGIONS)}
+    files = {"schema.json": case_schema(), "samples.json": texts | examples}
     return {name: json.dumps(content, indent=1, ensure_ascii=False) + "\n" for name, content in files.items()}
 
 

@@ -6,13 +6,18 @@ from pathlib import Path
 
 from .._validation import did_you_mean
 from .environment import DONE
-from .generated import EXAMPLE, samples
+from .generated import EXAMPLE, WITH_REGIONS, samples
 from .generated import schema as case_schema
 
 
 def init(args: Namespace) -> int:
     """``jaxgel init``: a commented case file to start from, with an example's or a built-in case's numbers."""
-    text, file = _text(args.sample), Path(f"{args.name or (args.sample or 'case')}.toml".replace(".toml.toml", ".toml"))
+    if args.regions and args.sample is not None:
+        raise ValueError(f"--regions: it belongs to the example, not to --from {args.sample}; leave one of the two out")
+    text, file = (
+        _text(WITH_REGIONS if args.regions else args.sample),
+        Path(f"{args.name or (args.sample or 'case')}.toml".replace(".toml.toml", ".toml")),
+    )
     try:
         with file.open("x", encoding="utf-8") as stream:
             stream.write(text)
@@ -50,4 +55,4 @@ def list_samples(_: Namespace) -> int:
 
 def sample_names() -> list[str]:
     """Names of the built-in cases."""
-    return [name for name in samples() if name != EXAMPLE]
+    return [name for name in samples() if name not in (EXAMPLE, WITH_REGIONS)]

@@ -1,7 +1,7 @@
 """Files: a run's folder, netCDF, ParaView, drawings of outlines; the terminal, and the processes that calls run on."""
 
 from .._validation import read_toml
-from .drawings import FORMATS, OUTLINE, dry_gel, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
+from .drawings import FORMATS, OUTLINE, dry_gel, dry_regions, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
 from .files import one_line, open_folder, read_record, write_atomically, write_csv, write_json
 from .hole_pictures import IMAGE, hole_tables
 from .masks import MASK, mask_table, mask_values, write_mask
@@ -28,6 +28,7 @@ __all__ = [
     "Workers",
     "dask_executor",
     "dry_gel",
+    "dry_regions",
     "export",
     "fit_fourier",
     "hole_table",

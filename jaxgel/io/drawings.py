@@ -6,7 +6,7 @@ SVG points down and is turned over. DXF and SVG drawings are read by the librari
 
 import csv
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path as File
 from typing import Any
 
@@ -192,6 +192,12 @@ def dry_gel(plate: Plate) -> shapely.Geometry:
     return shapely.difference(box, shapely.union_all([shapely.Polygon(_hole_points(hole)) for hole in plate.holes]))
 
 
+def dry_regions(plate: Plate) -> list[shapely.Polygon]:
+    """The parts of a dry plate's regions in the plate, shapely polygons, mm; holes in them are not cut out."""
+    box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
+    return [shapely.intersection(box, shapely.Polygon(_hole_points(region))) for region in plate.regions]
+
+
 def swollen_gel(path: Path, k: int) -> shapely.Geometry:
     """The gel of state ``k`` of a path as a shapely polygon, mm; ValueError where its outline crosses itself."""
     chosen = path.chosen([k])
@@ -203,10 +209,17 @@ def swollen_gel(path: Path, k: int) -> shapely.Geometry:
     return gel
 
 
-def write_outline(gel: shapely.Geometry, file: str | File, height: float = 1.0, pixels_per_mm: float | None = None) -> File:
+def write_outline(
+    gel: shapely.Geometry,
+    file: str | File,
+    height: float = 1.0,
+    pixels_per_mm: float | None = None,
+    regions: Sequence[shapely.Polygon] = (),
+) -> File:
     """Write a polygon (shapely, mm) to a .dxf, .svg, .stl or .png ``file``; returns the file.
 
-    STL is extruded by ``height`` mm; for PNG and its ``pixels_per_mm`` see `write_drawing`.
+    STL is extruded by ``height`` mm; for PNG and its ``pixels_per_mm`` see `write_drawing`. The outlines of ``regions`` have a layer of
+    their own in DXF and thin lines in SVG.
     """
     file = File(file)
     kind = file.suffix.lower().lstrip(".")
@@ -217,7 +230,7 @@ def write_outline(gel: shapely.Geometry, file: str | File, height: float = 1.0, 
     if kind == "png":
         return write_drawing(gel, file, pixels_per_mm)
     gel = shapely.orient_polygons(gel)
-    content = {"dxf": _dxf, "svg": _svg, "stl": lambda gel: _stl(gel, height)}[kind](gel)
+    content = {"dxf": _dxf, "svg": _svg, "stl": lambda gel, _: _stl(gel, height)}[kind](gel, regions)
     write_atomically(file, lambda stream: stream.write(content))
     return file
 
@@ -227,25 +240,33 @@ def _rings(gel: shapely.Polygon) -> list[np.ndarray]:
     return [np.asarray(ring.coords)[:-1] for ring in (gel.exterior, *gel.interiors)]
 
 
-def _dxf(gel: shapely.Polygon) -> bytes:
+def _dxf(gel: shapely.Polygon, regions: Sequence[shapely.Polygon]) -> bytes:
     try:
         import ezdxf
     except ImportError:
         raise ValueError("format: dxf needs ezdxf; pip install 'jaxgel[outline]'") from None
     document = ezdxf.new("R2010", units=ezdxf.units.MM)
-    for k, ring in enumerate(_rings(gel)):
-        document.modelspace().add_lwpolyline(ring.tolist(), close=True, dxfattribs={"layer": "HOLES" if k else "PLATE"})
+    lines = [("HOLES" if k else "PLATE", ring) for k, ring in enumerate(_rings(gel))]
+    for layer, ring in lines + [("REGIONS", _rings(region)[0]) for region in regions]:
+        document.modelspace().add_lwpolyline(ring.tolist(), close=True, dxfattribs={"layer": layer})
     stream = io.StringIO()
     document.write(stream)
     return stream.getvalue().encode(document.output_encoding)
 
 
-def _svg(gel: shapely.Polygon) -> bytes:
+def _svg(gel: shapely.Polygon, regions: Sequence[shapely.Polygon]) -> bytes:
     left, low, right, high = gel.bounds
-    loops = ["M" + "L".join(f"{x:.6f},{-y:.6f}" for x, y in ring) + "Z" for ring in _rings(gel)]
     size = f'width="{right - left:.6f}mm" height="{high - low:.6f}mm" viewBox="{left:.6f} {-high:.6f} {right - left:.6f} {high - low:.6f}"'
-    paths = f'<path fill="none" stroke="black" stroke-width="{0.002 * (right - left):.6f}" d="{" ".join(loops)}"/>'
+    drawn = [(0.002, _rings(gel)), *((0.001, _rings(region)[:1]) for region in regions)]
+    paths = "\n".join(
+        f'<path fill="none" stroke="black" stroke-width="{width * (right - left):.6f}" d="{" ".join(map(_svg_loop, rings))}"/>'
+        for width, rings in drawn
+    )
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{paths}\n</svg>\n'.encode()
+
+
+def _svg_loop(ring: Float[np.ndarray, "m 2"]) -> str:
+    return "M" + "L".join(f"{x:.6f},{-y:.6f}" for x, y in ring) + "Z"
 
 
 def _stl(gel: shapely.Polygon, height: float) -> bytes:
