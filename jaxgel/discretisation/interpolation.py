@@ -181,27 +181,38 @@ def evaluate_points(
     count, width = len(points), lists.shape[1]
     lists, supports = (np.pad(part, ((0, 0), (0, -width % NEIGHBOURS))) for part in (lists, supports))
     sizes = [LARGE] * (count // LARGE) + [SMALL] * -(-(count % LARGE) // SMALL)
-    groups, start = [], 0
-    for size in sizes:
-        numbers = np.minimum(np.arange(start, start + size), count - 1)
-        own = owner[numbers]
-        at = _rows(points, numbers), _rows(nodes, lists[own])
-        groups.append(_evaluated(*at, supports[own], basis=basis, kind=kind, gradients=gradients))
-        start += size
+    numbers = np.split(np.minimum(np.arange(sum(sizes)), count - 1), np.cumsum(sizes)[:-1])
+    own = [owner[some] for some in numbers]
+    at = zip(_rows(points, numbers), _rows(nodes, [lists[some] for some in own]), own, strict=True)
+    groups = [_evaluated(*some, supports[of], basis=basis, kind=kind, gradients=gradients) for *some, of in at]
     values = tuple(_joined(parts, count, width) for parts in zip(*groups, strict=True))
     return values if gradients else values[0]
 
 
 def _rows(values, numbers):
-    """Rows of an array; by NumPy where nothing is traced, so that no program is compiled for every number of points."""
-    return values[numbers] if isinstance(values, jax.core.Tracer) else np.asarray(values)[numbers]
+    """Rows of an array for each of the ``numbers``; by NumPy where nothing is traced: no program is compiled for every number of points."""
+    if isinstance(values, jax.core.Tracer):
+        return _taken(values, numbers)
+    values = np.asarray(values)
+    return [values[some] for some in numbers]
+
+
+@jax.jit
+def _taken(values, numbers):
+    """Rows of an array for each of the ``numbers`` by one program, whose reverse adds them up in one array."""
+    return [values[some] for some in numbers]
 
 
 def _joined(parts, count, width):
     """The first ``count`` rows and ``width`` columns of the values (g, a, ...) of all groups, likewise."""
     if isinstance(parts[0], jax.core.Tracer):
-        return jnp.concatenate(parts)[:count, :width]
+        return _concatenated(parts, count, width)
     return jax.device_put(np.concatenate(parts)[:count, :width])
+
+
+@functools.partial(jax.jit, static_argnames=("count", "width"))
+def _concatenated(parts, count, width):
+    return jnp.concatenate(parts)[:count, :width]
 
 
 @functools.partial(jax.jit, static_argnames=("basis", "kind", "gradients"))
