@@ -19,7 +19,7 @@ def consistent_gradients(
     basis: str,
     kind: str,
     edge_ends: Int[np.ndarray, "e 2"],
-) -> tuple[Inexact[Array, "p a 2"], Float[Array, " p"], Inexact[Array, "e 2 2 a"] | None]:
+) -> tuple[Inexact[Array, "p a 2"], Float[Array, " p"], Inexact[Array, "e 2 a"] | None]:
     """Shape function gradients at all quadrature points, the quadrature weights, and the `area_rows` of the contours, None for chords.
 
     One constant vector per cell and node is added to the gradients so that sum_q w_q dphi_a(q) is the contour integral of phi_a n, the
@@ -54,8 +54,8 @@ def _consistent(nodes, vertices, on_contour, trace, dphi, weight, cell, patch, e
     else:
         rows, dry = area_rows(trace, following), area_rows(on_contour.reshape(len(ends), 2, 2), following)
         turned = jnp.stack([dry[..., 1], -dry[..., 0]], axis=-1)
-        flux = jnp.einsum("era,eri->eai", rows[:, 0], turned[:, 1]) - jnp.einsum("era,eri->eai", rows[:, 1], turned[:, 0])
-        sides = jnp.sum(dry[:, 0, :, 0] * dry[:, 1, :, 1] - dry[:, 0, :, 1] * dry[:, 1, :, 0], axis=1)
+        flux = rows[:, 0, :, None] * turned[:, 1, None] - rows[:, 1, :, None] * turned[:, 0, None]
+        sides = dry[:, 0, 0] * dry[:, 1, 1] - dry[:, 0, 1] * dry[:, 1, 0]
         area = jax.ops.segment_sum(sides, edge_cell, len(patch))
         weight = weight * (area / jax.ops.segment_sum(weight, cell, len(patch)))[cell]
     flux = jax.ops.segment_sum(flux, edge_cell, len(patch))
@@ -65,14 +65,15 @@ def _consistent(nodes, vertices, on_contour, trace, dphi, weight, cell, patch, e
     return jnp.where(real, dphi + correction[cell], 0.0), weight, rows
 
 
-def area_rows(trace: Inexact[Array, "e 2 *v"], following: Int[Array, " e"]) -> Inexact[Array, "e 2 2 *v"]:
-    """Rows R, S (e, 2, *v) per edge of the area form: the area inside a contour is the sum of (R x) x (S x) over its edges.
+def area_rows(trace: Inexact[Array, "e 2 *v"], following: Int[Array, " e"]) -> Inexact[Array, "e 2 *v"]:
+    """Rows R, S (e, 2, *v) of the area form, one of each per edge: the area inside a contour is the sum of (R x) x (S x) over its edges.
 
-    ``trace`` holds values at the start, y_0, and the middle, y_m, of every edge; its end is the start of the ``following`` one. The edge's
-    image is the parabola through the three, and 1/2 of the integral of y x dy along it is 2/3 (y_0 x y_m + y_m x y_1) - 1/6 y_0 x y_1.
+    ``trace`` holds values at the start, y_0, and the middle, y_m, of every edge; its end, y_1, is the start of the ``following`` one. The
+    edge's image is the parabola through the three, and 1/2 of the integral of y x dy along it is
+    2/3 (y_0 x y_m + y_m x y_1) - 1/6 y_0 x y_1 = (y_0 - y_1) x (2/3 y_m - (y_0 + y_1) / 12).
     """
     start, middle, end = trace[:, 0], trace[:, 1], trace[following, 0]
-    return jnp.stack([jnp.stack([start, middle], axis=1), jnp.stack([2 / 3 * middle - end / 6, 2 / 3 * end], axis=1)], axis=1)
+    return jnp.stack([start - end, 2 / 3 * middle - (start + end) / 12], axis=1)
 
 
 def _linear_trace(at, start, along, nodes, ends):

@@ -223,7 +223,6 @@ def _by_patch(points, dphi, weight, rows, point_numbers, edge_numbers, *, widths
         groups = contour = None
         if method == "mixed":
             groups = group_weights(points[at], w, of)
-            own = jnp.where((edges >= 0)[..., None, None, None], rows[edges][..., :n], 0.0)
-            contour = jnp.moveaxis(own, 2, 1).reshape(len(own), 2, -1, n)
+            contour = jnp.where((edges >= 0)[:, None, :, None], jnp.swapaxes(rows[edges][..., :n], 1, 2), 0.0)
         values.append((points[at], dphi[at, :n], w, groups, contour))
     return values
