@@ -20,6 +20,7 @@ from ..equilibrium import Status, dry_state, for_derivatives, remedy, solve_trac
 from ..linalg import SingularTangent, extreme_eigenvalues, factor, network_matrix, remember
 from ..materials import Gel, check_gel
 from ..mechanics import Problem, check_room, crosses, linearise, outline_loops, overlaps, prepare, state_pressure, tangent, total_energy
+from ..symmetry import NAMES
 from .follow import Followed, Following
 from .options import check_mu
 from .path import Path
@@ -75,14 +76,15 @@ def traced_sweep(model: Model, gel: Gel, mu: object, loads: Float[Array, "n 2"] 
     values = report["mu"] if options.adaptive else values
     found = report.pop("energy"), report.pop("pressure")
     energy, pressure = with_derivatives_of(_energies_and_pressures, found, x, model, gel, values, loads)
-    report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "mu")}
+    report = {name: column for name, column in report.items() if name not in ("contact_active", "group", "operators", "mu")}
     return Path(model=model, gel=gel, mu=values, x=x, pressure=pressure, energy=energy, **report)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _states(static, floats, rest):
     """Equilibria (k, n, 2) and their report, a dict (k,) of mu, status, newton_iterations, residual, negative_pivots, lowest_eigenvalue,
-    switched, contact_active and energy, of the pressure (k, g), and of the `mechanics.Operators` of the model.
+    switched, contact_active, group (its number in ``symmetry.NAMES``) and energy, of the pressure (k, g), and of the `mechanics.Operators`
+    of the model.
     """
     inputs = static.join(floats, rest)
     if is_traced(inputs):
@@ -121,7 +123,8 @@ def _states_jvp(static, primals, tangents):
     problem, problem_dot = Problem(model, gel, loads, report["operators"]), Problem(model_dot, gel_dot, loads_dot, None)
     if problem.has_contact and not is_traced(report) and not np.any(report["contact_active"]):
         problem, problem_dot = problem.without_contact, problem_dot.without_contact  # no energy and no derivative, but a cost
-    x_dot = state_tangents(x, report["pressure"], problem, mu, problem_dot, mu_dot)
+    groups = ((),) * len(x) if is_traced(report) else tuple(list(NAMES)[number] for number in report["group"].tolist())
+    x_dot = state_tangents(x, report["pressure"], problem, mu, problem_dot, mu_dot, groups)
     return (x, report), (x_dot, jax.tree.map(SymbolicZero.from_primal_value, report))
 
 
@@ -148,6 +151,7 @@ def _columns(problem, states, stop, mu, options):
     path, missing = Path.from_states(problem.model, problem.gel, states), len(mu) - len(states)
     eigenvalues = zip(path.status, path.lowest_eigenvalue, path.x, strict=True)
     contact = options.contact == "on"
+    touching = np.array([state.contact_active is not False for state in states])
     status = [for_derivatives(s, e, crossing=not contact and overlaps(x, problem.model), contact=contact) for s, e, x in eigenvalues]
 
     def pad(values, fill):  # in NumPy: nothing is compiled
@@ -161,7 +165,8 @@ def _columns(problem, states, stop, mu, options):
         negative_pivots=pad(path.negative_pivots, -1),
         lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
         switched=pad(path.switched, False),
-        contact_active=pad(np.array([state.contact_active is not False for state in states]), False),
+        contact_active=pad(touching, False),
+        group=pad(np.where(touching, 0, [list(NAMES.values()).index(state.symmetry or NAMES[()]) for state in states]), 0),
         operators=problem.operators,
         energy=pad(path.energy, jnp.nan),
         pressure=pad(path.pressure, jnp.nan),
@@ -208,7 +213,7 @@ def _scanned(model, gel, mu, loads, options):
 
     _, (x, report) = jax.lax.scan(step, ((mu[0], start, pressure),) * 2 + (0,), mu)
     report |= dict(zip(("energy", "pressure"), _energies_and_pressures(x, model, gel, mu, loads), strict=True))
-    flags = dict(switched=jnp.zeros(mu.shape, dtype=bool), contact_active=jnp.ones(mu.shape, dtype=bool))
+    flags = dict(switched=jnp.zeros(mu.shape, dtype=bool), contact_active=jnp.ones(mu.shape, dtype=bool), group=jnp.zeros(mu.shape, int))
     return x, dict(report, mu=mu, operators=problem.operators, **flags)
 
 

@@ -13,21 +13,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 
 from .._threads import ONE_THREAD, few_threads, usable_threads
 from ..discretisation import Model
 from ..linalg import RECENT_FACTORS, SingularTangent, solve_near
 from ..mechanics import TangentOperator, gather, hessian_product, is_sparse, linearise, scatter, tangent
 from .derivatives import Tangent, remade
+from .primitives import primitive
 
 STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
 BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill
-
-solutions = Primitive("equilibrium_solutions")
-"""Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
-(x (k, n, 2), pressure (k, g), mu (k,), `Problem`) with the tree ``structure``."""
 
 
 def states_together(count: int, model: Model) -> int:
@@ -65,20 +60,19 @@ def _solutions_jvp(primals, tangents, *, structure):
     """K x = b gives K dx = db - dK x, the latter by the energy, whose arguments the leaves are."""
     (rhs, *leaves), (change, *dots) = primals, tangents
     solution = solutions.bind(rhs, *leaves, structure=structure)
-    moving = tuple(i + 1 for i, dot in enumerate(dots) if type(dot) is not ad.Zero)
+    moving = tuple(i + 1 for i, dot in enumerate(dots) if dot is not None)
     if moving:
         moved = remade(Tangent(_Products(structure), moving), solution, *leaves, *(dots[i - 1] for i in moving))
-        change = -moved if type(change) is ad.Zero else change - moved
-    return solution, change if type(change) is ad.Zero else solutions.bind(change, *leaves, structure=structure)
+        change = -moved if change is None else change - moved
+    return solution, change if change is None else solutions.bind(change, *leaves, structure=structure)
 
 
-def _solutions_transpose(cotangent, rhs, *leaves, structure):  # noqa: ARG001
+def _solutions_transpose(cotangent, args, *, structure):
     """Tangents are symmetric."""
-    found = cotangent if type(cotangent) is ad.Zero else solutions.bind(cotangent, *leaves, structure=structure)
-    return [found, *(None for _ in leaves)]
+    found = None if cotangent is None else solutions.bind(cotangent, *args[1:], structure=structure)
+    return [found, *(None for _ in args[1:])]
 
 
-@solutions.def_impl
 def _solved(rhs, *leaves, structure):
     """On the host, with values; 0 for 0 at no cost.
 
@@ -148,15 +142,22 @@ def _columnwise(solve, rhs):
 def _solved_batch(args, axes, *, structure):
     """Right-hand sides (b, k, f) for the same states are columns."""
     (rhs, *states), (axis, *others) = args, axes
-    if any(other is not batching.not_mapped for other in others):
+    if any(other is not None for other in others):
         return jax.vmap(functools.partial(_solved_traced, structure=structure), axes)(*args), 0
     columns = jnp.moveaxis(rhs, axis, -1)
     found = solutions.bind(columns.reshape(*columns.shape[:2], -1), *states, structure=structure)
     return found.reshape(columns.shape), columns.ndim - 1
 
 
-solutions.def_abstract_eval(lambda rhs, *_, **__: rhs)
-ad.primitive_jvps[solutions] = _solutions_jvp
-ad.primitive_transposes[solutions] = _solutions_transpose
-mlir.register_lowering(solutions, mlir.lower_fun(_solved_traced, multiple_results=False))
-batching.primitive_batchers[solutions] = _solved_batch
+solutions = primitive(
+    "equilibrium_solutions",
+    value=_solved,
+    traced=_solved_traced,
+    shapes=lambda rhs, *_, **__: rhs,
+    jvp=_solutions_jvp,
+    transpose=_solutions_transpose,
+    batch=_solved_batch,
+    several=False,
+)
+"""Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
+(x (k, n, 2), pressure (k, g), mu (k,), `Problem`) with the tree ``structure``."""

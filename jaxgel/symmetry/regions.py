@@ -17,8 +17,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._memo import once_per_owner
-from .._types import Int
-from ..discretisation import Connectivity, PatchBlock
+from .._types import Array, Float, Int
+from ..discretisation import Connectivity, Model, PatchBlock
 from ..linalg import Pattern, analyse, standing
 from ..materials import LocalValues, with_parameters
 from ..mechanics import Problem, contact_pairs, free_dofs, node_pairs, precomputed_operators
@@ -59,10 +59,11 @@ class Region:
 def region(problem: Problem, group: tuple[str, ...]) -> Region:
     """`Region` of a ``problem`` that has a ``group``."""
     model, lists = problem.model, problem.model.lists
-    chosen, sizes = _representatives(lists, group)
-    blocks = [_part(block, rows, size) for block, rows, size in zip(model.blocks, chosen, sizes, strict=True)]
+    chosen, sizes = representatives(lists, group)
+    taken = [jax.tree.map(lambda v, own=own: np.asarray(v)[own], block) for block, own in zip(model.blocks, chosen, strict=True)]
+    blocks = [counted(block, size) for block, size in zip(taken, sizes, strict=True)]
     real = [len(rows) > 0 for rows in chosen]
-    own = _own_groups(model.blocks, chosen)
+    own = own_groups(model.blocks, chosen)
 
     def part(parameter):
         if not isinstance(parameter, LocalValues):
@@ -77,24 +78,31 @@ def region(problem: Problem, group: tuple[str, ...]) -> Region:
     return Region(group, reduced, own, _spread(problem.model, group, own))
 
 
-def _part(block: PatchBlock, rows, sizes):
-    """The patches ``rows`` (r,) of a block, each of which counts ``sizes`` (r,) times."""
-    taken = jax.tree.map(lambda values: np.asarray(values)[rows], block)
-    contour = taken.contour
+def counted(block: PatchBlock, sizes: Float[Array, " r"]) -> PatchBlock:
+    """The patches of a block, each of which counts ``sizes`` (r,) times."""
+    contour = block.contour
     if contour is not None:  # of the product of two rows that is an area
-        contour = contour * np.stack([sizes, np.ones(len(sizes))], axis=1)[:, :, None, None]
-    return dataclasses.replace(taken, weight=taken.weight * sizes[:, None], contour=contour)
+        contour = contour * (1 + np.array([1.0, 0.0])[:, None, None] * (sizes[:, None, None, None] - 1))
+    return dataclasses.replace(block, weight=block.weight * sizes[:, None], contour=contour)
 
 
 @once_per_owner
-def _representatives(lists: Connectivity, group: tuple[str, ...]):
+def representatives(lists: Connectivity, group: tuple[str, ...]) -> tuple[list, list]:
     """Per block the rows (r,) of the patches that the region has, and the sizes (r,) of their orbits."""
-    found, centres = images(lists), _patch_centres(lists)
-    orbits = np.stack([np.arange(len(centres)), *(found[name].patches for name in group)])
-    first = orbits[np.argmax(np.round(centres @ TOWARDS, 9)[orbits], axis=0), np.arange(len(centres))]
+    found, (_, first) = images(lists), patch_images(lists, group)
+    orbits = np.stack([np.arange(len(first)), *(found[name].patches for name in group)])
     size = np.array([len(set(column)) for column in orbits.T])
     rows = [np.flatnonzero(first[patches] == patches) for patches in lists.patches]
     return rows, [size[patches[r]].astype(float) for patches, r in zip(lists.patches, rows, strict=True)]
+
+
+@once_per_owner
+def patch_images(lists: Connectivity, group: tuple[str, ...]) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
+    """Number of the element, the identity first, that takes each patch to the region, and the patch to which it takes it."""
+    found, centres = images(lists), _patch_centres(lists)
+    orbits = np.stack([np.arange(len(centres)), *(found[name].patches for name in group)])
+    by = np.argmax(np.round(centres @ TOWARDS, 9)[orbits], axis=0)
+    return by, orbits[by, np.arange(len(centres))]
 
 
 def _patch_centres(lists):
@@ -108,7 +116,7 @@ def _patch_centres(lists):
 @once_per_owner
 def _region_lists(lists: Connectivity, group: tuple[str, ...]) -> Connectivity:
     """The lists of the region's patches, with the symmetric unknowns."""
-    rows = _representatives(lists, group)[0]
+    rows = representatives(lists, group)[0]
     parts = [(patches[r], points[r]) for patches, points, r in zip(lists.patches, lists.points, rows, strict=True) if len(r)]
     symmetric = representations(group)[0]
     return dataclasses.replace(
@@ -215,7 +223,7 @@ def _turned(matrix, lists, turn):
 # --- pressures ---------------------------------------------------------------------------------------------------------------
 
 
-def _own_groups(blocks, chosen):
+def own_groups(blocks: tuple[PatchBlock, ...], chosen: list) -> Int[np.ndarray, " r"]:
     """The volume groups (r,) of the plate that belong to the ``chosen`` rows of each block."""
     found, start = [], 0
     for block, rows in zip(blocks, chosen, strict=True):
@@ -225,36 +233,50 @@ def _own_groups(blocks, chosen):
 
 
 def _spread(model, group, own):
-    """The matrix (g, r) that takes the pressures of the region's groups ``own`` (r,) to those of all patches' groups.
+    """The matrix (g, r) that takes the pressures of the region's groups ``own`` (r,) to those of all patches' groups."""
+    _, to = patch_images(model.lists, group)
+    column = np.full(sum(len(block.patches) * block.n_groups for block in model.blocks), -1)
+    column[own] = np.arange(len(own))
+    rows, columns, values, start = [], [], [], 0
+    for block, patches, shares in zip(model.blocks, model.lists.patches, group_shares(model, group), strict=True):
+        g, there = block.n_groups, _rows_of(model.lists)[to[patches]]
+        c, i, j = np.nonzero(shares)
+        rows.append(start + c * g + i)
+        columns.append(column[start + there[c] * g + j])
+        values.append(shares[c, i, j])
+        start += len(patches) * g
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return sp.csr_matrix(entries, shape=(len(column), len(own)))
+
+
+def _rows_of(lists):
+    """The row (c,) of each patch in its block."""
+    row = np.zeros(len(lists.linear), dtype=int)
+    for patches in lists.patches:
+        row[patches] = np.arange(len(patches))
+    return row
+
+
+def group_shares(model: Model, group: tuple[str, ...]) -> list[Float[np.ndarray, "c g g"]]:
+    """Per block the shares (c, g, g) that the volume groups of each patch have of those of the region's patch to which it is taken.
 
     Groups that carry volume change places; those that are held turn among themselves, as their moments do.
     """
     lists, found = model.lists, images(model.lists)
-    elements = [IDENTITY, *group]
-    centres = _patch_centres(lists)
-    orbits = np.stack([np.arange(len(centres)), *(found[name].patches for name in group)])
-    by = np.argmax(np.round(centres @ TOWARDS, 9)[orbits], axis=0)  # the element that takes each patch to the region
-    column = np.full(sum(len(block.patches) * block.n_groups for block in model.blocks), -1)
-    column[own] = np.arange(len(own))
-    row_of_patch, slot = np.zeros(len(centres), dtype=int), np.zeros(len(lists.cell_of_point), dtype=int)
-    for patches, numbers in zip(lists.patches, lists.points, strict=True):
-        row_of_patch[patches] = np.arange(len(patches))
+    by, to = patch_images(lists, group)
+    row, slot = _rows_of(lists), np.zeros(len(lists.cell_of_point), dtype=int)
+    for numbers in lists.points:
         where = np.nonzero(numbers >= 0)
         slot[numbers[where]] = where[1]
-    rows, columns, values, start = [], [], [], 0
+    shares = []
     for block, patches, numbers in zip(model.blocks, lists.patches, lists.points, strict=True):
-        g = block.n_groups
-        for k, name in enumerate(elements):
+        own = np.empty((len(patches), block.n_groups, block.n_groups))
+        for k, name in enumerate([IDENTITY, *group]):
             here = np.flatnonzero(by[patches] == k)
-            there = row_of_patch[orbits[k][patches[here]]]
-            shares = _shares(block, here, there, slot, numbers, None if name == IDENTITY else found[name].points)
-            c, i, j = np.nonzero(shares)
-            rows.append(start + here[c] * g + i)
-            columns.append(column[start + there[c] * g + j])
-            values.append(shares[c, i, j])
-        start += len(patches) * g
-    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    return sp.csr_matrix(entries, shape=(len(column), len(own)))
+            there = row[to[patches[here]]]
+            own[here] = _shares(block, here, there, slot, numbers, None if name == IDENTITY else found[name].points)
+        shares.append(own)
+    return shares
 
 
 def _shares(block, here, there, slot, numbers, image):
