@@ -14,10 +14,8 @@ def init(args: Namespace) -> int:
     """``jaxgel init``: a commented case file to start from, with an example's or a built-in case's numbers."""
     if args.regions and args.sample is not None:
         raise ValueError(f"--regions: it belongs to the example, not to --from {args.sample}; leave one of the two out")
-    text, file = (
-        _text(WITH_REGIONS if args.regions else args.sample),
-        Path(f"{args.name or (args.sample or 'case')}.toml".replace(".toml.toml", ".toml")),
-    )
+    text = _text(WITH_REGIONS if args.regions else args.sample)
+    file = Path(f"{args.name or args.sample or 'case'}.toml".replace(".toml.toml", ".toml"))
     try:
         with file.open("x", encoding="utf-8") as stream:
             stream.write(text)
