@@ -121,7 +121,10 @@ def _conforming(topology, method, basis, dmax, skin):
     regions = part.region_of_cell[cells]
     check_support(topology, points, regions, support, basis)
     point_owner = patch_of_cell[quadrature.owner]
-    nodes, supports = pad_nodes(*reaching_nodes(topology, points, patch_of_cell[cells], regions, support, skin), support)
+    on_interfaces, traces = _traces(topology, contour)
+    trace_owner = contour.owner[on_interfaces // 2]
+    also = trace_owner[traces.coords[0]], traces.coords[1]
+    nodes, supports = pad_nodes(*reaching_nodes(topology, points, patch_of_cell[cells], regions, support, skin, also), support)
 
     groups = _groups_of_similar_size(linear, quadrature.owner, patch_of_cell)
     end_nodes = plate_edge_ends(topology, contour.ends)
@@ -131,8 +134,8 @@ def _conforming(topology, method, basis, dmax, skin):
         raise ValueError(f"dmax: {dmax} is too small for the supports to reach along the plate's edges; use a larger one")
     outer = np.flatnonzero(_is_outer(contour, len(part.vertices)))
     numbers = tuple(np.where(rows >= 0, outer[rows], -1) for rows in _rows_of(contour.owner[outer], len(linear), groups))
-    on_interfaces = _on_interfaces(topology, contour, nodes, supports) if topology.interfaces else None
-    contour = dataclasses.replace(contour, edge_ends=edge_ends, numbers=numbers, on_interfaces=on_interfaces)
+    found = (on_interfaces, _in_lists(traces, trace_owner, nodes)) if topology.interfaces else None
+    contour = dataclasses.replace(contour, edge_ends=edge_ends, numbers=numbers, on_interfaces=found)
     points_of = _rows_of(point_owner, len(linear), groups)
     return Connectivity(topology, nodes, supports, patch_of_cell, linear, quadrature.owner, points_of, groups, contour)
 
@@ -148,8 +151,10 @@ def _contour(topology, patch_of_cell, *, curved):
     return Contour(ends, middles, cell, patch_of_cell[cell], following, np.full_like(ends, -1), ())
 
 
-def _on_interfaces(topology, contour, nodes, supports):
-    """`Contour.on_interfaces`: starts of edges that are vertices of an interface, and all points of edges along one."""
+def _traces(topology, contour):
+    """Numbers (k,) of the contour's points on interfaces, starts of edges at their vertices and all points of edges along them, and the
+    matrix (k, n) from nodal values to the traces there.
+    """
     part, ends = topology.partition, contour.ends
     n, region, traces = len(part.vertices), part.region_of_cell[contour.cell], topology.traces
     key, reverse = ends @ [n, 1], ends @ [1, n]
@@ -163,14 +168,15 @@ def _on_interfaces(topology, contour, nodes, supports):
         starts, (at, weights) = np.flatnonzero(np.diff(traces.indptr)[ends[:, 0]]), contour.middles
         middle = sum(traces[at[along, k]].multiply(weights[along, k, None]) for k in range(3))
         parts = [(2 * starts, traces[ends[starts, 0]]), (2 * along + 1, middle)]
-    numbers, values = np.concatenate([own for own, _ in parts]), sp.vstack([rows for _, rows in parts]).tocoo()
-    owner = contour.owner[numbers // 2][values.coords[0]]
-    listed = (nodes[owner] == values.coords[1][:, None]) & (supports[owner] > 0)
-    if not listed.any(axis=1).all():
-        raise ValueError("dmax: it is too small for the supports to reach along the outlines of the regions; use a larger one")
-    found = np.zeros((len(numbers), nodes.shape[1]))
-    found[values.coords[0], listed.argmax(axis=1)] = values.data
-    return numbers, found
+    return np.concatenate([own for own, _ in parts]), sp.vstack([rows for _, rows in parts]).tocoo()
+
+
+def _in_lists(traces, owner, nodes):
+    """The weights (k, a) of a matrix (k, n) of ``traces`` in the node lists of the ``owner`` (k,) of each."""
+    row, node = traces.coords
+    found = np.zeros((len(owner), nodes.shape[1]))
+    found[row, (nodes[owner[row]] == node[:, None]).argmax(axis=1)] = traces.data
+    return found
 
 
 def _is_outer(contour, n):

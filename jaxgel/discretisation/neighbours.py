@@ -31,18 +31,19 @@ def reaching_nodes(
     regions: Int[np.ndarray, " p"],
     support: Float[np.ndarray, " n"],
     skin: float,
+    also: tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]] = (np.zeros(0, int), np.zeros(0, int)),
 ) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " o"]]:
     """Numbers of the nodes whose ``support`` reaches a point of each owner to within ``skin`` mm, ascending, owner after owner.
 
     The second value is how many each owner has. ``points`` lie on the reference plate, in these ``regions``, whose nodes alone reach them;
-    ``owner`` numbers count from 0.
+    ``owner`` numbers count from 0. ``also`` are owners and nodes that these list in any case.
     """
     nodes = topology.partition.vertices[topology.node_vertices]
     pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max() + skin, output_type="ndarray")
     pairs = pairs[pairs["v"] < support[pairs["j"]] + skin]
     if topology.interfaces:
         pairs = pairs[(topology.node_regions[pairs["j"]] == regions[pairs["i"], None]).any(axis=1)]
-    key = np.unique(owner[pairs["i"]] * len(nodes) + pairs["j"])
+    key = np.unique(np.concatenate([owner[pairs["i"]] * len(nodes) + pairs["j"], also[0] * len(nodes) + also[1]]))
     return key % len(nodes), np.bincount(key // len(nodes), minlength=owner.max() + 1)
 
 
