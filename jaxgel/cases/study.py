@@ -12,7 +12,8 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
     [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
 
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
-A study takes all options of its case but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu a list.
+A study takes all of its case, loads and moved edges too, but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu
+a list. Nodal loads follow the cloud that the holes move, with derivatives.
 """
 
 import dataclasses
