@@ -11,8 +11,8 @@ A table has the sections of a case file, all but ``plate`` optional:
     [[regions]]        outlines as of holes, of parts with a material of their own: gel = {Nv, chi ...}, what differs from the plate's, or
                        elastomer = {Nv, bulk}, which takes no solvent
     [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
-    [gel]              Nv, chi, each a number or a grey picture {file = "mask.png", low, high} that covers the plate, see `io.masks`;
-                       energy = "module:function" and numbers that the function takes, see `user_energy`
+    [gel]              Nv, chi, each a number, a grey picture {file = "mask.png", low, high} that covers the plate, or the {values} of its
+                       pixels, see `io.masks`; energy = "module:function" and numbers that the function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
     [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature, solver
@@ -257,10 +257,12 @@ def _parameter(where, value, plate):
     """A number, or the field of a picture on the dry plate."""
     if not isinstance(value, dict):
         return float(value)
-    for end in ("low", "high"):
-        check_number(f"{where}.{end}", value[end], *ACCEPTED[where.rpartition(".")[2]])
     w, h = plate.width, plate.height
-    field = PixelField(mask_values(value, (w, h), where), (-w / 2, w / 2, -h / 2, h / 2))
+    pixels = mask_values(value, (w, h), where)
+    ends = {key: value[key] for key in ("low", "high") if key in value}
+    for key, end in [*ends.items()] or [("values", float(pixels.min())), ("values", float(pixels.max()))]:
+        check_number(f"{where}.{key}", end, *ACCEPTED[where.rpartition(".")[2]])
+    field = PixelField(pixels, (-w / 2, w / 2, -h / 2, h / 2), smooth=value.get("smooth", False))
     return WithHoles(field) if value.get("with_holes") else field
 
 

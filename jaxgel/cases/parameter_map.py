@@ -18,7 +18,7 @@ import numpy as np
 from .._validation import listed, tabled, whole, word
 from ..materials import check_gel
 from .case import Case
-from .parameters import PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, sobol, study_case, study_table
+from .parameters import FIELDS, PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, sobol, study_case, study_table
 
 SAMPLES = ("grid", "sobol")
 BOUNDS, VALUES = PARAMETER | {"lower": VALUE, "upper": VALUE}, {"values": listed({}, least=1)}
@@ -85,6 +85,9 @@ def resumed_map(folder: File | str) -> MapStudy:
 
 def map_from_table(table: dict, name: str) -> MapStudy:
     """The `MapStudy` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
+    for i, entry in enumerate(table["parameters"]) if isinstance(table.get("parameters"), list) else ():
+        if isinstance(entry, dict) and entry.get("of") in [*FIELDS]:
+            raise ValueError(f"parameters[{i}].of: {entry['of']!r} is not accepted in a map, which varies numbers; a design study takes it")
     sobol = isinstance(table.get("map"), dict) and table["map"].get("samples") == "sobol"
     parameter_rule = tabled(BOUNDS | NUMBER | VALUES, ["of"]) if sobol else GRID
     sections = {"map": SOBOL if sobol else tabled({"samples": word(SAMPLES)}), "parameters": listed(parameter_rule, least=1)}

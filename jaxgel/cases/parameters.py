@@ -3,6 +3,10 @@
 An entry ``[[parameters]]`` has ``of`` (a parameter of the holes, Nv or chi; "angle_deg" is the angle with values in degrees), and
 optionally ``name``, ``holes`` (list of numbers) and ``link``, which says how a value serves several holes: "same"; "turned", each hole is
 the first one turned about the plate's middle; "mirrored", each is the first one's mirror image in the plate's axes.
+
+In a study ``of`` may be a field of the gel, Nv_field or chi_field, see `design.DesignField`. Such an entry has ``pixels`` = [rows, columns]
+that cover the plate, or ``modes`` = [m, n], cosines along y and x; and optionally ``name``, ``start`` (a number; for pixels also rows of
+numbers or a grey picture {file, low, high}, for modes also their coefficients), ``filter`` (mm) and ``with_holes``.
 """
 
 import dataclasses
@@ -15,17 +19,38 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Float
-from .._validation import TEXT, check, did_you_mean, listed, tabled, whole, word
+from .._validation import FLAG, NUMBER, TEXT, check, did_you_mean, exactly_one, listed, tabled, whole, word
+from ..design import PIXELS, REACH, DesignField
 from ..geometry import Plate
-from ..io import read_toml
-from ..materials import Gel
+from ..io import MASK, mask_table, mask_values, read_toml
+from ..materials import Gel, check_gel
 from .case import SECTIONS, Case, from_table, load_case
 
 LINKS = ("same", "turned", "mirrored")
 GEL = ("Nv", "chi")
+FIELDS = {f"{name}_field": name for name in GEL}
 OF = TEXT | {"$comment": "it says which quantity is meant"}
 PARAMETER = {"of": OF, "name": TEXT, "holes": listed(whole(0), least=1), "link": word(LINKS)}  # rules of what all entries may have
 VALUE = {"type": ["number", "array"]}
+COUNTS = listed(whole(1, 1000), 2, 2)
+START = {"type": ["number", "array", "object"], "if": {"type": "object"}, "then": MASK}
+LENGTH = NUMBER | {"minimum": 0.0}
+FIELD = tabled(
+    {
+        "of": word(FIELDS),
+        "name": TEXT,
+        "pixels": COUNTS,
+        "modes": COUNTS,
+        "start": START,
+        "lower": VALUE,
+        "upper": VALUE,
+        "filter": LENGTH,
+        "with_holes": FLAG,
+    },
+    ["of", "lower", "upper"],
+) | exactly_one(("pixels", "modes"))  # rule of an entry that varies a field
+MOST_COLUMNS = 100  # components of a parameter in a table
+SOBOL_DIMENSIONS = 21_201  # of SciPy's Sobol sequences
 
 
 def study_table(file: File | str) -> tuple[dict, str]:
@@ -34,6 +59,10 @@ def study_table(file: File | str) -> tuple[dict, str]:
     table = read_toml(file, "study")
     if isinstance(table.get("case"), str) and (file.parent / table["case"]).is_file():
         table["case"] = str(file.parent / table["case"])
+    for entry in table["parameters"] if isinstance(table.get("parameters"), list) else ():
+        start = entry.get("start") if isinstance(entry, dict) else None
+        if isinstance(start, dict) and isinstance(start.get("file"), str):
+            start["file"] = str(file.parent / start["file"])
     return table, file.stem
 
 
@@ -102,6 +131,73 @@ def parameter(where: str, entry: dict, case: Case, others: dict[str, float] | No
     return dict(name=entry.get("name", entry["of"]), of=of, holes=chosen, link=link, degrees=degrees, own=own)
 
 
+def field_parameter(where: str, entry: dict, case: Case) -> dict:
+    """What `parameter` gives, of an entry that varies a field, with ``field``, its `DesignField`, and ``start``, ``lower`` and ``upper``,
+    the parameters' own, as arrays; ValueError for a wrong entry.
+    """
+    of, (w, h) = FIELDS[entry["of"]], (case.plate.width, case.plate.height)
+    pixels = tuple(entry.get("pixels", (round(PIXELS * max(1.0, h / w)), round(PIXELS * max(1.0, w / h)))))
+    modes = tuple(entry["modes"]) if "modes" in entry else None
+    if "pixels" in entry:
+        mask_values({"values": np.zeros(pixels)}, (w, h), f"{where}.pixels")
+    elif np.any(np.array(modes) > pixels):
+        raise ValueError(f"{where}.modes: {list(modes)} is more than the {pixels[0]} x {pixels[1]} pixels of the plate")
+    lower, upper = (_pixels(f"{where}.{key}", entry[key], pixels if modes is None else ()) for key in ("lower", "upper"))
+    if np.any(lower >= upper):
+        raise ValueError(f"{where}.upper: {_short(upper)} is not above lower = {_short(lower)}")
+    for key, end in (("lower", lower.min()), ("upper", upper.max())):
+        try:
+            check_gel(Gel(**{of: float(end)}))
+        except ValueError as problem:
+            raise ValueError(f"{where}.{key}: {str(problem).partition(': ')[2]}") from None
+    options = dict(filter=float(entry.get("filter", 0.0)), modes=modes, with_holes=entry.get("with_holes", False))
+    spacing = case.discretisation.spacing or case.plate.spacing or min(w, h) / 40
+    if modes is None and min(w / pixels[1], h / pixels[0]) < 0.49 * spacing and options["filter"] < spacing:  # half of it for rounding
+        raise ValueError(
+            f"{where}.filter: {options['filter']:g} leaves pixels of {w / pixels[1]:.3g} mm that points of integration "
+            f"{spacing / 2:.3g} mm apart do not see; give at least the spacing of nodes, {spacing:g}, or fewer pixels"
+        )
+    field = DesignField(pixels, (w, h), float(lower.min()), float(upper.max()), **options)
+    start = _field_start(f"{where}.start", entry.get("start", getattr(case.gel, of)), field)
+    if modes is not None:
+        lower, upper = np.full(modes, -REACH), np.full(modes, REACH)
+    if np.any(start < lower) or np.any(start > upper):
+        raise ValueError(f"{where}.start: {_short(start)} is not between lower = {_short(lower)} and upper = {_short(upper)}")
+    bounds = dict(start=start, lower=lower, upper=upper)
+    return dict(name=entry.get("name", entry["of"]), of=of, holes=[], link="same", degrees=False, field=field, **bounds)
+
+
+def _field_start(where, start, field):
+    """The parameters of a `DesignField` at the start."""
+    if callable(start):
+        raise ValueError(f"{where}: it is missing, and the gel of the case is a picture already; give a number or a picture")
+    if isinstance(start, dict):
+        if field.modes is not None:
+            raise ValueError(f"{where}: a picture is not accepted for modes; give a number")
+        start = mask_values(mask_table(start, ".", where), field.size, where)
+    if isinstance(start, float | int):
+        return field.constant(float(start))
+    return _pixels(where, start, field.shape)
+
+
+def _pixels(where, value, shape):
+    """``value`` as an array of ``shape``, one number filling it; ValueError, one line however large it is."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{where}: it is neither a number nor rows of equally many numbers") from None
+    if array.shape not in ((), shape):
+        wanted = f"one number or {shape[0]} rows of {shape[1]} numbers" if shape else "one number"
+        raise ValueError(f"{where}: numbers of shape {array.shape} do not fit, give {wanted}")
+    return np.broadcast_to(array, shape)
+
+
+def _short(array):
+    """The numbers of an array in a few characters."""
+    least, most = (f"{float(end):g}" for end in (np.min(array), np.max(array)))
+    return least if least == most else f"{least} ... {most}"
+
+
 def plate_of(plate: Plate, parameters: list[dict]) -> Callable[[dict], Plate]:
     """Function of a dict of parameters: the plate with its holes moved."""
     centres = [np.asarray(hole.theta.get("centre", (0.0, 0.0))) for hole in plate.holes]
@@ -121,20 +217,30 @@ def plate_of(plate: Plate, parameters: list[dict]) -> Callable[[dict], Plate]:
 
 
 def gel_of(gel: Gel, parameters: list[dict]) -> Gel | Callable[[dict], Gel]:
-    """The gel, or a function of a dict of parameters where Nv or chi is one."""
-    varied = {p["of"]: p["name"] for p in parameters if p["of"] in GEL}
-    return (lambda values: dataclasses.replace(gel, **{of: values[name] for of, name in varied.items()})) if varied else gel
+    """The gel, or a function of a dict of parameters where Nv or chi is one, a number or a field."""
+    varied = [p for p in parameters if p["of"] in GEL]
+
+    def change(values):
+        return {p["of"]: p["field"].field(values[p["name"]]) if "field" in p else values[p["name"]] for p in varied}
+
+    return (lambda values: dataclasses.replace(gel, **change(values))) if varied else gel
 
 
 def components(parameters: dict[str, Any]) -> dict[str, float]:
-    """Name of every component -> its value, of parameters by name: ``centre`` (2,) has the components centre_0 and centre_1."""
-    return {name + "".join(f"_{i}" for i in at): float(x) for name, values in parameters.items() for at, x in np.ndenumerate(values)}
+    """Name of every component -> its value, of parameters by name: ``centre`` (2,) has the components centre_0 and centre_1.
+
+    Parameters of more than ``MOST_COLUMNS`` components, fields, are left out.
+    """
+    shown = {name: values for name, values in parameters.items() if np.size(values) <= MOST_COLUMNS}
+    return {name + "".join(f"_{i}" for i in at): float(x) for name, values in shown.items() for at, x in np.ndenumerate(values)}
 
 
 def sobol(dimensions: int, number: int, seed: int) -> Float[np.ndarray, "p d"]:
     """The first points (p, d) of a scrambled Sobol sequence in [0, 1); more of them begin with the same."""
     from scipy.stats import qmc  # 0.2 s of every command otherwise
 
+    if dimensions > SOBOL_DIMENSIONS:
+        raise ValueError(f"search.starts: starts are drawn of at most {SOBOL_DIMENSIONS} numbers, not {dimensions}; leave it out")
     more = math.ceil(math.log2(number))  # the sequence is balanced at powers of 2
     return qmc.Sobol(dimensions, rng=seed).random_base2(more)[:number]
 

@@ -4,9 +4,11 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
 
     [[parameters]]   of (a parameter of the holes, Nv or chi; angle_deg is the angle in degrees), lower, upper; optional: name, holes
                      (list of numbers), link, start
+                     or of = "Nv_field" or "chi_field", lower, upper and one of pixels = [r, c], modes = [m, n]; optional: name, start,
+                     filter (mm), with_holes, see `parameters`
     [[objective]]    of (a quantity, see `CURVES`) and one of goal = "maximise" or "minimise" with at = mu, target with at,
                      curve = [one value per mu], line = {slope, mu0}; optional: weight; from, to, the window of mu of curve or line
-    [[constraints]]  of (a quantity, see `CURVES` and `DRY`) and one of above, below, within (magnitude); optional: at
+    [[constraints]]  of (a quantity, see `CURVES`, `DRY` and `OF_GEL`) and one of above, below, within (magnitude); optional: at
     [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of searches (1), each from other start values
                      within the bounds, and seed (0) by which those are drawn, see `study_runs`
     [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
@@ -24,10 +26,38 @@ import numpy as np
 
 from .._validation import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
 from ..continuation import Path
-from ..design import DRY, METHODS, Design, DesignProblem, bound, misfit, optimise, value_at, verify, weighted_sum
+from ..design import (
+    DRY,
+    METHODS,
+    MOST_DENSE,
+    OF_GEL,
+    Design,
+    DesignField,
+    DesignProblem,
+    bound,
+    misfit,
+    optimise,
+    value_at,
+    verify,
+    weighted_sum,
+)
 from ..observables import CURVES
 from .case import Case
-from .parameters import OF, PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, study_case, study_table
+from .parameters import (
+    FIELD,
+    FIELDS,
+    OF,
+    PARAMETER,
+    VALUE,
+    all_different,
+    field_parameter,
+    gel_of,
+    numbers,
+    parameter,
+    plate_of,
+    study_case,
+    study_table,
+)
 
 AIMS, LIMITS = ("goal", "target", "curve", "line"), ("above", "below", "within")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
@@ -44,7 +74,7 @@ OBJECTIVE = {
     "from": NUMBER,
     "to": NUMBER,
 }
-CONSTRAINT = {"of": word([*CURVES, *DRY]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": AT}
+CONSTRAINT = {"of": word([*CURVES, *DRY, *OF_GEL]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": AT}
 SEARCH = {
     "method": word(METHODS),
     "evaluations": whole(1),
@@ -54,8 +84,14 @@ SEARCH = {
     "seed": whole(0, None),
 }
 NEEDS = {"dependentRequired": {"goal": ["at"], "target": ["at"]}}
+VARIED = {
+    "type": "object",
+    "if": {"properties": {"of": {"enum": list(FIELDS)}}, "required": ["of"]},
+    "then": FIELD,
+    "else": tabled(PARAMETER | {"start": VALUE, "lower": BOUND, "upper": BOUND}, ["of", "lower", "upper"]),
+}
 SECTIONS = {
-    "parameters": listed(tabled(PARAMETER | {"start": VALUE, "lower": BOUND, "upper": BOUND}, ["of", "lower", "upper"]), least=1),
+    "parameters": listed(VARIED, least=1),
     "objective": listed(tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS) | NEEDS, least=1),
     "constraints": listed(tabled(CONSTRAINT, ["of"]) | exactly_one(LIMITS)),
     "search": tabled(SEARCH) | {"dependentRequired": {"seed": ["starts"]}},
@@ -83,6 +119,8 @@ class Study:
     """Options of `verify`: spacing, mu."""
     aim: dict
     """First entry of the objective, with ``values`` (k,), its target at every mu (nan where there is none), for the figure."""
+    fields: dict[str, tuple[str, DesignField]]
+    """Parameters that are fields: name -> Nv or chi, and how its pixels follow."""
     table: dict
     """The study as a table that `study_from_table` reads; JSON can hold it."""
 
@@ -123,16 +161,22 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
         sweep=case.sweep,
         loads=case.loads,
     )
-    search = dict(method="slsqp", evaluations=60, step=0.2, tolerance=1e-5, starts=1, seed=0) | table.get("search", {})
+    fields = {p["name"]: (p["of"], p["field"]) for p in parameters if "field" in p}
+    method = "slsqp" if len(problem.vector) <= MOST_DENSE else "lbfgs"
+    search = dict(method=method, evaluations=60, step=0.2, tolerance=1e-5, starts=1, seed=0) | table.get("search", {})
     several = {key: search.pop(key) for key in ("starts", "seed")}
-    table = {key: table[key] for key in SECTIONS if key in table} | case.table()
+    pictured = {i: p["start"].tolist() for i, p in enumerate(parameters) if isinstance(table["parameters"][i].get("start"), dict)}
+    entries = [entry | ({"start": pictured[i]} if i in pictured else {}) for i, entry in enumerate(table["parameters"])]
+    table = {key: table[key] for key in SECTIONS if key in table} | {"parameters": entries} | case.table()
     verification, aim = _verification(table, case), _aim(table["objective"][0], mu)
-    return Study(name, case, problem, search, verification=verification, aim=aim, table=table, **several)
+    return Study(name, case, problem, search, verification=verification, aim=aim, fields=fields, table=table, **several)
 
 
 def _parameter(i, entry, case):
     """The entry with every default filled in, its start and bounds as arrays."""
     where = f"parameters[{i}]"
+    if entry["of"] in FIELDS:
+        return field_parameter(where, entry, case)
     varied = parameter(where, entry, case)
     own = varied.pop("own")
     return varied | {key: numbers(f"{where}.{key}", entry.get(key, own), np.shape(own)) for key in ("start", "lower", "upper")}

@@ -1,10 +1,12 @@
 """Runs of a design study: its search, or several from different start values, and the verification of the best design.
 
 A study's folder holds best.toml (a case), verified.json, design.png (unless the case wants no figures) and design.json, the log of the
-search. With several ``starts`` in [search], starts.json (the study and all start values), starts.csv (the table of optima, one row for each
-start) and a folder for each search, starts/001, 002 ..., take the place of design.json; such a folder has the search's own design.json and,
-once it has ended, start.json. Start 1 has the study's own values. The others are the first points of a scrambled Sobol sequence within the
-bounds whose plates can be made and meet the constraints on the dry plate.
+search. A field that was found is in best.toml, a number for each pixel, and in Nv.png or chi.png, black at its lower bound and white
+at its upper one; verified.json and starts.csv leave its numbers out. With several ``starts`` in [search], starts.json (the study and all
+start values), starts.csv (the table of optima, one row for each start) and a folder for each search, starts/001, 002 ..., take the place of
+design.json; such a folder has the search's own design.json and, once it has ended, start.json. Start 1 has the study's own values. The
+others are the first points of a scrambled Sobol sequence within the bounds whose plates can be made and meet the constraints on the dry
+plate.
 
 The searches run on any ``concurrent.futures.Executor``, as the points of a map do (see `map_runs`), but their gradients need two threads of
 XLA (OMP_NUM_THREADS=1, NPROC=2).
@@ -21,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..design import FEASIBLE, Design, Outcome, read_log
-from ..io import InThisProcess, one_line, open_folder, read_record, run_calls, write_atomically, write_csv, write_json
+from ..io import InThisProcess, one_line, open_folder, read_record, run_calls, write_atomically, write_csv, write_grey, write_json
 from .parameters import components, sobol
 from .study import Study, study_from_table
 from .toml import case_text, explicit
@@ -182,13 +184,17 @@ def _write_table(problem, starts, results, folder):
 def _verified(study, design, folder):
     """Verify a study's start and `Design` on fresh clouds and write both into its folder; the content of verified.json."""
     plate = study.problem.plate({name: jnp.asarray(v) for name, v in design.parameters.items()})
-    text = case_text(explicit(_found(study, plate, study.problem.gel_at(design.parameters))))
+    pictures = {of: np.asarray(field.values(design.parameters[name])) for name, (of, field) in study.fields.items()}
+    text = case_text(explicit(_found(study, plate, study.problem.gel_at(design.parameters), pictures)))
     write_atomically(folder / "best.toml", lambda stream: stream.write(text.encode()))
+    for of, field in study.fields.values():
+        shares = (pictures[of] - field.lower) / (field.upper - field.lower)
+        write_grey(shares, (plate.width, plate.height), folder / f"{of}.png")
     start, start_path = study.verify(study.problem.start)
     best, best_path = study.verify(design.parameters)
     verified = dict(
         study=study.name,
-        parameters={name: np.asarray(v).tolist() for name, v in design.parameters.items()},
+        parameters={name: np.asarray(v).tolist() for name, v in design.parameters.items() if name not in study.fields},
         search=dict(value=design.value, feasible=design.feasible, outcome=str(design.outcome), evaluations=len(design.history)),
         start=start,
         best=best,
@@ -203,8 +209,11 @@ def _verified(study, design, folder):
     return verified
 
 
-def _found(study, plate, gel):
-    """The `cases.Case` of a concrete plate and gel, on the cloud of the verification."""
+def _found(study, plate, gel, pictures):
+    """The `cases.Case` of a concrete plate and gel, with the values of its fields by name, on the cloud of the verification."""
+    fields = {of: {"with_holes": True} if field.with_holes else {} for of, field in study.fields.values()}
+    fields = {of: {"values": pictures[of].tolist(), "smooth": True} | moves for of, moves in fields.items()}
+    source = study.case.source | ({"gel": study.case.source.get("gel", {}) | fields} if fields else {})
     sweep = dataclasses.replace(study.case.sweep, mu=tuple(study.problem.mu))
     cloud = study.case.discretisation.at_spacing(study.verification["spacing"])
-    return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud)
+    return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud, source=source)

@@ -47,7 +47,9 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
         say(_optima(File(folder) / OPTIMA))
     say(f"{study.name}: {len(found.history)} evaluations; {found.text}")
     for name, value in found.parameters.items():
-        say(f"{name:<12} {np.array2string(value, precision=4, separator=', ')}")
+        say(
+            f"{name:<12} {_field_text(study, name, value) if name in study.fields else np.array2string(value, precision=4, separator=', ')}"
+        )
     for name in ("start", "best"):
         v = verified[name]
         say(f"{name} on a fresh cloud of {v['nodes']} nodes: objective {v['value']:.6g}; {v['reason']}")
@@ -57,6 +59,13 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
         reason = verified["best"]["reason"] if found.feasible else "no design met all constraints"
         print(f"jaxgel: the design is not usable: {reason}", file=sys.stderr)
     return DONE if valid else STOPPED
+
+
+def _field_text(study, name, parameters):
+    """What a field that was found is like, in a line."""
+    of, field = study.fields[name]
+    values = np.asarray(field.values(parameters))
+    return f"{of}: {values.shape[0]} x {values.shape[1]} pixels of {values.min():.4g} ... {values.max():.4g}, see best.toml and {of}.png"
 
 
 def _optima(file):

@@ -15,8 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
+from ..cloud import Cloud
 from ..continuation import Path
 from ..geometry import Plate, arcs, edge_lines, outline_points, reference_plate
+from ..materials import Gel, WithHoles
 from ..observables import CURVES
 
 LIGAMENT_SAMPLES = 128  # points per outline among which the nearest pair is looked for
@@ -55,6 +57,12 @@ class Constraint:
     """A violation of this size, in the function's unit, weighs as much as the objective's start value."""
     dry: bool = False
     """Whether it needs the plate only, so that neither its value nor its gradient costs a sweep."""
+    of_gel: bool = False
+    """Whether it is a function of the dry cloud and the gel, ``function(cloud, gel)``, which costs no sweep either."""
+
+    def without_sweep(self, plate: Plate, cloud: Cloud, gel: Gel) -> Float[Array, " c"]:
+        """Values (c,) of a constraint that is ``dry`` or ``of_gel``."""
+        return jnp.ravel(self.function(cloud, gel) if self.of_gel else self.function(plate))
 
 
 def ligaments(plate: Plate) -> Float[Array, " c"]:
@@ -81,30 +89,46 @@ def porosity(plate: Plate) -> Float[Array, "1"]:
     return jnp.sum(hole_areas(plate), keepdims=True) / (plate.width * plate.height)
 
 
+def parameter_mean(name: str) -> Callable[[Cloud, Gel], Float[Array, "1"]]:
+    """Function of a cloud and a gel: the mean (1,) of the gel's parameter over the dry gel, holes left out, by the cells' quadrature."""
+
+    def mean(cloud, gel):
+        parameter, quadrature = getattr(gel, name), cloud.topology.quadrature
+        if not callable(parameter):
+            return jnp.reshape(jnp.asarray(parameter, dtype=float), (1,))
+        area = quadrature.weights(cloud.vertices)
+        places = jnp.asarray(cloud.topology.partition.vertices) if isinstance(parameter, WithHoles) else cloud.vertices
+        return jnp.sum(area * jax.vmap(parameter)(quadrature.points(places)), keepdims=True) / jnp.sum(area)
+
+    return mean
+
+
 DRY = {"ligament": ligaments, "porosity": porosity, "hole_area": hole_areas}
 """Quantities of the dry plate by name; each gives (c,) values."""
+OF_GEL = {f"{name}_mean": parameter_mean(name) for name in ("Nv", "chi")}
+"""Quantities of the dry cloud and the gel by name; each gives (c,) values."""
 
 
 def bound(
     name: str, *, above: float | None = None, below: float | None = None, within: float | None = None, at: float | None = None
 ) -> Constraint:
-    """`Constraint` that keeps the quantity ``name`` of ``CURVES`` or ``DRY`` above or below a value, or its magnitude within one.
+    """`Constraint` that keeps a quantity of ``CURVES``, ``DRY`` or ``OF_GEL`` above or below a value, or its magnitude within one.
 
     On a path it holds at every state (the worst one counts), or at the one mu ``at``. Raises ValueError unless one limit is given.
     """
     given = {key: value for key, value in dict(above=above, below=below, within=within).items() if value is not None}
     if len(given) != 1:
         raise ValueError(f"bound: {name} has {len(given)} limits; give one of above, below and within")
-    (kind, value), dry = next(iter(given.items())), name in DRY
-    quantity = DRY[name] if dry else CURVES[name]
+    (kind, value), dry, of_gel = next(iter(given.items())), name in DRY, name in OF_GEL
+    quantity = (CURVES | DRY | OF_GEL)[name]
 
-    def room(source):
-        values = quantity(source) if dry or at is None else value_at(quantity, at)(source)
+    def room(*source):
+        values = quantity(*source) if dry or of_gel or at is None else value_at(quantity, at)(*source)
         room = {"above": values - value, "below": value - values, "within": value - jnp.abs(values)}[kind]
-        return room if dry else jnp.min(room)
+        return room if dry or of_gel else jnp.min(room)
 
     words = {"above": f"{name} >= {value:g}", "below": f"{name} <= {value:g}", "within": f"|{name}| <= {value:g}"}[kind]
-    return Constraint(words + (f" at mu = {at:g}" if at is not None else ""), room, abs(value) or 1.0, dry)
+    return Constraint(words + (f" at mu = {at:g}" if at is not None else ""), room, abs(value) or 1.0, dry, of_gel)
 
 
 @jax.jit

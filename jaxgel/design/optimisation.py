@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .optimisers import METHODS, Exhausted, Stuck, optimiser
+from .optimisers import METHODS, MOST_DENSE, Exhausted, Stuck, optimiser
 from .problem import DesignProblem
 from .search import FEASIBLE, Search, violation
 
@@ -85,6 +85,8 @@ def optimise(
         raise ValueError(f"evaluations: {evaluations!r} is not a whole number of at least 1")
     if not 0 < tolerance <= 1:
         raise ValueError(f"tolerance: {tolerance!r} is not in (0, 1], a share of the objective at the start")
+    if method == "slsqp" and len(problem.vector) > MOST_DENSE:
+        raise ValueError(f"method: 'slsqp' takes at most {MOST_DENSE} parameters, not {len(problem.vector)}; use 'mma', 'lbfgs' or 'adam'")
     run = optimiser(method, step, tolerance)
     search = Search(problem, evaluations, folder=folder, name=str(method) if method in METHODS else "optax", record=record, quiet=quiet)
     if resume:

@@ -21,6 +21,7 @@ import scipy.optimize
 from .._types import Array, Float
 
 METHODS = ("slsqp", "mma", "lbfgs", "adam")
+MOST_DENSE = 500  # parameters of SLSQP, whose steps take the cube of their number
 LEARNING_RATE = 0.02  # of adam, in scaled parameters
 MULTIPLIER_STEPS = 10  # first-order steps between two updates of the multipliers
 PENALTY = 10.0  # first rho; constraints and objective are scaled to 1

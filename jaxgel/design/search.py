@@ -58,9 +58,9 @@ class Search:
         self.live: tuple = (None, None)  # the latest entry of the log with its pullback
         self.bar = tqdm(total=evaluations, unit="sweep", disable=True if quiet else None, leave=False)
         dry = self._plate(self.start)
-        self.dry = [c for c in problem.constraints if c.dry]
-        self.of_path = [c for c in problem.constraints if not c.dry]
-        self._dry_parts = [(c, np.size(c.function(dry))) for c in self.dry]
+        self.dry = [c for c in problem.constraints if c.dry or c.of_gel]
+        self.of_path = [c for c in problem.constraints if not (c.dry or c.of_gel)]
+        self._dry_parts = [(c, np.size(c.function(dry)) if c.dry else 1) for c in self.dry]
 
     def first(self) -> None:
         """Evaluate the start; ValueError, one line, where it is no valid design."""
@@ -136,9 +136,11 @@ class Search:
         return np.asarray(row)
 
     def dry_values(self, vector: Float[Array, " d"]) -> Float[Array, " c"]:
-        """Scaled values (d,) of the constraints on the dry plate; traceable."""
-        plate = self.problem.plate(self.problem.parameters(vector))
-        return jnp.concatenate([jnp.zeros(0), *(jnp.ravel(c.function(plate)) / c.scale for c in self.dry)])
+        """Scaled values (d,) of the constraints that need no sweep; traceable."""
+        parameters = self.problem.parameters(vector)
+        plate, gel = self.problem.plate(parameters), self.problem.gel_at(parameters)
+        cloud = self.cloud.at(plate) if any(c.of_gel for c in self.dry) else self.cloud
+        return jnp.concatenate([jnp.zeros(0), *(c.without_sweep(plate, cloud, gel) / c.scale for c in self.dry)])
 
     def recall(self) -> None:
         """Take the log of the folder for granted; ValueError unless it is of this problem."""

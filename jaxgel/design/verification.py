@@ -37,9 +37,11 @@ def verify(
     except Invalid as invalid:
         reason = str(invalid)
     last = {name: float(quantity(path)[-1]) for name, quantity in CURVES.items()}
+    dry = plate, path.model.cloud, problem.gel_at(parameters)
+    without = {c.name: c.without_sweep(*dry) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(
         value=float(problem.objective(path)),
-        constraints={c.name: float(np.min(c.function(plate if c.dry else path))) for c in problem.constraints},
+        constraints={c.name: float(np.min(without[c.name] if c.name in without else c.function(path))) for c in problem.constraints},
         valid=reason.startswith("valid"),
         reason=reason,
         nodes=path.model.n_nodes,

@@ -4,7 +4,7 @@ from .._validation import read_toml
 from .drawings import FORMATS, OUTLINE, dry_gel, dry_regions, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
 from .files import one_line, open_folder, read_record, write_atomically, write_csv, write_json
 from .hole_pictures import IMAGE, hole_tables
-from .masks import MASK, mask_table, mask_values, write_mask
+from .masks import MASK, mask_table, mask_values, write_grey, write_mask
 from .netcdf import export
 from .recorder import NUMERICAL, Recorder, write_points
 from .run import STEP_ARRAYS, Run, load_run, read_summary
@@ -48,6 +48,7 @@ __all__ = [
     "swollen_gel",
     "write_atomically",
     "write_csv",
+    "write_grey",
     "write_json",
     "write_mask",
     "write_outline",

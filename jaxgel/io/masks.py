@@ -1,4 +1,4 @@
-"""Grey pictures that cover a plate, their first row at the upper edge: masks of printed gels, read and written, and drawings of the gel."""
+"""Pictures that cover a plate, their first row at the upper edge: masks of printed gels, read and written, and drawings of the gel."""
 
 import io
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import shapely
 from scipy.interpolate import LinearNDInterpolator
 
 from .._types import Float, Int
-from .._validation import FLAG, NUMBER, TEXT, exactly_one, listed, tabled, whole
+from .._validation import FLAG, NUMBER, TEXT, exactly_one, listed, not_both, tabled, whole
 from ..cloud import Cloud
 from ..discretisation import NodalField
 from ..materials import WithHoles
@@ -23,16 +23,20 @@ LONGER_SIDE = 2000  # most pixels of a written picture where its scale is not gi
 MOST_PIXELS = 2**24  # of a written picture
 INCH = 25.4  # mm
 FINEST = 1e8  # pixels per inch that a PNG file can say
-MASK: dict[str, Any] = tabled(
+_MASK = tabled(
     {
         "file": TEXT | {"description": "A PNG file, black and white or 8-bit grey, that covers the plate."},
         "pixels": listed(listed(whole(0, WHITE), 1), 1) | {"description": "Its grey values instead, row by row from the top."},
+        "values": listed(listed(NUMBER, 1), 1) | {"description": "The parameter at each pixel instead, row by row from the top."},
         "low": NUMBER | {"description": "Value where the picture is black."},
         "high": NUMBER | {"description": "Value where the picture is white."},
+        "smooth": FLAG | {"description": "Whether quadratic B-splines join the pixels, without kinks, or it is bilinear between them."},
         "with_holes": FLAG | {"description": "Whether it moves with the material around holes that a study moves, or stays on the plate."},
     },
-    ["low", "high"],
-) | exactly_one(("file", "pixels"))  # rule of a parameter of the gel that is a picture
+) | exactly_one(("file", "pixels", "values"))
+_GREY_RANGE = {"dependentRequired": {"file": ["low", "high"], "pixels": ["low", "high"]}}
+_NO_RANGE = {"allOf": [not_both(("values", "low")), not_both(("values", "high"))]}
+MASK: dict[str, Any] = _MASK | _GREY_RANGE | _NO_RANGE  # rule of a parameter of the gel that is a picture
 
 
 def mask_table(entry: dict[str, Any], folder: str | File | None, where: str) -> dict[str, Any]:
@@ -77,12 +81,13 @@ def check_cover(shape: tuple[int, ...], size: tuple[float, float], where: str) -
 
 def mask_values(entry: dict[str, Any], size: tuple[float, float], where: str) -> Float[np.ndarray, "r c"]:
     """Value of each pixel of a `mask_table`; ValueError that names ``where`` for rows of different lengths, and see `check_cover`."""
-    rows = entry["pixels"]
+    key = "pixels" if "pixels" in entry else "values"
+    rows = entry[key]
     if len({len(row) for row in rows}) > 1:
-        raise ValueError(f"{where}.pixels: rows of {min(map(len, rows))} to {max(map(len, rows))} pixels, all must be equally long")
-    grey = np.array(rows, dtype=float) / WHITE
-    check_cover(grey.shape, size, where)
-    return entry["low"] + (entry["high"] - entry["low"]) * grey
+        raise ValueError(f"{where}.{key}: rows of {min(map(len, rows))} to {max(map(len, rows))} pixels, all must be equally long")
+    values = np.array(rows, dtype=float)
+    check_cover(values.shape, size, where)
+    return values if key == "values" else entry["low"] + (entry["high"] - entry["low"]) * values / WHITE
 
 
 def write_mask(
@@ -107,7 +112,7 @@ def write_mask(
     back = _before(cloud) if cloud is not None and isinstance(field, WithHoles | NodalField) else lambda points: points
     read = field.at if isinstance(field, NodalField) else jax.jit(jax.vmap(field))
     values = np.stack([np.asarray(read(back(np.stack([x, np.full(c, own)], axis=1)))) for own in y])
-    return _write_grey((values - low) / (high - low or 1.0), size, file)
+    return write_grey((values - low) / (high - low or 1.0), size, file)
 
 
 def write_drawing(gel: shapely.Geometry, file: str | File, pixels_per_mm: float | None = None) -> File:
@@ -125,7 +130,7 @@ def write_drawing(gel: shapely.Geometry, file: str | File, pixels_per_mm: float 
     i, j = np.unique(np.clip(at, 0, [r - 1, c - 1]), axis=0).T
     pixels = shapely.box(left + j * w, high - (i + 1) * h, left + (j + 1) * w, high - i * h)
     covered[i, j] = shapely.area(shapely.intersection(gel, pixels)) / (w * h)
-    return _write_grey(covered, (right - left, high - low), file)
+    return write_grey(covered, (right - left, high - low), file)
 
 
 def _shape(size, pixels_per_mm):
@@ -151,8 +156,8 @@ def _before(cloud):
     return back
 
 
-def _write_grey(shares, size, file):
-    """Write shares of white (r, c) as a PNG file that opens in that size, mm."""
+def write_grey(shares: Float[np.ndarray, "r c"], size: tuple[float, float], file: str | File) -> File:
+    """Write shares of white (r, c) as a grey PNG file that opens in that ``size`` (width and height, mm); returns the file."""
     from PIL import Image
 
     pixels = np.rint(WHITE * np.clip(np.nan_to_num(shares), 0.0, 1.0)).astype(np.uint8)

@@ -43,10 +43,13 @@ Field = Callable[..., Any] | LocalValues | Varying
 """A parameter that is no number: a function of the position, or what it became on a model."""
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["extent"])
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["extent", "smooth"])
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelField:
     """A picture as a field: bilinear between the centres of its pixels, constant beyond the outermost ones.
+
+    A ``smooth`` one has no kinks there: it is the sum of quadratic B-splines, one for each pixel, and keeps the picture's bounds. At the
+    centre of a pixel it is a mean of that and its neighbours, 3/4 and 1/8 along each axis.
 
     >>> import jax.numpy as jnp
     >>> field = PixelField(jnp.array([[1.0, 3.0], [5.0, 5.0]]), extent=(-1.0, 1.0, -1.0, 1.0))
@@ -58,11 +61,16 @@ class PixelField:
     """Value of each pixel; the first row is the upper edge of the picture."""
     extent: tuple[float, float, float, float]
     """Left, right, lower and upper edge of the picture on the dry plate, mm."""
+    smooth: bool = False
+    """Whether its slope is continuous, and with it the derivative by a hole that moves under it."""
 
     def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
         left, right, lower, upper = self.extent
         rows, columns = jnp.shape(self.values)
         at = [(upper - X[1]) / (upper - lower) * rows - 0.5, (X[0] - left) / (right - left) * columns - 0.5]
+        if self.smooth:
+            (i, along_y), (j, along_x) = (_spline(u, count) for u, count in zip(at, (rows, columns), strict=True))
+            return along_y @ jnp.asarray(self.values, dtype=float)[i[:, None], j] @ along_x
         return map_coordinates(jnp.asarray(self.values, dtype=float), at, order=1, mode="nearest")
 
 
@@ -76,6 +84,14 @@ class WithHoles:
 
     def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
         return self.field(X)
+
+
+def _spline(u, count):
+    """Numbers (3,) of the nearest of ``count`` points 0, 1 ... to ``u`` and its neighbours, and the values of their quadratic B-splines."""
+    nearest = jnp.round(jax.lax.stop_gradient(u))
+    d = u - nearest
+    numbers = jnp.clip(nearest.astype(int) + jnp.arange(-1, 2), 0, count - 1)
+    return numbers, jnp.stack([0.5 * (0.5 - d) ** 2, 0.75 - d**2, 0.5 * (0.5 + d) ** 2])
 
 
 def named_parameters(gel: Any) -> dict[str, Any]:

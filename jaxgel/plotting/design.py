@@ -1,5 +1,6 @@
 """The figure of a design: start and optimum swollen, the quantity of the objective, and the history of the search."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -9,21 +10,40 @@ from matplotlib.figure import Figure
 
 from ..continuation import Path
 from ..design import FEASIBLE, Design
-from ..observables import QUANTITIES
-from .patterns import plot_pattern
+from ..observables import QUANTITIES, parameter_values
+from .patterns import PARAMETERS, draw_cells, plot_pattern
 from .style import COLOURS, LINE, MU, WALL, length_unit, styled
 
 
 @styled
 def draw_study(study: Any, design: Design, start: Path, best: Path) -> Figure:
-    """Figure of a `cases.Study`: paths ``start`` and ``best`` at their last mu, the quantity of the objective, the search's history."""
-    figure, axes = plt.subplots(2, 2, figsize=(6.3, 5.6), layout="constrained", height_ratios=(1.15, 1.0))
+    """Figure of a `cases.Study`: paths ``start`` and ``best`` at their last mu, the quantity of the objective, the search's history.
+
+    Fields of the gel that were varied are drawn on the dry plate in between, before and after, with their scale.
+    """
+    names = [of for of, _ in study.fields.values()]
+    heights, rows = (1.15, *[1.0] * (1 + len(names))), 2 + len(names)
+    figure, axes = plt.subplots(rows, 2, figsize=(6.3, 2.8 * rows), layout="constrained", height_ratios=heights)
     for ax, path, title in zip(axes[0], (start, best), ("start", "optimum"), strict=True):
         plot_pattern(path, ax=ax, field=None)
         ax.set_title(f"{title}, {ax.get_title()}")
-    draw_curve(axes[1, 0], study, start, best)
-    draw_history(axes[1, 1], design)
+    for row, name in zip(axes[1:-1], names, strict=True):
+        draw_fields(row, name, start, best)
+    draw_curve(axes[-1, 0], study, start, best)
+    draw_history(axes[-1, 1], design)
     return figure
+
+
+def draw_fields(axes: Sequence[Axes], name: str, start: Path, best: Path) -> Sequence[Axes]:
+    """Two axes with the gel's parameter ``name`` on the dry plate of start and optimum, to one scale."""
+    values = [np.asarray(parameter_values(path)[name]) for path in (start, best)]
+    scale = min(v.min() for v in values), max(v.max() for v in values)
+    scale = scale if scale[0] < scale[1] else (0.9 * scale[0], 1.1 * scale[1])
+    for ax, path, of_cells, title in zip(axes, (start, best), values, ("start", "optimum"), strict=True):
+        cells = draw_cells(ax, path.model.cloud, of_cells, scale)
+        ax.set_title(f"{title}, dry plate")
+    axes[0].figure.colorbar(cells, ax=list(axes), label=PARAMETERS.get(name, name), shrink=0.85)
+    return axes
 
 
 def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:

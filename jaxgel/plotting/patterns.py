@@ -77,13 +77,18 @@ def plot_gel(path: Path, *, axes: Any = None) -> np.ndarray:
     values = {name: np.asarray(of_cells) for name, of_cells in parameter_values(path).items()}
     if axes is None:
         axes = plt.subplots(1, len(values), figsize=(3.6 * len(values), 3.3), layout="constrained", squeeze=False)[1]
-    axes, cloud = np.ravel(axes), path.model.cloud
-    vertices, cells, unit = np.asarray(cloud.vertices), np.asarray(cloud.cell_of_triangle), length_unit(cloud)
-    for ax, (name, of_cells) in zip(axes, values.items(), strict=True):
-        gel = Gel(ax, cloud, vertices, of_cells[cells], _scale(of_cells))
-        ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title="dry plate")
-        ax.figure.colorbar(gel.cells, ax=ax, label=PARAMETERS.get(name, name), shrink=0.85)
-    return axes
+    for ax, (name, of_cells) in zip(np.ravel(axes), values.items(), strict=True):
+        cells = draw_cells(ax, path.model.cloud, of_cells, _scale(of_cells))
+        ax.set(title="dry plate")
+        ax.figure.colorbar(cells, ax=ax, label=PARAMETERS.get(name, name), shrink=0.85)
+    return np.ravel(axes)
+
+
+def draw_cells(ax: Axes, cloud: Cloud, of_cells: Float[np.ndarray, " c"], scale: tuple[float, float] | Normalize) -> Any:
+    """The dry plate on axes, its cells filled by their values (c,) between the ends of the ``scale``; what a colour bar takes."""
+    unit = length_unit(cloud)
+    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})")
+    return Gel(ax, cloud, np.asarray(cloud.vertices), of_cells[np.asarray(cloud.cell_of_triangle)], scale).cells
 
 
 def _scale(values: Float[np.ndarray, " c"]) -> Normalize:
