@@ -59,10 +59,12 @@ def study_table(file: File | str) -> tuple[dict, str]:
     table = read_toml(file, "study")
     if isinstance(table.get("case"), str) and (file.parent / table["case"]).is_file():
         table["case"] = str(file.parent / table["case"])
-    for entry in table["parameters"] if isinstance(table.get("parameters"), list) else ():
-        start = entry.get("start") if isinstance(entry, dict) else None
-        if isinstance(start, dict) and isinstance(start.get("file"), str):
-            start["file"] = str(file.parent / start["file"])
+    entries = [entry for key in ("parameters", "objective") if isinstance(table.get(key), list) for entry in table[key]]
+    for entry in (entry for entry in entries if isinstance(entry, dict)):
+        if isinstance(entry.get("start"), dict) and isinstance(entry["start"].get("file"), str):
+            entry["start"]["file"] = str(file.parent / entry["start"]["file"])
+        if isinstance(entry.get("outline"), str):
+            entry["outline"] = str(file.parent / entry["outline"])
     return table, file.stem
 
 

@@ -7,7 +7,9 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
                      or of = "Nv_field" or "chi_field", lower, upper and one of pixels = [r, c], modes = [m, n]; optional: name, start,
                      filter (mm), with_holes, see `parameters`
     [[objective]]    of (a quantity, see `CURVES`) and one of goal = "maximise" or "minimise" with at = mu, target with at,
-                     curve = [one value per mu], line = {slope, mu0}; optional: weight; from, to, the window of mu of curve or line
+                     curve = [one value per mu], line = {slope, mu0}; optional: weight; from, to, the window of mu of curve or line;
+                     or of = "free_edge" with at and outline, the line that the free edges are to follow, [[x, y], ...] in mm or a file,
+                     see `io.read_outlines`
     [[constraints]]  of (a quantity, see `CURVES`, `DRY` and `OF_GEL`) and one of above, below, within (magnitude); optional: at
     [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of searches (1), each from other start values
                      within the bounds, and seed (0) by which those are drawn, see `study_runs`
@@ -19,12 +21,13 @@ a list. Nodal loads follow the cloud that the holes move, with derivatives.
 """
 
 import dataclasses
+import functools
 from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 
-from .._validation import NUMBER, POSITIVE, exactly_one, listed, tabled, whole, word
+from .._validation import NUMBER, PAIR, POSITIVE, exactly_one, listed, tabled, whole, word
 from ..continuation import Path
 from ..design import (
     DRY,
@@ -41,7 +44,8 @@ from ..design import (
     verify,
     weighted_sum,
 )
-from ..observables import CURVES
+from ..io import read_outlines
+from ..observables import CURVES, free_edge_misfit
 from .case import Case
 from .parameters import (
     FIELD,
@@ -59,16 +63,18 @@ from .parameters import (
     study_table,
 )
 
-AIMS, LIMITS = ("goal", "target", "curve", "line"), ("above", "below", "within")
+AIMS, LIMITS = ("goal", "target", "curve", "line", "outline"), ("above", "below", "within")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
 AT = NUMBER | {"$comment": "give the mu at which the quantity counts"}
 SHARE = NUMBER | {"exclusiveMinimum": 0.0, "maximum": 1.0}
+FREE_EDGE = "free_edge"  # what an outline is given for
 OBJECTIVE = {
-    "of": word(CURVES) | OF,
+    "of": word([*CURVES, FREE_EDGE]) | OF,
     "goal": word(("maximise", "minimise")),
     "target": NUMBER,
     "curve": listed(NUMBER),
     "line": tabled({"slope": NUMBER, "mu0": NUMBER}, ["slope", "mu0"]),
+    "outline": {"type": ["array", "string"], "if": {"type": "array"}, "then": listed(PAIR, 2)},
     "at": AT,
     "weight": POSITIVE,
     "from": NUMBER,
@@ -83,7 +89,7 @@ SEARCH = {
     "starts": whole(1, 999),
     "seed": whole(0, None),
 }
-NEEDS = {"dependentRequired": {"goal": ["at"], "target": ["at"]}}
+NEEDS = {"dependentRequired": {"goal": ["at"], "target": ["at"], "outline": ["at"]}}
 VARIED = {
     "type": "object",
     "if": {"properties": {"of": {"enum": list(FIELDS)}}, "required": ["of"]},
@@ -146,6 +152,7 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
         raise ValueError("sweep.steps: 'auto' is not accepted in a study; give a number, or mu = [list]")
     mu = list(case.sweep.values)
     parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(table["parameters"])])
+    table = table | {"objective": [_with_points(f"objective[{i}]", entry) for i, entry in enumerate(table["objective"])]}
     terms = [_term(i, entry, mu) for i, entry in enumerate(table["objective"])]
     alone = len(terms) == 1 and terms[0][0] < 0
     problem = DesignProblem(
@@ -185,6 +192,8 @@ def _parameter(i, entry, case):
 def _term(i, entry, mu):
     """(weight, function of the path) of an entry of the objective, to be minimised; a negative weight maximises."""
     where, weight = f"objective[{i}]", float(entry.get("weight", 1.0))
+    if "outline" in entry:
+        return weight, value_at(functools.partial(free_edge_misfit, outline=np.array(entry["outline"], dtype=float)), _at(where, entry, mu))
     quantity = CURVES[entry["of"]]
     if "curve" in entry or "line" in entry:
         return weight, misfit(quantity, mu, _aim(entry, mu, where)["values"])
@@ -192,6 +201,16 @@ def _term(i, entry, mu):
     if "target" in entry:
         return weight, lambda path: (value(path) - entry["target"]) ** 2
     return (-weight if entry["goal"] == "maximise" else weight), value
+
+
+def _with_points(where, entry):
+    """The entry of an objective with the points of its outline in place of a file; ValueError where it has no use for one."""
+    if ("outline" in entry) != (entry["of"] == FREE_EDGE):
+        raise ValueError(f"{where}.of: {entry['of']!r} does not fit; {FREE_EDGE!r} and outline belong together")
+    if not isinstance(entry.get("outline"), str):
+        return entry
+    points = read_outlines(entry["outline"])[0]
+    return entry | {"outline": [*points.tolist(), points[0].tolist()]}
 
 
 def _at(where, entry, mu):

@@ -1,6 +1,6 @@
 """What is read off the states of a path: rotation, hole areas, volume ratios, stresses, surface stretch, gaps, and their table."""
 
-from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, dry_outlines, outlines
+from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, dry_outlines, free_edge_misfit, outlines
 from .fields import (
     FIELDS,
     cauchy_stress,
@@ -44,6 +44,7 @@ __all__ = [
     "events",
     "field_on_triangles",
     "field_values",
+    "free_edge_misfit",
     "free_stretch",
     "gap",
     "history",

@@ -43,6 +43,22 @@ def dry_outlines(model: Model) -> list[Float[Array, "_ 2"]]:
     return outline_loops(model.cloud.nodes, model)
 
 
+def free_edge_misfit(path: States, outline: Float[Array, "m 2"]) -> Float[Array, " k"]:
+    """Mean square distance (k,), mm^2, of the nodes on the plate's free edges from the line through the points ``outline`` (m, 2), mm.
+
+    The line is open unless its last point is its first one. ValueError for a plate without a free edge.
+    """
+    topology = path.model.lists.topology
+    free = [topology.edge_nodes[edge] for edge, condition in topology.plate.edges.items() if condition == "free"]
+    if not free:
+        raise ValueError("outline: the plate has no free edge that could follow it; free one in plate.edges")
+    line, x = jnp.asarray(outline), jnp.asarray(path.x)[:, np.unique(np.concatenate(free)), None]
+    start, along = line[:-1], jnp.diff(line, axis=0)
+    fraction = jnp.clip(jnp.sum((x - start) * along, axis=-1) / jnp.sum(along**2, axis=-1), 0.0, 1.0)
+    squared = jnp.sum((x - start - fraction[..., None] * along) ** 2, axis=-1)
+    return jnp.mean(jnp.min(squared, axis=2), axis=1)
+
+
 def _hole_areas(x: Float[Array, "n 2"], model: Model) -> Float[Array, " holes"]:
     """Area inside each hole's outline, mm^2: that of a polygon by the shoelace formula, and that between its sides and the outline.
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ..continuation import Path
 from ..design import FEASIBLE, Design
-from ..observables import QUANTITIES, parameter_values
+from ..observables import QUANTITIES, Quantity, free_edge_misfit, parameter_values
 from .patterns import PARAMETERS, draw_cells, plot_pattern
 from .style import COLOURS, LINE, MU, WALL, length_unit, styled
 
@@ -27,6 +27,8 @@ def draw_study(study: Any, design: Design, start: Path, best: Path) -> Figure:
     for ax, path, title in zip(axes[0], (start, best), ("start", "optimum"), strict=True):
         plot_pattern(path, ax=ax, field=None)
         ax.set_title(f"{title}, {ax.get_title()}")
+        if "outline" in study.aim:
+            ax.plot(*np.transpose(study.aim["outline"]), color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 2)), label="target")
     for row, name in zip(axes[1:-1], names, strict=True):
         draw_fields(row, name, start, best)
     draw_curve(axes[-1, 0], study, start, best)
@@ -48,7 +50,7 @@ def draw_fields(axes: Sequence[Axes], name: str, start: Path, best: Path) -> Seq
 
 def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
     """Axes with the quantity of the study's first objective along the start's and the optimum's path, and its target."""
-    quantity = QUANTITIES[study.aim["of"]]
+    quantity = _misfit(study.aim["outline"]) if "outline" in study.aim else QUANTITIES[study.aim["of"]]
     for path, name, colour, line in ((start, "start", COLOURS[1], "--"), (best, "optimum", COLOURS[0], "-")):
         ax.plot(path.mu, quantity.scale * np.asarray(quantity.function(path)), line, color=colour, label=name)
     wanted = np.isfinite(study.aim["values"])
@@ -65,6 +67,12 @@ def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
     ax.set(xlabel=MU, ylabel=quantity.axis_label(length_unit(start.model.cloud)))
     ax.legend(frameon=False, fontsize=7.5)
     return ax
+
+
+def _misfit(outline):
+    """The `Quantity` of a path's free edges beside an outline."""
+    text = "root mean square distance of the free edges from their target"
+    return Quantity("free_edge", lambda path: np.sqrt(free_edge_misfit(path, np.array(outline))), "mm", "distance from the target", text)
 
 
 def draw_history(ax: Axes, design: Design) -> Axes:

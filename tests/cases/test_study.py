@@ -4,6 +4,7 @@ import importlib.util
 import json
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ from jaxgel.design import DesignProblem, Outcome, porosity, search
 from jaxgel.observables import CURVES, QUANTITIES
 
 DESIGN = Path(__file__).parents[2] / "design"
-NAMES = ("rotation", "valve", "closing", "linear", "identification")
+NAMES = ("rotation", "valve", "closing", "linear", "identification", "cushion", "printed")
 SMALL = """
 [plate]
 width = 8.0
@@ -118,6 +119,18 @@ def test_identification_knows_its_curve():
     path = study.problem.path(truth, study.problem.make_cloud(study.problem.plate(truth)))
     # 16 errors of known variance: their root mean square lies within 50 % of it but for one case in 200
     assert float(study.problem.objective(path)) ** 0.5 == pytest.approx(loaded.NOISE, rel=0.5)
+
+
+def test_the_cushion_is_the_outline_of_its_formula_and_a_uniform_film_is_far_from_it():
+    """A uniform film stays a square; the one of the target's corners misses the middle of the sides by the bulge."""
+    loaded = module("cushion")
+    (entry,), study = loaded.study.table["objective"], loaded.study
+    np.testing.assert_allclose(entry["outline"], loaded.outline(), atol=6e-5)  # four digits
+    model = study.problem.options.model(study.problem.make_cloud(study.problem.plate({})))
+    square = np.asarray(model.cloud.nodes) * loaded.CORNER / 2 + loaded.CORNER / 2 - 1.0  # of a quarter of 2 x 2 mm about its middle
+    away = study.problem.objective(SimpleNamespace(model=model, mu=np.array([-0.002]), x=square[None]))
+    # mean square of the bulge's (1 + cos) / 2, 3/8 of its square; distances are shorter than along one axis, by a slope of up to 1/2
+    assert 0.8 * 3 / 8 * loaded.BULGE**2 < float(away) < 3 / 8 * loaded.BULGE**2
 
 
 def test_onset_study_moves_the_circles_alike(cloud_of):
@@ -267,7 +280,15 @@ def test_the_best_design_is_a_case_that_run_accepts(folder):
         ("lower = [2.1, 1.4]", "lower = [2.1, 1.4]\nholes = [3]", "parameters[0].holes: [3]"),
         ('of = "area_reduction"', 'of = "area_reductoin"', "objective[0].of: 'area_reductoin' is unknown; did you mean 'area_reduction'?"),
         ('goal = "maximise"', 'goal = "most"', "objective[0].goal: 'most' is unknown"),
-        ('goal = "maximise"', "", "objective[0]: give one of goal, target, curve and line"),
+        ('goal = "maximise"', "", "objective[0]: give one of goal, target, curve, line and outline"),
+        (
+            'goal = "maximise"',
+            "outline = [[0, 0], [1, 1]]",
+            "objective[0].of: 'area_reduction' does not fit; 'free_edge' and outline belong",
+        ),
+        ('of = "area_reduction"', 'of = "free_edge"', "objective[0].of: 'free_edge' does not fit; 'free_edge' and outline belong together"),
+        ('goal = "maximise"', "outline = [[0, 0]]", "objective[0].outline: [[0, 0]] is not"),
+        ('of = "area_reduction"\ngoal = "maximise"', 'of = "free_edge"\noutline = "none.csv"', "none.csv': No such file"),
         ("at = -1.8", "at = -1.7", "objective[0].at: -1.7 is not one of the sweep's mu (-3, -1.8)"),
         ("above = 10.0", "abov = 10.0", "constraints[0]: unknown entry 'abov'; did you mean 'above'?"),
         ("above = 10.0", "above = 10.0\nbelow = 11.0", "constraints[0]: give one of above, below and within"),

@@ -1,6 +1,7 @@
 """Facts about what is read off the states: against finite elements, exact identities, symmetry, and states made by hand."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from jaxgel.observables import (
     cell_volumes,
     deformed_vertices,
     dry_outlines,
+    free_edge_misfit,
     free_stretch,
     mean_surface_ratios,
     surface_ratios,
@@ -314,3 +316,30 @@ def test_an_extremum_at_the_edge_of_a_hole_has_the_derivative_of_that_point(tilt
     slope = jax.jacrev(rotation)(0.0)
     difference = (rotation(1e-5) - rotation(-1e-5)) / 2e-5
     np.testing.assert_allclose(slope, difference, rtol=1e-6)  # were it a root of the slope, the last one would be -3 instead of 6
+
+
+def test_free_edges_are_as_far_from_a_line_as_geometry_says(square_model):
+    """The unit square is free at the top; stretched by 1.2 about its middle that edge lies 0.1 mm under the line y = 0.7."""
+    nodes = np.asarray(square_model.cloud.nodes)
+    states = SimpleNamespace(model=square_model, x=np.stack([nodes, 1.2 * nodes]))
+    line = np.array([[1.0, 0.7], [-1.0, 0.7]])
+    np.testing.assert_allclose(free_edge_misfit(states, line), [0.2**2, 0.1**2], rtol=1e-12)
+    end = np.array([[0.0, 0.7], [-1.0, 0.7]])  # points on the right are nearest to its end
+    x = np.clip(np.linspace(-0.5, 0.5, 7), 0.0, None)
+    np.testing.assert_allclose(free_edge_misfit(states, end)[0], np.mean(x**2) + 0.2**2, rtol=1e-12)
+
+
+def test_the_slope_of_free_edges_distance_is_that_of_differences(square_model):
+    nodes, random = np.asarray(square_model.cloud.nodes), np.random.default_rng(2)
+    line, step = np.array([[0.6, -0.2], [0.5, 0.7], [-0.6, 0.8]]), 1e-6 * random.normal(size=nodes.shape)
+
+    def distance(x):
+        return free_edge_misfit(SimpleNamespace(model=square_model, x=x[None]), line)[0]
+
+    slope = jnp.sum(jax.grad(distance)(jnp.asarray(nodes)) * step)
+    np.testing.assert_allclose(slope, (distance(nodes + step) - distance(nodes - step)) / 2, rtol=1e-8)  # round-off over 1e-6
+
+
+def test_a_plate_without_free_edges_has_no_distance_from_a_line(coarse_path):
+    with pytest.raises(ValueError, match=r"^outline: the plate has no free edge that could follow it; free one in plate\.edges$"):
+        free_edge_misfit(coarse_path, np.zeros((2, 2)))
