@@ -93,7 +93,7 @@ def expand(problem: Problem, stiffness: sp.csr_matrix, state: State, modes: Floa
     slope, gradient, cubic, quartic = _derivatives(problem, state.x, fields, jnp.asarray(state.mu))
     gradient = np.asarray(gather(gradient, problem.free))
     held = stiffness @ modes
-    system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, held, held, np.zeros((m, m)))
+    system = Bordered.of(state.factor, held, held, np.zeros((m, m)))
     correction, _ = system.solve(gradient, np.zeros(m))
     slope = (float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu))) / m
     relaxed = float(quartic) - 3 * gradient @ correction if m == 1 else float("nan")

@@ -172,7 +172,7 @@ def _fold(shared, before, last):
     def rise(state):
         """Tangent (f,) of the branch per unit of the row, and that of mu."""
         column = np.asarray(mu_force(problem, state.x, state.mu))[:, None]
-        system = Bordered(state.factor.pattern.tree.order, state.factor.matrix, column, row, np.zeros((1, 1)))
+        system = Bordered.of(state.factor, column, row, np.zeros((1, 1)))
         dx, dmu = system.solve(np.zeros(len(free)), np.ones(1))
         return dx, float(dmu[0])
 

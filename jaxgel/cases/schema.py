@@ -85,7 +85,7 @@ def _plate():
     return {
         "type": "object",
         "if": {"required": ["sample"]},
-        "then": tabled({"sample": name, "kinematics": own["properties"]["kinematics"]}),
+        "then": tabled({"sample": name} | {key: own["properties"][key] for key in ("kinematics", "axial_stretch")}),
         "else": own,
     }
 
@@ -143,6 +143,7 @@ PLATE = {
     "height": POSITIVE,
     "edges": {"type": ["string", "object"], "if": {"type": "object"}, "then": tabled(dict.fromkeys(EDGES, _CONDITION)), "else": _CONDITION},
     "kinematics": word(KINEMATICS),
+    "axial_stretch": {"type": ["number", "string"], "if": {"type": "string"}, "then": word(["free"]), "else": POSITIVE},
     "deformation": listed(PAIR, 2, 2),
     "displacement": tabled(dict.fromkeys(EDGES, PAIR)),
     "spacing": POSITIVE,

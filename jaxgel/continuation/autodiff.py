@@ -19,7 +19,19 @@ from ..discretisation import Model
 from ..equilibrium import Status, dry_state, for_derivatives, remedy, solve_traced, state_tangents, with_derivatives_of
 from ..linalg import SingularTangent, extreme_eigenvalues, factor, network_matrix, remember
 from ..materials import Gel, check_gel
-from ..mechanics import Problem, check_room, crosses, linearise, outline_loops, overlaps, prepare, state_pressure, tangent, total_energy
+from ..mechanics import (
+    Problem,
+    border,
+    check_room,
+    crosses,
+    linearise,
+    outline_loops,
+    overlaps,
+    prepare,
+    state_pressure,
+    tangent,
+    total_energy,
+)
 from ..symmetry import NAMES
 from .follow import Followed, Following
 from .options import check_mu
@@ -94,7 +106,7 @@ def _states(static, floats, rest):
     model, gel, mu, loads = inputs
     values, _ = check_mu(static.ends or list(np.asarray(mu)))
     check_gel(gel)
-    check_room(model.lists.topology.plate)
+    check_room(model.cloud.plate)
     problem, states = prepare(model, gel, loads), []
     with few_threads(2 * model.n_nodes):
         followed = Followed(problem, values.tolist(), static.options)
@@ -219,21 +231,22 @@ def _scanned(model, gel, mu, loads, options):
 
 def _examined(problem, mu, x, p, status, contact):
     """Status, negative_pivots and lowest_eigenvalue of one traced state (n, 2), by a factor of its own tangent on the host."""
-    pairs = tangent(problem, x, p, linearise(problem, x, p, mu))
+    now = linearise(problem, x, p, mu)
     patterns = problem.pattern, problem.without_contact.pattern
     examine = functools.partial(_examine, patterns, problem.model.lists.topology.plate, contact)
     shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))
-    arrays = status, x, pairs, problem.operators.network, outline_loops(x, problem.model)
+    system = tangent(problem, x, p, now), border(problem, now)
+    arrays = status, x, system, problem.operators.network, outline_loops(x, problem.model)
     found = jax.pure_callback(examine, shapes, *arrays, vmap_method="sequential")
     return dict(zip(("status", "negative_pivots", "lowest_eigenvalue"), found, strict=True))
 
 
-def _examine(patterns, plate, contact, status, x, pairs, network, loops):
+def _examine(patterns, plate, contact, status, x, system, network, loops):
     """`_examined` on the host; the factor serves the derivatives of the state, see `linalg.solve_near`."""
     if status != Status.CONVERGED:
         return status, np.asarray(-1), np.asarray(np.nan)
     try:
-        made = factor(patterns[0], pairs)
+        made = factor(patterns[0], *system)
         remember(made, x)
         lowest, nearest = extreme_eigenvalues(made, network_matrix(patterns[1], network))
         negative = made.negative_pivots

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from .._types import Array, Float
 from ..equilibrium import Stability, State, acting_problem
 from ..linalg import factor, network_matrix
-from ..mechanics import Problem, linearise, precomputed_operators, scatter, start_positions, tangent, unknowns
+from ..mechanics import Problem, border, linearise, precomputed_operators, scatter, start_positions, tangent, unknowns
 from ..symmetry import NAMES, Region, bases, region, symmetries_of, symmetries_of_field, symmetries_of_state
 from .blocks import BlockFactor, Diagonal
 from .predictor import rate_of_change
@@ -215,8 +215,10 @@ class RegionFrame(_Conditions):
         whole, problem = (acting_problem(one, state) for one in (self._whole, self.problem))
         own_bases, at = self._bases_of(whole), (problem, state.x, state.pressure)
         state = dataclasses.replace(state, factor=None)  # free it before the next factorisation
-        pairs = np.asarray(tangent(*at, state.linearisation if state.linearisation is not None else linearise(*at, state.mu)))
-        blocks = Diagonal(tuple(factor(basis.pattern, pairs) for basis in own_bases), self._cuts)
+        now = state.linearisation if state.linearisation is not None else linearise(*at, state.mu)
+        pairs, borders = np.asarray(tangent(*at, now)), [border(problem, now), *[None] * (len(own_bases) - 1)]  # symmetric as the stretch
+        factors = tuple(factor(basis.pattern, pairs, own) for basis, own in zip(own_bases, borders, strict=True))
+        blocks = Diagonal(factors, self._cuts)
         found = stability_of_factor(blocks, self._stiffness, blocks.product, None if modes is None else self._in_all_blocks(modes))
         inside = np.add.reduceat(found.vectors**2, self._cuts[:-1], axis=0)
         own = np.argmax(inside, axis=0)  # what else a mode has is round-off, or of a mode of another block with the same eigenvalue

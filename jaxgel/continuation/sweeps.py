@@ -56,7 +56,7 @@ def sweep(
         return traced_sweep(model, gel, mu, loads, options)
     values, _ = check_mu(mu)
     check_gel(gel)
-    check_room(model.lists.topology.plate)
+    check_room(model.cloud.plate)
     before = [] if start is None else [start] if isinstance(start, State) else list(start)
     if before and not values[-1 if options.adaptive else 0] > before[-1].mu:
         raise ValueError(f"mu: {values[-1 if options.adaptive else 0]:g} is not above the start's mu = {before[-1].mu:g}")

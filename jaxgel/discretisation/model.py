@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._types import Array, Float, Inexact, Int
+from .._types import Array, Float, Inexact, Int, Scalar
 from ..cloud import Cloud, Topology
 from .checks import check_conditions, check_options, check_reproduction
 from .connectivity import Connectivity, conforming_connectivity, paper_connectivity
@@ -103,6 +103,11 @@ class Model:
     """How linear systems are solved: ``"auto"``, ``"direct"`` or ``"iterative"``, see ``linalg``."""
     contact: object = None
     """The ``mechanics.Contact`` of hole boundaries with themselves; None where they may overlap."""
+
+    def at_axial_stretch(self, axial: Scalar) -> "Model":
+        """The same model held at another axial stretch, which may be traced; ValueError for other than generalised plane strain."""
+        plate = dataclasses.replace(self.cloud.plate, axial_stretch=axial)
+        return dataclasses.replace(self, cloud=dataclasses.replace(self.cloud, plate=plate))
 
     @property
     def n_nodes(self) -> int:

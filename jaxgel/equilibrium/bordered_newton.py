@@ -11,8 +11,8 @@ import dataclasses
 import numpy as np
 
 from .._types import Array, Float, Scalar
-from ..linalg import Bordered
-from ..mechanics import Problem, condensed_rhs, factorised_tangent, gather, mu_force, restrict, tangent
+from ..linalg import Bordered, host_border
+from ..mechanics import Problem, border, condensed_rhs, factorised_tangent, gather, mu_force, restrict, tangent
 from .newton import CONSTRAINT_TOLERANCE, TOLERANCE, advanced, iterate, starting
 from .state import State
 
@@ -104,9 +104,11 @@ class _Bordered:
         (b, m), slopes = (self.conditions.rows.shape[1], self.columns.shape[1]), self.conditions.slopes
         pairs = tangent(problem, state.x, state.pressure, state.linearisation)
         pattern = problem.pattern.fitting(pairs)
-        sides = np.concatenate([self.columns, -np.asarray(mu_force(problem, state.x, state.mu))[:, None]], axis=1)[:, :b]
+        force = mu_force(problem, state.x, state.mu, state.pressure)
+        sides = np.concatenate([self.columns, -np.asarray(force)[:, None]], axis=1)[:, :b]
         corner = np.concatenate([np.zeros((b, m)), slopes[:, None]], axis=1)[:, :b]
-        system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner)
+        condensed = host_border(border(problem, state.linearisation))
+        system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner, condensed)
         rhs = np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation))
         dx, change = system.solve(rhs + self.columns @ self.forces, self.miss)
         self.forces = self.forces + change[:m]

@@ -17,12 +17,12 @@ from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import (
     Linearisation,
     Problem,
+    border,
     condensed_rhs,
     factorised_tangent,
     linearise,
-    pressure_rate,
     pressure_step,
-    ratio_at,
+    pressure_step_of_mu,
     scatter,
     step_limit,
     tangent,
@@ -163,8 +163,7 @@ def advanced(
 def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share, dmu, *, limited=True):
     dx = scatter(correction, x.shape, problem.free)
     share = share * step_limit(x, dx, problem.model) if problem.has_contact and limited else share
-    rate = pressure_rate(ratio_at(p, problem.model, problem.gel, mu), problem.model, problem.gel, mu)
-    dp = pressure_step(dx, linearisation, factorised_at, problem.model) + rate * dmu
+    dp = pressure_step(dx, linearisation, factorised_at, problem.model) + pressure_step_of_mu(p, linearisation, problem, mu) * dmu
     x, p = x + share * dx, p + share * dp
     return x, p, linearise(problem, x, p, mu)
 
@@ -224,9 +223,10 @@ def solve_traced(problem: Problem, mu: jax.Array, x: jax.Array, pressure: jax.Ar
 
     def step(iterate):
         x, p, linearisation, iterations = iterate
-        system = tangent(problem, x, p, linearisation), condensed_rhs(problem, linearisation, linearisation)
+        system = tangent(problem, x, p, linearisation), border(problem, linearisation)
+        rhs = condensed_rhs(problem, linearisation, linearisation)
         shape = jax.ShapeDtypeStruct(free.shape[:1], x.dtype)
-        dx = jax.pure_callback(functools.partial(_host_step, pattern), shape, *system, vmap_method="sequential")
+        dx = jax.pure_callback(functools.partial(_host_step, pattern), shape, rhs, *system, vmap_method="sequential")
         return *_advanced(problem, x, p, mu, dx, linearisation, linearisation, 1.0, 0.0), iterations + 1
 
     start = (x, pressure, linearise(problem, x, pressure, mu), jnp.asarray(0))
@@ -238,9 +238,9 @@ def solve_traced(problem: Problem, mu: jax.Array, x: jax.Array, pressure: jax.Ar
     return jnp.where(done, x, jnp.nan), p, report
 
 
-def _host_step(pattern, pairs, rhs):
+def _host_step(pattern, rhs, *system):
     """Newton correction (f,); nan where the tangent is singular."""
     try:
-        return factor(pattern, pairs).solve(rhs)[0]
+        return factor(pattern, *system).solve(rhs)[0]
     except SingularTangent:
         return np.full(rhs.shape, np.nan)

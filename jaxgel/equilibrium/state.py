@@ -9,7 +9,16 @@ import numpy as np
 from .._types import Array, Float, Scalar
 from ..linalg import Factor, Kept
 from ..materials import gel_in_groups, value
-from ..mechanics import Linearisation, Problem, carries_volume, energy_at, pressure_at, start_positions, volume_ratios
+from ..mechanics import (
+    Linearisation,
+    Problem,
+    axial_stretch,
+    carries_volume,
+    energy_at,
+    pressure_at,
+    start_positions,
+    volume_ratios,
+)
 from .status import Status
 
 
@@ -109,6 +118,6 @@ def dry_state(problem: Problem, mu: Scalar | None = None) -> tuple[Float[Array, 
     pressure = jnp.where(carries_volume(model), -value(gel_in_groups(gel).Nv), 0.0)
     if mu is None or not plate.moved:
         return x, pressure
-    J = volume_ratios(x, model)
-    roomy = carries_volume(model) & (J > 1)
-    return x, jnp.where(roomy, jnp.maximum(pressure_at(jnp.where(roomy, J, 2.0), model, gel, mu), pressure), pressure)
+    J, axial = volume_ratios(x, model), axial_stretch(x, model, gel, mu)
+    roomy = carries_volume(model) & (axial * J > 1)
+    return x, jnp.where(roomy, jnp.maximum(pressure_at(jnp.where(roomy, J, 2.0 / axial), model, gel, mu, axial), pressure), pressure)

@@ -54,7 +54,7 @@ class Hole:
 
     def __post_init__(self) -> None:
         for name, shape in self.shapes.items():
-            object.__setattr__(self, name, _parameter(getattr(self, name), shape, f"{type(self).__name__}.{name}"))
+            object.__setattr__(self, name, checked_parameter(getattr(self, name), shape, f"{type(self).__name__}.{name}"))
 
     @property
     def corners(self) -> tuple[float, ...]:
@@ -82,7 +82,7 @@ class Hole:
         raise NotImplementedError
 
 
-def _parameter(value, shape, name):
+def checked_parameter(value: object, shape: tuple, name: str) -> Array:
     """``value`` as a float array of ``shape``; ValueError otherwise."""
     if isinstance(value, (list, tuple, int, float, np.ndarray, np.generic)):
         with contextlib.suppress(TypeError, ValueError, OverflowError):  # a list that holds traced numbers, or no numbers at all

@@ -7,14 +7,14 @@ import jax
 import numpy as np
 import shapely
 
-from .._types import Array
+from .._types import Array, Scalar
 from .._validation import did_you_mean, one_of
 from .boundary import checked_deformation, checked_displacement, checked_edges, edge_lines
-from .hole import Hole, pytree
+from .hole import Hole, checked_parameter, pytree
 from .holes import check_parameters
 from .outline import _outward, _traced, outline_points
 
-KINEMATICS = ("plane strain", "plane stress")
+KINEMATICS = ("plane strain", "generalised plane strain", "plane stress")
 TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as contact
 
 
@@ -26,7 +26,7 @@ TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as co
 )
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plate:
-    """A rectangular dry plate with holes; a JAX pytree whose leaves are the hole parameters.
+    """A rectangular dry plate with holes; a JAX pytree whose leaves are the hole parameters and an axial stretch.
 
     Raises ValueError for an unusable size, edge or hole; ``check_plate`` checks how the holes lie.
     """
@@ -48,7 +48,10 @@ class Plate:
     displacement: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
     """Roller or fixed edge -> its displacement (2,), mm, on top of ``deformation``; 0 for edges left out and along rollers."""
     kinematics: str = "plane strain"
-    """"plane strain", thickness held, or "plane stress", a thin film whose thickness swells freely."""
+    """"plane strain", thickness held, "generalised plane strain", one stretch of the whole thickness, or "plane stress", a thin film whose
+    thickness swells freely."""
+    axial_stretch: Scalar | str | None = None
+    """Stretch of the thickness in generalised plane strain, a number that may be traced, or "free", the default: no axial force acts."""
     name: str = "plate"
     """What tables and files call it."""
     spacing: float | None = None
@@ -73,6 +76,7 @@ class Plate:
                 raise ValueError(f"{name}: {value!r} is not a positive length in mm")
             object.__setattr__(self, name, float(value))
         one_of("kinematics", self.kinematics, KINEMATICS)
+        object.__setattr__(self, "axial_stretch", _checked_stretch(self.axial_stretch, self.kinematics))
         object.__setattr__(self, "edges", checked_edges(self.edges))
         object.__setattr__(self, "deformation", checked_deformation(self.deformation, self.edges))
         object.__setattr__(self, "displacement", checked_displacement(self.displacement, self.edges))
@@ -204,6 +208,22 @@ def _all_at(outlines, theta, name, kind):
     if len(theta) != len(outlines):
         raise ValueError(f"{name}: {len(theta)} entries for {len(outlines)} {kind}s; give one dict of parameters per {kind}")
     return tuple(_hole_at(hole, new, f"{name}[{k}]") for k, (hole, new) in enumerate(zip(outlines, theta, strict=True)))
+
+
+def _checked_stretch(value, kinematics):
+    """The axial stretch as an array (), None where it is free or the kinematics have none; ValueError for what is not accepted."""
+    if value is None or (isinstance(value, str) and value == "free" and kinematics == "generalised plane strain"):
+        return None
+    if kinematics != "generalised plane strain":
+        raise ValueError(f"axial_stretch: {value!r} is not accepted in {kinematics}, only in generalised plane strain")
+    message = f"axial_stretch: {value!r} is not accepted, it must be a finite number > 0 or 'free'"
+    try:
+        value = checked_parameter(value, (), "axial_stretch")
+    except ValueError:
+        raise ValueError(message) from None
+    if not _traced(value) and not (np.isfinite(value) and value > 0):
+        raise ValueError(message)
+    return value
 
 
 def _hole_at(hole, new, where):

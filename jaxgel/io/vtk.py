@@ -12,7 +12,7 @@ from pyevtk.vtk import VtkGroup, VtkTriangle
 from .._types import Array, Float, Int
 from ..continuation import Path
 from ..discretisation import make_probe
-from ..mechanics import is_film
+from ..mechanics import is_film, is_generalised
 from ..observables import SELF_CONTACT, cauchy_stress, field_values, history, parameter_values, thickness_stretch
 from .files import open_folder
 
@@ -22,7 +22,8 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
 
     Points carry the displacement (mm), the components ``cauchy_stress_xx``, ``_yy``, ``_xy`` (kT/v; the nodes' own, interpolated), and
     ``principal_stretch_1`` >= ``principal_stretch_2``, against the dry gel. Cells (triangles) carry the volume ratio J and ``invalid`` = 1
-    after self-contact; parameters of the gel that vary, by their names; and the ``thickness_stretch`` of a film. ``table`` saves computing
+    after self-contact; parameters of the gel that vary, by their names; and the ``thickness_stretch`` of a film and in
+    generalised plane strain. ``table`` saves computing
     `history` again.
     """
     cloud = path.model.cloud
@@ -30,7 +31,7 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
     fields, J = point_fields(path, used), np.asarray(field_values(path, "J"))
     cells = np.asarray(cloud.cell_of_triangle)
     dry_fields = {name: np.ascontiguousarray(np.asarray(values)[cells]) for name, values in parameter_values(path).items()}
-    thickness = np.asarray(thickness_stretch(path))[:, cells] if is_film(path.model) else None
+    thickness = np.asarray(thickness_stretch(path))[:, cells] if is_film(path.model) or is_generalised(path.model) else None
     dry, deformed = np.asarray(cloud.vertices)[used], fields.pop("position")
     invalid = [text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]]
     folder = open_folder(folder)

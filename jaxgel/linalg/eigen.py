@@ -31,6 +31,10 @@ class Factorised(Protocol):
         """Number of its negative eigenvalues."""
         ...
 
+    def product(self, vectors: Float[np.ndarray, "f m"]) -> Float[np.ndarray, "f m"]:
+        """Products of the factorised matrix with vectors: of ``matrix`` and what is condensed in it."""
+        ...
+
     def apply(self, rhs: Columns) -> Columns:
         """Solution (f,) or (f, r) for the right-hand side, without refinement."""
         ...
@@ -70,7 +74,7 @@ def inverse_iteration(
     if sizes.min() > SAME * sizes.max():
         images = scipy.linalg.solve_triangular(r, before.T, trans="T", check_finite=False).T
     else:
-        images = columnwise_products(factor.matrix, vectors)
+        images = np.stack([factor.product(vector) for vector in vectors.T], axis=1)
     _, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
     return vectors @ turn, weights @ turn
 

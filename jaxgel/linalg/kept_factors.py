@@ -101,19 +101,19 @@ def solve_near(
     x: Float[Array, "n 2"],
     rhs: Float[np.ndarray, " f"],
     product: Callable[[np.ndarray], np.ndarray],
-    pairs: Callable[[], Float[Array, "p 2 2"]],
+    system: Callable[[], tuple],
 ) -> Float[np.ndarray, " f"]:
     """Solution for a tangent at the nodal positions ``x``, with the kept factor that is nearest if that will do.
 
     The factors of a differentiated sweep so serve its derivatives; the solution does not depend on which one was used. The tangent is
-    given by its ``product`` with vectors (f,) and, where it must be factorised, by the pair blocks (p, 2, 2) that ``pairs()`` makes.
-    NaN where it is singular: for use inside compiled programs, which cannot raise.
+    given by its ``product`` with vectors (f,) and, where it must be factorised, by what ``system()`` makes: the pair blocks (p, 2, 2) and
+    the border, or None, that `factor` takes. NaN where it is singular: for use inside compiled programs, which cannot raise.
     """
     nearest = RECENT_FACTORS.nearest(pattern, x)
     solution = None if nearest is None else nearest.solve_other(rhs, product)
     if solution is None:
         try:
-            made = factor(pattern, pairs())
+            made = factor(pattern, *system())
             remember(made, x)
             solution = made.solve_other(rhs, product)
             solution = made.solve(rhs)[0] if solution is None else solution

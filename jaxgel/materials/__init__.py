@@ -1,5 +1,6 @@
 """The gel: free energy, stress, free and uniaxial swelling."""
 
+from .axial import balanced_stretch
 from .checks import ACCEPTED, check_gel, check_number, check_parameter
 from .composite import (
     Composite,
@@ -41,11 +42,29 @@ from .film import (
     film_stiffness,
     film_stretch_at,
     film_volume_ratio,
-    isotropic_swelling,
 )
-from .gel import ArrudaBoyce, Gel, Gent, bulk_stiffness, cauchy_stress, free_energy, neo_hookean, osmotic
+from .gel import (
+    ArrudaBoyce,
+    Gel,
+    Gent,
+    bulk_stiffness,
+    cauchy_stress,
+    check_stretched_network,
+    free_energy,
+    neo_hookean,
+    network_at,
+    osmotic,
+)
 from .mixing import flory_huggins, flory_rehner
-from .swelling import free_swelling, largest_mu, largest_pressure, uniaxial_swelling, volume_ratio_at
+from .swelling import (
+    free_swelling,
+    isotropic_swelling,
+    largest_mu,
+    largest_pressure,
+    rises_always,
+    uniaxial_swelling,
+    volume_ratio_at,
+)
 
 __all__ = [
     "ACCEPTED",
@@ -59,6 +78,7 @@ __all__ = [
     "PixelField",
     "Varying",
     "WithHoles",
+    "balanced_stretch",
     "bulk_stiffness",
     "by_material",
     "cauchy_stress",
@@ -66,6 +86,7 @@ __all__ = [
     "check_network",
     "check_number",
     "check_parameter",
+    "check_stretched_network",
     "elastic_energy",
     "elastic_film_energy",
     "elastic_film_pressure",
@@ -94,10 +115,12 @@ __all__ = [
     "largest_pressure",
     "named_parameters",
     "neo_hookean",
+    "network_at",
     "osmotic",
     "paper_free_energy",
     "paper_stress",
     "paper_tangent",
+    "rises_always",
     "split",
     "takes_solvent",
     "uniaxial_swelling",

@@ -18,7 +18,7 @@ from .._types import Array, Float
 from .composite import SLACK
 from .fields import Varying, elementwise
 from .gel import neo_hookean
-from .swelling import Numbers, _volume_ratio_or_nan, branch_ends, inverted, rises_always
+from .swelling import Numbers, branch_ends, inverted, rises_always
 
 
 def check_network(gel: Any) -> None:
@@ -76,15 +76,6 @@ def film_stretch_at(p: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     return elementwise(lambda p, own: jnp.cbrt(-own[1].Nv * own[0] ** 2 / p), p, (Varying(J), gel))
 
 
-@jax.jit
-def isotropic_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
-    """Stretch l (...) of a gel that swells freely in all three directions at ``mu`` (...), and of a free film; NaN where there is none.
-
-    The root that is connected with the dry state, J = l^3 (see ``volume_ratio_at``).
-    """
-    return jnp.cbrt(_volume_ratio_or_nan(_isotropic, mu, gel))
-
-
 def _together(x, mu):
     return jnp.broadcast_arrays(jnp.asarray(x, float), jnp.asarray(mu, float))
 
@@ -99,7 +90,3 @@ def _at_pressure(J, gel_and_p):
     """Energy () of J whose slope is ``mu`` at the film's pressure p."""
     gel, p = gel_and_p
     return gel.volumetric(J, gel) + 1.5 * jnp.cbrt(gel.Nv * p**2) * jnp.cbrt(J) ** 2
-
-
-def _isotropic(J, gel):
-    return gel.volumetric(J, gel) + 1.5 * gel.Nv * jnp.cbrt(J) ** 2

@@ -1,8 +1,8 @@
 """The gel: its free energy, what follows from it by differentiation, and its homogeneous states.
 
-Plane strain with respect to the dry state: ``F`` (2, 2) is the in-plane total deformation gradient, F33 = 1, J = det F. Energies
-and stresses are per dry volume (Cauchy stress: per current area) in kT/v, the chemical potential ``mu`` is in kT. The energy has
-two parts,
+Plane strain with respect to the dry state: ``F`` (2, 2) is the in-plane total deformation gradient, F33 = 1, J = det F. In generalised
+plane strain F33 is the axial stretch and J = F33 det F. Energies and stresses are per dry volume (Cauchy stress: per current area) in
+kT/v, the chemical potential ``mu`` is in kT. The energy has two parts,
 
     W(F, mu) = network(F, gel) + volumetric(J, gel) - mu (J - 1),
 
@@ -26,9 +26,9 @@ from .mixing import flory_rehner
 from .swelling import Numbers, _elementwise
 
 
-def neo_hookean(F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
-    """Network energy of Gaussian chains, Nv/2 (I - 3), in kT/v; with F33 = 1 this is Nv/2 (F:F - 2)."""
-    return gel.Nv / 2 * (jnp.sum(F**2) - 2)
+def neo_hookean(F: Float[Array, "2 2"], gel: Any, axial: Scalar = 1.0) -> Float[Array, ""]:
+    """Network energy of Gaussian chains, Nv/2 (I - 3), in kT/v, with I = F:F + ``axial``^2; in plane strain this is Nv/2 (F:F - 2)."""
+    return gel.Nv / 2 * (jnp.sum(F**2) + (axial**2 - 3))
 
 
 @jax.tree_util.register_dataclass
@@ -58,8 +58,12 @@ class Gent:
     def __post_init__(self) -> None:
         check_number("Jm", self.Jm, lambda v: 0 < v < math.inf, "a finite number > 0")
 
-    def __call__(self, F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
-        return -gel.Nv * self.Jm / 2 * jnp.log1p(-(jnp.sum(F**2) - 2) / self.Jm)
+    def __call__(self, F: Float[Array, "2 2"], gel: Any, axial: Scalar = 1.0) -> Float[Array, ""]:
+        return -gel.Nv * self.Jm / 2 * jnp.log1p(-(jnp.sum(F**2) + (axial**2 - 3)) / self.Jm)
+
+    def largest_axial(self, F: Float[Array, "... 2 2"]) -> Float[Array, "..."]:
+        """Stretch (...) out of plane at which the chains are straight: I - 3 = Jm; NaN where the in-plane ``F`` (..., 2, 2) is too large."""
+        return jnp.sqrt(self.Jm + 3 - jnp.sum(F**2, axis=(-2, -1)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,11 +78,25 @@ class ArrudaBoyce:
     def __post_init__(self) -> None:
         check_number("N", self.N, lambda v: 0 < v < math.inf, "a finite number > 0")
 
-    def __call__(self, F: Float[Array, "2 2"], gel: Any) -> Float[Array, ""]:
-        invariant = jnp.sum(F**2) + 1
+    def __call__(self, F: Float[Array, "2 2"], gel: Any, axial: Scalar = 1.0) -> Float[Array, ""]:
+        invariant = jnp.sum(F**2) + axial**2
         terms = [c / self.N**i for i, c in enumerate((1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750))]
         initial = 2 * sum(c * (i + 1) * 3**i for i, c in enumerate(terms))
         return gel.Nv / initial * sum(c * (invariant ** (i + 1) - 3 ** (i + 1)) for i, c in enumerate(terms))
+
+
+def network_at(gel: Any, axial: Scalar = 1.0) -> Callable:
+    """Network energy of the gel as a function (F (2, 2), gel) -> () at the stretch ``axial`` out of plane; of plane strain at 1.0."""
+    if isinstance(axial, float) and axial == 1.0:
+        return gel.network
+    return lambda F, gel: gel.network(F, gel, axial)
+
+
+def check_stretched_network(gel: Any) -> None:
+    """Raise ValueError unless the network's energy is known at any stretch out of plane, as those of this module are."""
+    if not (gel.network is neo_hookean or isinstance(gel.network, Gent | ArrudaBoyce)):
+        known = "neo_hookean, Gent or ArrudaBoyce"
+        raise ValueError(f"network: {gel.network!r} is not accepted in generalised plane strain, it must be {known}")
 
 
 def free_energy(F: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Float[Array, ""]:
@@ -90,14 +108,15 @@ def free_energy(F: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Float[Array, ""
     return gel.network(F, gel) + gel.volumetric(J, gel) - mu * (J - 1)
 
 
-def cauchy_stress(F: Float[Array, "2 2"], mu: Scalar, gel: Any, pressure: Scalar | None = None) -> Float[Array, "2 2"]:
+def cauchy_stress(F: Float[Array, "2 2"], mu: Scalar, gel: Any, pressure: Scalar | None = None, axial: Scalar = 1.0) -> Float[Array, "2 2"]:
     """In-plane Cauchy stress (2, 2), in kT/v, at ``F`` (2, 2); ``pressure`` () replaces ``osmotic(J, mu, gel)`` if given.
 
-    A mixed method passes its own pressure. The stress out of plane does not follow from an energy of the in-plane ``F``.
+    A mixed method passes its own pressure. ``axial`` is the stretch out of plane. The stress out of plane does not follow from an energy of
+    the in-plane ``F``.
     """
-    J = _det(F)
+    J = _det(F) * axial
     pressure = osmotic(J, mu, gel) if pressure is None else pressure
-    return jax.grad(gel.network)(F, gel) @ F.T / J + pressure * jnp.eye(2)
+    return jax.grad(network_at(gel, axial))(F, gel) @ F.T / J + pressure * jnp.eye(2)
 
 
 @jax.jit

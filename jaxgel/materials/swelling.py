@@ -27,6 +27,15 @@ def _free(J, gel):
     return gel.network(jnp.sqrt(J) * jnp.eye(2), gel) + gel.volumetric(J, gel)
 
 
+def _free_held(J, gel_and_axial):
+    gel, axial = gel_and_axial
+    return gel.network(jnp.sqrt(J / axial) * jnp.eye(2), gel, axial) + gel.volumetric(J, gel)
+
+
+def _isotropic(J, gel):
+    return gel.network(jnp.cbrt(J) * jnp.eye(2), gel, jnp.cbrt(J)) + gel.volumetric(J, gel)
+
+
 def _uniaxial(J, gel):
     return gel.network(jnp.diag(jnp.stack([jnp.ones_like(J), J])), gel) + gel.volumetric(J, gel)
 
@@ -50,16 +59,28 @@ def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
 
 
 @jax.jit
-def free_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
+def free_swelling(mu: Numbers, gel: Any, axial: Scalar | None = None) -> Float[Array, "..."]:
     """In-plane stretch l (...) of the gel that swells freely at ``mu`` (...): dW/dl = 0 at F = diag(l, l, 1); Eq. (6) with S = 0.
 
-    The root that is connected with the dry state (see ``volume_ratio_at``); NaN from ``largest_mu`` on.
+    Held at the stretch ``axial`` out of plane instead of 1, at diag(l, l, axial). The root that is connected with the dry state (see
+    ``volume_ratio_at``); NaN from ``largest_mu`` on.
 
     >>> from jaxgel.materials import Gel
     >>> free_swelling(-0.1688, Gel(Nv=1e-3, chi=1e-5)).round(4)
     Array(1.451, dtype=float64)
     """
-    return jnp.sqrt(_volume_ratio_or_nan(_free, mu, gel))
+    if axial is None:
+        return jnp.sqrt(_volume_ratio_or_nan(_free, mu, gel))
+    return jnp.sqrt(_volume_ratio_or_nan(_free_held, mu, (gel, axial)) / axial)
+
+
+@jax.jit
+def isotropic_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
+    """Stretch l (...) of a gel that swells freely in all three directions at ``mu`` (...), and of a free film; NaN where there is none.
+
+    The root that is connected with the dry state, J = l^3 (see ``volume_ratio_at``).
+    """
+    return jnp.cbrt(_volume_ratio_or_nan(_isotropic, mu, gel))
 
 
 @jax.jit

@@ -16,10 +16,20 @@ from .dofs import (
     unknowns,
     with_free_values,
 )
-from .energy import curvature, energy_at, hessian_product, network_energy, residual, total_energy
+from .energy import axial_stretch, curvature, energy_at, hessian_product, network_energy, residual, total_energy
 from .loads import Loads, load_vector
 from .local_gel import localised, mean_parameter
-from .mixed import ROUND_OFF, Linearisation, condensed_rhs, linearise, mu_force, pressure_step, state_pressure
+from .mixed import (
+    ROUND_OFF,
+    Linearisation,
+    border,
+    condensed_rhs,
+    linearise,
+    mu_force,
+    pressure_step,
+    pressure_step_of_mu,
+    state_pressure,
+)
 from .operators import Operators, precomputed_operators
 from .outlines import crosses, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
@@ -32,9 +42,10 @@ from .volumes import (
     contents,
     deformation_gradients,
     gradients_by_block,
+    held_stretch,
     is_film,
+    is_generalised,
     pressure_at,
-    pressure_rate,
     ratio_at,
     stiffness_at,
     volume_ratios,
@@ -52,6 +63,8 @@ __all__ = [
     "TangentOperator",
     "all_volumes",
     "at_points",
+    "axial_stretch",
+    "border",
     "by_block",
     "carries_volume",
     "check_edges",
@@ -71,8 +84,10 @@ __all__ = [
     "gather",
     "gradients_by_block",
     "held_dofs",
+    "held_stretch",
     "hessian_product",
     "is_film",
+    "is_generalised",
     "is_sparse",
     "linearise",
     "load_vector",
@@ -89,8 +104,8 @@ __all__ = [
     "prepare",
     "prescribed_motion",
     "pressure_at",
-    "pressure_rate",
     "pressure_step",
+    "pressure_step_of_mu",
     "ratio_at",
     "residual",
     "restrict",

@@ -25,21 +25,27 @@ from ..materials import (
     check_gel,
     check_network,
     check_parameter,
+    check_stretched_network,
     fields_of,
     named_parameters,
     with_parameters,
 )
-from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, is_film
+from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, held_stretch, is_film, is_generalised
 
 
 def localised(model: Model, gel: Gel | Composite) -> Gel:
     """The gel with `LocalValues` in place of its fields; a gel of numbers as it is. Of a `Composite` every parameter has local values.
 
-    ValueError for a network that a film cannot have, for other numbers of materials than the plate has regions, for a field that does not
-    give one number, and, with the place, for a number that a gel cannot have; traced values pass.
+    ValueError for a network that the plate's kinematics cannot have, for other numbers of materials than the plate has regions, for a field
+    that does not give one number, and, with the place, for a number that a gel cannot have; traced values pass.
     """
+    own = gel.matrix if isinstance(gel, Composite) else gel
     if is_film(model):
-        check_network(gel.matrix if isinstance(gel, Composite) else gel)
+        check_network(own)
+    if is_generalised(model):
+        check_stretched_network(own)
+        if held_stretch(model) is None and own is not gel and any(isinstance(material, Elastomer) for material in gel.regions):
+            raise ValueError("axial_stretch: 'free' is not accepted with an Elastomer; hold the stretch at a number")
     for part in jax.tree.leaves(gel, is_leaf=lambda part: isinstance(part, LocalValues)):
         if isinstance(part, LocalValues) and part.groups.shape != np.shape(carries_volume(model)):
             raise ValueError("gel: has the values of its fields on another model; give the fields themselves")

@@ -2,8 +2,9 @@
 
 Index letters as in ``discretisation``; quantities of all groups are one vector (g,), block after block. A group that carries volume
 follows the gel: its pressure is p = d volumetric / dJ - mu. In a film, in plane stress, J is the areal stretch and the pressure that of
-``materials.film``. A held group is a moment of J that no pressure sees; it is held with the
-stiffness of the network, p = HELD Nv J, so that its energy is HELD Nv/2 V J^2.
+``materials.film``. In generalised plane strain J is the areal stretch, too, the volume ratio is l3 J with the plate's axial stretch l3, and
+the pressure p = l3 (volumetric'(l3 J) - mu); in plane strain l3 is 1. A held group is a moment of J that no pressure sees; it is held with
+the stiffness of the network, p = HELD Nv J, so that its energy is HELD Nv/2 V J^2.
 """
 
 import functools
@@ -45,6 +46,16 @@ HELD = 2.0  # stiffness that holds what the pressures do not see of J, over the 
 def is_film(model: Model) -> bool:
     """Whether the plate is a film in plane stress."""
     return model.lists.topology.plate.kinematics == "plane stress"
+
+
+def is_generalised(model: Model) -> bool:
+    """Whether the plate is in generalised plane strain."""
+    return model.lists.topology.plate.kinematics == "generalised plane strain"
+
+
+def held_stretch(model: Model) -> Scalar | None:
+    """The axial stretch at which the plate is held, the number 1.0 in plane strain; None where it is free."""
+    return model.cloud.plate.axial_stretch if is_generalised(model) else 1.0
 
 
 def deformation_gradients(x: Float[Array, "n 2"], block: PatchBlock) -> jax.Array:
@@ -137,65 +148,78 @@ def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c
 # --- the pressure of a group -------------------------------------------------------------------------------------------------
 
 
-def ratio_at(p: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
-    """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible."""
+def ratio_at(p: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar) -> Float[Array, " g"]:
+    """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible. ``axial`` is the axial stretch."""
     carries, gel = carries_volume(model), gel_in_groups(gel)
-    ratio, elastic = (film_stretch_at, elastic_film_stretch_at) if is_film(model) else (volume_ratio_at, elastic_volume_ratio)
     safe = jnp.where(carries, p, -1.0) if not carries.all() else p
-    star = by_material(lambda p, gel: ratio(p, mu, gel), elastic, safe, -1.0, gel)
+    if is_film(model):
+        star = by_material(lambda p, gel: film_stretch_at(p, mu, gel), elastic_film_stretch_at, safe, -1.0, gel)
+    else:
+        star = by_material(lambda p, gel: volume_ratio_at(p, mu, gel), elastic_volume_ratio, safe / axial, -1.0, gel) / axial
     return jnp.where(carries, star, p / (HELD * value(gel.Nv)))
 
 
-def pressure_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
+def pressure_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar) -> Float[Array, " g"]:
     """Pressure of each group at its volume ratio ``J``, kT/v; nan where a group of gel that carries volume has J <= 1."""
-    carries, gel = carries_volume(model), gel_in_groups(gel)
-    pressure, elastic = (film_pressure, elastic_film_pressure) if is_film(model) else (osmotic, elastic_pressure)
-    own = by_material(lambda J, gel: pressure(J, mu, gel), elastic, jnp.where(carries, J, 2.0), 2.0, gel)
+    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model, axial)
+    if is_film(model):
+        own = by_material(lambda A, gel: film_pressure(A, mu, gel), elastic_film_pressure, safe, 2.0, gel)
+    else:
+        own = axial * by_material(lambda J, gel: osmotic(J, mu, gel), elastic_pressure, axial * safe, 2.0, gel)
     return jnp.where(carries, own, HELD * value(gel.Nv) * J)
 
 
-def stiffness_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
-    """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v."""
-    carries, gel = carries_volume(model), gel_in_groups(gel)
-    safe = jnp.where(carries, J, 2.0)
+def stiffness_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar) -> Float[Array, " g"]:
+    """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v, at a given axial stretch."""
+    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model, axial)
     if is_film(model):
         own = by_material(lambda A, gel: film_stiffness(A, mu, gel), elastic_film_stiffness, safe, 2.0, gel)
     else:
-        own = by_material(bulk_stiffness, elastic_stiffness, safe, 2.0, gel)
+        own = axial**2 * by_material(bulk_stiffness, elastic_stiffness, axial * safe, 2.0, gel)
     return jnp.where(carries, own, HELD * value(gel.Nv))
 
 
-def pressure_rate(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
-    """Derivative dp/dmu of the pressure of each group at its volume ratio ``J``, 1/v; -1 in a gel in plane strain."""
+def pressure_rate(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar) -> Float[Array, " g"]:
+    """Derivative dp/dmu of the pressure of each group at its volume ratio ``J`` and a given axial stretch, 1/v: -1 in plane strain."""
     if is_film(model):
-        return jax.jvp(lambda mu: pressure_at(J, model, gel, mu), (jnp.asarray(mu, float),), (1.0,))[1]
-    return -(carries_volume(model) * takes_solvent(gel_in_groups(gel))).astype(float)
+        return jax.jvp(lambda mu: pressure_at(J, model, gel, mu, axial), (jnp.asarray(mu, float),), (1.0,))[1]
+    return -axial * (carries_volume(model) * takes_solvent(gel_in_groups(gel))).astype(float)
 
 
-def volume_energy(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, ""]:
+def volume_energy(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar) -> Float[Array, ""]:
     """Energy () of all volume groups, kT/v mm^2."""
-    carries, gel = carries_volume(model), gel_in_groups(gel)
-    safe = jnp.where(carries, J, 2.0)
+    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model, axial)
     if is_film(model):
         own = by_material(lambda A, gel: film_energy(A, mu, gel), elastic_film_energy, safe, 2.0, gel)
     else:
         swelling = functools.partial(elementwise, lambda J, gel: gel.volumetric(J, gel) - mu * (J - 1))
-        own = by_material(swelling, elastic_energy, safe, 2.0, gel)
+        own = by_material(swelling, elastic_energy, axial * safe, 2.0, gel)
     return jnp.sum(all_volumes(model) * jnp.where(carries, own, HELD * value(gel.Nv) / 2 * J**2))
 
 
-def swelling_of(J: Float[Array, " g"], model: Model, gel: Gel) -> Float[Array, " g"]:
-    """What the accuracy of each group's volume ratio ``J`` is measured by: J - 1 in a gel in plane strain, J elsewhere; 0 if held."""
-    dry = jnp.where(takes_solvent(gel_in_groups(gel)), 0.0 if is_film(model) else 1.0, 0.0)
-    return jnp.where(carries_volume(model), J - dry, 0.0)
+def swelling_of(J: Float[Array, " g"], model: Model, gel: Gel, axial: Scalar) -> Float[Array, " g"]:
+    """What the accuracy of each group's volume ratio ``J`` is measured by: the solvent in a gel, J in films and elastomers; 0 if held."""
+    if is_film(model):
+        own = J
+    else:
+        own = axial * J - jnp.where(takes_solvent(gel_in_groups(gel)), 1.0, 0.0)
+    return jnp.where(carries_volume(model), own, 0.0)
 
 
-def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
+def _feasible(J, model, axial):
+    """The volume ratios of the groups that carry volume, and in place of the others and of padding one at which every energy is finite."""
+    return jnp.where(carries_volume(model) & (all_volumes(model) > 0), J, 2.0 / axial)
+
+
+def ratios_that_carry(
+    J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar
+) -> Float[Array, " g"]:
     """The volume ratios (g,) that carry the ``pressure`` (g,), with the derivatives of those near them, ``J`` (g,).
 
     Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,
     which mixed second derivatives would show.
     """
-    stiffness = stiffness_at(J, model, gel, mu)
+    stiffness = stiffness_at(J, model, gel, mu, axial)
     real = (all_volumes(model) > 0) & (stiffness > 0)
-    return J + lax.stop_gradient(jnp.where(real, (pressure - pressure_at(J, model, gel, mu)) / jnp.where(real, stiffness, 1.0), 0.0))
+    away = pressure - pressure_at(J, model, gel, mu, axial)
+    return J + lax.stop_gradient(jnp.where(real, away / jnp.where(real, stiffness, 1.0), 0.0))

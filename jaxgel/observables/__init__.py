@@ -3,6 +3,7 @@
 from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, dry_outlines, free_edge_misfit, outlines
 from .fields import (
     FIELDS,
+    axial_stretch,
     cauchy_stress,
     cell_volumes,
     deformed_vertices,
@@ -35,6 +36,7 @@ __all__ = [
     "area_reduction",
     "area_reduction_per_hole",
     "aspect_ratio",
+    "axial_stretch",
     "cauchy_stress",
     "cell_volumes",
     "core_rotation",

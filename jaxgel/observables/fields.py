@@ -30,7 +30,17 @@ from ..materials import (
     with_parameters,
 )
 from ..materials import cauchy_stress as cauchy_stress_at
-from ..mechanics import at_points, by_block, carries_volume, gradients_by_block, is_film, volume_ratios
+from ..mechanics import (
+    at_points,
+    by_block,
+    carries_volume,
+    gradients_by_block,
+    held_stretch,
+    is_film,
+    is_generalised,
+    volume_ratios,
+)
+from ..mechanics import axial_stretch as axial_stretch_at
 from .states import States, over_states
 
 FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
@@ -40,17 +50,32 @@ FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
 def volume_ratio(path: States) -> Float[Array, "k c"]:
     """Volume ratio J of every cell: the mean over the cell of the field, constant or linear, that its patch carries.
 
-    In a film the areal stretch is that field, and J follows from it and from the ``gel`` and ``mu`` of the path.
+    In a film and in generalised plane strain the areal stretch is that field, and J follows from it and from the ``gel`` and ``mu`` of the
+    path.
     """
     if is_film(path.model):
         return _film_volume_ratio(jnp.asarray(path.x), jnp.asarray(path.mu), path.model, path.gel)
-    return over_states(_cell_volume_ratio, path)
+    ratio = over_states(_cell_volume_ratio, path)
+    return ratio * axial_stretch(path)[:, None] if is_generalised(path.model) else ratio
 
 
 def thickness_stretch(path: Path) -> Float[Array, "k c"]:
     """Stretch of the thickness of every cell; 1 in plane strain."""
     J = volume_ratio(path)
-    return J / over_states(_cell_volume_ratio, path) if is_film(path.model) else jnp.ones(J.shape)
+    return J / over_states(_cell_volume_ratio, path) if is_film(path.model) else jnp.broadcast_to(axial_stretch(path)[:, None], J.shape)
+
+
+def axial_stretch(path: Path) -> Float[Array, " k"]:
+    """Axial stretch (k,) of the plate, held or free; 1 in plane strain. ValueError for a film, whose thickness is not one number."""
+    if is_film(path.model):
+        raise ValueError("axial_stretch: the plate is in plane stress; take thickness_stretch")
+    return _axial_stretch(jnp.asarray(path.x), jnp.asarray(path.mu), path.model, path.gel)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
+def _axial_stretch(x, mu, model, gel):
+    return jnp.asarray(axial_stretch_at(x, model, gel, mu), dtype=float)
 
 
 def membrane_stress(path: Path) -> Float[Array, " k"]:
@@ -118,7 +143,10 @@ def free_stretch(path: Path) -> Float[Array, " k"]:
     """Stretch of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``), and where the gel varies."""
     if varies(path.gel):
         return jnp.full(len(path.mu), jnp.nan)
-    return (isotropic_swelling if is_film(path.model) else free_swelling)(path.mu, path.gel)
+    held = held_stretch(path.model)
+    if is_film(path.model) or held is None:
+        return isotropic_swelling(path.mu, path.gel)
+    return free_swelling(path.mu, path.gel, held if is_generalised(path.model) else None)
 
 
 def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
@@ -140,9 +168,9 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     gel = _gel_at_nodes(path.gel, model, mean)
 
     def one(x, p, mu):
-        pressure = mean(_cell_means(p, model))
+        pressure, axial = mean(_cell_means(p, model)), axial_stretch_at(x, model, path.gel, mu)
         F = probe.deformation_gradient(x)
-        stress = _film_stress if is_film(model) else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p)
+        stress = _film_stress if is_film(model) else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p / axial, axial)
         sigma = elementwise(lambda F, own: stress(F, *own), F, (gel, Varying(pressure)), "(i,j)->(i,j)")
         return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 

@@ -8,7 +8,7 @@ from typing import Any
 from .._types import Array, Shaped
 from ..continuation import lowest_eigenvalue
 from .areas import area_reduction
-from .fields import free_stretch, largest_volume_ratio, mean_volume_ratio, smallest_volume_ratio
+from .fields import axial_stretch, free_stretch, largest_volume_ratio, mean_volume_ratio, smallest_volume_ratio
 from .gaps import gap, min_gap_once, status_texts
 from .rotation import core_rotation, rotation_angle
 from .surface import crease_indicator, surface_ratio
@@ -119,6 +119,14 @@ _TABLE = (
     Quantity("rotation", rotation_angle, label="rotation", text="rotation of the midline", column="rotation_deg", **_ANGLE),
     Quantity("core_rotation", core_rotation, label="core rotation", text="rotation of the core", column="core_rotation_deg", **_ANGLE),
     Quantity(
+        "axial_stretch",
+        axial_stretch,
+        label="axial stretch",
+        text="stretch of the thickness in generalised plane strain",
+        differentiable=True,
+        **_RATIO,
+    ),
+    Quantity(
         "negative_pivots",
         attrgetter("negative_pivots"),
         label="negative pivots",
@@ -163,6 +171,6 @@ BY_COLUMN = {quantity.column: quantity for quantity in _TABLE if quantity.column
 """Column of ``history.csv`` -> its `Quantity`, in the order of the columns."""
 COLUMNS = tuple(BY_COLUMN)
 """Columns of ``history.csv``, in order."""
-_STUDIED = ("rotation", "core_rotation", "area_reduction", "surface_ratio", "crease_indicator", "gap", "lowest_eigenvalue")
+_STUDIED = ("rotation", "core_rotation", "area_reduction", "surface_ratio", "crease_indicator", "gap", "axial_stretch", "lowest_eigenvalue")
 CURVES = {name: QUANTITIES[name].function for name in _STUDIED}
 """Quantities that design studies take: name -> differentiable function of a path, with (k,) values."""

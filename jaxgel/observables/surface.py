@@ -13,7 +13,7 @@ from ..cloud import OUTLINE_SEGMENTS, Topology
 from ..continuation import Path
 from ..discretisation import Model
 from ..materials import by_material, elastic_volume_ratio, elementwise, gel_on_outline, value, volume_ratio_at
-from ..mechanics import is_film
+from ..mechanics import is_film, is_generalised
 
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each reduces the error by Nv over the bulk stiffness
 CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
@@ -23,7 +23,7 @@ CREASE_SHARE = 0.1  # of a hole's outline over which the stretch is averaged; sa
 
 
 def surface_ratio(path: Path) -> Float[Array, " k"]:
-    """Largest ratio (k,) of normal to tangential stretch along the hole outlines; 1 for a film, and for a plate without holes.
+    """Largest ratio (k,) of normal to tangential stretch along the hole outlines; 1 for other than plane strain, and without holes.
 
     The tangential stretch is that of the chord over one node spacing, the finest that the cloud resolves; the normal stretch follows
     from zero traction. The surface of a nearly incompressible block in plane strain creases at 2.4 (stretch 0.647; Hong, Zhao & Suo
@@ -33,7 +33,7 @@ def surface_ratio(path: Path) -> Float[Array, " k"]:
 
 
 def surface_ratios(path: Path) -> Float[Array, "k m"]:
-    """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for a film, and for a plate without holes."""
+    """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for other than plane strain, and without holes."""
     return _surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model)
 
 
@@ -49,7 +49,7 @@ def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
 @functools.partial(jax.vmap, in_axes=(0, 0, None, None))
 def _surface_ratios(x: Any, mu: Any, gel: Any, model: Model) -> Any:
     chords = _chords(model.lists.topology)
-    if len(chords) == 0 or is_film(model):
+    if len(chords) == 0 or is_film(model) or is_generalised(model):
         return jnp.zeros(0)
     dry, deformed = (_lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
     return _surface_ratio(deformed / dry, mu, gel_on_outline(gel, chords))
@@ -59,7 +59,7 @@ def _surface_ratios(x: Any, mu: Any, gel: Any, model: Model) -> Any:
 @functools.partial(jax.vmap, in_axes=(0, 0, None, None, None))
 def _mean_surface_ratios(x: Any, mu: Any, gel: Any, model: Model, share: float) -> Any:
     segments, ends = _arcs(model.lists.topology, share)
-    if len(segments) == 0 or is_film(model):
+    if len(segments) == 0 or is_film(model) or is_generalised(model):
         return jnp.zeros(0)
     sums = [jnp.append(0.0, jnp.cumsum(_lengths(model.outline.position(y), segments))) for y in (model.cloud.nodes, x)]
     dry, deformed = (total[ends[:, 1]] - total[ends[:, 0]] for total in sums)

@@ -10,7 +10,7 @@ from .._threads import few_threads
 from .._types import Float
 from ..continuation import Path
 from ..discretisation import Model, make_probe
-from ..mechanics import is_film, mean_parameter, node_pairs, prepare
+from ..mechanics import mean_parameter, node_pairs, prepare
 from ..symmetry import symmetries_of, symmetries_of_state
 from .bloch import BlochStates
 from .zone import brillouin_path
@@ -65,8 +65,8 @@ def dispersion(
     """
     problem = prepare(path.model, path.gel)
     plate = path.model.lists.topology.plate
-    if is_film(path.model):
-        raise ValueError("kinematics: 'plane stress' has no dispersion; its thickness would follow the waves")
+    if plate.kinematics != "plane strain":
+        raise ValueError(f"kinematics: {plate.kinematics!r} has no dispersion; the thickness would follow the waves")
     at = path[range(len(path))[state]]
     waves = BlochStates(problem, at)
     layout = waves.layout

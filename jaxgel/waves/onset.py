@@ -21,7 +21,7 @@ from ..continuation import SweepFailed, check_mu, sweep
 from ..discretisation import Model
 from ..linalg import Bordered, factor
 from ..materials import Gel
-from ..mechanics import curvature, gather, linearise, mu_force, prepare, restrict, scatter, tangent
+from ..mechanics import curvature, gather, held_stretch, linearise, mu_force, prepare, restrict, scatter, tangent
 from ..symmetry import symmetries_of
 from .bloch import BlochStates
 from .cells import check_periodic
@@ -98,6 +98,8 @@ def lattice_onset(model: Model, gel: Gel, *, mu: tuple[float, float], divisions:
     if not (isinstance(divisions, int) and divisions > 0):
         raise ValueError(f"divisions: {divisions!r} is not a positive whole number")
     check_periodic(model.lists.topology.plate)
+    if held_stretch(model) is None:
+        raise ValueError("axial_stretch: 'free' is not accepted by lattice_onset, it must be a number")
     ends = tuple(map(float, mu))
     with few_threads(2 * model.n_nodes):
         points = located("lattice_onset", lambda model, gel, _: _search(model, gel, ends, divisions), model, gel, None)
