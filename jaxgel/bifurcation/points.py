@@ -95,7 +95,7 @@ def expand(problem: Problem, stiffness: sp.csr_matrix, state: State, modes: Floa
     held = stiffness @ modes
     system = Bordered.of(state.factor, held, held, np.zeros((m, m)))
     correction, _ = system.solve(gradient, np.zeros(m))
-    slope = (float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu))) / m
+    slope = (float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu, state.pressure))) / m
     relaxed = float(quartic) - 3 * gradient @ correction if m == 1 else float("nan")
     return Expansion(slope, float(cubic), relaxed, correction)
 

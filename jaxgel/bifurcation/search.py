@@ -171,7 +171,7 @@ def _fold(shared, before, last):
 
     def rise(state):
         """Tangent (f,) of the branch per unit of the row, and that of mu."""
-        column = np.asarray(mu_force(problem, state.x, state.mu))[:, None]
+        column = np.asarray(mu_force(problem, state.x, state.mu, state.pressure))[:, None]
         system = Bordered.of(state.factor, column, row, np.zeros((1, 1)))
         dx, dmu = system.solve(np.zeros(len(free)), np.ones(1))
         return dx, float(dmu[0])
@@ -192,7 +192,8 @@ def _fold(shared, before, last):
         dx, slope = rise(state)
         if abs(slope * step) < TOLERANCE:
             mode = dx[:, None] / np.sqrt(dx @ (shared.stiffness @ dx))
-            local = Expansion(-float(mode[:, 0] @ mu_force(problem, state.x, state.mu)), 0.0, float("nan"), np.zeros(len(free)))
+            force = np.asarray(mu_force(problem, state.x, state.mu, state.pressure))
+            local = Expansion(-float(mode[:, 0] @ force), 0.0, float("nan"), np.zeros(len(free)))
             eigenvalue = [float(mode[:, 0] @ shared.analysis.product(state)(mode)[:, 0])]
             return [_point(shared, state, state.mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
     return []

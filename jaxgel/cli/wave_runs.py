@@ -55,9 +55,7 @@ def _check(case, args):
     if case.sweep.imperfection:
         raise ValueError(f"sweep.imperfection: {case.sweep.imperfection:g} is not accepted here, waves are those of a perfect lattice")
     if case.plate.kinematics != "plane strain":
-        raise ValueError(
-            f"plate.kinematics: {case.plate.kinematics!r} is not accepted here; jaxgel.lattice_onset takes films and a held axial stretch"
-        )
+        raise ValueError(f"plate.kinematics: {case.plate.kinematics!r} is not accepted here; see jaxgel.lattice_onset")
     if args.mu is not None and not args.mu >= case.sweep.ends[0]:
         raise ValueError(f"mu: {args.mu:g} kT is not above the first of the sweep, {case.sweep.ends[0]:g}")
 

@@ -41,7 +41,7 @@ def predict(problem: Problem, mu: float, history: list[State]) -> tuple[Float[Ar
 
 def rate_of_change(problem: Problem, state: State) -> Float[np.ndarray, "n 2"]:
     """dx/dmu, mm/kT, of the branch on which a ``state`` with a factor lies."""
-    pull = -np.asarray(mu_force(acting_problem(problem, state), state.x, state.mu))
+    pull = -np.asarray(mu_force(acting_problem(problem, state), state.x, state.mu, state.pressure))
     return np.asarray(scatter(state.factor.apply(pull), state.x.shape, problem.free))
 
 

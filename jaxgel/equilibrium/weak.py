@@ -182,9 +182,9 @@ def strain_operators(block: PatchBlock) -> Float[Array, "c q 2 2 a 2"]:
 @jax.jit
 def _residual(x, p, model, gel, mu, loads):
     """Loads less internal forces (n, 2), the same condensed, and what a Newton step needs of the state."""
-    J, volumes, star = volume_ratios(x, model), all_volumes(model), ratio_at(p, model, gel, mu, 1.0)
-    stiffness, error = stiffness_at(star, model, gel, mu, 1.0), jnp.where(volumes > 0, J - star, 0.0)
-    network = jax.grad(network_energy)(x, model, gel, 1.0)
+    J, volumes, star = volume_ratios(x, model), all_volumes(model), ratio_at(p, model, gel, mu)
+    stiffness, error = stiffness_at(star, model, gel, mu), jnp.where(volumes > 0, J - star, 0.0)
+    network = jax.grad(network_energy)(x, model, gel)
     volumetric, corrected = (jax.grad(_work)(x, q, model) for q in (p, p + stiffness * error))
     swelling = jnp.where(carries_volume(model), star - 1, 0.0)
     worst = jnp.max(jnp.abs(error) / (swelling + ROUND_OFF))

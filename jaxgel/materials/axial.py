@@ -25,7 +25,7 @@ def balanced_stretch(
     """The stretch l () > ``low`` at which d ``energy(l, of)``/dl vanishes, with all derivatives by ``of``, a pytree of numbers.
 
     The slope comes from -inf at ``low`` and increases to the root, or ``rises`` is false: then its first increasing part is searched.
-    ``scale`` is a typical size of l - low, and ``most`` the stretch at which the energy ends. ``energy`` is a function at the top of a module.
+    ``scale`` is a typical size of l - low, and ``most`` the stretch at which the energy ends. ``energy`` stands at the top of a module.
     """
     end = math.log(LARGEST_SWELLING)
     if rises is not True:

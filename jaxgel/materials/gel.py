@@ -62,7 +62,7 @@ class Gent:
         return -gel.Nv * self.Jm / 2 * jnp.log1p(-(jnp.sum(F**2) + (axial**2 - 3)) / self.Jm)
 
     def largest_axial(self, F: Float[Array, "... 2 2"]) -> Float[Array, "..."]:
-        """Stretch (...) out of plane at which the chains are straight: I - 3 = Jm; NaN where the in-plane ``F`` (..., 2, 2) is too large."""
+        """Stretch (...) out of plane at which the chains are straight, I - 3 = Jm; NaN where the in-plane ``F`` (..., 2, 2) is larger."""
         return jnp.sqrt(self.Jm + 3 - jnp.sum(F**2, axis=(-2, -1)))
 
 

@@ -70,7 +70,7 @@ def curvature(
     return jax.jvp(lambda t: jax.jvp(along, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
 
 
-def network_energy(x: Float[Array, "n 2"], model: Model, gel: Gel, axial: Scalar) -> Float[Array, ""]:
+def network_energy(x: Float[Array, "n 2"], model: Model, gel: Gel, axial: Scalar = 1.0) -> Float[Array, ""]:
     """Energy () of the network alone, kT/v mm^2, at the ``axial`` stretch."""
     return _network_energy(gradients_by_block(x, model), model, gel, axial)
 

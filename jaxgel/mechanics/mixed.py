@@ -36,6 +36,7 @@ from .problem import Problem
 from .volumes import (
     all_volumes,
     by_block,
+    carries_volume,
     cofactors,
     held_stretch,
     local_positions,
@@ -163,7 +164,7 @@ def border(problem: Problem, linearisation: Linearisation) -> tuple[Float[Array,
 def mu_force(problem: Problem, x: Float[Array, "n 2"], mu: Scalar, pressure: Float[Array, " g"] | None = None) -> Float[Array, " f"]:
     """Derivative (f,) of the residual by mu at the positions ``x``, mm: in plane strain less the gradient of the gel's volume, mm.
 
-    With a free axial stretch the ``pressure`` (g,) serves iterates at which a volume ratio is not above 1.
+    The ``pressure`` (g,) of the state is asked for where the axial stretch is free; by default that at the volume ratios, then above 1.
     """
     model, gel, axial = problem.model, problem.gel, held_stretch(problem.model)
     if axial is None:

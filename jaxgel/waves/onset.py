@@ -248,7 +248,8 @@ def _derivatives(problem, state, modes, same_in_all):
         correction, _ = system.solve(pull, np.zeros(held.shape[1]))
     else:
         correction = factor(problem.pattern, pairs).inverse(pull)
-    slope = (float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu))) / (len(modes) if same_in_all else 1)
+    by_mu = np.asarray(mu_force(problem, state.x, state.mu, state.pressure))
+    slope = (float(slope) - correction @ by_mu) / (len(modes) if same_in_all else 1)
     return slope, np.asarray(scatter(correction, state.x.shape, problem.free))
 
 

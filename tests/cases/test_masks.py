@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 import jaxgel
-from jaxgel.cases import load_case, load_path
+from jaxgel.cases import from_table, load_case, load_path
 from jaxgel.cli import main
 from jaxgel.io import read_outlines, write_mask
 
@@ -136,3 +136,19 @@ def test_a_mask_that_moves_with_a_hole_is_written_where_the_material_is(case, tm
     above = pixels[50 - 32]  # y = 0.63 mm, just above the hole
     half = (np.flatnonzero(above > 127)[0] + 0.5) / 50 - 2
     assert half == pytest.approx(0.3, abs=0.04)  # two pixels: the material above the hole moves nearly as far
+
+
+@pytest.mark.parametrize(("entry", "stretch"), [("", None), ('axial_stretch = "free"', None), ("axial_stretch = 1.05", 1.05)])
+def test_a_sample_may_be_in_generalised_plane_strain(tmp_path, entry, stretch):
+    (tmp_path / "case.toml").write_text(f'[plate]\nsample = "sample-1"\nkinematics = "generalised plane strain"\n{entry}\n')
+    found = load_case(tmp_path / "case.toml")
+    assert found.plate.kinematics == "generalised plane strain"
+    assert found.plate.axial_stretch == stretch
+    assert from_table(found.table(), "again").plate.axial_stretch == stretch
+
+
+@pytest.mark.parametrize("entry", ["0", "-1.0", '"held"', "true", "[1.0]"])
+def test_wrong_axial_stretches_are_refused_in_one_line(tmp_path, entry):
+    (tmp_path / "case.toml").write_text(f'[plate]\nsample = "sample-1"\nkinematics = "generalised plane strain"\naxial_stretch = {entry}\n')
+    with pytest.raises(ValueError, match=r"^plate\.axial_stretch: [^\n]*$"):
+        load_case(tmp_path / "case.toml")

@@ -9,7 +9,7 @@ import scipy.linalg
 from threadpoolctl import threadpool_info
 
 from jaxgel import Gel, sweep
-from jaxgel.linalg import RECENT_FACTORS, FactorCache, SingularTangent, analyse, factor, factors, remember, solve_near
+from jaxgel.linalg import RECENT_FACTORS, Bordered, FactorCache, SingularTangent, analyse, factor, factors, remember, solve_near
 from jaxgel.linalg import pattern as pattern_module
 from jaxgel.mechanics import free_dofs, node_pairs, precomputed_operators
 
@@ -179,13 +179,13 @@ def test_solve_near_does_not_depend_on_what_is_remembered(lists):
     fresh, experienced = analyse(*arguments(lists)), analyse(*arguments(lists))
     blocks = random_pairs(fresh, 9, shift=30.0)
     rhs, product = np.random.default_rng(10).normal(size=len(fresh.free)), fresh.matrix(blocks).__matmul__
-    direct = solve_near(fresh, at(0), rhs, product, lambda: blocks)
+    direct = solve_near(fresh, at(0), rhs, product, lambda: (blocks, None))
     for seed in range(3):
         remember(factor(experienced, blocks + 1e-4 * random_pairs(fresh, 20 + seed)), at(seed))
     near = solve_near(experienced, at(0), rhs, product, lambda: pytest.fail("a kept factor serves"))
     np.testing.assert_allclose(near, direct, atol=1e-11 * np.abs(direct).max())
     remember(factor(experienced, random_pairs(fresh, 23)), at(0))  # as near, and later, but it will not do
-    again = solve_near(experienced, at(0), rhs, product, lambda: blocks)
+    again = solve_near(experienced, at(0), rhs, product, lambda: (blocks, None))
     np.testing.assert_allclose(again, direct, atol=1e-11 * np.abs(direct).max())
 
 
@@ -198,7 +198,9 @@ def test_solve_near_does_not_need_the_norm_of_an_indefinite_matrix(lists):
     made, product = factor(pattern, blocks), pattern.matrix(blocks).__matmul__
     assert abs(rhs @ made.apply(rhs)) < 1e-12 * np.linalg.norm(rhs) * np.linalg.norm(made.apply(rhs))
     exact = modes[:, [0, -1]] @ (np.sqrt(np.abs(values[[0, -1]])) / values[[0, -1]])
-    np.testing.assert_allclose(solve_near(pattern, at(0), rhs, product, lambda: blocks), exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+    np.testing.assert_allclose(
+        solve_near(pattern, at(0), rhs, product, lambda: (blocks, None)), exact, rtol=0, atol=1e-11 * np.abs(exact).max()
+    )
 
 
 def test_nearest_positions_choose_the_factor(lists):
@@ -240,7 +242,29 @@ def test_singular_matrices_are_detected(make, pattern):
     with pytest.raises(SingularTangent):
         factor(pattern, make(pattern)).solve(rhs)
     product = pattern.matrix(make(pattern)).__matmul__
-    assert np.all(np.isnan(solve_near(pattern, at(0), rhs, product, lambda: make(pattern))))
+    assert np.all(np.isnan(solve_near(pattern, at(0), rhs, product, lambda: (make(pattern), None))))
+
+
+@pytest.mark.parametrize("solver", ["direct", "iterative"])
+@pytest.mark.parametrize(("corner", "shift"), [(900.0, 40.0), (20.0, 40.0), (-7.0, 40.0), (5.0, 0.0)])
+def test_a_border_is_condensed(pattern, solver, corner, shift):
+    """Solutions, products and inertia are those of K - b b^T / c; the bordered system is the same with further rows and columns."""
+    pattern, blocks = dataclasses.replace(pattern, solver=solver), random_pairs(pattern, 50, shift)
+    random = np.random.default_rng(51)
+    column, rhs = random.normal(size=(2, len(pattern.free)))
+    side, row, lower = random.normal(size=(len(rhs), 1)), random.normal(size=(len(rhs), 1)), random.normal(size=1)
+    exact = dense(pattern, blocks) - np.outer(column, column) / corner
+    made = factor(pattern, blocks, (column, corner))
+    np.testing.assert_allclose(made.product(rhs), exact @ rhs, atol=1e-12 * np.abs(exact @ rhs).max())
+    assert made.negative_pivots == int(np.sum(np.linalg.eigvalsh(exact) < 0))
+    wanted = np.linalg.solve(exact, rhs)
+    np.testing.assert_allclose(made.solve(rhs)[0], wanted, atol=1e-10 * np.abs(wanted).max())
+    both = np.stack([rhs, 2 * rhs], axis=1)
+    np.testing.assert_allclose(made.inverse(both), np.stack([wanted, 2 * wanted], axis=1), atol=1e-10 * np.abs(wanted).max())
+    wider = np.block([[exact, side], [row.T, np.zeros((1, 1))]])
+    found = np.concatenate(Bordered.of(made, side, row, np.zeros((1, 1))).solve(rhs, lower))
+    wanted = np.linalg.solve(wider, np.append(rhs, lower))
+    np.testing.assert_allclose(found, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
 def test_floating_plate_is_singular_or_answers_with_a_huge_translation(tiny_model):

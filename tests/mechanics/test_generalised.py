@@ -175,7 +175,7 @@ def test_tangent_residual_and_products_are_derivatives_of_the_energy(model_at, n
 
 @pytest.mark.parametrize("stretched", [0.0, 0.25])
 def test_solutions_and_negative_pivots_are_those_of_the_full_hessian(model_at, stretched):
-    """The Hessian of the held plate's energy in positions and axial stretch together, dense, at rough states with and without... rows."""
+    """The Hessian of the held plate's energy in positions and axial stretch together, dense, at rough states."""
     model, mu = model_at(None), -1.0
     problem, x, _, _, v = _rough(model, GEL)
     x = (1 - stretched) * x + stretched * 1.6 * model.cloud.nodes
@@ -195,7 +195,107 @@ def test_solutions_and_negative_pivots_are_those_of_the_full_hessian(model_at, s
     assert np.linalg.norm(made.solve(np.asarray(v))[0] - exact) < 1e-8 * np.linalg.norm(exact)
 
 
-def taylor_rates(function, slope, steps=(1e-2, 5e-3, 2.5e-3)):
-    at = function(0.0)
-    left = [abs(function(h) - at - h * slope) for h in steps]
+def _rates(function, slope, steps):
+    """Taylor rates of a function about 0 with the given slope."""
+    left = [abs(float(function(h)) - float(function(0.0)) - h * float(slope)) for h in steps]
     return np.log2(np.array(left[:-1]) / left[1:])
+
+
+@pytest.mark.slow
+def test_derivatives_by_hole_and_gel_with_a_free_stretch(model_at):
+    """Reverse and forward, by the hole's place and size, Nv, chi and mu at once: of energy, stretch, areas and a pressure."""
+    cloud = model_at(None).cloud
+
+    def read(t):
+        plate = cloud.plate.at([dict(radius=1.1 + 0.1 * t, centre=jnp.array([0.1 + 0.1 * t, -0.2]))])
+        gel, mu = jaxgel.Gel(1e-3 * (1 + t), 0.1 + t), jnp.array([-2.0, -1.0 + t])
+        path = jaxgel.sweep(jaxgel.discretise(cloud.at(plate)), gel, mu=mu)
+        return 10 * axial_stretch(path)[-1] + jaxgel.area_reduction(path)[-1] + path.energy[-1] + 100 * path.pressure[-1, 3]
+
+    slope = jax.grad(read)(0.0)
+    assert float(jax.jvp(read, (0.0,), (1.0,))[1]) == pytest.approx(float(slope), rel=1e-9)
+    assert np.all(_rates(read, slope, (2e-2, 1e-2, 5e-3)) > 1.95)
+
+
+@pytest.mark.slow
+def test_derivatives_by_a_held_stretch(model_at):
+    """First ones by Taylor rates, the second by a difference of first ones."""
+    model = model_at(1.05)
+
+    def read(t):
+        path = jaxgel.sweep(model.at_axial_stretch(1.05 + t), GEL, mu=[-2.0, -1.0])
+        return jaxgel.area_reduction(path)[-1] + path.energy[-1] + axial_stretch(path)[-1] + 100 * path.pressure[-1, 3]
+
+    slope = jax.grad(read)
+    assert np.all(_rates(read, slope(0.0), (2e-2, 1e-2, 5e-3)) > 1.95)
+    second = float(jax.jvp(slope, (0.0,), (1.0,))[1])
+    assert second == pytest.approx(float(slope(1e-4) - slope(-1e-4)) / 2e-4, rel=1e-5)
+
+
+def test_the_energy_of_a_free_stretch_is_least_among_the_held_ones(model_at):
+    """The free state is an equilibrium of the plate held at its stretch, and there the energy is stationary in it."""
+    path = jaxgel.sweep(model_at(None), GEL, mu=[-2.0])
+    stretch = float(axial_stretch(path)[0])
+    held = [jaxgel.sweep(model_at(None).at_axial_stretch(stretch + h), GEL, mu=[-2.0]) for h in (0.0, -1e-3, 1e-3)]
+    np.testing.assert_allclose(held[0].x, path.x, atol=1e-10)
+    assert float(held[0].energy[0]) == pytest.approx(float(path.energy[0]), rel=1e-12)
+    below, above = (float(one.energy[0] - held[0].energy[0]) for one in held[1:])
+    assert below > 0 and above > 0
+    assert abs(above - below) < 0.2 * (above + below)  # of third order in the step
+
+
+@pytest.mark.slow
+def test_inside_jit_the_states_are_the_same(model_at):
+    model = model_at(None)
+    path = jaxgel.sweep(model, GEL, mu=[-2.0, -1.0])
+    x, stretch, pivots = jax.jit(lambda chi: _read_all(jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=jnp.array([-2.0, -1.0]))))(0.1)
+    np.testing.assert_allclose(x, path.x, atol=1e-9)
+    np.testing.assert_allclose(stretch, axial_stretch(path), rtol=1e-9)
+    assert list(pivots) == list(path.negative_pivots)
+
+
+def _read_all(path):
+    return path.x, axial_stretch(path), path.negative_pivots
+
+
+@pytest.mark.slow
+def test_onset_and_branch_of_a_symmetric_plate_with_a_free_stretch(cloud_of):
+    """Sample 4: the located onset parts stable from unstable states, moves with chi as differences say, and the stable branch turns."""
+    plate = dataclasses.replace(cloud_of("sample-4").plate, kinematics="generalised plane strain")
+    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=2 * plate.spacing))
+
+    def located(chi):
+        return jaxgel.critical_points(model, jaxgel.Gel(1e-3, chi), mu=(-1.0, -0.7), most=1)[0].mu
+
+    gel, mu = jaxgel.Gel(1e-3, 0.05), located(0.05)
+    path = jaxgel.sweep(model, gel, mu=[-2.2, mu - 1e-6, mu + 1e-6], branch="symmetric")
+    assert list(path.negative_pivots) == [0, 0, 1]
+    assert float(jax.jvp(located, (0.05,), (1.0,))[1]) == pytest.approx((located(0.055) - located(0.045)) / 0.01, rel=1e-6)
+    path = jaxgel.sweep(model, gel, mu=[-2.2, mu - 0.1, mu + 0.1])
+    assert (path.symmetry[1], path.symmetry[2]) == ("D4", "C4")
+    whole = jaxgel.sweep(model, gel, mu=[-2.2, mu - 0.1], symmetry="off")
+    np.testing.assert_allclose(whole.x, path.x[:2], atol=1e-10)
+    np.testing.assert_allclose(whole.lowest_eigenvalue, path.lowest_eigenvalue[:2], rtol=1e-2)
+
+
+def own_network(F, gel):
+    return gel.Nv / 2 * (jnp.sum(F**2) - 2)
+
+
+def test_what_is_not_possible_is_said_in_one_line(tiny_plate, model_at):
+    held = dict(kinematics="generalised plane strain")
+    for wrong in (0.0, -1.0, np.nan, "held", [1.0]):
+        with pytest.raises(ValueError, match=r"^axial_stretch: [^\n]* is not accepted, it must be a finite number > 0 or 'free'$"):
+            dataclasses.replace(tiny_plate, **held, axial_stretch=wrong)
+    for kinematics in ("plane strain", "plane stress"):
+        with pytest.raises(ValueError, match=r"^axial_stretch: 1\.1 is not accepted in plane str[^\n]*$"):
+            dataclasses.replace(tiny_plate, kinematics=kinematics, axial_stretch=1.1)
+    with pytest.raises(ValueError, match=r"is not accepted in generalised plane strain, it must be neo_hookean, Gent or ArrudaBoyce$"):
+        jaxgel.sweep(model_at(None), dataclasses.replace(GEL, network=own_network), mu=MU)
+    with pytest.raises(ValueError, match="knows plane strain only"):
+        jaxgel.sweep(model_at(1.15), GEL, mu=MU, formulation="incremental")
+    with pytest.raises(ValueError, match=r"leave no room to swell in"):
+        swollen("roller", 0.9)
+    cell = jaxgel.Plate(2, 2, jaxgel.Circle((0, 0), 0.5), edges="periodic", spacing=0.5, nodes_per_hole=8, **held)
+    with pytest.raises(ValueError, match=r"^axial_stretch: 'free' is not accepted by lattice_onset, it must be a number$"):
+        jaxgel.lattice_onset(jaxgel.discretise(jaxgel.make_cloud(cell)), GEL, mu=(-2.0, -1.0))
