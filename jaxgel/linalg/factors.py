@@ -83,7 +83,7 @@ class Factor:
     @functools.cached_property
     def _condensed(self):
         """The solution (f,) for the border's column by the matrix alone, and the pivot () that is left of the corner."""
-        column, corner = self.border
+        column, corner = self.border or Border(np.zeros(len(self.pattern.free)), 1.0)
         solution = self.fronts.solve(column)
         for _ in range(2):
             solution = solution + self.fronts.solve(column - self.matrix @ solution)
@@ -225,8 +225,8 @@ class Bordered:
     ) -> None:
         self.order, self.kept = order, 0 if border is None else 1
         if border is not None:
-            sides, rows = (np.column_stack([border.column, part]) for part in (sides, rows))
-            corner = scipy.linalg.block_diag(border.corner, corner)
+            sides, rows = (np.column_stack([np.asarray(border.column), part]) for part in (sides, rows))
+            corner = np.asarray(scipy.linalg.block_diag(border.corner, corner))
         self.matrix = sp.block_array([[matrix[order][:, order], sides[order]], [rows[order].T, corner]], format="csc")
         try:
             self.lu = splu(self.matrix, permc_spec="NATURAL", diag_pivot_thresh=PIVOTING, options=dict(Equil=False))

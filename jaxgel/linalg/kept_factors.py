@@ -3,7 +3,7 @@
 import collections
 import threading
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -101,7 +101,7 @@ def solve_near(
     x: Float[Array, "n 2"],
     rhs: Float[np.ndarray, " f"],
     product: Callable[[np.ndarray], np.ndarray],
-    system: Callable[[], tuple],
+    system: Callable[[], tuple[Any, ...]],
 ) -> Float[np.ndarray, " f"]:
     """Solution for a tangent at the nodal positions ``x``, with the kept factor that is nearest if that will do.
 

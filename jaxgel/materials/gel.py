@@ -85,7 +85,7 @@ class ArrudaBoyce:
         return gel.Nv / initial * sum(c * (invariant ** (i + 1) - 3 ** (i + 1)) for i, c in enumerate(terms))
 
 
-def network_at(gel: Any, axial: Scalar = 1.0) -> Callable:
+def network_at(gel: Any, axial: Scalar = 1.0) -> Callable[..., Any]:
     """Network energy of the gel as a function (F (2, 2), gel) -> () at the stretch ``axial`` out of plane; of plane strain at 1.0."""
     if isinstance(axial, float) and axial == 1.0:
         return gel.network
