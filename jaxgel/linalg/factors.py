@@ -12,7 +12,7 @@ LU factors.
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +49,7 @@ class Border(NamedTuple):
     """Its entry on the diagonal."""
 
 
-def host_border(border: Sequence[Array] | None) -> Border | None:
+def host_border(border: tuple[Float[Array, " f"], Scalar] | None) -> Border | None:
     """A column and a corner as a `Border` of NumPy arrays."""
     return None if border is None else Border(np.asarray(border[0]), float(border[1]))
 
@@ -191,7 +191,7 @@ def solve_near_factor(
     return solution + z
 
 
-def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"], border: Sequence[Array] | None = None) -> Factor:
+def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"], border: tuple[Float[Array, " f"], Scalar] | None = None) -> Factor:
     """``Factor`` of the tangent given by pair blocks (n_pairs, 2, 2) and its `Border`, if any; raises ``SingularTangent``."""
     pattern = pattern.fitting(pairs)
     entries = pattern.entries(pairs)

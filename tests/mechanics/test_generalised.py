@@ -232,6 +232,7 @@ def test_derivatives_by_a_held_stretch(model_at):
     assert second == pytest.approx(float(slope(1e-4) - slope(-1e-4)) / 2e-4, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_the_energy_of_a_free_stretch_is_least_among_the_held_ones(model_at):
     """The free state is an equilibrium of the plate held at its stretch, and there the energy is stationary in it."""
     path = jaxgel.sweep(model_at(None), GEL, mu=[-2.0])
