@@ -36,7 +36,7 @@ from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import State
 from ..geometry import Plate, check_plate
 from ..io import hole_table, hole_tables, mask_table, mask_values, read_toml
-from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, named_parameters
+from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
 from ..mechanics import Loads, check_edges, check_room, with_contact
 from .samples import sample
 from .schema import HOLES, MATERIAL, OPTIONS, OutputOptions, case_schema
@@ -112,7 +112,7 @@ class Case:
 
     def table(self) -> dict:
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
-        matrix = self.gel.matrix if isinstance(self.gel, Composite) else self.gel
+        matrix = matrix_of(self.gel)
         numbers = {name: float(own) for name, own in (("Nv", matrix.Nv), ("chi", matrix.chi)) if not callable(own)}
         gel = self.source.get("gel", {}) | numbers
         options = {section: _given(getattr(self, section)) for section in OPTIONS}

@@ -9,7 +9,6 @@ that cover the plate, or ``modes`` = [m, n], cosines along y and x; and optional
 numbers or a grey picture {file, low, high}, for modes also their coefficients), ``filter`` (mm) and ``with_holes``.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path as File
@@ -23,7 +22,7 @@ from .._validation import FLAG, NUMBER, TEXT, check, did_you_mean, exactly_one, 
 from ..design import PIXELS, REACH, DesignField
 from ..geometry import Plate
 from ..io import MASK, mask_table, mask_values, read_toml
-from ..materials import Gel, check_gel
+from ..materials import Composite, Gel, check_gel, matrix_of, with_matrix
 from .case import SECTIONS, Case, from_table, load_case
 
 LINKS = ("same", "turned", "mirrored")
@@ -108,7 +107,7 @@ def parameter(where: str, entry: dict, case: Case, others: dict[str, float] | No
     ``degrees`` says that the values of an angle, ``own`` too, are in degrees. ``others`` maps further parameters, which are not of the
     holes, to the case's values. ValueError for a wrong entry.
     """
-    of, holes, others = entry["of"], case.plate.holes, {name: getattr(case.gel, name) for name in GEL} | (others or {})
+    of, holes, others = entry["of"], case.plate.holes, {name: getattr(matrix_of(case.gel), name) for name in GEL} | (others or {})
     known = {name for hole in holes for name in hole.theta} | set(others)
     known = sorted(known | ({"angle_deg"} if "angle" in known else set()))
     if of not in known:
@@ -160,7 +159,7 @@ def field_parameter(where: str, entry: dict, case: Case) -> dict:
             f"{spacing / 2:.3g} mm apart do not see; give at least the spacing of nodes, {spacing:g}, or fewer pixels"
         )
     field = DesignField(pixels, (w, h), float(lower.min()), float(upper.max()), **options)
-    start = _field_start(f"{where}.start", entry.get("start", getattr(case.gel, of)), field)
+    start = _field_start(f"{where}.start", entry.get("start", getattr(matrix_of(case.gel), of)), field)
     if modes is not None:
         lower, upper = np.full(modes, -REACH), np.full(modes, REACH)
     if np.any(start < lower) or np.any(start > upper):
@@ -218,14 +217,14 @@ def plate_of(plate: Plate, parameters: list[dict]) -> Callable[[dict], Plate]:
     return place
 
 
-def gel_of(gel: Gel, parameters: list[dict]) -> Gel | Callable[[dict], Gel]:
-    """The gel, or a function of a dict of parameters where Nv or chi is one, a number or a field."""
+def gel_of(gel: Gel | Composite, parameters: list[dict]) -> Gel | Composite | Callable[[dict], Gel | Composite]:
+    """The gel, or a function of a dict of parameters where Nv or chi is one, a number or a field; that outside the regions."""
     varied = [p for p in parameters if p["of"] in GEL]
 
     def change(values):
         return {p["of"]: p["field"].field(values[p["name"]]) if "field" in p else values[p["name"]] for p in varied}
 
-    return (lambda values: dataclasses.replace(gel, **change(values))) if varied else gel
+    return (lambda values: with_matrix(gel, **change(values))) if varied else gel
 
 
 def components(parameters: dict[str, Any]) -> dict[str, float]:

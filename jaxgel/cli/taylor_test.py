@@ -26,7 +26,7 @@ from ..cases import Case
 from ..continuation import Path
 from ..equilibrium import acting_problem, solve
 from ..io import write_atomically
-from ..materials import Composite, Elastomer
+from ..materials import Composite, Elastomer, matrix_of
 from ..mechanics import condensed_rhs, factorised_tangent, linearise, prepare, scatter, with_contact
 from ..observables import area_reduction, core_rotation, is_flat, rotation_angle
 
@@ -166,7 +166,7 @@ def _point(plate, gel, mu):
         for k, outline in enumerate(own):
             for name, value in outline.theta.items():
                 families.setdefault(prefix + name, {})[k] = value
-    matrix, materials = (gel.matrix, gel.regions) if isinstance(gel, Composite) else (gel, ())
+    matrix, materials = matrix_of(gel), gel.regions if isinstance(gel, Composite) else ()
     for k, material in enumerate(materials):
         for name in ("Nv", "bulk" if isinstance(material, Elastomer) else "chi"):
             families.setdefault(MATERIALS + name, {})[k] = getattr(material, name)

@@ -16,7 +16,9 @@ from .composite import (
     elastic_pressure,
     elastic_stiffness,
     elastic_volume_ratio,
+    matrix_of,
     takes_solvent,
+    with_matrix,
 )
 from .deng2020 import paper_free_energy, paper_stress, paper_tangent, voigt
 from .fields import (
@@ -113,6 +115,7 @@ __all__ = [
     "isotropic_swelling",
     "largest_mu",
     "largest_pressure",
+    "matrix_of",
     "named_parameters",
     "neo_hookean",
     "network_at",
@@ -128,5 +131,6 @@ __all__ = [
     "varies",
     "voigt",
     "volume_ratio_at",
+    "with_matrix",
     "with_parameters",
 ]

@@ -1,6 +1,7 @@
 """What the parameters of a gel are refused for."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -11,7 +12,7 @@ from .._types import Float
 from .composite import Composite, Elastomer
 from .fields import LocalValues
 
-ACCEPTED = {
+ACCEPTED: dict[str, tuple[Callable[[Any], Any], str]] = {
     "Nv": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),
     "chi": (lambda v: (v > 0) & (v < 2), "a number in (0, 2), bounds excluded"),
     "bulk": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),

@@ -49,6 +49,17 @@ class Composite:
     """A gel or an `Elastomer` for each region of the plate."""
 
 
+def matrix_of(gel: Any) -> Any:
+    """The gel outside the regions: the ``matrix`` of a `Composite`, else the gel itself."""
+    return gel.matrix if isinstance(gel, Composite) else gel
+
+
+def with_matrix(gel: Any, **changes: Any) -> Any:
+    """The gel, or `Composite`, with other parameters outside its regions."""
+    own = dataclasses.replace(matrix_of(gel), **changes)
+    return dataclasses.replace(gel, matrix=own) if isinstance(gel, Composite) else own
+
+
 @jax.tree_util.register_pytree_with_keys_class
 @dataclasses.dataclass(frozen=True, eq=False)
 class Filled:

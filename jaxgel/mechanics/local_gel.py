@@ -27,6 +27,7 @@ from ..materials import (
     check_parameter,
     check_stretched_network,
     fields_of,
+    matrix_of,
     named_parameters,
     with_parameters,
 )
@@ -39,7 +40,7 @@ def localised(model: Model, gel: Gel | Composite) -> Gel:
     ValueError for a network that the plate's kinematics cannot have, for other numbers of materials than the plate has regions, for a field
     that does not give one number, and, with the place, for a number that a gel cannot have; traced values pass.
     """
-    own = gel.matrix if isinstance(gel, Composite) else gel
+    own = matrix_of(gel)
     if is_film(model):
         check_network(own)
     if is_generalised(model):
