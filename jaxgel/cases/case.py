@@ -42,6 +42,7 @@ from .samples import sample
 from .schema import HOLES, MATERIAL, OPTIONS, OutputOptions, case_schema
 from .user_energy import user_gel
 
+ENDS: dict[str, Callable] = {"low": min, "high": max}  # of the values of a picture
 SECTIONS = ("plate", "holes", "regions", "moved", "gel", "loads", "sweep", "discretisation", "output")
 
 
@@ -108,7 +109,8 @@ class Case:
     def pictures(self) -> dict[str, tuple[PixelField | WithHoles, float, float]]:
         """The entries of the gel that are pictures, by name: the field, its value where the picture is black and where it is white."""
         found = {name: own for name, own in self.source.get("gel", {}).items() if isinstance(own, dict)}
-        return {name: (_parameter(name, own, self.plate), own["low"], own["high"]) for name, own in found.items()}
+        ends = {name: [own[end] if end in own else of(map(of, own["values"])) for end, of in ENDS.items()] for name, own in found.items()}
+        return {name: (_parameter(f"gel.{name}", own, self.plate), *ends[name]) for name, own in found.items()}
 
     def table(self) -> dict:
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
