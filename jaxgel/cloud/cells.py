@@ -72,6 +72,8 @@ def partition(
     around = np.array([*squares, None], dtype=object)[:-1]  # an array of arrays, also if all loops are equally long
     boxes = _polygons(background, around)
     tolerance = SNAP * np.sqrt(np.median(shapely.area(boxes)))
+    if len(regions) > 1:
+        regions = [_on_grid_lines(gel, background, tolerance) for gel in regions]
     region = np.full(len(boxes), -1)  # of whole squares
     for number, gel in enumerate(regions):
         shapely.prepare(gel)
@@ -91,6 +93,17 @@ def partition(
     region_of_cell = np.zeros(cell_of_triangle.max() + 1, dtype=int)
     region_of_cell[cell_of_triangle] = region[piece_of_triangle]
     return Partition(vertices, cut_segments, cut_fractions, triangles, cell_of_triangle, region_of_cell, quadrilaterals)
+
+
+def _on_grid_lines(gel, background, tolerance):
+    """The polygon with its coordinates on those of the grid that are within ``tolerance``: all pieces along a line then have one side."""
+
+    def snapped(points):
+        lines = [np.unique(along) for along in background.T]
+        nearest = [line[nearest_points(line[:, None], along[:, None])[0]] for line, along in zip(lines, points.T, strict=True)]
+        return np.where(np.abs(points.T - nearest) < tolerance, nearest, points.T).T
+
+    return shapely.transform(gel, snapped)
 
 
 def _images(vertices, loops, tolerance):

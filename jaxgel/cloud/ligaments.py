@@ -58,6 +58,7 @@ def across_regions(
     regions, found = region_polygons(plate, outlines, interfaces, points, offset), []
     for interface in interfaces:
         at, normals = points_and_normals(interface, points, offset, OUTLINE_SEGMENTS // 2)
+        at, normals = (at, normals) if interface.closed else (at[1:-1], normals[1:-1])  # an end lies on an edge, as its normal may
         for sign, number in ((1.0, 0), (-1.0, interface.arc.hole + 1)):
             ends = np.stack([at, at + sign * REACH * spacing * normals], axis=1)
             inside = shapely.intersection(shapely.linestrings(ends), regions[number])

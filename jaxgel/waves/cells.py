@@ -23,6 +23,8 @@ def check_periodic(plate: Plate) -> tuple[bool, bool]:
 def translations(plate: Plate) -> tuple[int, int]:
     """Into how many equal cells a periodic plate with its holes can be divided along x and along y; 1 along a side that is not periodic.
 
+    A plate with regions is not divided.
+
     >>> import jaxgel
     >>> holes = [jaxgel.Circle((x, y), 0.9) for x in (-1, 1) for y in (-1, 1)]
     >>> translations(jaxgel.Plate(4, 4, holes, edges="periodic"))
@@ -31,7 +33,7 @@ def translations(plate: Plate) -> tuple[int, int]:
     periodic, sides = np.array(check_periodic(plate)), np.array([plate.width, plate.height])
     outlines = np.array([np.asarray(outline_points(hole, OUTLINE_POINTS)) for hole in plate.holes])
     found, periods = [1, 1], np.where(periodic, sides, FAR * sides)
-    for axis in np.flatnonzero(periodic):
+    for axis in np.flatnonzero(periodic & (not plate.regions)):
         for m in range(2, len(plate.holes) + 1):
             if _is_kept(outlines, np.where(np.arange(2) == axis, sides / m, 0.0), periods, SAME * sides.min()):
                 found[axis] = m
@@ -53,8 +55,8 @@ def _is_kept(
 def primitive_cell(plate: Plate) -> Plate:
     """The smallest cell of which a periodic plate consists: itself where its holes are all different.
 
-    Its positions are relative to the middle of the cell. Fields of a gel are not looked at, and neither are cells of other shapes, such as
-    the rhombic one of a face-centred lattice. Raises ValueError where no edges are periodic.
+    Its positions are relative to the middle of the cell. A plate with regions is its own cell. Fields of a gel are not looked at, and
+    neither are cells of other shapes, such as the rhombic one of a face-centred lattice. Raises ValueError where no edges are periodic.
 
     >>> import jaxgel
     >>> holes = [jaxgel.Circle((x, y), 0.9) for x in (-1, 1) for y in (-1, 1)]

@@ -43,6 +43,9 @@ CASES = {f"hole {hole['kind']}": {"plate": PLATE, "holes": [hole]} for hole in H
         "discretisation": {"spacing": 0.8, "nodes_per_hole": 12, "across": 2, "dmax": 2.95},
     },
     "picture": {"plate": PLATE, "gel": {"Nv": {"pixels": [[0, 255], [9, 99]], "low": 1e-3, "high": 2e-3}}},
+    "values": {"plate": PLATE, "gel": {"Nv": {"values": [[1e-3, 2e-3], [1e-3, 1e-3]]}}},
+    "region": {"plate": PLATE, "regions": [HOLES[0] | {"elastomer": {"Nv": 0.1, "bulk": 10.0}}]},
+    "layer": {"plate": PLATE, "regions": [HOLES[2] | {"gel": {"Nv": 2e-3, "chi": 0.2}}]},
     "axial stretch": {"plate": PLATE | {"kinematics": "generalised plane strain", "axial_stretch": 1.05}},
     "given mu": {"plate": PLATE, "sweep": {"mu": [-4.9, -4.8]}},
 }

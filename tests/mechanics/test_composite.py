@@ -137,6 +137,7 @@ def test_states_with_inclusions_are_stationary_points_of_the_total_energy(kinema
     assert high - low == pytest.approx(h * (first + 4 * middle + last) / 6, rel=1e-6)  # Simpson's rule
 
 
+@pytest.mark.slow
 def test_materials_and_outlines_of_regions_have_exact_derivatives():
     plate = Plate(2.0, 2.0, regions=[Ellipse((0.1, 0.1), (0.5, 0.35), 0.3)], edges=HELD, spacing=0.4)
     cloud, mu = make_cloud(plate), [-3.0, -1.0]

@@ -20,7 +20,8 @@ PLATES = {
 }
 
 
-@pytest.mark.parametrize("name", ["D4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("C4", "periodic", "film"))])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLATES)
 def test_gradients_from_a_part_of_the_plate_are_those_of_all_of_it(name, monkeypatch):
     """By the parameters of every hole for itself, which break the symmetry, and of the gel."""
     plate, visited = PLATES[name], []

@@ -27,8 +27,9 @@ def rows(xs, ys, radius=0.4):
         (jaxgel.Plate(4, 2, [jaxgel.Circle((-1, 1), 0.4), jaxgel.Circle((1, -1), 0.4)], edges=STRIP), (1, 1)),
         (jaxgel.Plate(6, 2, rows((-2, 0, 2), (1,)), edges=STRIP), (3, 1)),
         (jaxgel.Plate(22, 2, rows(range(-10, 11, 2), (0,)), edges="periodic"), (11, 1)),
+        (jaxgel.Plate(4, 2, rows((-1, 1), (-0.5,)), edges=STRIP, regions=[jaxgel.Circle((1, 0.5), 0.3)]), (1, 1)),
     ],
-    ids=["square", "row", "strip", "one", "two rows", "nearly", "no holes", "edges", "cut", "eleven"],
+    ids=["square", "row", "strip", "one", "two rows", "nearly", "no holes", "edges", "cut", "eleven", "region"],
 )
 def test_a_plate_is_divided_into_equal_cells(plate, parts):
     assert translations(plate) == parts
