@@ -29,6 +29,7 @@ PENALTY_GROWTH = 3.0  # of rho where the violation has not fallen to a quarter
 MARGIN = 1e-3  # by which the augmented Lagrangian wants its constraints met, since it comes from outside
 SHORTEST = 2.0**-8  # of a step that is halved, and of a box
 INNER = 50  # iterations of a quasi-Newton method in one box
+CURVATURE = 1e-4  # that MMA adds at first: from 1, its own, it shrinks in steps so short that they would count as converged
 STALLED = 1e-6  # step of a quasi-Newton method, in scaled parameters, that leaves the design as it was
 
 
@@ -250,6 +251,7 @@ def mma(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high: 
     count = len(search.at(centre).values) - 1
     if count:
         solver.add_inequality_mconstraint(constraints, np.full(count, 1e-8))
+    solver.set_param("rho_init", CURVATURE)
     solver.set_ftol_abs(tolerance)
     solver.set_maxeval(INNER)
     try:

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .._types import Float
 from ..continuation import Path
 from ..design import FEASIBLE, Design
 from ..observables import QUANTITIES, Quantity, free_edge_misfit, parameter_values
@@ -28,12 +29,20 @@ def draw_study(study: Any, design: Design, start: Path, best: Path) -> Figure:
         plot_pattern(path, ax=ax, field=None)
         ax.set_title(f"{title}, {ax.get_title()}")
         if "outline" in study.aim:
-            ax.plot(*np.transpose(study.aim["outline"]), color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 2)), label="target")
+            draw_target(ax, np.array(study.aim["outline"]))
     for row, name in zip(axes[1:-1], names, strict=True):
         draw_fields(row, name, start, best)
     draw_curve(axes[-1, 0], study, start, best)
     draw_history(axes[-1, 1], design)
     return figure
+
+
+def draw_target(ax: Axes, outline: Float[np.ndarray, "m 2"]) -> None:
+    """The line that free edges are to follow, mm, on axes that then hold all of it."""
+    limits = [np.array(limits) for limits in (ax.get_xlim(), ax.get_ylim())]
+    ax.plot(*outline.T, color=COLOURS[1], linewidth=1.0, linestyle=(0, (4, 2)))
+    for set_limits, (low, high), line in zip((ax.set_xlim, ax.set_ylim), limits, outline.T, strict=True):
+        set_limits(min(low, 1.02 * line.min() - 0.02 * line.max()), max(high, 1.02 * line.max() - 0.02 * line.min()))
 
 
 def draw_fields(axes: Sequence[Axes], name: str, start: Path, best: Path) -> Sequence[Axes]:
@@ -44,7 +53,7 @@ def draw_fields(axes: Sequence[Axes], name: str, start: Path, best: Path) -> Seq
     for ax, path, of_cells, title in zip(axes, (start, best), values, ("start", "optimum"), strict=True):
         cells = draw_cells(ax, path.model.cloud, of_cells, scale)
         ax.set_title(f"{title}, dry plate")
-    axes[0].figure.colorbar(cells, ax=list(axes), label=PARAMETERS.get(name, name), shrink=0.85)
+    axes[0].figure.colorbar(cells, ax=axes[-1], label=PARAMETERS.get(name, name), shrink=0.85)
     return axes
 
 
