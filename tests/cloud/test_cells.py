@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from jaxgel.cloud import SLIVER, make_cloud, partition
-from jaxgel.geometry import Circle, Plate, edge_lines
+from jaxgel.geometry import Circle, Plate, Rectangle, edge_lines
 
 each_case = pytest.mark.parametrize("name", ["sample-1", "sample-7", "lattice", "square"])
 
@@ -112,6 +112,23 @@ def test_cells_of_whole_squares_have_two_triangles(name, cloud_of):
     whole = np.isclose(area, found.spacing**2, rtol=1e-10, atol=0)
     assert whole.sum() > 0
     np.testing.assert_array_equal(count[whole], 2)
+
+
+STRIP = {"left": "periodic", "right": "periodic", "bottom": "fixed", "top": "free"}
+
+
+@pytest.mark.parametrize(
+    ("width", "spacing", "upper"), [(0.4, 0.1, 0.3), (1.0, 0.1, 0.2), (0.4, 0.05, 0.3), (0.1, 0.0125, 0.2), (0.4, 0.05, 0.22)]
+)
+def test_cells_of_layers_fit_together_also_along_a_grid_line_met_but_for_round_off(width, spacing, upper):
+    plate = Plate(width, 1.0, edges=STRIP, regions=[Rectangle((0, 0.5), (4, 2 * upper))], spacing=spacing)
+    cloud = make_cloud(plate)
+    part, on = cloud.topology.partition, cloud.topology.edge_nodes
+    forward, backward = keys(part.contour_edges[0])
+    lone = part.vertices[part.contour_edges[0][~np.isin(forward, backward)]].mean(axis=1)
+    at_edge = np.isclose(np.abs(lone), [width / 2, 0.5], atol=1e-9).any(axis=1)
+    assert at_edge.all()
+    np.testing.assert_allclose(np.asarray(cloud.nodes)[on["left"], 1], np.asarray(cloud.nodes)[on["right"], 1], atol=1e-12)
 
 
 def test_a_hole_inside_one_background_square_is_cut_out_of_it(monkeypatch):
