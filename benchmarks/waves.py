@@ -1,15 +1,18 @@
 """Onset of infinite lattices and bands of one cell beside finite elements (bloch_elements.py; extra ``[bench]``).
 
-    python benchmarks/waves.py [--rows onset bands solid] [--figure FILE]
+    python benchmarks/waves.py [--rows onset bands solid layers] [--figure FILE]
 
 ``onset``: round holes in cells of 2 mm, by Bloch waves of one cell, by jaxgel's own 2 x 2 cell, and by finite elements of both;
-``bands``: six frequencies at six wave vectors, of a cell with a hole; ``solid``: plane waves of a cell without one. ``--figure FILE`` draws
-what docs/howto/waves.md shows.
+``bands``: six frequencies at six wave vectors, of a cell with a hole; ``solid``: plane waves of a cell without one; ``layers``: wrinkles
+of bilayers and of a graded layer on a rigid base, beside exact waves (tests/layers.py). ``--figure FILE`` draws what docs/howto/waves.md
+shows.
 """  # fmt: skip
 
 import argparse
 import itertools
+import sys
 import time
+from pathlib import Path
 
 import bloch_elements as elements
 import matplotlib as mpl
@@ -17,10 +20,22 @@ import numpy as np
 
 import jaxgel
 
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+import layers as exact_layers
+
 GEL = elements.GEL
 RADII = {0.7: (-2.2, -1.2), 0.8: (-2.8, -1.6)}  # of holes in cells of 2 mm, mm -> mu between which the onset lies, kT
 SPACINGS = (1 / 8, 1 / 12, 1 / 16)  # mm
 STATE = -4.0  # of the bands, kT
+STRIP = {"left": "periodic", "right": "periodic", "bottom": "fixed", "top": "free"}
+NV, CHI = 1e-3, 0.1  # of the lower layer
+BILAYERS = {
+    (0.1, 10): (-0.8, -0.65),
+    (0.2, 10): (-0.8, -0.6),
+    (0.1, 3): (-0.35, -0.22),
+    (0.2, 3): (-0.35, -0.22),
+}  # thickness of the upper layer, mm of 1 mm, and its Nv over NV -> mu between which the onset lies, kT
+LAYER_SPACINGS = (1 / 10, 1 / 20, 1 / 40)  # mm
 
 
 def main():
@@ -91,6 +106,31 @@ def solid():
         )
 
 
+def layers():
+    """Wrinkling of bilayers, and of a layer whose Nv is linear from NV at the base to ten times that at the surface."""
+    print("wrinkles of layers 1 mm thick together on a rigid base, strips of 0.4 mm: mu, k in rad/mm, volume ratio at the surface")
+    for (upper, ratio), window in BILAYERS.items():
+        gel = jaxgel.Composite(jaxgel.Gel(NV, CHI), (jaxgel.Gel(ratio * NV, CHI),))
+        parts, regions = [(1 - upper, NV, CHI), (upper, ratio * NV, CHI)], [jaxgel.Rectangle((0, 0.5), (4, 2 * upper))]
+        layer(f"upper layer {upper:g} mm, {ratio} Nv", parts, regions, gel, window, ratio * NV)
+    parts = exact_layers.graded(lambda y: NV * (1 + 9 * y), CHI, slices=320)
+    layer("graded, Nv to 10 Nv", parts, [], jaxgel.Gel(lambda X: NV * (5.5 + 9 * X[1]), CHI), (-0.2, -0.1), 10 * NV)
+
+
+def layer(name, parts, regions, gel, window, Nv):
+    """Rows of one layer of exact ``parts``, with ``Nv`` at the surface."""
+    mu, k = exact_layers.onset(parts, np.linspace(*window, 6), np.linspace(1, 8, 8))
+    J = exact_layers.stretch(Nv, CHI, mu)
+    print(f"{name}: exact {mu:.6f}, {k:.4f}, {J:.5f}")
+    for spacing in LAYER_SPACINGS:
+        begin = time.perf_counter()
+        plate = jaxgel.Plate(0.4, 1.0, edges=STRIP, regions=regions, spacing=spacing)
+        found = jaxgel.lattice_onset(jaxgel.discretise(jaxgel.make_cloud(plate)), gel, mu=window, divisions=4)
+        errors = found.mu / mu - 1, abs(found.wave_vector[0]) / k - 1, exact_layers.stretch(Nv, CHI, found.mu) / J - 1
+        shown = ", ".join(f"{100 * error:+.3f} %" for error in errors)
+        print(f"  spacing {spacing:.4f}: {found.mu:.6f}; {shown}; {time.perf_counter() - begin:.0f} s", flush=True)
+
+
 def draw(file):
     """Bands, zone and pattern of the lattice of the paper's radius, side by side."""
     mpl.use("Agg")
@@ -109,7 +149,7 @@ def draw(file):
     save_figure(figure, file)
 
 
-ROWS = {"onset": onset, "bands": bands, "solid": solid}
+ROWS = {"onset": onset, "bands": bands, "solid": solid, "layers": layers}
 
 
 if __name__ == "__main__":
