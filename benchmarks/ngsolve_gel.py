@@ -18,6 +18,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from jaxgel import Circle, Ellipse, Fourier
 
+SIDES = (("left", "right"), ("bottom", "top"))
 TOLERANCE = 1e-10  # mm, of the displacement; leaves a residual near 1e-13 of the network's nodal forces, no looser than jaxgel
 SPLINE = 256  # points of the periodic cubic spline that stands for a Fourier outline
 KEEP = 0.1  # a factorisation is kept while each correction is below this fraction of the one before
@@ -28,7 +29,7 @@ def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
 
     Regions of the plate are domains with the names "region0", "region1" ..., their outlines as fine as the holes'. With ``folds`` = n the
     lower left part, 1/2^n of either side, is meshed and then mirrored n times each way, so that the mesh has the mirror lines of the plate
-    to round-off. The boundaries are "x" and "y", the walls by their normal, and "hole".
+    to round-off. The boundaries are "x" and "y", the walls by their normal but for free edges, and "hole".
     """
     left, bottom = -plate.width / 2, -plate.height / 2
     face = occ.MoveTo(left, bottom).Rectangle(plate.width / 2**folds, plate.height / 2**folds).Face()
@@ -51,9 +52,10 @@ def plate_mesh(plate, order, size, hole, grading=0.3, corner=None, folds=0):
             mesh = mesh.Mirror(point, netgen.meshing.Vec(*axis))
     walls = [mesh.AddRegion(name, 1) for name in "xy"]
     for edge in mesh.Elements1D():
-        distance = np.abs([mesh[vertex].p[:2] for vertex in edge.vertices]) + [left, bottom]
-        for wall in np.flatnonzero(np.abs(distance).max(axis=0) < 1e-9):
-            edge.index = walls[wall]
+        points = np.array([mesh[vertex].p[:2] for vertex in edge.vertices])
+        for axis in np.flatnonzero(np.abs(np.abs(points) + [left, bottom]).max(axis=0) < 1e-9):
+            if plate.edges[SIDES[axis][int(points[0, axis] > 0)]] != "free":
+                edge.index = walls[axis]
     mesh = ng.Mesh(mesh)
     if folds:
         _curve(mesh, plate, order)  # a mirrored mesh has lost its geometry
