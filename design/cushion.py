@@ -1,7 +1,8 @@
 """A square film that swells into a cushion: where to print how many cross-links, so that growth in the plane makes a given outline.
 
 Problem: the 32 x 32 pixels of Nv on a quarter of a free film of 4 x 4 mm, the mirror images being the other quarters, so that at
-mu = -0.002 kT its edges lie on four bulging sides between right-angled corners. Without a field it stays a square.
+mu = -0.002 kT its edges lie on four bulging sides between right-angled corners. Without a field it stays a square. The growth is not
+free of stress: a film that is thin must be held flat, between two plates for instance, or it wrinkles where it is compressed.
 """
 
 from pathlib import Path

@@ -24,7 +24,7 @@ def verify(
 
     ``spacing`` in mm; ``mu`` (k,) defaults to the problem's own with a value between every two. The dict holds value, constraints
     (name -> smallest value, in its unit), valid (bool), reason (one line), nodes, spacing, the worst negative_pivots, min_gap and
-    surface_ratio of the path, and ``last``, the quantities of `objectives.CURVES` at its last mu (None where there is no value).
+    surface_ratio of the path, and ``last``, the quantities of `objectives.CURVES` at its last mu; None where there is no value.
     """
     parameters = {name: jnp.asarray(value) for name, value in parameters.items()}
     plate, between = problem.plate(parameters), 0.5 * (np.array(problem.mu[1:]) + problem.mu[:-1])
@@ -36,7 +36,7 @@ def verify(
         check_path(path, problem.allow_unstable)
     except Invalid as invalid:
         reason = str(invalid)
-    last = {name: float(quantity(path)[-1]) for name, quantity in CURVES.items()}
+    last = {name: quantity(path)[-1] for name, quantity in CURVES.items()}
     dry = plate, path.model.cloud, problem.gel_at(parameters)
     without = {c.name: c.without_sweep(*dry) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(
@@ -47,11 +47,16 @@ def verify(
         nodes=path.model.n_nodes,
         spacing=float(spacing),
         negative_pivots=int(np.max(path.negative_pivots)),
-        min_gap=float(np.min(min_gap(path))),
-        surface_ratio=float(np.max(surface_ratio(path))),
-        last={name: value if np.isfinite(value) else None for name, value in last.items()},
+        min_gap=_number(np.min(min_gap(path))),
+        surface_ratio=_number(np.max(surface_ratio(path))),
+        last={name: _number(value) for name, value in last.items()},
     )
     return found, path
+
+
+def _number(value):
+    """A float that JSON can hold, None where there is none."""
+    return float(value) if np.isfinite(value) else None
 
 
 def intervals(

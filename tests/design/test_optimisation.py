@@ -125,6 +125,15 @@ def test_every_method_finds_the_constrained_optimum(method):
     assert line(best) >= -1e-6
 
 
+def test_mma_moves_among_many_parameters():
+    """Each counts for little: with steps as short as nlopt's first ones the search would end at its start, as nothing seems to change."""
+    quick = Quick(lambda v: -jnp.mean(v * jnp.cos(jnp.arange(900.0))), [lambda v: 0.5 - jnp.mean(v)], np.full(900, 0.5), evaluations=100)
+    with contextlib.suppress(optimisers.Stuck, optimisers.Exhausted):
+        optimisers.optimiser("mma", 0.1, 1e-3)(quick)
+    wanted = np.cos(np.arange(900.0)) > 0  # half of them: at the bounds, within the mean
+    assert -quick.best()["values"][0] > 0.9 * np.mean(np.cos(np.arange(900.0)) * wanted)
+
+
 @pytest.mark.parametrize("method", ["slsqp", "mma", "lbfgs", "adam"])
 def test_an_invalid_design_shrinks_the_step(method):
     """Designs beyond v0 = 0.5 fail: the search must come close to the wall, and no method may see a number of a failed design."""
