@@ -152,10 +152,13 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
         raise ValueError(f"holes: plate.sample = {plate['sample']!r} has its own; drop one of the two")
     holes, regions = (_with_numbers(table.get(section, []), folder, plate, section) for section in ("holes", "regions"))
     found = _moved(_plate(plate, holes, regions, name), moved)
+    material = _gel(gel, found, folder or ".")
+    whole = {key: gel[key] if callable(own) else float(own) for key, own in named_parameters(material).items()}
+    regions = [region | ({"gel": whole | region["gel"]} if "gel" in region else {}) for region in regions]
     source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("regions", regions), ("moved", moved)) if value}
     source |= {"gel": gel} if "energy" in gel or any(isinstance(own, dict) for own in gel.values()) else {}
     options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
-    material = _materials(_gel(gel, found, folder or "."), regions, found)
+    material = _materials(material, regions, found)
     check_gel(material)
     return Case(name, found, material, source=source, **options)
 

@@ -177,6 +177,8 @@ def _field_start(where, start, field):
             raise ValueError(f"{where}: a picture is not accepted for modes; give a number")
         start = mask_values(mask_table(start, ".", where), field.size, where)
     if isinstance(start, float | int):
+        if not field.lower <= start <= field.upper and field.modes is not None:
+            raise ValueError(f"{where}: {start:g} is not between lower = {field.lower:g} and upper = {field.upper:g}")
         return field.constant(float(start))
     return _pixels(where, start, field.shape)
 

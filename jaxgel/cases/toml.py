@@ -39,6 +39,7 @@ def explicit(case: Case) -> Case:
     own = {key: getattr(case.plate, key) for key in PLATE}
     defaults = {field.name: field.default for field in dataclasses.fields(case.plate)}
     own["core"] = own["core"] if own["core"] == defaults["core"] else list(own["core"])
+    own["axial_stretch"] = None if own["axial_stretch"] is None else float(own["axial_stretch"])
     own["displacement"] = {edge: value for edge, value in case.plate.displacement.items() if any(value)}
     plate = {key: value for key, value in own.items() if value not in ({}, defaults[key])} | {"edges": dict(case.plate.edges)}
     holes = [_hole(hole) for hole in case.plate.holes]

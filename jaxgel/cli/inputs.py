@@ -101,7 +101,10 @@ def _check_outline(args):
 def _check_inputs_kept(args, table):
     """Refuse an outline or mask that would take the place of a picture or drawing that the case reads."""
     source, gel = Path(args.source), table.get("gel", {})
-    read = {(source.parent / entry["file"]).resolve() for entry in (*table.get("holes", []), *gel.values()) if "file" in _table(entry)}
+    regions = [entry for region in table.get("regions", []) for entry in (region, *(_table(part) for part in region.values()))]
+    regions += [entry for part in regions for entry in part.values()]
+    entries = map(_table, (*table.get("holes", []), *regions, *gel.values()))
+    read = {(source.parent / entry["file"]).resolve() for entry in entries if "file" in entry}
     file = Path(args.out or f"{source.stem}.{args.format}")
     for written in (file, *(file.with_name(f"{file.stem}-{name}.png") for name, entry in gel.items() if _table(entry))):
         if written.resolve() in read:

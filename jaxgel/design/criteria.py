@@ -18,7 +18,7 @@ from .._types import Array, Float
 from ..cloud import Cloud
 from ..continuation import Path
 from ..geometry import Plate, arcs, edge_lines, outline_points, reference_plate
-from ..materials import Gel, WithHoles
+from ..materials import Gel, WithHoles, matrix_of
 from ..observables import CURVES
 
 LIGAMENT_SAMPLES = 128  # points per outline among which the nearest pair is looked for
@@ -90,13 +90,17 @@ def porosity(plate: Plate) -> Float[Array, "1"]:
 
 
 def parameter_mean(name: str) -> Callable[[Cloud, Gel], Float[Array, "1"]]:
-    """Function of a cloud and a gel: the mean (1,) of the gel's parameter over the dry gel, holes left out, by the cells' quadrature."""
+    """Function of a cloud and a gel: the mean (1,) of the gel's parameter over the dry gel, by the cells' quadrature.
+
+    Holes are left out, and regions with a material of their own.
+    """
 
     def mean(cloud, gel):
-        parameter, quadrature = getattr(gel, name), cloud.topology.quadrature
+        parameter, quadrature = getattr(matrix_of(gel), name), cloud.topology.quadrature
         if not callable(parameter):
             return jnp.reshape(jnp.asarray(parameter, dtype=float), (1,))
-        area = quadrature.weights(cloud.vertices)
+        outside = cloud.topology.partition.region_of_cell[quadrature.owner] == 0
+        area = jnp.where(outside, quadrature.weights(cloud.vertices), 0.0)
         places = jnp.asarray(cloud.topology.partition.vertices) if isinstance(parameter, WithHoles) else cloud.vertices
         return jnp.sum(area * jax.vmap(parameter)(quadrature.points(places)), keepdims=True) / jnp.sum(area)
 

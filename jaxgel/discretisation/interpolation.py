@@ -96,7 +96,7 @@ class NodalField:
         return field
 
     def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
-        """Value at one position X (2,), mm, which may be traced; all nodes are looked at, see ``at`` for many positions."""
+        """Value at one position X (2,), mm, which may be traced; all nodes of all regions are looked at: see ``at`` for many positions."""
         topology, basis, dmax = self._shape_functions
         return shape_functions(X, _reference_nodes(topology), dmax * topology.node_spacing, basis=basis, kind="imls") @ jnp.asarray(
             self.values

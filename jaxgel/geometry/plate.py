@@ -26,7 +26,7 @@ TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as co
 )
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plate:
-    """A rectangular dry plate with holes; a JAX pytree whose leaves are the hole parameters and an axial stretch.
+    """A rectangular dry plate with holes; a JAX pytree whose leaves are the parameters of holes and regions and an axial stretch.
 
     Raises ValueError for an unusable size, edge or hole; ``check_plate`` checks how the holes lie.
     """

@@ -195,7 +195,8 @@ def dry_gel(plate: Plate) -> shapely.Geometry:
 def dry_regions(plate: Plate) -> list[shapely.Polygon]:
     """The parts of a dry plate's regions in the plate, shapely polygons, mm; holes in them are not cut out."""
     box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
-    return [shapely.intersection(box, shapely.Polygon(_hole_points(region))) for region in plate.regions]
+    inside = [shapely.intersection(box, shapely.Polygon(_hole_points(region))) for region in plate.regions]
+    return [part for part in shapely.get_parts(inside) if isinstance(part, shapely.Polygon)]
 
 
 def swollen_gel(path: Path, k: int) -> shapely.Geometry:

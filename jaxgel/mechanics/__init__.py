@@ -18,7 +18,7 @@ from .dofs import (
 )
 from .energy import axial_stretch, curvature, energy_at, hessian_product, network_energy, residual, total_energy
 from .loads import Loads, load_vector
-from .local_gel import localised, mean_parameter
+from .local_gel import localised, mean_stiffness
 from .mixed import (
     ROUND_OFF,
     Linearisation,
@@ -92,7 +92,7 @@ __all__ = [
     "linearise",
     "load_vector",
     "localised",
-    "mean_parameter",
+    "mean_stiffness",
     "mu_force",
     "network_energy",
     "node_pairs",

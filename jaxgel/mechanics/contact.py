@@ -27,7 +27,7 @@ from ..cloud import Topology
 from ..discretisation import Model, reaching_nodes
 from ..geometry import edge_lines
 from ..materials import Gel
-from .local_gel import localised, mean_parameter
+from .local_gel import localised, mean_stiffness
 
 RANGE = 0.5  # of the node spacing
 STIFFNESS = 10.0  # of the network's Nv
@@ -73,7 +73,7 @@ def with_contact(model: Model, gel: Gel, *, range: Scalar | None = None, stiffne
     if not model.lists.topology.outlines or (model.contact is not None and range is None and stiffness is None):
         return model
     range = RANGE * model.cloud.spacing if range is None else range  # noqa: A001
-    stiffness = STIFFNESS * mean_parameter(localised(model, gel).Nv, model) if stiffness is None else stiffness
+    stiffness = STIFFNESS * mean_stiffness(localised(model, gel), model) if stiffness is None else stiffness
     return dataclasses.replace(model, contact=Contact(jnp.asarray(range, dtype=float), jnp.asarray(stiffness, dtype=float)))
 
 

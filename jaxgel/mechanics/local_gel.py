@@ -27,8 +27,10 @@ from ..materials import (
     check_parameter,
     check_stretched_network,
     fields_of,
+    gel_in_groups,
     matrix_of,
     named_parameters,
+    takes_solvent,
     with_parameters,
 )
 from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, held_stretch, is_film, is_generalised
@@ -79,7 +81,9 @@ def _composed(model, gel):
     found = jax.tree.unflatten(jax.tree.structure(gel.matrix, is_leaf=lambda part: part is not gel.matrix), list(local.values()))
     if not any(isinstance(material, Elastomer) for material in gel.regions):
         return found
-    return Filled(found, _by_region(model, [part.get("bulk", 0.0) for part in own]))
+    materials = gel.matrix, *gel.regions
+    bulk = [part["bulk"] if isinstance(material, Elastomer) else 0.0 for part, material in zip(own, materials, strict=True)]
+    return Filled(found, _by_region(model, bulk))
 
 
 def _by_region(model, parameters):
@@ -118,12 +122,12 @@ def _outline_regions(topology: Topology) -> Int[np.ndarray, " p"]:
     return topology.regions_at(topology.partition.vertices[numbers])
 
 
-def mean_parameter(parameter: Scalar | LocalValues, model: Model) -> Scalar:
-    """The number of a parameter; of `LocalValues` the mean over the dry volume."""
-    if not isinstance(parameter, LocalValues):
-        return parameter
-    volumes = jnp.where(carries_volume(model), all_volumes(model), 0.0)
-    return jnp.sum(volumes * parameter.groups) / jnp.sum(volumes)
+def mean_stiffness(gel: Gel, model: Model) -> Scalar:
+    """The mean of Nv over the dry volume of a `localised` gel, that of elastomers left out."""
+    if not isinstance(gel.Nv, LocalValues):
+        return gel.Nv
+    volumes = jnp.where(carries_volume(model) & takes_solvent(gel_in_groups(gel)), all_volumes(model), 0.0)
+    return jnp.sum(volumes * gel.Nv.groups) / jnp.sum(volumes)
 
 
 def _places(blocks, outline):

@@ -11,6 +11,8 @@ from ..discretisation import Model
 from ..mechanics import outline_loops
 from .states import States, over_states
 
+TINY = 1e-300  # mm^2: square of a side of an outline that has two equal points
+
 
 def area_reduction(path: States) -> Float[Array, " k"]:
     """Area reduction 1 - A/A0 (k,) of all holes together, measured on their deformed outlines; nan for a plate without holes.
@@ -54,7 +56,7 @@ def free_edge_misfit(path: States, outline: Float[Array, "m 2"]) -> Float[Array,
         raise ValueError("outline: the plate has no free edge that could follow it; free one in plate.edges")
     line, x = jnp.asarray(outline), jnp.asarray(path.x)[:, np.unique(np.concatenate(free)), None]
     start, along = line[:-1], jnp.diff(line, axis=0)
-    fraction = jnp.clip(jnp.sum((x - start) * along, axis=-1) / jnp.sum(along**2, axis=-1), 0.0, 1.0)
+    fraction = jnp.clip(jnp.sum((x - start) * along, axis=-1) / jnp.maximum(jnp.sum(along**2, axis=-1), TINY), 0.0, 1.0)
     squared = jnp.sum((x - start - fraction[..., None] * along) ** 2, axis=-1)
     return jnp.mean(jnp.min(squared, axis=2), axis=1)
 

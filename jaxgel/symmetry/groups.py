@@ -118,6 +118,8 @@ def images(lists: Connectivity) -> dict[str, Images]:
         patches[lists.owner] = lists.owner[point]
         together = np.array_equal(patches[lists.owner], lists.owner[point]) and np.array_equal(lists.linear[patches], lists.linear)
         same = np.allclose(topology.node_spacing[node], topology.node_spacing, rtol=EQUAL, atol=0.0)
+        between = topology.node_regions[:, 0] != topology.node_regions[:, 1]
+        same = same and np.array_equal(between[node], between)
         if away.max() < NEAREST * topology.spacing and together and same and len(np.unique(point)) == len(point):
             found[name] = Images(matrix, node, point, patches)
     return found

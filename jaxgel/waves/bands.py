@@ -10,7 +10,7 @@ from .._threads import few_threads
 from .._types import Float
 from ..continuation import Path
 from ..discretisation import Model, make_probe
-from ..mechanics import mean_parameter, node_pairs, prepare
+from ..mechanics import mean_stiffness, node_pairs, prepare
 from ..symmetry import symmetries_of, symmetries_of_state
 from .bloch import BlochStates
 from .zone import brillouin_path
@@ -83,7 +83,7 @@ def dispersion(
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(wave_vectors, axis=0), axis=1))])
         corners = []
     mass = layout.by_translation(mass_blocks(path.model, at.x))
-    below = BELOW * float(mean_parameter(problem.gel.Nv, path.model)) * (np.pi / max(plate.width, plate.height)) ** 2
+    below = BELOW * float(mean_stiffness(problem.gel, path.model)) * (np.pi / max(plate.width, plate.height)) ** 2
     phases = [layout.phases(k) for k in wave_vectors]
     with few_threads(2 * layout.size):
         squares = np.array([layout.lowest(phase @ waves.stiffness, phase @ mass, bands, below)[0] for phase in phases])

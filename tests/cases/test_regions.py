@@ -1,12 +1,16 @@
 """Regions of other materials in case files."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from PIL import Image
 
-from jaxgel import Composite, Elastomer, Gel
+from jaxgel import Composite, Elastomer, Gel, Plate, Polygon
 from jaxgel.cases import case_text, example, explicit, from_table, load_case, load_path
 from jaxgel.cli import main
+from jaxgel.io import dry_gel, dry_regions, write_outline
+from jaxgel.materials import with_matrix
 
 PLATE = {"width": 2.0, "height": 2.0, "edges": {"top": "free"}, "spacing": 0.5}
 STIFF = {"kind": "circle", "centre": [0.1, 0.0], "radius": 0.5, "elastomer": {"Nv": 0.1, "bulk": 10.0}}
@@ -42,6 +46,25 @@ def test_a_run_with_regions_is_read_drawn_and_resumed(tmp_path, capsys):
     assert sorted(set(np.round(np.concatenate([np.ravel(part) for part in path.gel.Nv.points]), 6))) == [1e-3, 4e-3, 0.1]
     assert main(["outline", str(file), "--out", str(tmp_path / "case.svg")]) == 0
     assert (tmp_path / "case.svg").read_text().count("<path") == 3
+
+
+def test_what_a_map_varies_outside_the_regions_is_kept_with_its_runs():
+    """The gel of a region has its own numbers, all of them, once the case is read."""
+    case = from_table(TABLE, "regions")
+    varied = dataclasses.replace(case, gel=with_matrix(case.gel, chi=0.4))
+    assert varied.gel.regions == case.gel.regions
+    assert from_table(varied.table(), "again").gel == varied.gel
+
+
+def test_a_region_in_several_parts_is_drawn(tmp_path):
+    legs = Polygon([(-0.8, 0.2), (-0.3, 0.2), (-0.3, 1.5), (0.3, 1.5), (0.3, 0.2), (0.8, 0.2), (0.8, 2.0), (-0.8, 2.0)])
+    plate = Plate(2.0, 2.0, regions=[legs])
+    assert write_outline(dry_gel(plate), tmp_path / "legs.svg", regions=dry_regions(plate)).read_text().count("<path") == 3
+
+
+def test_a_design_with_a_held_axial_stretch_is_written():
+    case = from_table({"plate": PLATE | {"kinematics": "generalised plane strain", "axial_stretch": 1.2}}, "held")
+    assert "axial_stretch = 1.2" in case_text(explicit(case))
 
 
 def test_a_picture_gives_regions_of_one_material(tmp_path):

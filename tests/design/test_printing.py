@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 import jaxgel
 from jaxgel.design import METHODS, MOST_DENSE, OF_GEL, DesignField, DesignProblem, bound, filtered, optimise, search
-from jaxgel.mechanics import localised, mean_parameter
+from jaxgel.mechanics import localised, mean_stiffness
 
 SIZE, PIXELS, RADIUS = (6.0, 3.5), (7, 12), 1.3  # mm, rows and columns, mm
 RANDOM = np.random.default_rng(3)
@@ -83,7 +83,7 @@ def test_the_mean_is_that_over_the_gel(tiny_plate):
     np.testing.assert_allclose(slope, (16 * 2.0 - area * (0.1 + 2.0)) / (16 - area), rtol=2e-3)  # the outline has 12 nodes
     gel = jaxgel.Gel(Nv=lambda X: 1e-3 * (1 + X[0] ** 2))
     model = jaxgel.discretise(cloud)
-    np.testing.assert_allclose(mean(cloud, gel)[0], mean_parameter(localised(model, gel).Nv, model), rtol=1e-2)  # of patches
+    np.testing.assert_allclose(mean(cloud, gel)[0], mean_stiffness(localised(model, gel), model), rtol=1e-2)  # of patches
 
 
 def test_the_gradient_of_the_mean_follows_the_hole(tiny_plate):
@@ -141,3 +141,17 @@ def test_dense_methods_are_refused_for_many_parameters(many):
     with pytest.raises(ValueError, match=rf"^method: 'slsqp' takes at most {MOST_DENSE} parameters, not 1600; use 'mma', 'lbfgs' or"):
         optimise(many[1])
     assert METHODS[0] == "slsqp"
+
+
+def test_a_film_is_verified_without_what_it_does_not_have():
+    plate = jaxgel.Plate(2, 2, edges={"right": "free", "top": "free"}, kinematics="plane stress", spacing=0.5)
+    problem = jaxgel.DesignProblem(
+        start={"Nv": 1e-2},
+        bounds={"Nv": (1e-3, 1e-1)},
+        plate=lambda _: plate,
+        gel=lambda p: jaxgel.Gel(p["Nv"], 0.1),
+        mu=[-1.0, -0.5],
+        objective=jaxgel.value_at(lambda path: path.energy, -0.5),
+    )
+    found, _ = jaxgel.verify(problem, problem.start, spacing=0.5)
+    assert found["valid"] and found["last"]["axial_stretch"] is None and np.isfinite(found["value"])
