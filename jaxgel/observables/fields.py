@@ -97,7 +97,8 @@ def _membrane_stress(x, p, model, gel):
         sigma = elementwise(lambda F, own: _film_stress(F, *own), F, own, "(i,j)->(i,j)")
         mean, half = (sigma[..., 0, 0] + sigma[..., 1, 1]) / 2, (sigma[..., 0, 0] - sigma[..., 1, 1]) / 2
         square = half**2 + sigma[..., 0, 1] ** 2
-        smallest.append(jnp.min(mean - jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)))
+        principal = mean - jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+        smallest.append(jnp.min(jnp.where(own[1].values < 0, principal, jnp.inf)))  # a film's pressure is, but for that of a steep field
     return jnp.min(jnp.stack(smallest))
 
 
@@ -178,9 +179,9 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
 
 
 def _film_stress(F: Float[Array, "2 2"], gel: Gel, p: Scalar) -> Float[Array, "2 2"]:
-    """In-plane Cauchy stress (2, 2) of a film with the pressure ``p`` of ``materials.film``."""
+    """In-plane Cauchy stress (2, 2) of a film with the pressure ``p`` < 0 of ``materials.film``; some finite one for others."""
     A = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
-    return (gel.Nv * F @ F.T / A + p * jnp.eye(2)) / jnp.sqrt(-p * A / gel.Nv)
+    return (gel.Nv * F @ F.T / A + p * jnp.eye(2)) / jnp.sqrt(jnp.where(p < 0, -p * A / gel.Nv, 1.0))
 
 
 def _gel_at_nodes(gel: Gel, model: Model, mean: Callable) -> Gel:

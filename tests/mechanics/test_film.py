@@ -146,3 +146,11 @@ def test_what_films_cannot_be_is_said_in_one_line(film, film_model):
         jaxgel.sweep(film_model, GEL, mu=MU, formulation="incremental")
     with pytest.raises(ValueError, match=r"^quadrature: 'paper' knows plane strain only"):
         jaxgel.discretise(jaxgel.make_cloud(film), quadrature="paper")
+
+
+def test_a_steeply_graded_film_has_a_smallest_stress():
+    """The pressure of a patch, linear across it, may be above 0 at its points where Nv falls to a hundredth."""
+    plate = jaxgel.Plate(2, 2, edges={"right": "free", "top": "free"}, kinematics="plane stress", spacing=0.25)
+    gel = jaxgel.Gel(lambda X: 1e-3 + 0.1 * jnp.exp(-20 * jnp.sum((X - 0.9) ** 2)), 0.1)
+    path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), gel, mu=[-1.0, -0.1])
+    assert np.all(np.isfinite(jaxgel.observables.membrane_stress(path)))
