@@ -36,7 +36,7 @@ RATE_ERROR = 0.05  # of a rate that is judged: below 2 - 0.05 = RATE it is not n
 NOISE_VALUES = 9  # values, the last step apart, from which the noise is estimated
 STEPS = {"angle": 2e-5, "cos": 2e-5, "sin": 2e-5, "exponent": 1e-4, "mu": 0.01, "chi": 0.005}
 LENGTH = 1e-4  # first step of lengths over the node spacing
-SHARE = {"Nv": 0.1, "bulk": 0.02}  # first step over the value: the effect of Nv is nearly linear
+SHARE = {"Nv": 0.1, "bulk": 0.02, "materials: Nv": 0.02}  # first step over the value: the effect of a gel's Nv is nearly linear
 FILE = "check-grad.csv"
 REGIONS, MATERIALS = "regions: ", "materials: "  # what the names of their families begin with
 OBJECTIVES = {
@@ -195,7 +195,8 @@ def _direction(random, family, point, spacing):
     name = family.removeprefix(MATERIALS).removeprefix(REGIONS)
     if name == "chi":
         normal = np.abs(normal)  # chi is above 0 and may be near it
-    size = np.abs(np.asarray(flat)) * SHARE[name] if name in SHARE else STEPS.get(name, LENGTH * spacing)
+    share = SHARE.get(family, SHARE.get(name))
+    size = STEPS.get(name, LENGTH * spacing) if share is None else np.abs(np.asarray(flat)) * share
     return unravel(jnp.asarray(normal * size * np.sqrt(len(flat)) * random.uniform(0.5, 1.0)))
 
 

@@ -14,7 +14,7 @@ from ..discretisation import MIDLINE_POINTS, Model, core_probe, midline_points, 
 from .states import States
 
 ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
-FOUND = 1e-6  # of the slope at either end of its reach: below it the line has an extremum
+FOUND = 1e-3  # of the slopes at the ends of its reach, of one sign: above it the line has no extremum between them
 FLAT = 1e-9  # height over length up to which round-off chooses the extrema
 EXTREMA = 16  # that are found together, or a multiple
 DEGREE = 3  # of the polynomial that smooths the midline about a point
@@ -112,8 +112,8 @@ def _extremum(start, sample, end, same, at, position, radius):
         return lax.fori_loop(0, ITERATIONS, step, start)
 
     found = lax.stop_gradient(by_newton(lambda s: fit(s)[1][1], start))
-    steepest = jnp.maximum(jnp.abs(fit(low)[1][1]), jnp.abs(fit(high)[1][1]))
-    fixed = end | ~(jnp.abs(fit(found)[1][1]) <= FOUND * steepest)  # or no root within reach, next to a wall
+    slopes = jnp.stack([fit(low)[1][1], fit(high)[1][1]])
+    fixed = end | ((slopes[0] * slopes[1] > 0) & (jnp.abs(fit(found)[1][1]) > FOUND * jnp.max(jnp.abs(slopes))))  # none next to a wall
 
     def slope(s):
         """dy/ds; for a ``fixed`` point, which is no root of it, a function with its root there: second derivatives are else 0 times nan."""
