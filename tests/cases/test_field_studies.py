@@ -159,9 +159,7 @@ def test_the_best_design_runs_and_the_gradients_of_its_field_are_true(folder, tm
     assert cli.main(["run", str(folder / "best.toml"), "--out", str(tmp_path / "run"), "--quiet", "--no-plots"]) == 0
     found, start = load_case(folder / "best.toml"), load_study(folder.parent / "small.toml").case
     rows = check_gradient(dataclasses.replace(found, plate=start.plate), directions=3, halvings=3)
-    assert [
-        pair for pair in failures(rows) if pair[1] != "mu"
-    ] == []  # along mu terms of third order take part of the first remainders away
+    assert [pair for pair in failures(rows) if pair[1] != "mu"] == []  # along mu third-order terms hide in the first ones
 
 
 def test_a_start_may_be_a_picture_and_several_starts_fields(tmp_path):
