@@ -93,10 +93,11 @@ def _plate():
 def _hole(material=None):
     """The kind decides about the other entries; those of a region say which ``material`` it has."""
     kinds = {kind: _parameters(kind) for kind in HOLES} | {"outline": OUTLINE, "image": IMAGE}
-    if material is not None:
-        kinds = {kind: rule | {"properties": rule["properties"] | material} | exactly_one(tuple(material)) for kind, rule in kinds.items()}
+    any_material = {key: {} for key in material or ()}  # what it may be is said once, for all kinds
+    kinds = {kind: rule | {"properties": rule["properties"] | any_material} for kind, rule in kinds.items()}
     rules = [{"if": {"properties": {"kind": {"const": kind}}}, "then": rule} for kind, rule in kinds.items()]
-    return {"type": "object", "required": ["kind"], "properties": {"kind": word(kinds)}, "allOf": rules}
+    own = {"type": "object", "required": ["kind"], "properties": {"kind": word(kinds)} | (material or {}), "allOf": rules}
+    return own | exactly_one(tuple(material)) if material else own
 
 
 def _parameters(kind):
