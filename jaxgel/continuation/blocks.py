@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float, Int
-from ..linalg import Factor, Pattern, solve_near_factor
+from ..linalg import Factor, Pattern, columnwise, solve_near_factor
 from ..mechanics import Problem
 from ..symmetry import Basis
 
@@ -46,16 +46,11 @@ class Diagonal:
 
     def product(self, vectors: Columns) -> Columns:
         """Products of the matrix, with what is condensed in it, with vectors."""
-        return self._by_block(vectors, _columnwise)
+        return self._by_block(vectors, lambda made, part: columnwise(made.product, part))
 
     def _by_block(self, values, function):
         parts = zip(self.factors, self.cuts[:-1], self.cuts[1:], strict=True)
         return np.concatenate([function(made, values[start:end]) for made, start, end in parts])
-
-
-def _columnwise(made, vectors):
-    """Products of a factorised matrix with vectors, one by one, which is faster."""
-    return made.product(vectors) if vectors.ndim == 1 else np.stack([made.product(vector) for vector in vectors.T], axis=1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from .._types import Float
 from ..equilibrium import Stability, State, acting_problem, with_own_factor
-from ..linalg import Factorised, columnwise_products, inverse_iteration, lowest_of_factor, network_matrix, rayleigh_ritz
+from ..linalg import Factorised, columnwise, inverse_iteration, lowest_of_factor, network_matrix, rayleigh_ritz
 from ..mechanics import Problem, gather, linearise, tangent_product
 
 TRACKED = 2  # modes whose eigenvalues are made accurate where all may be unstable: both of a double eigenvalue
@@ -118,7 +118,7 @@ def _davidson(factor, stiffness, product, vectors, weights, accuracy, own):
         d = factor.apply(residual)
         if 0 <= residual[:, 0] @ d[:, 0] <= IDLE * accuracy * eigenvalues[0]:
             return eigenvalues, vectors, True
-        weighted = columnwise_products(stiffness, d)
+        weighted = columnwise(stiffness.dot, d)
         share = vectors.T @ weighted
         d, weighted = d - vectors @ share, weighted - weights @ share
         image, small = residual - images @ share, IDLE * accuracy if own else accuracy / NEAR

@@ -3,7 +3,7 @@
 from .dissection import dissect
 from .eigen import (
     Factorised,
-    columnwise_products,
+    columnwise,
     extreme_eigenvalues,
     inverse_iteration,
     lowest_mode,
@@ -30,7 +30,7 @@ __all__ = [
     "SingularTangent",
     "analyse",
     "bordered_product",
-    "columnwise_products",
+    "columnwise",
     "dissect",
     "extreme_eigenvalues",
     "factor",

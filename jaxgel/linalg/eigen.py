@@ -1,6 +1,7 @@
 """Eigenvalues of a factorised tangent against the stiffness of the network: shift-invert Lanczos, Rayleigh-Ritz."""
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import scipy.linalg
@@ -68,13 +69,13 @@ def inverse_iteration(
     factor: Factorised, stiffness: sp.csr_matrix, start: Float[np.ndarray, "f m"]
 ) -> tuple[Float[np.ndarray, "f m"], Float[np.ndarray, "f m"]]:
     """Ritz vectors (f, m) of the factorised tangent, ascending, after an inverse iteration from ``start`` (f, m), and N times them."""
-    before = columnwise_products(stiffness, start)
+    before = columnwise(stiffness.dot, start)
     vectors, r = np.linalg.qr(factor.apply(before))  # next to a singular tangent all vectors turn into one direction
-    weights, sizes = columnwise_products(stiffness, vectors), np.abs(np.diagonal(r))
+    weights, sizes = columnwise(stiffness.dot, vectors), np.abs(np.diagonal(r))
     if sizes.min() > SAME * sizes.max():
         images = scipy.linalg.solve_triangular(r, before.T, trans="T", check_finite=False).T
     else:
-        images = np.stack([factor.product(vector) for vector in vectors.T], axis=1)
+        images = columnwise(factor.product, vectors)
     _, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
     return vectors @ turn, weights @ turn
 
@@ -115,9 +116,12 @@ def nearest_modes(
     return values[rank], modes[:, rank]
 
 
-def columnwise_products(matrix: sp.spmatrix, vectors: Float[np.ndarray, "f m"]) -> Float[np.ndarray, "g m"]:
-    """Products (f, m) of a sparse matrix with ``vectors`` (f, m), one by one: SciPy's product with all of them takes twice as long."""
-    return np.stack([matrix @ vector for vector in vectors.T], axis=1)
+def columnwise(function: Callable[[np.ndarray], Any], vectors: Columns) -> Float[np.ndarray, " g"] | Float[np.ndarray, "g m"]:
+    """Values (g,) or (g, m) of a linear ``function`` of a vector for each column of ``vectors`` (f,) or (f, m).
+
+    For products of sparse matrices that takes half as long as SciPy's with all columns at once.
+    """
+    return function(vectors) if vectors.ndim == 1 else np.stack([function(vector) for vector in vectors.T], axis=1)
 
 
 def rayleigh_ritz(
