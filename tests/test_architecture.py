@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "jaxgel"
 PACKAGES = [
-    *("materials", "geometry", "linalg", "cloud", "discretisation", "mechanics", "symmetry", "equilibrium", "continuation"),
+    *("materials", "geometry", "linalg", "controls", "cloud", "discretisation", "mechanics", "symmetry", "equilibrium", "continuation"),
     *("bifurcation", "waves", "observables", "io", "design", "plotting", "cases", "paper", "cli"),
 ]
 INDEPENDENT = ("materials", "geometry", "linalg")  # know none of the others

@@ -1,7 +1,8 @@
 """Other branches: along a mode from a critical point, and past folds.
 
-A branch is followed in its arc length, ds^2 = dmu^2 + |dx|^2 / (n spacing^2) with the n nodes' displacements, so that folds are points
-like any other (Keller's pseudo-arc-length continuation). States form a `path.Path`, whose mu need not increase.
+A branch is followed in its arc length, ds^2 = dvalue^2 + |dx|^2 / (n spacing^2) with the change of the control in its scale, 1 kT for mu,
+and the n nodes' displacements, so that folds are points like any other (Keller's pseudo-arc-length continuation). States form a
+`path.Path`, whose control may turn.
 """
 
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import numpy as np
 
 from .._types import Array, Float
 from ..continuation import Path, StabilityAnalysis
+from ..controls import Control, control_name, scale_of
 from ..discretisation import Model
 from ..equilibrium import Conditions, State, Status, accepted, solve, solve_bordered
 from ..materials import Gel
@@ -31,16 +33,18 @@ def switch_branch(
     max_step: float = 0.25,
     max_states: int = MAX_STATES,
     loads: Float[Array, "n 2"] | None = None,
+    control: Control | None = None,
 ) -> Path:
-    """`Path` of the branch that leaves a bifurcation along its mode, to ``mu_end`` or ``max_states`` states.
+    """`Path` of the branch that leaves a bifurcation along its mode, to the value ``mu_end`` or ``max_states`` states.
 
-    ``sign`` 1 or -1 chooses the side, ``direction`` the combination of the modes of a multiple one (the first by default). The path
-    may start towards lower mu (subcritical) and turn at a fold. ``path.stop`` says how it ended; ValueError for a fold, which no
-    branch leaves.
+    ``control`` is that of the point, of which ``mu_end`` is a value, and ``max_step`` the largest step in arc length. ``sign`` 1 or -1
+    chooses the side, ``direction`` the combination of the modes of a multiple one (the first by default). The path may start towards lower
+    values (subcritical) and turn at a fold. ``path.stop`` says how it ended; ValueError for a fold, which no branch leaves.
     """
     if point.kind == "fold":
-        raise ValueError(f"point: the {point.kind} at mu = {float(point.mu):.6g} has no other branch; use continue_branch")
-    analysis = StabilityAnalysis(prepare(model, gel, loads))
+        at = f"{control_name(control)} = {float(point.value):.6g}"
+        raise ValueError(f"point: the {point.kind} at {at} has no other branch; use continue_branch")
+    analysis = StabilityAnalysis(prepare(model, gel, loads, control=control))
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     mode = sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1)
     along = restrict(mode, analysis.problem.free)
@@ -50,9 +54,9 @@ def switch_branch(
     for amplitude in (size, 2 * size):
         start = point.x + amplitude * mode if not states else states[-1].x + (amplitude - size) * mode
         target = amplitude * np.linalg.norm(along)
-        conditions = Conditions(row[:, None], np.zeros(1), point.x, float(point.mu), np.array([target]))
-        mu = states[-1].mu if states else float(point.mu)
-        state, _ = solve_bordered(analysis.problem, mu, start, point.pressure, nothing, conditions)
+        conditions = Conditions(row[:, None], np.zeros(1), point.x, float(point.value), np.array([target]))
+        value = states[-1].value if states else float(point.value)
+        state, _ = solve_bordered(analysis.problem, value, start, point.pressure, nothing, conditions)
         if not state.status.ok:
             return _path(analysis.problem, states, state.status)
         states.append(_accepted(analysis, state, states))
@@ -69,20 +73,20 @@ def continue_branch(
 ) -> Path:
     """`Path` that goes on from the last two states of a path in its arc length, past folds, to ``mu_end`` or ``max_states`` states.
 
-    It holds the new states only.
+    ``mu_end`` is a value of the path's control. It holds the new states only.
     """
     if len(path) < 2:
         raise ValueError(f"path: {len(path)} states do not give a direction; it needs two")
-    analysis = StabilityAnalysis(prepare(path.model, path.gel, loads))
+    analysis = StabilityAnalysis(prepare(path.model, path.gel, loads, control=path.control))
     return _followed(analysis, [path[-2], path[-1]], mu_end, max_step, max_states, given=2)
 
 
 def solve_from(path: Path, k: int, loads: Float[Array, "n 2"] | None = None) -> State:
-    """`State` under other ``loads`` from state ``k`` of a path, at its mu; ArithmeticError where Newton's method does not find one."""
-    analysis = StabilityAnalysis(prepare(path.model, path.gel, loads))
-    found = solve(analysis.problem, float(path.mu[k]), jnp.asarray(path.x[k]), jnp.asarray(path.pressure[k]), own_factor=True)
+    """`State` under other ``loads`` from state ``k`` of a path, at its value; ArithmeticError where Newton's method does not find one."""
+    analysis = StabilityAnalysis(prepare(path.model, path.gel, loads, control=path.control))
+    found = solve(analysis.problem, float(path.value[k]), jnp.asarray(path.x[k]), jnp.asarray(path.pressure[k]), own_factor=True)
     if not found.status.ok:
-        raise ArithmeticError(f"no state at mu = {float(path.mu[k]):.6g}: {found.status.text}")
+        raise ArithmeticError(f"no state at {control_name(path.control)} = {float(path.value[k]):.6g}: {found.status.text}")
     return _accepted(analysis, found, [])
 
 
@@ -90,25 +94,25 @@ def _followed(analysis, states, mu_end, max_step, max_states, given=0):
     """Path of the ``states`` but the first ``given``, continued in arc length."""
     problem = analysis.problem
     free, spacing = problem.free, problem.model.cloud.spacing
-    weight = 1 / (len(states[0].x) * spacing**2)
+    weight, slack = 1 / (len(states[0].x) * spacing**2), 1 / scale_of(problem.control) ** 2
     nothing, stop, length = np.zeros((len(free), 0)), Status.TOO_MANY_STEPS, None
     while len(states) - given < max_states:
         old, last = states[-2], states[-1]
-        dx, dmu = restrict(np.asarray(last.x) - np.asarray(old.x), free), last.mu - old.mu
-        done = np.sqrt(weight * dx @ dx + dmu**2)
-        dx, dmu = dx / done, dmu / done
+        dx, rise = restrict(np.asarray(last.x) - np.asarray(old.x), free), last.value - old.value
+        done = np.sqrt(weight * dx @ dx + slack * rise**2)
+        dx, rise = dx / done, rise / done
         length = min(1.5 * done if length is None else length, max_step)
-        conditions = Conditions((weight * dx)[:, None], np.array([dmu]), np.asarray(last.x), last.mu, np.array([length]))
+        conditions = Conditions((weight * dx)[:, None], np.array([slack * rise]), np.asarray(last.x), last.value, np.array([length]))
         start = last.x + length * np.asarray(scatter(dx, last.x.shape, free))
         slope = (np.asarray(last.pressure) - np.asarray(old.pressure)) / done
-        state, _ = solve_bordered(problem, last.mu + length * dmu, start, last.pressure + length * slope, nothing, conditions)
-        if not state.status.ok or _turned(state, last, dx, dmu, weight, free):
+        state, _ = solve_bordered(problem, last.value + length * rise, start, last.pressure + length * slope, nothing, conditions)
+        if not state.status.ok or _turned(state, last, (dx, rise), (weight, slack), free):
             length *= 0.4
             if length < LEAST_STEP * max_step:
                 stop = Status.STEP_TOO_SMALL if state.status.ok else state.status
                 break
             continue
-        if mu_end is not None and (state.mu - mu_end) * (last.mu - mu_end) <= 0 and state.mu != last.mu:
+        if mu_end is not None and (state.value - mu_end) * (last.value - mu_end) <= 0 and state.value != last.value:
             at_end = _interpolated_end(problem, last, state, mu_end)
             states += [_accepted(analysis, at_end, states)] if at_end.status.ok else []
             stop = at_end.status
@@ -118,16 +122,16 @@ def _followed(analysis, states, mu_end, max_step, max_states, given=0):
     return _path(problem, states[given:], stop)
 
 
-def _turned(state, last, dx, dmu, weight, free):
-    """Whether a step in arc length has left the direction (dx, dmu) by more than 45 degrees."""
-    moved = restrict(np.asarray(state.x) - np.asarray(last.x), free)
-    forward = weight * (moved @ dx) + (state.mu - last.mu) * dmu
-    return forward < 0.7 * np.sqrt(weight * moved @ moved + (state.mu - last.mu) ** 2)
+def _turned(state, last, direction, weights, free):
+    """Whether a step in arc length has left the direction of the unknowns and the control by more than 45 degrees."""
+    moved, change = restrict(np.asarray(state.x) - np.asarray(last.x), free), state.value - last.value
+    forward = weights[0] * (moved @ direction[0]) + weights[1] * change * direction[1]
+    return forward < 0.7 * np.sqrt(weights[0] * moved @ moved + weights[1] * change**2)
 
 
 def _interpolated_end(problem, last, state, mu_end):
-    """`State` at ``mu_end`` between two states."""
-    share = (mu_end - last.mu) / (state.mu - last.mu)
+    """`State` at the value ``mu_end`` between two states."""
+    share = (mu_end - last.value) / (state.value - last.value)
     x, pressure = (old + share * (new - old) for old, new in ((last.x, state.x), (last.pressure, state.pressure)))
     return solve(problem, mu_end, x, pressure, own_factor=True)
 
@@ -135,7 +139,7 @@ def _interpolated_end(problem, last, state, mu_end):
 def _path(problem: Problem, states, stop):
     if not states:
         raise ArithmeticError(f"no state of the branch was found: {stop.text}")
-    return Path.from_states(problem.model, problem.gel, states, stop=stop)
+    return Path.from_states(problem.model, problem.gel, states, control=problem.control, stop=stop)
 
 
 def _accepted(analysis, state, states):

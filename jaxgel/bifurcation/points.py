@@ -12,9 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float, Scalar
-from ..equilibrium import State
+from ..equilibrium import State, control_force
 from ..linalg import Bordered
-from ..mechanics import Problem, curvature, gather, mu_force, scatter
+from ..mechanics import Problem, curvature, gather, scatter
 from ..symmetry import representation_of
 
 KEPT = 0.5  # a symmetry takes at most this share of a simple mode to other modes
@@ -24,8 +24,8 @@ KEPT = 0.5  # a symmetry takes at most this share of a simple mode to other mode
 class CriticalPoint:
     """A state of a branch with a vanishing eigenvalue of multiplicity m."""
 
-    mu: Scalar
-    """Chemical potential, kT; differentiable with respect to the model and the gel."""
+    value: Scalar
+    """Value of the control, of mu in kT without another; differentiable with respect to the model, the gel and the control."""
     kind: str
     """"bifurcation" or "fold"."""
     x: Float[Array, "n 2"]
@@ -37,9 +37,9 @@ class CriticalPoint:
     eigenvalues: Float[np.ndarray, " m"]
     """Eigenvalues that are left at mu: round-off, or half the split of a double one on an unsymmetric cloud."""
     slope: float
-    """d lambda / d mu along the branch, mean over the modes; at a fold -dr/dmu . v."""
+    """d lambda / d value along the branch, mean over the modes; at a fold -dr/dvalue . v."""
     curvature: float
-    """d^2 mu / d a^2 along the branch that leaves, a the amplitude of the mode: stable branch above mu if positive; nan if m > 1."""
+    """d^2 value / d a^2 along the branch that leaves, a the amplitude of the mode: it lies above the value if positive; nan if m > 1."""
     imperfection: float
     """Size of the force that holds the state on its branch, over that which would hold an amplitude of one spacing in the network."""
     symmetries: dict[str, float]
@@ -48,6 +48,13 @@ class CriticalPoint:
     """Negative eigenvalues of the branch just before the point."""
     correction: Float[np.ndarray, "n 2"]
     """Field w of the derivative, see `critical`."""
+    chemical_potential: float | None = None
+    """Chemical potential, kT, where another control is driven."""
+
+    @property
+    def mu(self) -> Scalar:
+        """Chemical potential, kT: the value itself where that is the control."""
+        return self.value if self.chemical_potential is None else self.chemical_potential
 
     @property
     def multiplicity(self) -> int:
@@ -77,7 +84,7 @@ class Expansion:
     """Derivatives of the energy at a state along its modes, the other directions in equilibrium."""
 
     slope: float
-    """d lambda / d mu, mean over the modes."""
+    """d lambda / d value, mean over the modes."""
     cubic: float
     """Third derivative of the energy along the first mode."""
     quartic: float
@@ -90,28 +97,28 @@ def expand(problem: Problem, stiffness: sp.csr_matrix, state: State, modes: Floa
     """`Expansion` at a state with a factor of its own tangent, along modes normalised by the network's ``stiffness`` (f, f)."""
     m = modes.shape[1]
     fields = jnp.stack([scatter(v, state.x.shape, problem.free) for v in modes.T])
-    slope, gradient, cubic, quartic = _derivatives(problem, state.x, fields, jnp.asarray(state.mu))
+    slope, gradient, cubic, quartic = _derivatives(problem, state.x, fields, jnp.asarray(state.value))
     gradient = np.asarray(gather(gradient, problem.free))
     held = stiffness @ modes
     system = Bordered.of(state.factor, held, held, np.zeros((m, m)))
     correction, _ = system.solve(gradient, np.zeros(m))
-    slope = (float(slope) - correction @ np.asarray(mu_force(problem, state.x, state.mu, state.pressure))) / m
+    slope = (float(slope) - correction @ control_force(problem, state)) / m
     relaxed = float(quartic) - 3 * gradient @ correction if m == 1 else float("nan")
     return Expansion(slope, float(cubic), relaxed, correction)
 
 
 @jax.jit
-def _derivatives(problem, x, modes, mu):
-    """D phi / d mu, d phi / dx (n, 2), and the third and fourth derivative of the energy along the first mode."""
-    model, gel, loads = problem.model, problem.gel, problem.loads
+def _derivatives(problem, x, modes, value):
+    """D phi / d value, d phi / dx (n, 2), and the third and fourth derivative of the energy along the first mode."""
 
-    def phi(x, mu):
-        return sum(curvature(x, v, model, gel, mu, loads) for v in modes)
+    def along_mode(x, v, value):
+        now, mu = problem.at(value)
+        return curvature(problem.placed(x, value), v, now.model, now.gel, mu, now.loads)
 
-    gradient, slope = jax.grad(phi, argnums=(0, 1))(x, mu)
+    gradient, slope = jax.grad(lambda x, value: sum(along_mode(x, v, value) for v in modes), argnums=(0, 1))(x, value)
 
     def along(t):
-        return curvature(x + t * modes[0], modes[0], model, gel, mu, loads)
+        return along_mode(x + t * modes[0], modes[0], value)
 
     def third(t):
         return jax.jvp(along, (t,), (1.0,))[1]

@@ -1,8 +1,8 @@
-"""How critical points are located: bifurcations where the number of negative eigenvalues changes, folds where mu turns.
+"""How critical points are located: bifurcations where the number of negative eigenvalues changes, folds where the control turns.
 
 At a bifurcation the state is symmetric and the mode v is not. A cloud is not as symmetric as its plate, so a small force along v holds
 the state where the energy's third derivative along v vanishes: there the eigenvalue is stationary in the amplitude of the mode, and the
-critical mu is free of the cloud's imperfection to first order. At a fold v . dr/dmu is not zero, and no force is needed.
+critical value is free of the cloud's imperfection to first order. At a fold v . dr/dvalue is not zero, and no force is needed.
 """
 
 import dataclasses
@@ -12,51 +12,62 @@ import numpy as np
 
 from .._types import Array, Float
 from ..continuation import Path, StabilityAnalysis, oriented, sweep
-from ..discretisation import Model
-from ..equilibrium import Conditions, Stability, solve, solve_bordered
+from ..controls import scale_of
+from ..equilibrium import Conditions, Stability, control_force, solve, solve_bordered
 from ..linalg import Bordered, nearest_modes
-from ..materials import Gel
-from ..mechanics import Problem, mu_force, prepare, restrict, scatter
+from ..mechanics import Problem, prepare, restrict, scatter
 from ..symmetry import characters
 from .points import KEPT, CriticalPoint, Expansion, expand
 
 ITERATIONS = 15
-TOLERANCE = 1e-9  # of a critical mu, kT
-TOGETHER = 5e-3  # crossings closer than this in mu are searched as one multiple eigenvalue
+TOLERANCE = 1e-9  # of a critical value, in scales of the control
+TOGETHER = 5e-3  # crossings closer than this, in scales of the control, are searched as one multiple eigenvalue
 
 
-def locate(model: Model, gel: Gel, mu: tuple[float, float], loads: Float[Array, "n 2"], most: int) -> list[CriticalPoint]:
-    """The first ``most`` critical points of the branch that continues the dry state, in the order of mu between the two ends ``mu``."""
-    steps = []
-    path = sweep(model, gel, mu=tuple(map(float, mu)), branch="symmetric", loads=loads, on_step=lambda state: steps.append(state.light))
-    shared = _Shared.of(prepare(model, gel, loads))
+def locate(problem: Problem, ends: tuple[float, float], most: int) -> list[CriticalPoint]:
+    """The first ``most`` critical points of the branch that continues the dry state, in the order from one of the ``ends`` to the other."""
+    steps, control = [], problem.control
+    what = dict(mu=ends) if control is None else dict(control=control, values=ends)
+    path = sweep(
+        problem.model, problem.gel, **what, branch="symmetric", loads=problem.loads, on_step=lambda state: steps.append(state.light)
+    )
+    shared = _Shared.of(prepare(problem.model, problem.gel, problem.loads, control=control))
     points = []
     for earlier, (before, after) in zip([None, *steps], itertools.pairwise(steps), strict=False):
         if len(points) == most:
             break
         if before.negative_pivots != after.negative_pivots:
             for point in _between(shared, earlier, before, after):
-                again = point.multiplicity > 1 and any(abs(point.mu - other.mu) < TOGETHER for other in points)
+                again = point.multiplicity > 1 and any(abs(point.value - other.value) < shared.together for other in points)
                 points += [] if again else [point]  # an unsymmetric cloud splits a double one
-        elif earlier is not None and _ends_before(earlier, before, after.mu):
-            points += [fold for fold in _fold(shared, earlier, before) if before.mu < fold.mu < after.mu]
+        elif earlier is not None and _ends_before(earlier, before, after.value):
+            points += [fold for fold in _fold(shared, earlier, before) if _inside(fold.value, before.value, after.value)]
     if not path.stop.ok and len(points) < most and len(steps) > 1:
         points += _fold(shared, *steps[-2:])
-    return sorted(points, key=lambda point: point.mu)[:most]
+    return sorted(points, key=lambda point: abs(point.value - ends[0]))[:most]
 
 
 def folds(path: Path, loads: Float[Array, "n 2"] | None = None) -> list[CriticalPoint]:
-    """``CriticalPoint``s of kind "fold" where mu turns along a ``Path`` of `switch_branch` or `continue_branch`; not differentiable."""
-    shared, rise = _Shared.of(prepare(path.model, path.gel, loads)), np.diff(path.mu)
+    """``CriticalPoint``s of kind "fold" where the control turns along a ``Path`` of `switch_branch` or `continue_branch`.
+
+    Their values have no derivatives.
+    """
+    shared, rise = _Shared.of(prepare(path.model, path.gel, loads, control=path.control)), np.diff(path.value)
     states = [path[k] for k in range(len(path))]
     turns = np.flatnonzero(rise[1:] * rise[:-1] < 0)
     return [point for k in turns for point in _fold(shared, states[k], states[k + 1])]
 
 
-def _ends_before(earlier, before, mu):
-    """Whether two stable steps head for a fold below ``mu``, where the square of the lowest eigenvalue, linear in mu, vanishes."""
+def _ends_before(earlier, before, value):
+    """Whether two stable steps head for a fold before ``value``, where the square of the lowest eigenvalue, linear in it, vanishes."""
     far, near = earlier.lowest_eigenvalue**2, before.lowest_eigenvalue**2
-    return before.negative_pivots == 0 and far > near and before.mu + (before.mu - earlier.mu) * near / (far - near) < mu
+    ahead = abs(before.value - earlier.value) * near / (far - near) if far > near else np.inf
+    return before.negative_pivots == 0 and ahead < abs(value - before.value)
+
+
+def _inside(value, low, high, slack=0.0):
+    """Whether a value lies between two others, in either order."""
+    return min(low, high) - slack < value < max(low, high) + slack
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -71,6 +82,14 @@ class _Shared:
         return cls(problem, StabilityAnalysis(problem))
 
     @property
+    def tolerance(self):
+        return TOLERANCE * scale_of(self.problem.control)
+
+    @property
+    def together(self):
+        return TOGETHER * scale_of(self.problem.control)
+
+    @property
     def stiffness(self):
         return self.analysis.stiffness
 
@@ -81,17 +100,17 @@ def _between(shared, before, low, high):
     Where Newton's method leapt from one side of a fold to the other there is no bifurcation: then the branch is followed from ``low``,
     in the direction from the state ``before`` it (None without one).
     """
-    crossings, close = high.negative_pivots - low.negative_pivots, high.mu - low.mu < TOGETHER
+    crossings, close = high.negative_pivots - low.negative_pivots, abs(high.value - low.value) < shared.together
     if crossings == 0:
         return []
     point = _bifurcation(shared, low, high, abs(crossings)) if abs(crossings) == 1 or close else None
     if point is not None:
         return [point]
-    mu = 0.5 * (low.mu + high.mu)
-    middle = None if close else solve(shared.problem, mu, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), own_factor=True)
+    value = 0.5 * (low.value + high.value)
+    middle = None if close else solve(shared.problem, value, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), own_factor=True)
     if middle is None or not middle.status.ok:
         found = _fold(shared, before, low) if before is not None else []
-        return [fold for fold in found if low.mu - TOGETHER < fold.mu < high.mu + TOGETHER]
+        return [fold for fold in found if _inside(fold.value, low.value, high.value, shared.together)]
     count = Stability(np.array([np.nan]), None, middle.factor.negative_pivots)
     middle = dataclasses.replace(middle.light, stability=count)
     return _between(shared, before, low, middle) + _between(shared, low, middle, high)
@@ -101,15 +120,15 @@ def _bifurcation(shared, low, high, multiplicity):
     """``CriticalPoint`` between two states by Newton's method on the mean eigenvalue and a simple mode's amplitude; None if it fails."""
     problem = shared.problem
 
-    def between(mu):
-        t = (mu - low.mu) / (high.mu - low.mu)
+    def between(value):
+        t = (value - low.value) / (high.value - low.value)
         return (1 - t) * low.x + t * high.x, (1 - t) * low.pressure + t * high.pressure
 
-    mu, modes, amplitude, limit = 0.5 * (low.mu + high.mu), None, np.zeros(multiplicity), 0.1 * problem.model.cloud.spacing
+    value, modes, amplitude, limit = 0.5 * (low.value + high.value), None, np.zeros(multiplicity), 0.1 * problem.model.cloud.spacing
     for _ in range(ITERATIONS):
-        x, pressure = between(mu)
+        x, pressure = between(value)
         if modes is None:
-            state = solve(problem, mu, x, pressure, own_factor=True)
+            state = solve(problem, value, x, pressure, own_factor=True)
             if not state.status.ok:
                 return None
             _, modes = nearest_modes(state.factor, shared.stiffness, multiplicity)
@@ -117,8 +136,8 @@ def _bifurcation(shared, low, high, multiplicity):
                 multiplicity, amplitude = 2, np.zeros(2)
                 _, modes = nearest_modes(state.factor, shared.stiffness, 2)
         held = shared.stiffness @ modes
-        pins = Conditions(held, np.zeros(multiplicity), x, mu, amplitude)
-        state, forces = solve_bordered(problem, mu, x, pressure, held, pins)
+        pins = Conditions(held, np.zeros(multiplicity), x, value, amplitude)
+        state, forces = solve_bordered(problem, value, x, pressure, held, pins)
         if not state.status.ok:
             return None
         eigenvalues, modes = nearest_modes(state.factor, shared.stiffness, multiplicity, modes)
@@ -127,10 +146,10 @@ def _bifurcation(shared, low, high, multiplicity):
         if multiplicity == 1:  # to where the third derivative vanishes
             most = limit / np.abs(modes).max()
             amplitude = amplitude - np.clip(local.cubic / local.quartic, -most, most)
-        if abs(step) < TOLERANCE:
-            return _point(shared, state, mu + step, modes, eigenvalues, local, forces, low.negative_pivots)
-        mu += step
-        if not low.mu - TOGETHER <= mu <= high.mu + TOGETHER:
+        if abs(step) < shared.tolerance:
+            return _point(shared, state, value + step, modes, eigenvalues, local, forces, low.negative_pivots)
+        value += step
+        if not _inside(value, low.value, high.value, shared.together):
             return None
     return None
 
@@ -141,13 +160,13 @@ def _alone(shared, modes, x):
     return all(abs(character) > KEPT for character in characters(field[None], shared.problem.model).values())
 
 
-def _point(shared, state, mu, modes, eigenvalues, local, forces, unstable, kind="bifurcation"):
+def _point(shared, state, value, modes, eigenvalues, local, forces, unstable, kind="bifurcation"):
     problem, shape = shared.problem, state.x.shape
     signed = oriented(modes, problem)
     fields = np.stack([np.asarray(scatter(v, shape, problem.free)) for v in signed.T])
     spacing = problem.model.cloud.spacing
     return CriticalPoint(
-        mu=float(mu),
+        value=float(value),
         kind=kind,
         x=np.asarray(state.x),
         pressure=np.asarray(state.pressure),
@@ -159,24 +178,25 @@ def _point(shared, state, mu, modes, eigenvalues, local, forces, unstable, kind=
         symmetries=characters(fields, problem.model),
         unstable=int(unstable),
         correction=np.asarray(scatter(local.correction, shape, problem.free)),
+        chemical_potential=None if problem.control is None else state.mu,
     )
 
 
 def _fold(shared, before, last):
-    """The fold next to two states of a branch: where mu is stationary along it, by the secant method; [] where there is none."""
+    """The fold next to two states of a branch: where the control is stationary along it, by the secant method; [] where there is none."""
     problem, free = shared.problem, shared.problem.free
     along = restrict(np.asarray(last.x) - np.asarray(before.x), free)
     between = np.sqrt(along @ (shared.stiffness @ along))
     row, nothing = shared.stiffness @ along[:, None] / between, np.zeros((len(free), 0))
 
     def rise(state):
-        """Tangent (f,) of the branch per unit of the row, and that of mu."""
-        column = np.asarray(mu_force(problem, state.x, state.mu, state.pressure))[:, None]
+        """Tangent (f,) of the branch per unit of the row, and that of the control."""
+        column = control_force(problem, state)[:, None]
         system = Bordered.of(state.factor, column, row, np.zeros((1, 1)))
-        dx, dmu = system.solve(np.zeros(len(free)), np.ones(1))
-        return dx, float(dmu[0])
+        dx, change = system.solve(np.zeros(len(free)), np.ones(1))
+        return dx, float(change[0])
 
-    ends = [solve(problem, end.mu, end.x, end.pressure, own_factor=True) for end in (before, last)]
+    ends = [solve(problem, end.value, end.x, end.pressure, own_factor=True) for end in (before, last)]
     state, at, earlier = ends[1], 0.0, -between
     slope_before, (dx, slope) = rise(ends[0])[1], rise(ends[1])
     for _ in range(ITERATIONS):
@@ -185,15 +205,15 @@ def _fold(shared, before, last):
         step = np.clip(-slope * (at - earlier) / (slope - slope_before), -5 * between, 5 * between)
         earlier, slope_before, at = at, slope, at + step
         start = state.x + step * scatter(dx, state.x.shape, free)
-        there = Conditions(row, np.zeros(1), np.asarray(last.x), state.mu, np.array([at]))
-        state, _ = solve_bordered(problem, state.mu, start, state.pressure, nothing, there)
+        there = Conditions(row, np.zeros(1), np.asarray(last.x), state.value, np.array([at]))
+        state, _ = solve_bordered(problem, state.value, start, state.pressure, nothing, there)
         if not state.status.ok:
             return []
         dx, slope = rise(state)
-        if abs(slope * step) < TOLERANCE:
+        if abs(slope * step) < shared.tolerance:
             mode = dx[:, None] / np.sqrt(dx @ (shared.stiffness @ dx))
-            force = np.asarray(mu_force(problem, state.x, state.mu, state.pressure))
+            force = control_force(problem, state)
             local = Expansion(-float(mode[:, 0] @ force), 0.0, float("nan"), np.zeros(len(free)))
             eigenvalue = [float(mode[:, 0] @ shared.analysis.product(state)(mode)[:, 0])]
-            return [_point(shared, state, state.mu, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
+            return [_point(shared, state, state.value, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
     return []

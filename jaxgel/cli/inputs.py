@@ -52,7 +52,7 @@ def case_table(case: str) -> dict:
 
 
 def check_case(table: dict, changed: dict) -> None:
-    """Raise ValueError for a case's table that breaks the schema with some sections changed, and for values of mu that do not increase."""
+    """Raise ValueError for a case's table that breaks the schema with some sections changed, and for a value of mu that is repeated."""
     table = dict(table)
     for section, entries in changed.items():
         old = table.get(section, {})
@@ -64,8 +64,8 @@ def check_case(table: dict, changed: dict) -> None:
     sweep = table.get("sweep", {})
     mu = sweep.get("mu") or [sweep.get(key, default("sweep", key)) for key in ("mu_start", "mu_end")]
     for first, second in itertools.pairwise(mu):
-        if first >= second:
-            raise ValueError(f"mu: {first:g} is followed by {second:g}, the values must increase")
+        if first == second:
+            raise ValueError(f"mu: {first:g} is followed by {second:g}, the values must differ from one to the next")
 
 
 def _check_study(file):

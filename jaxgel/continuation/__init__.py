@@ -3,10 +3,10 @@
 from .autodiff import IllPosedDerivative, SweepFailed, is_traced
 from .eigenvalue import lowest_eigenvalue
 from .follow import Following
-from .options import BRANCHES, CONTACT, SweepOptions, check_mu
+from .options import BRANCHES, CONTACT, SweepOptions
 from .path import Path
 from .stability import ACCURACY, StabilityAnalysis, oriented
-from .sweeps import sweep
+from .sweeps import sweep, values_of
 
 __all__ = [
     "ACCURACY",
@@ -18,9 +18,9 @@ __all__ = [
     "StabilityAnalysis",
     "SweepFailed",
     "SweepOptions",
-    "check_mu",
     "is_traced",
     "lowest_eigenvalue",
     "oriented",
     "sweep",
+    "values_of",
 ]

@@ -24,7 +24,7 @@ def lowest_eigenvalue(path: Path) -> Float[Array, " k"]:
     eigenvalue it has no derivative, and gets that of one of them. nan for a state that was not reached. ValueError inside ``jax.jit`` and
     ``jax.vmap``, and where a second derivative is asked for.
     """
-    leaves, structure = jax.tree.flatten((path.x, path.model, path.gel, jnp.asarray(path.mu)))
+    leaves, structure = jax.tree.flatten((path.x, path.problem, jnp.asarray(path.value)))
     return _lowest(structure, leaves)[0]
 
 
@@ -33,13 +33,15 @@ def _lowest(structure, leaves):
     """Eigenvalues (k,), and their modes (k, n, 2) with v . N v = 1."""
     if is_traced(leaves):
         raise ValueError("lowest_eigenvalue: is not available inside jit or vmap")
-    x, model, gel, mu = jax.tree.unflatten(structure, leaves)
-    problem, values, modes = prepare(model, gel), [], []
+    x, unloaded, at = jax.tree.unflatten(structure, leaves)
+    problem, values, modes = prepare(unloaded.model, unloaded.gel, control=unloaded.control), [], []
     stiffness = StabilityAnalysis(problem).stiffness
-    for x_k, mu_k in zip(x, mu, strict=True):
-        factor = with_own_factor(problem, State(float(mu_k), x_k, state_pressure(x_k, model, gel, mu_k))).factor
-        value, mode = (np.nan, np.zeros(len(problem.free))) if factor is None else lowest_mode(factor, stiffness)
-        values.append(value)
+    for x_k, there in zip(x, at, strict=True):
+        now, mu = problem.at(there)
+        state = State(float(mu), x_k, state_pressure(x_k, now.model, now.gel, mu))
+        factor = with_own_factor(now, state).factor
+        lowest, mode = (np.nan, np.zeros(len(problem.free))) if factor is None else lowest_mode(factor, stiffness)
+        values.append(lowest)
         modes.append(scatter(mode, x_k.shape, problem.free))
     return jnp.array(values), jnp.stack(modes)
 
@@ -55,14 +57,16 @@ def _lowest_jvp(structure, primals, tangents):
 def _change(modes, inputs, dots):
     """Tangents (k,) of the quotients of energy and network stiffness along ``modes`` (k, n, 2)."""
 
-    def quotients(x, model, gel, mu):
-        def one(x, v, mu):
+    def quotients(x, problem, values):
+        def one(x, v, at):
+            now, mu = problem.at(at)
+            model, gel = now.model, now.gel
             densities = [
                 value(gel_at_points(gel, k).Nv) * jnp.sum(deformation_gradients(v, b) ** 2, (2, 3)) for k, b in enumerate(model.blocks)
             ]
             network = sum(jnp.sum(block.weight * density) for block, density in zip(model.blocks, densities, strict=True))
             return curvature(x, v, model, gel, mu, jnp.zeros_like(x)) / network
 
-        return jax.vmap(one)(x, modes, mu)
+        return jax.vmap(one)(x, modes, values)
 
     return jax.jvp(quotients, inputs, dots)[1]

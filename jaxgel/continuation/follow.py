@@ -1,4 +1,4 @@
-"""A branch followed in the chemical potential, one state after another, with contact and changes of branch.
+"""A branch followed along its control, one state after another, with contact and changes of branch.
 
 A state knows nothing of the sweep: it is a prediction and Newton's method. `follow` yields accepted states; the public `sweep` and the
 derivative rule of a sweep both take them from here.
@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from .._validation import one_of
+from ..controls import scale_of
 from ..equilibrium import (
     State,
     Status,
     accepted,
     dry_state,
+    of_control,
     of_outlines,
     prepare_incremental,
     prepare_weak,
@@ -28,13 +30,14 @@ from ..linalg import SingularTangent
 from ..mechanics import Problem, free_dofs, restrict, touches
 from .frames import Frames
 from .options import BRANCHES, CONTACT, FORMULATIONS, MAX_STEPS, SYMMETRY
-from .predictor import predict, same_branch
+from .predictor import EXTRAPOLATED, predict, same_branch
 from .steps import Steps, adaptive, given_values
 from .switching import stable_state
 
-SNAP = 5e-3  # kT: a step this short that fails with contact ends on another branch, by relaxation
+SNAP = 5e-3  # of the control's scale: a step this short that fails with contact ends on another branch, by relaxation
 MOSTLY = 0.5  # of a step's energy in the network
 SAYS_NOTHING = 1e-6  # of a step along a mode: what is predicted of it and smaller may be round-off
+FAR_BELOW = 5.0  # kT: where a control's first state is approached from
 LEAST_RAMP = 1 / 200  # of the motion of a plate's edges, which may come in steps before the first state
 
 
@@ -49,7 +52,7 @@ class Following:
     formulation: str = "total"
     """"total" energy, or "incremental": the paper's algorithm."""
     adaptive: bool = False
-    """Whether the values of mu are the two ends of adaptive steps."""
+    """Whether the values of the control are the ends and turning points of adaptive steps."""
     max_steps: int = MAX_STEPS
     """Most accepted states of adaptive steps."""
     symmetry: str = "auto"
@@ -61,43 +64,43 @@ class Following:
 
 
 class Followed:
-    """Accepted states of `follow`, one after another; once they are exhausted ``stop`` and ``mu`` say how the sweep ended."""
+    """Accepted states of `follow`, one after another; once they are exhausted ``stop`` and ``value`` say how the sweep ended, and where."""
 
     def __init__(self, problem: Problem, values: list[float], options: Following, before: list[State] | tuple = ()) -> None:
         self._steps = follow(problem, values, options, before)
-        self.stop, self.mu = Status.INTERRUPTED, float("nan")
+        self.stop, self.value = Status.INTERRUPTED, float("nan")
 
     def __iter__(self) -> Iterator[State]:
-        self.stop, self.mu = yield from self._steps
+        self.stop, self.value = yield from self._steps
 
 
 def follow(problem: Problem, values: list[float], options: Following, before: list[State] | tuple = ()) -> Steps:
-    """Yield the accepted states at the ``values`` of mu after those ``before``, each with its factor; returns how it ended, see `steps`."""
+    """Yield the accepted states at the ``values`` after those ``before``, each with its factor; returns how it ended, see `steps`."""
     attempt = _attempt_of(problem, options)
     if options.contact == "stop":
         attempt = _until_contact(attempt, problem.model)
     if options.adaptive:
-        return adaptive(attempt, (values[0], values[-1]), list(before), options.max_steps)
+        return adaptive(attempt, values, list(before), options.max_steps)
     return given_values(attempt, values, list(before))
 
 
 def _attempt_of(problem, options) -> Callable:
-    """Function of a mu and the states before it that gives the `State` there, whatever its status."""
+    """Function of a value and the states before it that gives the `State` there, whatever its status."""
     model, free = problem.model, free_dofs(problem.model.lists.topology)
     if options.formulation == "incremental":
         own = prepare_incremental(model, problem.gel, problem.loads, free)
-        return lambda mu, states: solve_incremental(own, mu, predict(problem, mu, same_branch(states))[0] if states else None)
+        return lambda value, states: solve_incremental(own, value, predict(problem, value, same_branch(states))[0] if states else None)
     if model.conditions != "nodes":
         own = prepare_weak(model, problem.gel, problem.loads, free)
-        return lambda mu, states: solve_weak(own, mu, *predict(problem, mu, same_branch(states)))
+        return lambda value, states: solve_weak(own, value, *predict(problem, value, same_branch(states)))
     return _Attempt(Frames(problem, symmetry=options.symmetry == "auto"), options.branch == "stable")
 
 
 def _until_contact(attempt, model):
     """``attempt`` that ends the sweep where hole boundaries overlap."""
 
-    def stopping(mu, states):
-        found = attempt(mu, states)
+    def stopping(value, states):
+        found = attempt(value, states)
         return dataclasses.replace(found, status=of_outlines(found.x, model, contact=False)) if found.status.ok else found
 
     return stopping
@@ -105,16 +108,16 @@ def _until_contact(attempt, model):
 
 @dataclasses.dataclass(frozen=True)
 class _Attempt:
-    """The `State` at ``mu`` after ``states``, with its stability; with ``stable`` an unstable branch is left."""
+    """The `State` at a value after others, with its stability; with ``stable`` an unstable branch is left."""
 
     frames: Frames
     stable: bool
 
-    def __call__(self, mu, states):
+    def __call__(self, value, states):
         history = same_branch(states)
         frame = self.frames.of_state(history[-1].x) if history else self.frames.of(self.frames.group)
         history = [frame.part(state) for state in history]
-        found, switched = self._reach(frame, mu, history)
+        found, switched = self._reach(frame, value, history)
         if not found.status.ok:
             return frame.whole(found)
         modes, held = history[-1].modes if history else None, [found]
@@ -132,31 +135,30 @@ class _Attempt:
         state = dataclasses.replace(state, newton_iterations=found.newton_iterations + state.newton_iterations)
         return accepted(self.frames.of_state(state.x).problem, state, stability, switched=True)
 
-    def _reach(self, frame, mu, history):
-        """`State` at ``mu`` from the one that ``history`` predicts, and whether it lies on another branch.
+    def _reach(self, frame, value, history):
+        """`State` at a ``value`` from the one that ``history`` predicts, and whether it lies on another branch.
 
         Where holes touch, a step that moves the gel farther than the range of contact is refused, and a short one that fails relaxes.
         """
         problem = frame.problem
-        x, pressure = predict(problem, mu, history)
+        x, pressure = predict(problem, value, history)
         if not history:
-            found = solve(problem, mu, x, pressure)
-            return found if found.status.ok or not problem.model.cloud.plate.moved else _ramped(problem, mu, found), False
-        last, x = history[-1], frame.onto(x)
+            return _first(problem, value, solve(problem, value, x, pressure)), False
+        last, x = history[-1], frame.onto(x, value)
         if not problem.has_contact:
-            return _as_predicted(frame, solve(problem, mu, x, pressure), x, last), False
+            return _as_predicted(frame, solve(problem, value, x, pressure), x, last), False
         most = float(problem.model.contact.range)
         far = not np.abs(x - last.x).max() < most
         was_active = touches(last.x, problem.model) if last.contact_active is None else last.contact_active
         near = bool((was_active or far) and touches(x, problem.model))
         if far and (was_active or near):
-            return State(mu, x, pressure), False
-        found = _as_predicted(frame, solve(problem, mu, x, pressure, near_contact=near), x, last)
+            return of_control(problem, State(float(problem.at(value)[1]), x, pressure), value), False
+        found = _as_predicted(frame, solve(problem, value, x, pressure, near_contact=near), x, last)
         if found.status.ok and found.contact_active and not np.abs(found.x - last.x).max() < most:
             found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
-        if found.status.ok or not self.stable or mu - last.mu > SNAP:
+        if found.status.ok or not self.stable or not _snaps(problem, last, value):
             return found, False
-        relaxed = relax(problem, mu, last.x, last.pressure)
+        relaxed = relax(problem, value, last.x, last.pressure)
         spent = found.newton_iterations + relaxed.newton_iterations
         return dataclasses.replace(relaxed, newton_iterations=spent), relaxed.status.ok
 
@@ -164,7 +166,7 @@ class _Attempt:
         """Stable whole `State` and its `Stability` from an unstable one: next to it on a branch that leaves there, or by relaxation."""
         problem = frame.problem
         touching = problem.has_contact and touches(found.x, problem.model)
-        expected = predict(problem, found.mu, history)[0] if history else None
+        expected = predict(problem, found.value, history)[0] if history else None
         whole = frame.whole(found)
         other = None if touching else stable_state(self.frames, whole, stability, expected=expected)
         if other is None and problem.has_contact:
@@ -177,12 +179,24 @@ class _Attempt:
         return other
 
 
+def _snaps(problem, last, value):
+    """Whether a step is so short that a failure means the end of the branch."""
+    return abs(value - last.value) <= SNAP * scale_of(problem.control)
+
+
+def _first(problem, value, found):
+    """The first `State` of a sweep, by way of others where it was not ``found`` at once."""
+    if not found.status.ok and (problem.moves_edges or problem.model.cloud.plate.moved):
+        found = _ramped(problem, value, found)
+    return found if found.status.ok or problem.control is None else _approached(problem, value, found)
+
+
 def _as_predicted(frame, found, predicted, last):
     """The `State` found, refused after a step longer than ``SNAP`` that is mostly the softest mode, against what was predicted of it.
 
     Next to an imperfect bifurcation Newton's method may end on the branch that turns the other way.
     """
-    if not found.status.ok or last.modes is None or found.mu - last.mu <= SNAP:
+    if not found.status.ok or last.modes is None or _snaps(frame.problem, last, found.value):
         return found
     step, expected = (restrict(np.asarray(x) - np.asarray(last.x), np.asarray(frame.problem.free)) for x in (found.x, predicted))
     weighted = frame.stiffness @ frame.along(last.modes[:, 0])  # a mode v has v . N v = 1
@@ -192,14 +206,15 @@ def _as_predicted(frame, found, predicted, last):
     return dataclasses.replace(found, status=Status.NOT_CONVERGED) if against and mostly else found
 
 
-def _ramped(problem, mu, failed):
+def _ramped(problem, value, failed):
     """First `State` of a plate whose edges are moved step by step, where moving them at once ``failed``."""
-    model, (x, pressure) = problem.model, dry_state(problem)
-    whole, x = x - model.cloud.nodes, model.cloud.nodes
+    model, pressure = problem.model, dry_state(problem)[1]
+    whole, x = problem.dry_positions(value) - model.cloud.nodes, model.cloud.nodes
     share, step, iterations = 0.0, 1 / 8, failed.newton_iterations
+    now, mu = problem.at(value)
     while share < 1:
         more = min(step, 1 - share)
-        found = solve(problem, mu, x + more * whole, pressure)
+        found = solve(now, mu, x + more * whole, pressure)
         iterations += found.newton_iterations
         if found.status.ok:
             x, pressure, share = found.x, found.pressure, share + more
@@ -207,4 +222,18 @@ def _ramped(problem, mu, failed):
             break
         else:
             step /= 2
-    return dataclasses.replace(found, newton_iterations=iterations)
+    return dataclasses.replace(of_control(problem, found, value), newton_iterations=iterations)
+
+
+def _approached(problem, value, failed):
+    """First `State` of a control by way of lower chemical potentials, on the dry gel's branch, where going there at once ``failed``."""
+    (now, mu), start, spent = problem.at(value), dry_state(problem, value), failed.newton_iterations
+
+    def attempt(mu, states):
+        return solve(now, mu, *(predict(now, mu, states[-EXTRAPOLATED:]) if states else start))
+
+    for found in adaptive(attempt, [float(mu) - FAR_BELOW, float(mu)], [], MAX_STEPS):
+        spent += found.newton_iterations
+        if found.mu == float(mu):
+            return dataclasses.replace(of_control(problem, found, value), newton_iterations=spent, stride=float("nan"))
+    return dataclasses.replace(failed, newton_iterations=spent)

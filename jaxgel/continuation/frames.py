@@ -12,9 +12,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float
+from ..controls import adds_loads
 from ..equilibrium import Stability, State, acting_problem
 from ..linalg import factor, network_matrix
-from ..mechanics import Problem, border, linearise, precomputed_operators, scatter, start_positions, tangent, unknowns
+from ..mechanics import Problem, border, linearise, precomputed_operators, scatter, tangent, unknowns
 from ..symmetry import NAMES, Region, bases, region, symmetries_of, symmetries_of_field, symmetries_of_state
 from .blocks import BlockFactor, Diagonal
 from .predictor import rate_of_change
@@ -44,8 +45,8 @@ class Frame(Protocol):
         """The whole state."""
         ...
 
-    def onto(self, x: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
-        """Nodal positions next to ``x`` (n, 2) that satisfy the conditions and have all symmetries.
+    def onto(self, x: Float[Array, "n 2"], value: float) -> Float[Array, "n 2"]:
+        """Nodal positions next to ``x`` (n, 2) that satisfy the conditions at a ``value`` of the control and have all symmetries.
 
         Extrapolation lets the round-off that states have in common grow like a power of their number.
         """
@@ -60,15 +61,16 @@ class Frame(Protocol):
         ...
 
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
-        """dx/dmu, mm/kT, at a state that was checked."""
+        """dx/dvalue, mm over the control's unit, at a state that was checked."""
         ...
 
 
 class Frames:
-    """The frames of a problem, one for each group that a state of it may have."""
+    """The frames of a problem, one for each group that a state of it may have; no symmetry is used where a control moves edges or loads."""
 
     def __init__(self, problem: Problem, *, symmetry: bool) -> None:
-        self.problem, self.group = problem, symmetries_of(problem) if symmetry else ()
+        own = symmetry and not (problem.moves_edges or adds_loads(problem.control, problem.gel))
+        self.problem, self.group = problem, symmetries_of(problem) if own else ()
         self._known: dict[tuple[str, ...], Frame] = {}
 
     def of(self, group: tuple[str, ...]) -> Frame:
@@ -94,16 +96,21 @@ class _Conditions:
 
     @functools.cached_property
     def _places(self):
-        """The dry positions that satisfy the conditions, flat, the unknowns, and of all that moves with them numbers and signs."""
-        model, free = self.problem.model, np.asarray(self.problem.free)
+        """The unknowns, and of all that moves with them numbers and signs."""
+        free = np.asarray(self.problem.free)
         free = free[:, None] if free.ndim == 1 else free
-        dry = np.asarray(start_positions(model.lists.topology, model.cloud.nodes)).ravel()
-        return np.append(dry, [0.0, 0.0]), free[:, 0], np.where(free < 0, ~free, free), np.where(free < 0, -1.0, 1.0)
+        return free[:, 0], np.where(free < 0, ~free, free), np.where(free < 0, -1.0, 1.0)
 
-    def onto(self, x: Float[Array, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    @functools.cached_property
+    def _at_rest(self):
+        """The dry positions that satisfy the conditions where the control moves no edges, flat."""
+        return np.asarray(self.problem.dry_positions(0.0)).ravel()
+
+    def onto(self, x: Float[Array, "n 2"], value: float) -> Float[np.ndarray, "n 2"]:
         """See `Frame`. The last two places are the padding of degrees of freedom that move together."""
-        dry, leaders, numbers, signs = self._places
-        positions = dry.copy()
+        leaders, numbers, signs = self._places
+        dry = np.asarray(self.problem.dry_positions(value)).ravel() if self.problem.moves_edges else self._at_rest
+        positions = np.append(dry, [0.0, 0.0])
         positions[numbers] += signs * (np.asarray(x).ravel()[leaders] - dry[leaders])[:, None]
         return positions[:-2].reshape(-1, 2)
 

@@ -1,29 +1,17 @@
 """Options of a sweep."""
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
-from .._types import Array, Float, Scalar
 from .._validation import NUMBER, check_options, listed, option, whole, word
+from ..controls import check_values
 
 BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
 FORMULATIONS = ("total", "incremental")
 SYMMETRY = ("auto", "off")
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
-
-
-def check_mu(mu: Sequence[float] | Float[Array, " k"] | Scalar) -> tuple[Float[np.ndarray, " k"], bool]:
-    """The values of mu, and whether steps are to be chosen between two of them; ValueError, one line, if they are unusable."""
-    values = np.atleast_1d(np.asarray(mu, dtype=float))
-    if values.ndim != 1 or len(values) == 0 or not np.all(np.isfinite(values)):
-        raise ValueError(f"mu: {mu} is not accepted, it must be a list of finite numbers (chemical potential in kT)")
-    if np.any(np.diff(values) <= 0):
-        k = int(np.argmax(np.diff(values) <= 0))
-        raise ValueError(f"mu: {values[k]:g} is followed by {values[k + 1]:g}, the values must increase")
-    return values, isinstance(mu, tuple) and len(values) == 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +40,7 @@ class SweepOptions:
 
     def __post_init__(self) -> None:
         check_options("sweep", self)
-        check_mu(self.values)
+        check_values(self.values)
 
     @property
     def values(self) -> list[float] | tuple[float, float]:

@@ -4,25 +4,27 @@ import dataclasses
 from collections.abc import Sequence
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Bool, Float, Int
+from ..controls import Control, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import Stability, State, Status
 from ..materials import Gel
-from ..mechanics import localised
+from ..mechanics import Problem, localised
 
-_SCALARS = ("mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
+_SCALARS = ("mu", "value", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Path:
-    """Accepted states of a sweep in the order of mu; k of them. ``path[i]`` is the `State` number i."""
+    """Accepted states of a sweep in the order in which they were found; k of them. ``path[i]`` is the `State` number i."""
 
     model: Model
     """The discretised plate."""
     gel: Gel
-    """Material."""
+    """Material; a control may drive its parameters, see ``setting``."""
     mu: Float[Array, " k"]
     """Chemical potentials, kT."""
     x: Float[Array, "k n 2"]
@@ -45,14 +47,27 @@ class Path:
     """Whether the state left an unstable branch for a stable one."""
     symmetry: tuple[str, ...] = ()
     """Group of symmetries with which each state was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
+    value: Float[Array, " k"] | None = None
+    """Values of the control; None where that is the chemical potential."""
+    control: Control | None = None
+    """What drove the sweep; None for the chemical potential."""
     stop: Status | None = None
     """``CONVERGED`` where the sweep reached its end, otherwise why it stopped; None inside JAX's transformations."""
     stop_text: str = ""
     """The reason in one line, with mu."""
 
     @classmethod
-    def from_states(cls, model: Model, gel: Gel, states: list[State], *, stop: Status = Status.CONVERGED, stop_text: str = "") -> "Path":
-        """Path of the given states (at least one)."""
+    def from_states(
+        cls,
+        model: Model,
+        gel: Gel,
+        states: list[State],
+        *,
+        control: Control | None = None,
+        stop: Status = Status.CONVERGED,
+        stop_text: str = "",
+    ) -> "Path":
+        """Path of the given states (at least one) under a ``control``."""
         columns = {name: [getattr(state, name) for state in states] for name in _SCALARS}
         return cls(
             model=model,
@@ -61,10 +76,20 @@ class Path:
             pressure=np.stack([state.pressure for state in states]),
             status=columns.pop("status"),
             symmetry=tuple(state.symmetry for state in states),
+            control=control,
             stop=stop,
             stop_text=stop_text or stop.text,
             **{name: np.array(column) for name, column in columns.items()},
         )
+
+    def __post_init__(self) -> None:
+        if self.value is None:
+            object.__setattr__(self, "value", self.mu)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that the states solve, but for loads; it has no precomputed operators."""
+        return Problem(self.model, self.gel, jnp.zeros((self.model.n_nodes, 2)), None, self.control)
 
     def __len__(self) -> int:
         return len(self.mu)
@@ -83,6 +108,7 @@ class Path:
             stability=stability,
             switched=bool(self.switched[i]),
             symmetry=self.symmetry[i] if self.symmetry else "",
+            control=None if self.control is None else float(self.value[i]),
         )
 
     def chosen(self, states: Sequence[int] | Int[Array, " m"]) -> "Path":
@@ -91,12 +117,11 @@ class Path:
         return dataclasses.replace(self, symmetry=tuple(self.symmetry[k] for k in states) if self.symmetry else (), **columns)
 
     def __repr__(self) -> str:
-        """States, range of mu, stability and how the sweep ended; `plotting` draws it."""
+        """States, ends of the control, stability and how the sweep ended; `plotting` draws it."""
         if isinstance(self.x, jax.core.Tracer):
             return f"Path of {self.x.shape[0]} traced states of {self.model.n_nodes} nodes"
         unstable = int(np.sum(np.asarray(self.negative_pivots) > 0))
         ended = self.stop_text or (self.stop.text if self.stop is not None else "differentiated")
-        return (
-            f"Path of {len(self)} states of {self.model.n_nodes} nodes, mu = {float(self.mu[0]):.4f} ... {float(self.mu[-1]):.4f} kT, "
-            f"{unstable} unstable: {ended}"
-        )
+        name, unit = control_name(self.control), f" {unit_of(self.control)}".rstrip()
+        between = f"{name} = {float(self.value[0]):.4f} ... {float(self.value[-1]):.4f}{unit}"
+        return f"Path of {len(self)} states of {self.model.n_nodes} nodes, {between}, {unstable} unstable: {ended}"

@@ -1,28 +1,29 @@
-"""Step control in the chemical potential: given values with cuts, adaptive steps.
+"""Step control: given values of the control with cuts, adaptive steps.
 
-Both yield accepted states one after another, each with its factor, and return how they ended: a `Status` and the mu it belongs to.
-``attempt(mu, states)`` gives the state at ``mu``, whatever its status, after the accepted ``states``.
+Both yield accepted states one after another, each with its factor, and return how they ended: a `Status` and the value it belongs to.
+``attempt(value, states)`` gives the state at a ``value``, whatever its status, after the accepted ``states``.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Generator
 
 import numpy as np
 
 from ..equilibrium import State, Status
 
-MAX_CUTS = 8  # halvings of a step in mu before the sweep gives up
+MAX_CUTS = 8  # halvings of a step before the sweep gives up
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of an adaptive step after so many corrections; 0.6 after more
 Steps = Generator[State, None, tuple[Status, float]]
 
 
 def given_values(attempt: Callable, values: list[float], before: list[State]) -> Steps:
-    """States at the given values of mu, after those ``before``; a failed step is cut, its intermediate states are not kept."""
+    """States at the given values, after those ``before``; a failed step is cut, its intermediate states are not kept."""
     states = list(before)
-    for mu in values:
-        state, status = _reach(attempt, mu, states)
+    for value in values:
+        state, status = _reach(attempt, value, states)
         if state is None:
-            return status, states[-1].mu if states else mu
+            return status, states[-1].value if states else value
         states.append(state.light)
         yield state
         del state  # its factor is freed before the next factorisation
@@ -39,21 +40,43 @@ def _reach(attempt, target, states):
             if goal == target:
                 return dataclasses.replace(found, newton_iterations=spent), found.status
             history.append(found.light)
-            goal = target if cuts <= 1 else min(target, 2 * goal - history[-2].mu)
+            goal = target if cuts <= 1 else _nearer(goal, 2 * goal - history[-2].value, target)
             cuts = max(0, cuts - 1)
         elif not history or cuts >= MAX_CUTS or found.status is Status.SELF_CONTACT:
             return None, found.status if not history or found.status is Status.SELF_CONTACT else Status.STEP_TOO_SMALL
         else:
             cuts += 1
-            goal = history[-1].mu + 0.5 * (goal - history[-1].mu)
+            goal = history[-1].value + 0.5 * (goal - history[-1].value)
 
 
-def adaptive(attempt: Callable, ends: tuple[float, float], before: list[State], max_steps: int) -> Steps:
-    """States from the first to the last value, at most ``max_steps``; the number of Newton iterations of a state sets the next step."""
-    first, last = ends
-    states, least, spent = list(before), 1e-5 * (last - first), 0
-    step = states[-1].stride if states and np.isfinite(states[-1].stride) else (last - first) / 8
-    goal = _ahead(states[-1].mu, step, last) if states else first
+def adaptive(attempt: Callable, ends: list[float], before: list[State], max_steps: int) -> Steps:
+    """States from the first to the last of the ``ends`` by way of those between, at which the control turns; at most ``max_steps``.
+
+    The number of Newton iterations of a state sets the next step.
+    """
+    states, legs = list(before), list(itertools.pairwise(ends))
+    for first, last in legs[_legs_done(legs, before) :]:
+        status, value = yield from _leg(attempt, first, last, states, max_steps)
+        if status is not Status.CONVERGED:
+            break
+    return status, value
+
+
+def _legs_done(legs, before):
+    """Number of legs that the states ``before``, those of an interrupted sweep or one from elsewhere, have behind them."""
+    done = 0
+    for state in before:
+        if done < len(legs) - 1 and state.value == legs[done][1]:
+            done += 1
+    return done
+
+
+def _leg(attempt, first, last, states, max_steps):
+    """States between two values, the first of which is found if there are no ``states`` yet; these are added to."""
+    least, spent, begun = 1e-5 * abs(last - first), 0, bool(states)
+    kept = states[-1].stride if begun and states[-1].value != first else np.nan  # the first step back is a short one again
+    step = kept if np.isfinite(kept) else abs(last - first) / 8
+    goal = _ahead(states[-1].value, step, last) if begun else first
     while len(states) < max_steps:
         found = attempt(goal, states)
         spent += found.newton_iterations
@@ -62,19 +85,25 @@ def adaptive(attempt: Callable, ends: tuple[float, float], before: list[State], 
             found, spent = dataclasses.replace(found, newton_iterations=spent, stride=step), 0
             states.append(found.light)
             yield found
-            if goal >= last:
+            if goal == last:
                 return Status.CONVERGED, last
         elif not states or found.status is Status.SELF_CONTACT:
-            return found.status, states[-1].mu if states else goal
+            return found.status, states[-1].value if states else goal
         else:
-            step = 0.4 * (goal - states[-1].mu)
+            step = 0.4 * abs(goal - states[-1].value)
             if step < least:
-                return Status.STEP_TOO_SMALL, states[-1].mu
+                return Status.STEP_TOO_SMALL, states[-1].value
         del found  # its factor is freed before the next factorisation
-        goal = _ahead(states[-1].mu, step, last)
-    return Status.TOO_MANY_STEPS, states[-1].mu
+        goal = _ahead(states[-1].value, step, last)
+    return Status.TOO_MANY_STEPS, states[-1].value
 
 
-def _ahead(mu, step, last):
-    """The mu a ``step`` ahead, or ``last`` where little would be left to it."""
-    return last if mu + step > last - 0.3 * step else mu + step
+def _ahead(value, step, last):
+    """The value a ``step`` towards ``last``, or that where little would be left to it."""
+    left = last - value
+    return last if abs(left) < 1.3 * step else value + np.copysign(step, left)
+
+
+def _nearer(value, goal, last):
+    """``goal`` or ``last``, whichever comes first on the way from ``value``."""
+    return goal if abs(goal - value) < abs(last - value) else last

@@ -1,25 +1,30 @@
-"""The public verb of continuation: equilibria at given values of mu, or at values chosen on the way."""
+"""The public verb of continuation: equilibria at given values of a control, or at values chosen on the way."""
 
 import dataclasses
 from collections.abc import Callable
 
 from .._threads import few_threads
 from .._types import Array, Float
+from ..controls import Control, check_control, check_values, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import State
 from ..materials import Gel, check_gel, varies
 from ..mechanics import check_room, localised, prepare, with_contact
 from .autodiff import first_state_failed, is_traced, traced_sweep
 from .follow import Followed, Following
-from .options import MAX_STEPS, check_mu
+from .options import MAX_STEPS
 from .path import Path
+
+Values = list[float] | tuple[float, ...] | Float[Array, " k"]
 
 
 def sweep(
     model: Model,
     gel: Gel,
     *,
-    mu: list[float] | tuple[float, float] | Float[Array, " k"],
+    mu: Values | None = None,
+    control: Control | None = None,
+    values: Values | None = None,
     branch: str = "stable",
     contact: str = "on",
     loads: Float[Array, "n 2"] | None = None,
@@ -29,9 +34,11 @@ def sweep(
     formulation: str = "total",
     symmetry: str = "auto",
 ) -> Path:
-    """`Path` of equilibria at the given increasing values ``mu`` (k,), or from ``mu = (first, last)`` in adaptive steps.
+    """`Path` of equilibria at the given values ``mu`` (k,), kT, or at ``values`` (k,) of another ``control``, which may rise and fall.
 
-    A tuple of two numbers means adaptive steps; a list or array means those values. Where the branch that is followed loses its stability,
+    A list or array means those values; a tuple means adaptive steps from its first number to its last, by way of those between, at which
+    the control turns. A ``control`` (see ``controls``: ``temperature``, ``chi``, ``pH``, ``Stretch``, ``Load``, ``Driven`` for an own
+    function) says for each value which mu, gel, motion of the edges and loads act. Where the branch that is followed loses its stability,
     ``branch="stable"`` crosses to the stable branch that leaves it; ``"symmetric"`` goes on, as a perfectly symmetric cloud would.
     Either way ``path.negative_pivots`` says of each state whether it is stable (0). Where the sides of a hole meet, ``contact="on"`` keeps
     them apart (range and stiffness: ``mechanics.with_contact``), ``"off"`` lets them overlap, and ``"stop"`` ends the sweep. With contact a
@@ -40,41 +47,59 @@ def sweep(
     contact nor other branches. ``symmetry="auto"`` finds symmetric states on a fundamental region of the plate (see ``symmetry``): the same
     states, sooner; ``"off"`` does not. ``on_step(state)`` is called with each accepted `State`, which still has its factor, of a symmetric
     state by blocks; ``start`` is a State to continue from, or the list of all states of an interrupted sweep, with which the path then
-    begins: to the bit that of a sweep that was not interrupted. Raises ValueError for a gel or mu that cannot be used and ``SweepFailed``
-    where the first state is not found; later failures end the path early, with the reason in ``path.stop`` and ``path.stop_text``.
-    Differentiating a state without a meaningful derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap``, for
-    given mu only, states that are not reached are nan, and the branch that continues the dry state is followed whatever its stability.
+    begins: to the bit that of a sweep that was not interrupted. Raises ValueError for a gel, control or values that cannot be used and
+    ``SweepFailed`` where the first state is not found; later failures end the path early, with the reason in ``path.stop`` and
+    ``path.stop_text``. Differentiating a state without a meaningful derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and
+    ``jax.vmap``, for given values only, states that are not reached are nan, and the branch that continues the dry state is followed
+    whatever its stability.
     """
-    options = Following(branch, contact, formulation, isinstance(mu, tuple) and len(mu) == 2, max_steps, symmetry)
+    values = values_of(mu, control, values)
+    options = Following(branch, contact, formulation, isinstance(values, tuple) and len(values) >= 2, max_steps, symmetry)
     gel = localised(model, gel)
-    traced = is_traced((model, gel, mu, loads))
+    traced = is_traced((model, gel, values, loads, control))
     by_energy = formulation == "total" and model.conditions == "nodes"
     model = with_contact(model, gel) if contact == "on" and by_energy else dataclasses.replace(model, contact=None)
     if not by_energy:
-        _check_comparison(model, formulation, traced, varies(gel))
+        _check_comparison(model, formulation, traced, varies(gel), control)
     if traced:
-        return traced_sweep(model, gel, mu, loads, options)
-    values, _ = check_mu(mu)
+        return traced_sweep(model, gel, control, values, loads, options)
+    numbers = check_values(values, control_name(control), unit_of(control)).numbers
     check_gel(gel)
+    check_control(control, gel, numbers)
     check_room(model.cloud.plate)
     before = [] if start is None else [start] if isinstance(start, State) else list(start)
-    if before and not values[-1 if options.adaptive else 0] > before[-1].mu:
-        raise ValueError(f"mu: {values[-1 if options.adaptive else 0]:g} is not above the start's mu = {before[-1].mu:g}")
+    if before and numbers[-1 if options.adaptive else 0] == before[-1].value:
+        raise ValueError(f"{control_name(control)}: {before[-1].value:g} is the value of the start, the sweep must leave it")
     states = [] if isinstance(start, State) else list(before)
     with few_threads(2 * model.n_nodes):
-        followed = Followed(prepare(model, gel, loads, operators=False), values.tolist(), options, before)
+        followed = Followed(prepare(model, gel, loads, control=control, operators=False), numbers.tolist(), options, before)
         for state in followed:
             if on_step is not None:
                 on_step(state)
             states.append(state.light)
             del state  # its factor is freed before the next factorisation
     if not states:
-        raise first_state_failed(model, values[0], followed.stop)
-    text = "" if followed.stop.ok else f"stopped after mu = {followed.mu:.6g}: {followed.stop.text}"
-    return Path.from_states(model, gel, states, stop=followed.stop, stop_text=text)
+        raise first_state_failed(model, control, numbers[0], followed.stop)
+    text = "" if followed.stop.ok else f"stopped after {control_name(control)} = {followed.value:.6g}: {followed.stop.text}"
+    return Path.from_states(model, gel, states, control=control, stop=followed.stop, stop_text=text)
 
 
-def _check_comparison(model, formulation, traced, with_fields):
+def values_of(mu: Values | None, control: Control | None, values: Values | None) -> Values:
+    """The values of the control, from the two arguments that may hold them; ValueError, one line, where they do not fit each other."""
+    if control is None:
+        if values is not None:
+            raise ValueError("values: are those of a control, and none is given; give mu, or a control")
+        if mu is None:
+            raise ValueError("mu: is missing; give the chemical potentials, or a control and its values")
+        return mu
+    if mu is not None:
+        raise ValueError(f"mu: is not accepted beside the control {control_name(control)!r}, which says what mu is")
+    if values is None:
+        raise ValueError(f"values: are missing, those of the control {control_name(control)!r}")
+    return values
+
+
+def _check_comparison(model, formulation, traced, with_fields, control):
     """ValueError for what weak conditions and the incremental formulation cannot do."""
     what = "formulation: 'incremental'" if formulation == "incremental" else f"conditions: {model.conditions!r}"
     plate, ask = model.lists.topology.plate, "use the total formulation and conditions at the nodes"
@@ -84,5 +109,7 @@ def _check_comparison(model, formulation, traced, with_fields):
         raise ValueError(f"{what} knows plane strain only; {ask}")
     if with_fields:
         raise ValueError(f"{what} knows no parameters that vary over the plate; {ask}")
+    if control is not None:
+        raise ValueError(f"{what} knows no control but mu; {ask}")
     if plate.moved or "periodic" in plate.edges.values():
         raise ValueError(f"{what} knows neither periodic edges nor edges that move; {ask}")

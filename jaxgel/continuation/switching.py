@@ -20,7 +20,7 @@ MAX_SWITCHES = 6  # branches tried one after the other until one is stable
 def stable_state(
     frames: Frames, state: State, stability: Stability, *, sign: int = 1, expected: Float[np.ndarray, "n 2"] | None = None
 ) -> tuple[State, Stability] | None:
-    """`State` without negative eigenvalues and its `Stability`, reached from an unstable state at the same mu; None if none is found.
+    """`State` without negative eigenvalues and its `Stability`, reached from an unstable state at the same value; None if none is found.
 
     Along ``sign`` times the mode of the lowest eigenvalue the state is pinned at growing amplitudes, with the symmetries that the mode
     leaves. The force that holds it points outwards at first; where it changes sign lies an equilibrium of another branch, and Newton's
@@ -61,11 +61,11 @@ def _across(problem: Problem, state: State, mode: Float[Array, " f"]) -> State |
     amplitude, force_before = FIRST_AMPLITUDE * problem.model.cloud.spacing / np.abs(mode).max(), None
     x = start + amplitude * scatter(mode, start.shape, problem.free)
     for _ in range(MAX_PINNED):
-        pinned, force = solve_pinned(problem, state.mu, x, pressure, mode, start, amplitude)
+        pinned, force = solve_pinned(problem, state.value, x, pressure, mode, start, amplitude)
         if not pinned.status.ok:
             return None
         if force_before is not None and np.sign(force) != np.sign(force_before):
-            found = solve(problem, state.mu, pinned.x, pinned.pressure, own_factor=True)
+            found = solve(problem, state.value, pinned.x, pinned.pressure, own_factor=True)
             moved = float(np.linalg.norm(restrict(np.asarray(found.x) - np.asarray(start), np.asarray(problem.free))))
             return found if found.status is Status.CONVERGED and moved > 0.5 * amplitude / GROWTH else None
         x = pinned.x + (GROWTH - 1) * (pinned.x - start)

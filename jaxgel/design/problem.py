@@ -10,7 +10,8 @@ from jax.flatten_util import ravel_pytree
 from .._types import Array, Float
 from ..bifurcation import sweep_by_options
 from ..cloud import Cloud
-from ..continuation import Path, SweepOptions, check_mu
+from ..continuation import Path, SweepOptions
+from ..controls import check_values
 from ..discretisation import DiscretisationOptions
 from ..geometry import Plate, check_plate
 from ..materials import Gel, check_gel
@@ -50,7 +51,7 @@ class DesignProblem:
     """Whether states with negative pivots count as valid."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mu", check_mu(list(self.mu))[0].tolist())
+        object.__setattr__(self, "mu", check_values(list(self.mu), rising=True).numbers.tolist())
         object.__setattr__(self, "sweep", dataclasses.replace(self.sweep, mu=tuple(self.mu)))
         if self.sweep.imperfection:
             raise ValueError(

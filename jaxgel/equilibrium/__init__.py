@@ -1,4 +1,4 @@
-"""Equilibrium: one state at one chemical potential, its status, and its derivative."""
+"""Equilibrium: one state at one value of the control, its status, and its derivative."""
 
 from .bordered_newton import Conditions, solve_bordered, solve_pinned
 from .derivatives import first_order_only, with_derivatives_of
@@ -17,7 +17,7 @@ from .newton import (
     with_own_factor,
 )
 from .relaxation import relax, relax_along
-from .state import Stability, State, accepted, acting_problem, dry_state
+from .state import Stability, State, accepted, acting_problem, control_force, dry_state, of_control, pressure_rate
 from .status import NEARLY_SINGULAR, Status, for_derivatives, of_outlines, remedy
 from .weak import negative_eigenvalues, prepare_weak, solve_weak, strain_operators
 
@@ -34,14 +34,17 @@ __all__ = [
     "acting_problem",
     "advanced",
     "assess_equilibrium",
+    "control_force",
     "dry_state",
     "first_order_only",
     "for_derivatives",
     "iterate",
     "negative_eigenvalues",
+    "of_control",
     "of_outlines",
     "prepare_incremental",
     "prepare_weak",
+    "pressure_rate",
     "relax",
     "relax_along",
     "remedy",

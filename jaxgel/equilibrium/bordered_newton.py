@@ -1,9 +1,9 @@
-"""Equilibria that satisfy side conditions: held by unknown forces, or at an unknown chemical potential.
+"""Equilibria that satisfy side conditions: held by unknown forces, or at an unknown value of the control.
 
 The unknowns are the positions x and pressures p, forces s along given columns C and, where there is one condition more than columns,
-mu. The conditions are R (x - origin) + slope (mu - mu_origin) = target. Newton's method factorises the tangent with these rows and columns
-around it, which is regular where the tangent itself is singular. In the mixed form dp contains -dmu, as the osmotic pressure at a
-given volume ratio falls by what mu rises.
+the value of the control. The conditions are R (x - origin) + slope (value - value_origin) = target. Newton's method factorises the tangent
+with these rows and columns around it, which is regular where the tangent itself is singular. In the mixed form dp contains what the
+control changes at given positions: -dmu, as the osmotic pressure at a given volume ratio falls by what mu rises.
 """
 
 import dataclasses
@@ -12,9 +12,9 @@ import numpy as np
 
 from .._types import Array, Float, Scalar
 from ..linalg import Bordered, host_border
-from ..mechanics import Problem, border, condensed_rhs, factorised_tangent, gather, mu_force, restrict, tangent
+from ..mechanics import Problem, border, condensed_rhs, factorised_tangent, gather, restrict, tangent
 from .newton import CONSTRAINT_TOLERANCE, TOLERANCE, advanced, iterate, starting
-from .state import State
+from .state import State, control_force, of_control
 
 MAX_ITERATIONS = 15
 MISS = 1e-10  # largest error of a condition, relative to its target
@@ -25,23 +25,23 @@ PINNED_MISS = 1e-9  # largest error of a held amplitude, relative to it
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Conditions:
-    """b conditions on a state: rows . (x - origin) + slopes (mu - mu_origin) = targets."""
+    """b conditions on a state: rows . (x - origin) + slopes (value - value_origin) = targets."""
 
     rows: Float[np.ndarray, "f b"]
     """On the free degrees of freedom."""
     slopes: Float[np.ndarray, " b"]
-    """On mu."""
+    """On the value of the control."""
     origin: Float[Array, "n 2"]
     """Positions, mm."""
-    mu_origin: float
-    """Chemical potential, kT."""
+    value_origin: float
+    """Value of the control, in its unit."""
     targets: Float[np.ndarray, " b"]
     """Values."""
 
 
 def solve_bordered(
     problem: Problem,
-    mu: Scalar,
+    value: Scalar,
     x: Float[Array, "n 2"],
     pressure: Float[Array, " g"],
     columns: Float[np.ndarray, "f m"],
@@ -49,15 +49,15 @@ def solve_bordered(
 ) -> tuple[State, Float[np.ndarray, " m"]]:
     """`State` under forces along ``columns`` that meets m or m + 1 ``conditions``, and the forces, kT/v mm.
 
-    With m + 1 conditions mu is unknown too. The state has a factor of its own tangent.
+    With m + 1 conditions the value of the control is unknown too. The state has a factor of its own tangent.
     """
     correction = _Bordered(columns, conditions, restrict(np.asarray(conditions.origin), problem.free), np.zeros(columns.shape[1]))
-    return iterate(problem, starting(problem, mu, x, pressure), correction), correction.forces
+    return iterate(problem, starting(problem, value, x, pressure), correction), correction.forces
 
 
 def solve_pinned(
     problem: Problem,
-    mu: Scalar,
+    value: Scalar,
     x: Float[Array, "n 2"],
     pressure: Float[Array, " g"],
     mode: Float[np.ndarray, " f"],
@@ -69,7 +69,9 @@ def solve_pinned(
     One condition by two solves with the factor of the tangent itself, which may be indefinite but must not be singular.
     """
     correction = _Pinned(mode, restrict(np.asarray(origin), problem.free), amplitude)
-    return iterate(problem, starting(problem, mu, x, pressure), correction), correction.force
+    now, mu = problem.at(value)
+    found = iterate(now, starting(now, mu, problem.placed(x, value), pressure), correction)
+    return of_control(problem, found, value), correction.force
 
 
 def _norm_with(forces, problem, state):
@@ -91,7 +93,7 @@ class _Bordered:
     def assess(self, problem, state):
         conditions, at = self.conditions, restrict(np.asarray(state.x), problem.free)
         size = _norm_with(self.columns @ self.forces, problem, state)
-        change = (at - self.origin) @ conditions.rows + conditions.slopes * (state.mu - conditions.mu_origin)
+        change = (at - self.origin) @ conditions.rows + conditions.slopes * (state.value - conditions.value_origin)
         self.miss = conditions.targets - change
         allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(at) + MISS * np.abs(conditions.targets)
         solved = size < TOLERANCE and float(state.linearisation.violation) < CONSTRAINT_TOLERANCE
@@ -102,20 +104,21 @@ class _Bordered:
 
     def __call__(self, problem, state):
         (b, m), slopes = (self.conditions.rows.shape[1], self.columns.shape[1]), self.conditions.slopes
-        pairs = tangent(problem, state.x, state.pressure, state.linearisation)
+        now, _ = problem.at(state.value)
+        pairs = tangent(now, state.x, state.pressure, state.linearisation)
         pattern = problem.pattern.fitting(pairs)
-        force = mu_force(problem, state.x, state.mu, state.pressure)
-        sides = np.concatenate([self.columns, -np.asarray(force)[:, None]], axis=1)[:, :b]
+        sides = self.columns if b == m else np.concatenate([self.columns, -control_force(problem, state)[:, None]], axis=1)
         corner = np.concatenate([np.zeros((b, m)), slopes[:, None]], axis=1)[:, :b]
-        condensed = host_border(border(problem, state.linearisation))
+        condensed = host_border(border(now, state.linearisation))
         system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner, condensed)
-        rhs = np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation))
+        rhs = np.asarray(condensed_rhs(now, state.linearisation, state.linearisation))
         dx, change = system.solve(rhs + self.columns @ self.forces, self.miss)
         self.forces = self.forces + change[:m]
-        return advanced(problem, state, dx, state.linearisation, dmu=float(change[m:].sum()), limited=False)
+        return advanced(problem, state, dx, state.linearisation, step=float(change[m:].sum()), limited=False)
 
     def finish(self, problem, state):
-        return dataclasses.replace(state, factor=factorised_tangent(problem, state.x, state.pressure, state.linearisation))
+        now, _ = problem.at(state.value)
+        return dataclasses.replace(state, factor=factorised_tangent(now, state.x, state.pressure, state.linearisation))
 
 
 @dataclasses.dataclass

@@ -22,13 +22,12 @@ from ..mechanics import (
     factorised_tangent,
     linearise,
     pressure_step,
-    pressure_step_of_mu,
     scatter,
     step_limit,
     tangent,
     touches,
 )
-from .state import State, acting_problem
+from .state import State, acting_problem, control_pressure, of_control
 from .status import Status, of_iterate, of_outlines
 
 MAX_ITERATIONS = 30
@@ -122,10 +121,11 @@ class Chord:
         return dataclasses.replace(state, factor=self.factor)
 
 
-def starting(problem: Problem, mu: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
-    """Iterate at the given positions and pressures, linearised there."""
-    mu = float(mu)
-    return State(mu, x, pressure, linearisation=linearise(problem, x, pressure, jnp.asarray(mu)))
+def starting(problem: Problem, value: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
+    """Iterate at a ``value`` of the control with the given positions and pressures, linearised there; edges are as prescribed."""
+    value, x = float(value), problem.placed(x, value)
+    now, mu = problem.at(value)
+    return of_control(problem, State(float(mu), x, pressure, linearisation=linearise(now, x, pressure, jnp.asarray(mu))), value)
 
 
 def assess_equilibrium(state: State) -> tuple[float, bool]:
@@ -146,43 +146,53 @@ def advanced(
     factorised_at: Linearisation,
     *,
     share: float = 1.0,
-    dmu: float = 0.0,
+    step: float = 0.0,
     limited: bool = True,
 ) -> State:
-    """The iterate after a ``share`` of the correction ``dx`` of the free degrees of freedom, and of ``dmu``, linearised there.
+    """The iterate after a ``share`` of the correction ``dx`` of the unknowns, and of the control's ``step``, linearised there.
 
     Where the problem has contact and the step is ``limited``, it leaves every pair of points a part of its distance.
     """
-    mu = state.mu + share * dmu
-    args = problem, state.x, state.pressure, jnp.asarray(mu), dx, state.linearisation, factorised_at, share, dmu
-    x, pressure, linearisation = _advanced(*args, limited=limited)
-    return State(mu, x, pressure, newton_iterations=state.newton_iterations + 1, linearisation=linearisation)
+    value, x, pressure = state.value + share * step, state.x, state.pressure
+    if step:
+        x, pressure = problem.placed(x, value), np.asarray(pressure) + share * step * control_pressure(problem, state)
+    now, mu = problem.at(value)
+    x, pressure, linearisation = _advanced(
+        now, x, pressure, jnp.asarray(mu), dx, state.linearisation, factorised_at, share, limited=limited
+    )
+    found = State(float(mu), x, pressure, newton_iterations=state.newton_iterations + 1, linearisation=linearisation)
+    return of_control(problem, found, value)
 
 
 @functools.partial(jax.jit, static_argnames="limited")
-def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share, dmu, *, limited=True):
+def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share, *, limited=True):
     dx = scatter(correction, x.shape, problem.free)
     share = share * step_limit(x, dx, problem.model) if problem.has_contact and limited else share
-    dp = pressure_step(dx, linearisation, factorised_at, problem.model) + pressure_step_of_mu(p, linearisation, problem, mu) * dmu
-    x, p = x + share * dx, p + share * dp
+    x, p = x + share * dx, p + share * pressure_step(dx, linearisation, factorised_at, problem.model)
     return x, p, linearise(problem, x, p, mu)
 
 
 def solve(
     problem: Problem,
-    mu: Scalar,
+    value: Scalar,
     x: Float[Array, "n 2"],
     pressure: Float[Array, " g"],
     *,
     own_factor: bool = False,
     near_contact: bool | None = None,
 ) -> State:
-    """`State` of equilibrium at the chemical potential ``mu`` (kT), from positions ``x``, mm, and pressures, kT/v.
+    """`State` of equilibrium at a ``value`` of the control, from positions ``x``, mm, and pressures, kT/v.
 
     Newton's method on the mixed form (see ``mechanics.mixed``): every p is feasible, so no line search guards J > 1. With ``own_factor``
     the state has a factor of its own tangent. Contact is left out until an outline comes near itself: at the start, where
     ``near_contact`` does not already say so, and in the solution. A state in which an outline crosses itself is not accepted.
     """
+    now, mu = problem.at(value)
+    return of_control(problem, _solved(now, mu, problem.placed(x, value), pressure, own_factor, near_contact), value)
+
+
+def _solved(problem, mu, x, pressure, own_factor, near_contact):
+    """`solve` at a chemical potential."""
     if not problem.has_contact:
         return iterate(problem, starting(problem, mu, x, pressure), Chord(own_factor))
     if not (touches(x, problem.model) if near_contact is None else near_contact):
@@ -197,7 +207,7 @@ def solve(
 def with_own_factor(problem: Problem, state: State) -> State:
     """The state with a factor of its own tangent."""
     if state.linearisation is None:
-        found = solve(problem, state.mu, state.x, state.pressure, own_factor=True)
+        found = solve(problem, state.value, state.x, state.pressure, own_factor=True)
         return dataclasses.replace(found, newton_iterations=state.newton_iterations)
     acting = acting_problem(problem, state)
     return dataclasses.replace(state, factor=factorised_tangent(acting, state.x, state.pressure, state.linearisation))
@@ -206,11 +216,13 @@ def with_own_factor(problem: Problem, state: State) -> State:
 # --- inside jit and vmap -----------------------------------------------------------------------------------------------------
 
 
-def solve_traced(problem: Problem, mu: jax.Array, x: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array, dict[str, Any]]:
+def solve_traced(problem: Problem, value: Scalar, x: Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array, dict[str, Any]]:
     """`solve` inside jit or vmap: positions (n, 2), pressures (g,) and a dict of status, newton_iterations and residual.
 
     The loop is a ``while_loop``; only the sparse solves leave for the host. Positions are nan where it did not converge.
     """
+    start = problem.placed(x, value)
+    problem, mu = problem.at(value)
     free, pattern = problem.free, problem.pattern
 
     def solved(linearisation):
@@ -227,10 +239,10 @@ def solve_traced(problem: Problem, mu: jax.Array, x: jax.Array, pressure: jax.Ar
         rhs = condensed_rhs(problem, linearisation, linearisation)
         shape = jax.ShapeDtypeStruct(free.shape[:1], x.dtype)
         dx = jax.pure_callback(functools.partial(_host_step, pattern), shape, rhs, *system, vmap_method="sequential")
-        return *_advanced(problem, x, p, mu, dx, linearisation, linearisation, 1.0, 0.0), iterations + 1
+        return *_advanced(problem, x, p, mu, dx, linearisation, linearisation, 1.0), iterations + 1
 
-    start = (x, pressure, linearise(problem, x, pressure, mu), jnp.asarray(0))
-    x, p, linearisation, iterations = jax.lax.while_loop(going, step, start)
+    first = (start, pressure, linearise(problem, start, pressure, mu), jnp.asarray(0))
+    x, p, linearisation, iterations = jax.lax.while_loop(going, step, first)
     finite = jnp.isfinite(linearisation.residual_norm + linearisation.violation)
     failed = jnp.where(finite, int(Status.NOT_CONVERGED), int(Status.NOT_FINITE))
     done = solved(linearisation)

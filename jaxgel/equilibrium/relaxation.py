@@ -13,7 +13,7 @@ from .._types import Array, Float, Scalar
 from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import Problem, border, condensed_rhs, scatter, tangent
 from .newton import advanced, assess_equilibrium, iterate, starting
-from .state import State
+from .state import State, of_control
 from .status import of_outlines
 
 FIRST_DAMPING = 0.5  # alpha, in units of the network's stiffness like the eigenvalues of the tangent
@@ -22,9 +22,10 @@ MAX_ITERATIONS = 200
 KICK = 0.02  # of the spacing: largest displacement along the mode that starts the motion
 
 
-def relax(problem: Problem, mu: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
-    """Stable `State` at ``mu`` into which positions ``x`` with pressures relax; its status says if none was found."""
-    found = iterate(problem, starting(problem, mu, x, pressure), Damped())
+def relax(problem: Problem, value: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
+    """Stable `State` at a ``value`` of the control into which positions ``x`` with pressures relax; its status says if none was found."""
+    now, mu = problem.at(value)
+    found = of_control(problem, iterate(now, starting(now, mu, problem.placed(x, value), pressure), Damped()), value)
     found = dataclasses.replace(found, contact_active=problem.has_contact)
     return dataclasses.replace(found, status=of_outlines(found.x, problem.model, contact=True)) if found.status.ok else found
 
@@ -33,7 +34,7 @@ def relax_along(problem: Problem, state: State, mode: Float[np.ndarray, " f"]) -
     """`relax` from an unstable state, pushed along ``mode``."""
     amplitude = KICK * problem.model.cloud.spacing / np.abs(mode).max()
     x = state.x + scatter(amplitude * mode, state.x.shape, problem.free)
-    found = relax(problem, state.mu, x, state.pressure)
+    found = relax(problem, state.value, x, state.pressure)
     return dataclasses.replace(found, newton_iterations=found.newton_iterations + state.newton_iterations)
 
 

@@ -18,8 +18,7 @@ from .._threads import ONE_THREAD, few_threads, usable_threads
 from ..discretisation import Model
 from ..linalg import RECENT_FACTORS, SingularTangent, bordered_product, host_border, solve_near
 from ..mechanics import TangentOperator, border, gather, hessian_product, is_sparse, linearise, scatter, tangent
-from .derivatives import Tangent, remade
-from .primitives import primitive
+from .derivatives import Tangent, primitive, remade
 
 STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
 BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill
@@ -38,21 +37,22 @@ class _Products:
     """Tree structure of the leaves."""
 
     def __call__(self, v, *leaves):
-        x, pressure, mu, problem = jax.tree.unflatten(self.structure, leaves)
+        x, pressure, values, problem = jax.tree.unflatten(self.structure, leaves)
 
         def product(state):
-            v, x, pressure, mu = state
-            field = scatter(v, x.shape, problem.free)
-            return gather(hessian_product(x, field, problem.model, problem.gel, mu, problem.loads, pressure), problem.free)
+            v, x, pressure, value = state
+            field, (now, mu) = scatter(v, x.shape, problem.free), problem.at(value)
+            return gather(hessian_product(x, field, now.model, now.gel, mu, now.loads, pressure), problem.free)
 
         def of_all(v):
-            return lax.map(product, (v, x, pressure, mu), batch_size=states_together(len(x), problem.model))
+            return lax.map(product, (v, x, pressure, values), batch_size=states_together(len(x), problem.model))
 
         return of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)
 
 
-def _system(problem, x, pressure, mu):
+def _system(problem, x, pressure, value):
     """The tangent (p, 2, 2) at the state ``x`` (n, 2) with ``pressure`` (g,) and its border, by the programs of the sweep."""
+    problem, mu = problem.at(value)
     now = linearise(problem, x, pressure, mu)
     return tangent(problem, x, pressure, now), border(problem, now)
 
@@ -84,19 +84,19 @@ def _solved(rhs, *leaves, structure):
     Where the sweep has left factors of these very states they solve. Tangents with sparse products are not assembled, unless no recent
     factor will do; other small ones are solved side by side in threads.
     """
-    x, pressure, mu, problem = jax.tree.unflatten(structure, leaves)
+    x, pressure, values, problem = jax.tree.unflatten(structure, leaves)
     pattern = problem.pattern
-    rhs, x, pressure, mu = map(np.asarray, (rhs, x, pressure, mu))
+    rhs, x, pressure, values = map(np.asarray, (rhs, x, pressure, values))
     wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
     wanted = np.array([k for k in wanted if not _solved_exactly(solutions, k, pattern, x[k], pressure[k], rhs[k])], dtype=int)
 
     def solve(k, product=None):
-        system = functools.cache(lambda: _system(problem, x[k], pressure[k], mu[k]))
+        system = functools.cache(lambda: _system(problem, x[k], pressure[k], values[k]))
         solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or _product(pattern, *system()), system)
 
     with few_threads(len(pattern.free)):
         if is_sparse(problem) and len(wanted):
-            products = TangentOperator(problem).at(x[wanted], pressure[wanted], mu[wanted])
+            products = TangentOperator(problem).at(x[wanted], pressure[wanted], values[wanted])
             for k, product in zip(wanted, products, strict=True):
                 solve(k, product)
         else:
@@ -117,20 +117,20 @@ def _solved_exactly(solutions, k, pattern, x, pressure, rhs):
 
 def _solved_traced(rhs, *leaves, structure):
     """Inside jit and vmap, by one callback for each state."""
-    x, pressure, mu, problem = jax.tree.unflatten(structure, leaves)
+    x, pressure, values, problem = jax.tree.unflatten(structure, leaves)
     pattern = problem.pattern
 
     def on_host(x, rhs, *system):
         return _solve_columns(pattern, np.asarray(x), rhs, _product(pattern, *system), lambda: system)
 
-    def solution(rhs, x, pressure, mu):
-        system = _system(problem, x, pressure, mu)
+    def solution(rhs, x, pressure, value):
+        system = _system(problem, x, pressure, value)
         return jax.pure_callback(on_host, jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), x, rhs, *system, vmap_method="sequential")
 
     def one(state):
         return lax.cond(jnp.any(state[0] != 0), solution, lambda rhs, *_: jnp.zeros_like(rhs), *state)
 
-    return lax.map(one, (rhs, x, pressure, mu))
+    return lax.map(one, (rhs, x, pressure, values))
 
 
 def _solve_columns(pattern, x, rhs, product, system):
@@ -165,4 +165,4 @@ solutions = primitive(
     several=False,
 )
 """Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
-(x (k, n, 2), pressure (k, g), mu (k,), `Problem`) with the tree ``structure``."""
+(x (k, n, 2), pressure (k, g), values (k,) of the control, `Problem`) with the tree ``structure``."""

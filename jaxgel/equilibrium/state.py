@@ -8,15 +8,21 @@ import numpy as np
 
 from .._types import Array, Float, Scalar
 from ..linalg import Factor, Kept
-from ..materials import gel_in_groups, value
+from ..materials import gel_in_groups
+from ..materials import value as number
 from ..mechanics import (
     Linearisation,
     Problem,
     axial_stretch,
     carries_volume,
     energy_at,
+    gather,
+    mu_force,
     pressure_at,
+    pressure_step_of_mu,
+    residual,
     start_positions,
+    state_pressure,
     volume_ratios,
 )
 from .status import Status
@@ -38,7 +44,7 @@ class Stability:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class State:
-    """A state at one chemical potential, converged or not."""
+    """A state at one value of a control, converged or not."""
 
     mu: float
     """Chemical potential, kT."""
@@ -71,6 +77,13 @@ class State:
     factorisation failed, and for a state read from a file."""
     linearisation: Linearisation | None = None
     """The mixed form about the state; None where it was not computed or kept."""
+    control: float | None = None
+    """Value of the control; None where that is the chemical potential."""
+
+    @property
+    def value(self) -> float:
+        """Value of the control, mu where there is none other."""
+        return self.mu if self.control is None else self.control
 
     @property
     def negative_pivots(self) -> int:
@@ -96,28 +109,71 @@ class State:
 def accepted(problem: Problem, state: State, stability: Stability | None, *, switched: bool = False) -> State:
     """A converged state with its energy and stability."""
     acting = acting_problem(problem, state)
-    energy = float(energy_at(state.x, acting.model, problem.gel, state.mu, problem.loads))
+    energy = float(energy_at(state.x, acting.model, acting.gel, state.mu, acting.loads))
     return dataclasses.replace(state, energy=energy, stability=stability, switched=switched)
 
 
 def acting_problem(problem: Problem, state: State) -> Problem:
-    """The problem that a state solves: the one without contact where contact does not act."""
-    return problem.without_contact if state.contact_active is False else problem
+    """The problem that a state solves: at its value of the control, and without contact where contact does not act."""
+    return (problem.without_contact if state.contact_active is False else problem).at(state.value)[0]
+
+
+def of_control(problem: Problem, state: State, value: Scalar) -> State:
+    """The state as one at a ``value`` of the problem's control."""
+    return state if problem.control is None else dataclasses.replace(state, control=float(value))
+
+
+def control_force(problem: Problem, state: State) -> Float[np.ndarray, " f"]:
+    """Derivative (f,) of the residual of a state by the control, kT/v mm over the control's unit, edges that it moves included."""
+    if problem.control is None:
+        return np.asarray(mu_force(problem, state.x, state.mu, state.pressure))
+    return np.asarray(_control_force(problem, state.x, state.value, state.pressure))
 
 
 @jax.jit
-def dry_state(problem: Problem, mu: Scalar | None = None) -> tuple[Float[Array, "n 2"], Float[Array, " g"]]:
+def _control_force(problem, x, value, pressure):
+    def force(value):
+        now, mu = problem.at(value)
+        return gather(residual(problem.placed(x, value), now.model, now.gel, mu, now.loads, pressure), problem.free)
+
+    return jax.jvp(force, (value,), (1.0,))[1]
+
+
+def control_pressure(problem: Problem, state: State) -> Float[np.ndarray, " g"]:
+    """Derivative (g,) by the control of the pressures in a Newton step with the unknowns at rest, kT/v over the control's unit."""
+    if problem.control is None:
+        return np.asarray(pressure_step_of_mu(state.pressure, state.linearisation, problem, state.mu))
+    return np.asarray(_pressure_rate(problem, state.x, state.value, jnp.zeros(state.x.shape)))
+
+
+def pressure_rate(problem: Problem, state: State, rate: Float[Array, "n 2"]) -> Float[np.ndarray, " g"]:
+    """Derivative (g,) by the control of the pressures of a state whose positions change at the ``rate``, mm over the control's unit."""
+    return np.asarray(_pressure_rate(problem, state.x, state.value, rate))
+
+
+@jax.jit
+def _pressure_rate(problem, x, value, rate):
+    def pressure(x, value):
+        now, mu = problem.at(value)
+        return state_pressure(problem.placed(x, value), now.model, now.gel, mu)
+
+    return jax.jvp(pressure, (x, value), (rate, 1.0))[1]
+
+
+@jax.jit
+def dry_state(problem: Problem, value: Scalar | None = None) -> tuple[Float[Array, "n 2"], Float[Array, " g"]]:
     """Positions (n, 2), mm, and pressures (g,), kT/v, to start from without a previous state: the dry nodes, moved as the edges are,
     and p = -Nv.
 
-    With ``mu`` (kT) the pressures are higher where the moved edges leave the gel more room than that.
+    With a ``value`` of the control the edges are where they are there, and the pressures higher where that leaves the gel more room.
     """
-    model, gel = problem.model, problem.gel
-    plate = model.lists.topology.plate
-    x = start_positions(model.lists.topology, model.cloud.nodes)
-    pressure = jnp.where(carries_volume(model), -value(gel_in_groups(gel).Nv), 0.0)
-    if mu is None or not plate.moved:
-        return x, pressure
+    model, moved = problem.model, problem.moves_edges or problem.model.lists.topology.plate.moved
+    pressure = jnp.where(carries_volume(model), -number(gel_in_groups(problem.gel).Nv), 0.0)
+    if value is None or not moved:
+        return start_positions(model.lists.topology, model.cloud.nodes), pressure
+    x = problem.dry_positions(value)
+    problem, mu = problem.at(value)
+    gel = problem.gel
     J, axial = volume_ratios(x, model), axial_stretch(x, model, gel, mu)
     roomy = carries_volume(model) & (axial * J > 1)
     return x, jnp.where(roomy, jnp.maximum(pressure_at(jnp.where(roomy, J, 2.0 / axial), model, gel, mu, axial), pressure), pressure)

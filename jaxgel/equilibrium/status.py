@@ -38,15 +38,15 @@ class Status(enum.IntEnum):
 
 _TEXTS = {
     Status.CONVERGED: "converged",
-    Status.NOT_CONVERGED: "Newton did not converge: the step in mu was too large, or the tangent is nearly singular; use smaller steps",
+    Status.NOT_CONVERGED: "Newton did not converge: the step was too large, or the tangent is nearly singular; use smaller steps",
     Status.SINGULAR: "the tangent is singular: a fold or bifurcation; look at the lowest eigenvalue",
     Status.NOT_FINITE: "Newton produced a non-finite iterate: the start is too far from equilibrium; use smaller steps",
-    Status.STEP_TOO_SMALL: "the step in mu fell below its least value: the branch folds back or creases here (see surface_ratio), "
+    Status.STEP_TOO_SMALL: "the step fell below its least value: the branch folds back or creases here (see surface_ratio), "
     "or the cloud is too coarse for the deformation",
     Status.TOO_MANY_STEPS: "the largest number of steps was reached; raise max_steps",
     Status.INTERRUPTED: "interrupted by the user; the states so far are kept",
     Status.SELF_CONTACT: "hole boundaries touch or overlap; without contact the states from here on are invalid",
-    Status.CROSSED: "a hole's boundary passed through itself: use smaller steps in mu, or stiffer contact (see with_contact)",
+    Status.CROSSED: "a hole's boundary passed through itself: use smaller steps, or stiffer contact (see with_contact)",
     Status.NEARLY_SINGULAR: "converged, but a fold or bifurcation is near: derivatives grow like 1 / lowest_eigenvalue and hold for tiny "
     "changes only",
 }

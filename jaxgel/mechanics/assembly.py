@@ -158,17 +158,17 @@ class TangentOperator:
         self._volumes = sp.csr_matrix((np.zeros(len(lists), complex), lists, ends), (len(ends) - 1, n))
         self._network = np.where(i == j, 0.5, 1.0) * np.asarray(operators.network)
 
-    def at(self, x: Float[Array, "k n 2"], pressure: Float[Array, "k g"], mu: Float[Array, " k"]) -> Iterator[Callable]:
+    def at(self, x: Float[Array, "k n 2"], pressure: Float[Array, "k g"], values: Float[Array, " k"]) -> Iterator[Callable]:
         """Yield for each state the function that multiplies a vector (f,) of the free degrees of freedom with its tangent, kT/v."""
         together = min(STATES_TOGETHER, len(x))
         groups = [np.arange(first, min(first + together, len(x))) for first in range(0, len(x), together)]
         first = np.resize(groups[0], together)
-        coming = _state_terms(self._problem, x[first], pressure[first], mu[first])  # one number of states, one program
+        coming = _state_terms(self._problem, x[first], pressure[first], values[first])  # one number of states, one program
         for number, group in enumerate(groups):
             terms = coming
             if number + 1 < len(groups):  # computed while the caller works with the states of this group
                 following = np.resize(groups[number + 1], together)
-                coming = _state_terms(self._problem, x[following], pressure[following], mu[following])
+                coming = _state_terms(self._problem, x[following], pressure[following], values[following])
             gradients, stiffness, couplings = jax.tree.map(np.asarray, terms)
             for k in range(len(group)):
                 yield self._product(couplings[k], stiffness[k], *(part[k] for part in gradients))
@@ -201,7 +201,7 @@ class TangentOperator:
 
 
 @jax.jit
-def _state_terms(problem, x, pressure, mu):
+def _state_terms(problem, x, pressure, values):
     """Per block the gradients (k, c, g, a, 2) of the volumes of several states ``x`` (k, n, 2), k / V (k, g), 0 for padding, and the
     entries (k, p) of P at the node pairs.
     """
@@ -209,9 +209,10 @@ def _state_terms(problem, x, pressure, mu):
     volumes = all_volumes(model)
 
     def of_state(state):
-        x, pressure, mu = state
+        x, pressure, value = state
         gradients, J = volume_gradients(x, model, operators)
-        stiffness = stiffness_at(J, model, problem.gel, mu, held_stretch(model))
+        now, mu = problem.at(value)
+        stiffness = stiffness_at(J, model, now.gel, mu, held_stretch(model))
         stiffness = jnp.where(volumes > 0, stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
         total = jnp.zeros(len(operators.pairs))
         parts = zip(model.blocks, by_block(pressure, model), operators.area_forms, operators.slots, strict=True)
@@ -220,4 +221,4 @@ def _state_terms(problem, x, pressure, mu):
             total = add_cell_matrices(total, lambda arrays: coupling(*arrays), arrays, slot, block.nodes.shape[1])
         return [G.swapaxes(2, 3) for G in gradients], stiffness, total
 
-    return lax.map(of_state, (x, pressure, mu))
+    return lax.map(of_state, (x, pressure, values))

@@ -8,6 +8,7 @@ each other: a roller holds the component normal to its edge, a fixed edge both.
 """
 
 import functools
+from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
@@ -140,28 +141,53 @@ def with_free_values(values: Float[Array, " f"], positions: Float[Array, "n 2"],
     return positions + scatter(values - restrict(positions, free), positions.shape, free)
 
 
-def prescribed_motion(moved: Float[Array, "n 2"], plate: Plate, free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
-    """The nodal field (n, 2) that a motion (n, 2) of the dry nodes gives the deformed ones with the unknowns at rest."""
-    field = moved @ np.array(plate.deformation).T
+def constrained_part(field: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
+    """What a nodal field (n, 2) prescribes: the field less that of the unknowns, which is at rest where they are."""
     return field - scatter(restrict(field, free), field.shape, free)
 
 
-def start_positions(topology: Topology, nodes: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
-    """Nodal positions (n, 2), mm, that satisfy the conditions: the dry ``nodes`` (n, 2) deformed as the plate's edges are."""
-    return nodes @ np.array(topology.plate.deformation).T + _edge_displacement(topology)
+EdgeMotion = tuple[Float[Array, "2 2"], Mapping[str, Float[Array, " 2"]]]
+"""Macroscopic deformation (2, 2) that the edges follow and the displacement of each held one by name, mm."""
 
 
-def _edge_displacement(topology):
-    """Nodal displacements (n, 2) by the prescribed ones of the edges, carried inwards by a thin-plate spline."""
+def start_positions(topology: Topology, nodes: Float[Array, "n 2"], motion: EdgeMotion | None = None) -> Float[Array, "n 2"]:
+    """Nodal positions (n, 2), mm, that satisfy the conditions: the dry ``nodes`` (n, 2) deformed as the plate's edges are.
+
+    ``motion`` takes the place of what the plate says of its edges.
+    """
+    deformation, displacement = motion or (np.array(topology.plate.deformation), topology.plate.displacement)
+    return nodes @ deformation.T + _edge_displacement(topology, displacement)
+
+
+def _edge_displacement(topology, displacement):
+    """Nodal displacements (n, 2) by those of the edges, by name, carried inwards by a thin-plate spline."""
     plate, nodes = topology.plate, topology.partition.vertices[topology.node_vertices]
-    field = np.zeros(nodes.shape)
-    for component in range(2) if any(map(any, plate.displacement.values())) else ():
+    traced = any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(displacement))
+    if not traced and not any(map(any, displacement.values())):
+        return np.zeros(nodes.shape)
+    host = jnp if traced else np
+    columns = []
+    for component in range(2):
         prescribed = {}
         for edge in EDGES:
             if component in held_components(plate.edges, edge):
-                prescribed |= dict.fromkeys(topology.wall_nodes[edge].tolist(), plate.displacement[edge][component])
-        at, values = np.array(list(prescribed), dtype=int), np.array(list(prescribed.values()))
-        even = len(values) == 0 or np.ptp(values) == 0  # also where all lie on one line, through which there is no spline
-        field[:, component] = values[:1].sum() if even else thin_plate_matrix(nodes[at], nodes, plate.width) @ values
-        field[at, component] = values
-    return field[periodic_images(topology)]
+                prescribed |= dict.fromkeys(topology.wall_nodes[edge].tolist(), edge)
+        at = np.array(list(prescribed), dtype=int)
+        values = host.array([displacement[edge][component] for edge in prescribed.values()])
+        columns.append(_carried(nodes, at, values, plate.width, host))
+    return host.stack(columns, axis=1)[periodic_images(topology)]
+
+
+def _carried(nodes, at, values, width, host):
+    """Displacements (n,) that are ``values`` at the nodes ``at``; the same everywhere where these all are, or lie on one line."""
+    if len(at) == 0:
+        return host.zeros(len(nodes))
+    flat = np.ptp(nodes[at], axis=0).min() == 0  # there is no spline through points of a line
+    even = host.ptp(values) == 0 if host is np else flat
+    field = host.full(len(nodes), values[0]) if even else thin_plate_matrix(nodes[at], nodes, width) @ values
+    return field.at[at].set(values) if host is jnp else _set(field, at, values)
+
+
+def _set(field, at, values):
+    field[at] = values
+    return field

@@ -1,22 +1,24 @@
-"""A model with its gel and loads: all that the equations of equilibrium depend on besides the chemical potential."""
+"""A model with its gel, loads and control: all that the equations of equilibrium depend on besides the value of the control."""
 
 import dataclasses
 import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from .._types import Array, Float, Int
+from .._types import Array, Float, Int, Scalar
+from ..controls import Control, edge_motion, moves_edges, setting_of
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import Gel
-from .dofs import unknowns
+from .dofs import constrained_part, start_positions, unknowns
 from .local_gel import localised
 from .operators import Operators, precomputed_operators
 from .pairs import tangent_pattern
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["model", "gel", "loads", "operators"], meta_fields=[])
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["model", "gel", "loads", "operators", "control"], meta_fields=[])
 @dataclasses.dataclass(frozen=True, eq=False)
 class Problem:
     """What a state of equilibrium solves; a pytree."""
@@ -29,6 +31,45 @@ class Problem:
     """Dead nodal loads, kT/v mm."""
     operators: Operators | None
     """Precomputed operators of the model; None for formulations that assemble dense matrices, and for rates of change."""
+    control: Control | None = None
+    """What drives a sweep; None for the chemical potential."""
+
+    def at(self, value: Scalar) -> tuple["Problem", Scalar]:
+        """The problem at a ``value`` of its control, which has none any more, and the chemical potential there, kT."""
+        if self.control is None:
+            return self, value
+        setting = self.control(value, self.gel)
+        gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), setting.gel)
+        loads = self.loads if setting.loads is None else self.loads + setting.loads
+        operators = self.operators
+        if operators is not None and setting.gel.Nv is not self.gel.Nv:
+            operators = dataclasses.replace(operators, network=operators.network * (gel.Nv / self.gel.Nv))
+        return Problem(self.model, gel, loads, operators), jnp.asarray(setting.mu, dtype=float)
+
+    @property
+    def moves_edges(self) -> bool:
+        """Whether the control moves the edges of the plate."""
+        return moves_edges(self.control, self.gel)
+
+    def dry_positions(self, value: Scalar) -> Float[Array, "n 2"]:
+        """The dry nodes, moved as the edges are at a ``value`` of the control, mm."""
+        motion = edge_motion(setting_of(self.control, value, self.gel)) if self.moves_edges else None
+        return start_positions(self.model.lists.topology, self.model.cloud.nodes, motion)
+
+    def edge_deformation(self, value: Scalar) -> Float[Array, "2 2"]:
+        """The macroscopic deformation that the edges follow at a ``value`` of the control."""
+        motion = edge_motion(setting_of(self.control, value, self.gel)) if self.moves_edges else None
+        return np.array(self.model.lists.topology.plate.deformation) if motion is None else motion[0]
+
+    def carried(self, motion: Float[Array, "n 2"], value: Scalar) -> Float[Array, "n 2"]:
+        """What a ``motion`` (n, 2) of the dry nodes prescribes of the deformed ones at a ``value`` of the control, the unknowns at rest."""
+        return constrained_part(motion @ self.edge_deformation(value).T, self.free)
+
+    def placed(self, x: Float[Array, "n 2"], value: Scalar) -> Float[Array, "n 2"]:
+        """Positions ``x``, mm, with those that the edges prescribe as they are at a ``value`` of the control."""
+        if not self.moves_edges:
+            return x
+        return _placed(self, jnp.asarray(x), value)
 
     @property
     def free(self) -> Int[Array, "f ..."]:
@@ -51,11 +92,19 @@ class Problem:
         return tangent_pattern(self.model.lists, self.model.solver, self.model.dmax if self.has_contact else None)
 
 
-def prepare(model: Model, gel: Gel, loads: Float[Array, "n 2"] | None = None, *, operators: bool = True) -> Problem:
-    """`Problem` of a model and a gel; ``loads`` (n, 2) are dead nodal forces in kT/v mm, none by default.
+@jax.jit
+def _placed(problem, x, value):
+    return x + constrained_part(problem.dry_positions(value) - x, problem.free)
+
+
+def prepare(
+    model: Model, gel: Gel, loads: Float[Array, "n 2"] | None = None, *, control: Control | None = None, operators: bool = True
+) -> Problem:
+    """`Problem` of a model and a gel under a ``control``; ``loads`` (n, 2) are dead nodal forces in kT/v mm, none by default.
 
     Without ``operators`` it has none, for formulations that assemble dense matrices.
     """
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), localised(model, gel))
-    return Problem(model, gel, loads, precomputed_operators(model, gel) if operators else None)
+    control = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), control)
+    return Problem(model, gel, loads, precomputed_operators(model, gel) if operators else None, control)

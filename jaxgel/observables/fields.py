@@ -12,6 +12,7 @@ from .._memo import once_per_owner
 from .._types import Array, Float, Scalar
 from .._validation import one_of
 from ..continuation import Path
+from ..controls import setting_of
 from ..discretisation import Model, make_probe
 from ..materials import (
     Gel,
@@ -54,7 +55,7 @@ def volume_ratio(path: States) -> Float[Array, "k c"]:
     path.
     """
     if is_film(path.model):
-        return _film_volume_ratio(jnp.asarray(path.x), jnp.asarray(path.mu), path.model, path.gel)
+        return _film_volume_ratio(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
     ratio = over_states(_cell_volume_ratio, path)
     return ratio * axial_stretch(path)[:, None] if is_generalised(path.model) else ratio
 
@@ -69,13 +70,14 @@ def axial_stretch(path: Path) -> Float[Array, " k"]:
     """Axial stretch (k,) of the plate, held or free; 1 in plane strain. ValueError for a film, whose thickness is not one number."""
     if is_film(path.model):
         raise ValueError("axial_stretch: the plate is in plane stress; take thickness_stretch")
-    return _axial_stretch(jnp.asarray(path.x), jnp.asarray(path.mu), path.model, path.gel)
+    return _axial_stretch(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
-def _axial_stretch(x, mu, model, gel):
-    return jnp.asarray(axial_stretch_at(x, model, gel, mu), dtype=float)
+@functools.partial(jax.vmap, in_axes=(0, 0, None))
+def _axial_stretch(x, at, problem):
+    problem, mu = problem.at(at)
+    return jnp.asarray(axial_stretch_at(x, problem.model, problem.gel, mu), dtype=float)
 
 
 def membrane_stress(path: Path) -> Float[Array, " k"]:
@@ -85,13 +87,14 @@ def membrane_stress(path: Path) -> Float[Array, " k"]:
     """
     if not is_film(path.model):
         raise ValueError("membrane_stress: the plate is not in plane stress")
-    return _membrane_stress(jnp.asarray(path.x), jnp.asarray(path.pressure), path.model, path.gel)
+    return _membrane_stress(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value), path.problem)
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
-def _membrane_stress(x, p, model, gel):
-    smallest = []
+@functools.partial(jax.vmap, in_axes=(0, 0, 0, None))
+def _membrane_stress(x, p, at, problem):
+    problem, _ = problem.at(at)
+    model, gel, smallest = problem.model, problem.gel, []
     for number, (block, F) in enumerate(zip(model.blocks, gradients_by_block(x, model), strict=True)):
         own = gel_at_points(gel, number), Varying(at_points(by_block(p, model)[number], block))
         sigma = elementwise(lambda F, own: _film_stress(F, *own), F, own, "(i,j)->(i,j)")
@@ -146,8 +149,16 @@ def free_stretch(path: Path) -> Float[Array, " k"]:
         return jnp.full(len(path.mu), jnp.nan)
     held = held_stretch(path.model)
     if is_film(path.model) or held is None:
-        return isotropic_swelling(path.mu, path.gel)
-    return free_swelling(path.mu, path.gel, held if is_generalised(path.model) else None)
+        return _at_each(lambda mu, gel: isotropic_swelling(mu, gel), path)
+    return _at_each(lambda mu, gel: free_swelling(mu, gel, held if is_generalised(path.model) else None), path)
+
+
+def _at_each(stretch, path):
+    """``stretch(mu, gel)`` (k,) at the states of a path, with the gel that its control gives there."""
+    if path.control is None:
+        return stretch(path.mu, path.gel)
+    settings = [setting_of(path.control, value, path.gel) for value in path.value]
+    return jnp.stack([stretch(setting.mu, setting.gel) for setting in settings])
 
 
 def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
@@ -166,16 +177,17 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     model = path.model
     probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
     mean = _node_mean(model)
-    gel = _gel_at_nodes(path.gel, model, mean)
 
-    def one(x, p, mu):
-        pressure, axial = mean(_cell_means(p, model)), axial_stretch_at(x, model, path.gel, mu)
+    def one(x, p, value):
+        problem, mu = path.problem.at(value)
+        gel = _gel_at_nodes(problem.gel, model, mean)
+        pressure, axial = mean(_cell_means(p, model)), axial_stretch_at(x, model, problem.gel, mu)
         F = probe.deformation_gradient(x)
         stress = _film_stress if is_film(model) else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p / axial, axial)
         sigma = elementwise(lambda F, own: stress(F, *own), F, (gel, Varying(pressure)), "(i,j)->(i,j)")
         return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
-    return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.mu))
+    return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value))
 
 
 def _film_stress(F: Float[Array, "2 2"], gel: Gel, p: Scalar) -> Float[Array, "2 2"]:
@@ -196,8 +208,10 @@ def _gel_at_nodes(gel: Gel, model: Model, mean: Callable) -> Gel:
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
-def _film_volume_ratio(x, mu, model, gel):
+@functools.partial(jax.vmap, in_axes=(0, 0, None))
+def _film_volume_ratio(x, at, problem):
+    problem, mu = problem.at(at)
+    model, gel = problem.model, problem.gel
     A, carries = volume_ratios(x, model), carries_volume(model)
     safe, elastic = jnp.where(carries, A, 2.0), lambda A, Nv, K: A * elastic_film_stretch(A, Nv, K)
     return _cell_means(by_material(lambda A, gel: film_volume_ratio(A, mu, gel), elastic, safe, 2.0, gel_in_groups(gel)), model)

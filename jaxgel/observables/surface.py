@@ -11,9 +11,8 @@ from .._memo import once_per_owner
 from .._types import Array, Float, Int, Scalar
 from ..cloud import OUTLINE_SEGMENTS, Topology
 from ..continuation import Path
-from ..discretisation import Model
 from ..materials import by_material, elastic_volume_ratio, elementwise, gel_on_outline, value, volume_ratio_at
-from ..mechanics import is_film, is_generalised
+from ..mechanics import Problem, is_film, is_generalised
 
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each reduces the error by Nv over the bulk stiffness
 CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
@@ -34,7 +33,7 @@ def surface_ratio(path: Path) -> Float[Array, " k"]:
 
 def surface_ratios(path: Path) -> Float[Array, "k m"]:
     """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for other than plane strain, and without holes."""
-    return _surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model)
+    return _surface_ratios(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
 
 
 def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
@@ -42,12 +41,14 @@ def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
 
     They converge as the cloud is refined; the ratio over one node spacing grows at every crease.
     """
-    return _mean_surface_ratios(jnp.asarray(path.x), jnp.asarray(path.mu), path.gel, path.model, share)
+    return _mean_surface_ratios(jnp.asarray(path.x), jnp.asarray(path.value), path.problem, share)
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
-def _surface_ratios(x: Any, mu: Any, gel: Any, model: Model) -> Any:
+@functools.partial(jax.vmap, in_axes=(0, 0, None))
+def _surface_ratios(x: Any, at: Any, problem: Problem) -> Any:
+    problem, mu = problem.at(at)
+    model, gel = problem.model, problem.gel
     chords = _chords(model.lists.topology)
     if len(chords) == 0 or is_film(model) or is_generalised(model):
         return jnp.zeros(0)
@@ -55,9 +56,11 @@ def _surface_ratios(x: Any, mu: Any, gel: Any, model: Model) -> Any:
     return _surface_ratio(deformed / dry, mu, gel_on_outline(gel, chords))
 
 
-@functools.partial(jax.jit, static_argnums=4)
-@functools.partial(jax.vmap, in_axes=(0, 0, None, None, None))
-def _mean_surface_ratios(x: Any, mu: Any, gel: Any, model: Model, share: float) -> Any:
+@functools.partial(jax.jit, static_argnums=3)
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
+def _mean_surface_ratios(x: Any, at: Any, problem: Problem, share: float) -> Any:
+    problem, mu = problem.at(at)
+    model, gel = problem.model, problem.gel
     segments, ends = _arcs(model.lists.topology, share)
     if len(segments) == 0 or is_film(model) or is_generalised(model):
         return jnp.zeros(0)

@@ -17,11 +17,12 @@ from scipy.optimize import brentq, minimize
 from .._threads import few_threads
 from .._types import Array, Float, Int, Scalar
 from ..bifurcation import located
-from ..continuation import SweepFailed, check_mu, sweep
+from ..continuation import SweepFailed, sweep
+from ..controls import check_values
 from ..discretisation import Model
 from ..linalg import Bordered, factor
 from ..materials import Gel
-from ..mechanics import curvature, gather, held_stretch, linearise, mu_force, prepare, restrict, scatter, tangent
+from ..mechanics import Problem, curvature, gather, held_stretch, linearise, localised, mu_force, prepare, restrict, scatter, tangent
 from ..symmetry import symmetries_of
 from .bloch import BlochStates
 from .cells import check_periodic
@@ -92,7 +93,7 @@ def lattice_onset(model: Model, gel: Gel, *, mu: tuple[float, float], divisions:
     not periodic and a lattice that is unstable from the first state on, ``SweepFailed`` where the branch ends, or the sides of a hole
     touch, before an onset is found.
     """
-    check_mu(mu)
+    check_values(mu, rising=True)
     if not (isinstance(mu, tuple) and len(mu) == 2):
         raise ValueError(f"mu: {mu} is not accepted, it must be a tuple (first, last)")
     if not (isinstance(divisions, int) and divisions > 0):
@@ -102,7 +103,8 @@ def lattice_onset(model: Model, gel: Gel, *, mu: tuple[float, float], divisions:
         raise ValueError("axial_stretch: 'free' is not accepted by lattice_onset, it must be a number")
     ends = tuple(map(float, mu))
     with few_threads(2 * model.n_nodes):
-        points = located("lattice_onset", lambda model, gel, _: _search(model, gel, ends, divisions), model, gel, None)
+        problem = Problem(model, localised(model, gel), jnp.zeros((model.n_nodes, 2)), None)
+        points = located("lattice_onset", lambda problem: _search(problem.model, problem.gel, ends, divisions), problem, "mu")
     return points[0] if points else None
 
 

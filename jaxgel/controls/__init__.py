@@ -1,0 +1,42 @@
+"""What drives a sweep: the chemical potential, a parameter of the gel such as temperature, the edges, or loads."""
+
+from .edges import Load, Stretch
+from .gels import DrivenParameter, chi, driven, pH, salt, temperature
+from .setting import (
+    Control,
+    Driven,
+    Setting,
+    adds_loads,
+    check_control,
+    control_name,
+    edge_motion,
+    moves_edges,
+    scale_of,
+    setting_of,
+    unit_of,
+)
+from .values import Values, check_values
+
+__all__ = [
+    "Control",
+    "Driven",
+    "DrivenParameter",
+    "Load",
+    "Setting",
+    "Stretch",
+    "Values",
+    "adds_loads",
+    "check_control",
+    "check_values",
+    "chi",
+    "control_name",
+    "driven",
+    "edge_motion",
+    "moves_edges",
+    "pH",
+    "salt",
+    "scale_of",
+    "setting_of",
+    "temperature",
+    "unit_of",
+]

@@ -1,0 +1,70 @@
+"""Controls that are a parameter of the gel: temperature, Flory's parameter, pH, salt."""
+
+import dataclasses
+from typing import Any
+
+import jax
+
+from .._types import Scalar
+from ..materials import Composite, Filled, named_parameters, varies
+from .setting import Setting
+
+SCALES = {"temperature": 10.0, "pH": 1.0, "salt": 0.1, "chi": 0.1}
+UNITS = {"temperature": "°C", "salt": "mol/l"}
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class DrivenParameter:
+    """The control that is a parameter of the gel, at a given chemical potential; elastomers of a composite do not have it."""
+
+    name: str = dataclasses.field(metadata={"static": True})
+    """Of the parameter, and of the control."""
+    mu: Scalar = 0.0
+    """Chemical potential, kT; 0 is pure solvent."""
+    unit: str = dataclasses.field(default="", kw_only=True, metadata={"static": True})
+    """Of the parameter."""
+    scale: float = dataclasses.field(default=1.0, kw_only=True, metadata={"static": True})
+    """See `Control`."""
+
+    def __call__(self, value: Scalar, gel: Any) -> Setting:
+        """What acts at a ``value`` of the parameter; ValueError, one line, for a gel that does not have it as one number."""
+        return Setting(self.mu, self._with(value, gel))
+
+    def _with(self, value, gel):
+        if isinstance(gel, Composite):
+            own = [self._with(value, one) if hasattr(one, self.name) else one for one in gel.regions]
+            return Composite(self._with(value, gel.matrix), tuple(own))
+        if isinstance(gel, Filled):
+            return dataclasses.replace(gel, gel=self._with(value, gel.gel))
+        known = named_parameters(gel)
+        if self.name not in known:
+            raise ValueError(f"control: {self.name!r} is no parameter of {type(gel).__name__}, it has {', '.join(known)}")
+        if varies(known[self.name]):
+            raise ValueError(f"control: {self.name!r} varies over the plate, only a parameter that is one number can be driven")
+        return dataclasses.replace(gel, **{self.name: value})
+
+
+def driven(name: str, mu: Scalar = 0.0) -> DrivenParameter:
+    """Control by the gel's parameter of this ``name`` at the chemical potential ``mu`` (kT)."""
+    return DrivenParameter(name, mu, unit=UNITS.get(name, ""), scale=SCALES.get(name, 1.0))
+
+
+def temperature(mu: Scalar = 0.0) -> DrivenParameter:
+    """Control by the temperature, in degrees Celsius, of a gel that has one."""
+    return driven("temperature", mu)
+
+
+def chi(mu: Scalar = 0.0) -> DrivenParameter:
+    """Control by Flory's parameter, dimensionless."""
+    return driven("chi", mu)
+
+
+def pH(mu: Scalar = 0.0) -> DrivenParameter:
+    """Control by the pH of the bath around a gel with acidic groups."""
+    return driven("pH", mu)
+
+
+def salt(mu: Scalar = 0.0) -> DrivenParameter:
+    """Control by the salt concentration, mol/l, of the bath around a gel with charges."""
+    return driven("salt", mu)

@@ -1,0 +1,173 @@
+"""What acts on a gel at one value of a control.
+
+A control is a function of its value s and the gel, written in JAX, that says what acts there: the chemical potential, the gel with the
+parameters that it has there, the motion of the plate's edges and loads. Without one (None) s is the chemical potential itself.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .._types import Array, Float, Scalar
+from ..materials import check_gel
+
+SIDES = ("left", "right", "bottom", "top")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Setting:
+    """What acts at one value of a control; a pytree."""
+
+    mu: Scalar
+    """Chemical potential, kT."""
+    gel: Any
+    """The gel, with the parameters that it has there."""
+    deformation: Float[Array, "2 2"] | None = None
+    """Macroscopic deformation that the edges follow, dimensionless; None for the plate's own."""
+    displacement: Mapping[str, Float[Array, " 2"]] | None = None
+    """Displacement of held edges by name, mm; None for the plate's own."""
+    loads: Float[Array, "n 2"] | None = None
+    """Dead nodal loads besides those of the sweep, kT/v mm."""
+
+
+@runtime_checkable
+class Control(Protocol):
+    """A function of its value and the gel; a pytree, in whose leaves all that follows is differentiable."""
+
+    name: str
+    """Of the column in tables, and of the axis in figures."""
+    unit: str
+    """Of its value; empty for a dimensionless one."""
+    scale: float
+    """The change that matters as much as one kT of the chemical potential: of steps and arc lengths."""
+
+    def __call__(self, value: Scalar, gel: Any) -> Setting:
+        """What acts at a ``value``."""
+        ...
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Driven:
+    """The control that a user's function ``path_of(value, gel, *parameters)`` is, which gives a `Setting`.
+
+    Define the function once, at the top of a module: a new function object compiles anew. What is to be differentiated goes into the
+    ``parameters``.
+    """
+
+    path_of: Callable[..., Setting] = dataclasses.field(metadata={"static": True})
+    """The function."""
+    parameters: tuple = ()
+    """Further arguments, a pytree of numbers and arrays."""
+    name: str = dataclasses.field(default="control", kw_only=True, metadata={"static": True})
+    """See `Control`."""
+    unit: str = dataclasses.field(default="", kw_only=True, metadata={"static": True})
+    """See `Control`."""
+    scale: float = dataclasses.field(default=1.0, kw_only=True, metadata={"static": True})
+    """See `Control`."""
+
+    def __call__(self, value: Scalar, gel: Any) -> Setting:
+        """See `Control`."""
+        return self.path_of(value, gel, *self.parameters)
+
+
+def setting_of(control: Control | None, value: Scalar, gel: Any) -> Setting:
+    """The `Setting` at a ``value`` of a control; of None that of the chemical potential itself."""
+    return Setting(value, gel) if control is None else control(value, gel)
+
+
+def control_name(control: Control | None) -> str:
+    """Name of a control, "mu" without one."""
+    return "mu" if control is None else control.name
+
+
+def unit_of(control: Control | None) -> str:
+    """Unit of a control, kT without one."""
+    return "kT" if control is None else control.unit
+
+
+def scale_of(control: Control | None) -> float:
+    """The change of a control that matters as much as one kT of the chemical potential."""
+    return 1.0 if control is None else control.scale
+
+
+def moves_edges(control: Control | None, gel: Any) -> bool:
+    """Whether a control moves the edges of the plate."""
+    if control is None:
+        return False
+    shape = jax.eval_shape(control, 0.0, gel)
+    return shape.deformation is not None or shape.displacement is not None
+
+
+def adds_loads(control: Control | None, gel: Any) -> bool:
+    """Whether a control has loads of its own."""
+    return control is not None and jax.eval_shape(control, 0.0, gel).loads is not None
+
+
+def check_control(control: Control | None, gel: Any, values: Float[np.ndarray, " k"]) -> None:
+    """Raise ValueError, one line, for a control that gives no `Setting`, numbers that cannot be used at one of the ``values``, or a jump.
+
+    A path jumps where halving the distance between two values again and again leaves as large a change of what acts. Traced values pass.
+    """
+    if control is None or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((control, gel))):
+        return
+    name = control_name(control)
+    if not isinstance(control, Control):
+        raise ValueError(
+            f"control: {control!r} is not accepted, it must be a function with a name, a unit and a scale, see jaxgel.controls"
+        )
+    numbers = [_numbers(control, value, gel) for value in values]
+    for before, after, first, last in zip(values, values[1:], numbers, numbers[1:], strict=False):
+        _check_continuous(control, gel, (before, after), (first, last), name)
+
+
+def _numbers(control, value, gel):
+    """All numbers (m,) of the setting at a ``value``, checked."""
+    setting = control(float(value), gel)
+    if not isinstance(setting, Setting):
+        raise ValueError(f"{control.name}: the control gives {type(setting).__name__} at {value:g}, it must give a Setting")
+    try:
+        check_gel(setting.gel, setting.mu)
+    except ValueError as problem:
+        raise ValueError(f"{control.name} = {value:g}: {problem}") from None
+    motion = [np.ravel(leaf) for leaf in jax.tree.leaves((setting.deformation, setting.displacement, setting.loads))]
+    if setting.displacement is not None and not set(setting.displacement) <= set(SIDES):
+        raise ValueError(f"{control.name}: displacement of {sorted(setting.displacement)} is not accepted, edges are {', '.join(SIDES)}")
+    own = np.concatenate([np.zeros(0), *motion])
+    if not np.isfinite(own).all():
+        raise ValueError(f"{control.name}: what acts at {value:g} is not finite")
+    return np.concatenate([own, *(np.ravel(np.asarray(leaf, float)) for leaf in jax.tree.leaves((setting.mu, setting.gel)))])
+
+
+HALVINGS = 40  # of the distance between two values: until it is round-off
+CONTINUOUS = 0.5  # of a change that is left after all halvings: more is a jump
+
+
+def _check_continuous(control, gel, between, numbers, name):
+    """ValueError where what acts jumps ``between`` two values with these ``numbers``."""
+    (low, high), (first, last) = between, numbers
+    whole = np.abs(last - first).max(initial=0.0)
+    for _ in range(HALVINGS if whole > 0 else 0):
+        middle = 0.5 * (low + high)
+        there = _numbers(control, middle, gel)
+        changes = np.abs(there - first).max(), np.abs(last - there).max()
+        if max(changes) < CONTINUOUS * whole:
+            return
+        low, first, high, last = (low, first, middle, there) if changes[0] >= changes[1] else (middle, there, high, last)
+    if whole > 0:
+        raise ValueError(f"{name}: what acts jumps at {0.5 * (low + high):.6g}, the path must be continuous")
+
+
+def edge_motion(setting: Setting) -> tuple[Float[Array, "2 2"], dict[str, Float[Array, " 2"]]] | None:
+    """Deformation (2, 2) and displacements by edge, mm, of a setting that moves the edges; None where these move as the plate says."""
+    if setting.deformation is None and setting.displacement is None:
+        return None
+    F = jnp.eye(2) if setting.deformation is None else jnp.asarray(setting.deformation, float)
+    moves = {} if setting.displacement is None else setting.displacement
+    return F, {side: jnp.asarray(moves.get(side, (0.0, 0.0)), float) for side in SIDES}

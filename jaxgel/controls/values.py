@@ -1,0 +1,42 @@
+"""The values that a control takes along a sweep."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from .._types import Array, Float, Scalar
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Values:
+    """Values of a control in the order in which a sweep takes them; they may rise and fall."""
+
+    numbers: Float[np.ndarray, " k"]
+    """The values themselves, or the first, the turning points and the last."""
+    chosen: bool
+    """Whether the numbers are ends of adaptive steps, so that the states between them are chosen on the way."""
+
+
+def check_values(
+    values: Sequence[float] | Float[Array, " k"] | Scalar, name: str = "mu", unit: str = "kT", *, rising: bool = False
+) -> Values:
+    """`Values` of a control: of a list or array these values, of a tuple the ends of adaptive steps.
+
+    ValueError, one line, for what are no finite numbers, for one number of a tuple, and where a value is repeated, or does not exceed the
+    one before it if they must be ``rising``.
+    """
+    try:
+        numbers = np.atleast_1d(np.asarray(values, dtype=float))
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    what = f"({unit})" if unit else "(dimensionless)"
+    if numbers.ndim != 1 or len(numbers) == 0 or not np.all(np.isfinite(numbers)):
+        raise ValueError(f"{name}: {values} is not accepted, it must be a list of finite numbers {what}")
+    steps = np.diff(numbers)
+    wrong = steps <= 0 if rising else steps == 0
+    if np.any(wrong):
+        k = int(np.argmax(wrong))
+        rule = "increase" if rising else "differ from one to the next"
+        raise ValueError(f"{name}: {numbers[k]:g} is followed by {numbers[k + 1]:g}, the values must {rule}")
+    return Values(numbers, isinstance(values, tuple) and len(numbers) >= 2)

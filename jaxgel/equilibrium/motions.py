@@ -1,0 +1,80 @@
+"""How nodes move where a state's problem changes: what is prescribed, and the unknowns with the material."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from scipy.spatial import cKDTree
+
+from .._memo import once_per_owner
+from .._types import Array, Float, Int
+from ..discretisation import Connectivity
+from ..mechanics import Problem, constrained_part, deformation_gradients, restrict, scatter
+
+
+class Motions:
+    """Prescribed motions (k, n, 2) at nodal positions (k, n, 2) and values (k,) of the control from those of the dry nodes (n, 2)."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem, model = problem, problem.model
+        self._nearest = _nearest_cells(model.lists)
+        share = [block.weight / jnp.sum(block.weight, axis=1, keepdims=True) for block in model.blocks]
+        means = [jnp.einsum("cq,cqai->cai", some, block.dphi)[:, None] for some, block in zip(share, model.blocks, strict=True)]
+        self._cells = [dataclasses.replace(block, dphi=mean) for block, mean in zip(model.blocks, means, strict=True)]
+
+    def __call__(self, x: Float[Array, "k n 2"], values: Float[Array, " k"], dry_motion: Float[Array, "n 2"]) -> Float[Array, "k n 2"]:
+        """The motions (k, n, 2); those of the unknowns are with the material next to them."""
+        problem = lax.stop_gradient(self._problem)
+        free = problem.free
+
+        def one(x, value):
+            F = jnp.concatenate([deformation_gradients(x, block) for block in self._cells])[self._nearest, 0]
+            along = jnp.einsum("nij,nj->ni", lax.stop_gradient(F), dry_motion)
+            return problem.carried(dry_motion, value) + scatter(restrict(along, free), along.shape, free)
+
+        return jax.vmap(one)(x, values)
+
+
+@once_per_owner
+def _nearest_cells(lists: Connectivity) -> Int[np.ndarray, " n"]:
+    """The cell (n,), counted block after block, nearest each node of the reference cloud; host."""
+    points = lists.topology.partition.vertices[lists.topology.node_vertices]
+    cells = np.concatenate(lists.patches)
+    real = lists.support[cells, :, None] > 0
+    centres = np.sum(np.where(real, points[lists.nodes[cells]], 0.0), axis=1) / real.sum(axis=1)
+    return cKDTree(centres).query(points)[1]
+
+
+def edge_motions(
+    problem: Problem, problem_dot: Problem, values: Float[Array, " k"], values_dot: Float[Array, " k"]
+) -> Float[Array, "k n 2"] | float:
+    """What a control that moves the edges adds to the prescribed motions (k, n, 2), for tangents of the problem and of the values."""
+    if not problem.moves_edges:
+        return 0.0
+
+    def positions(control, value):
+        return dataclasses.replace(problem, control=control).dry_positions(value)
+
+    def motion(value, value_dot):
+        return constrained_part(jax.jvp(positions, (problem.control, value), (problem_dot.control, value_dot))[1], problem.free)
+
+    return jax.vmap(motion)(values, values_dot)
+
+
+def edge_cotangents(problem: Problem, values: Float[Array, " k"], forces: Float[Array, "k n 2"]) -> tuple[object, Float[Array, " k"]]:
+    """Cotangents of the control and of its values (k,) by those (k, n, 2) of the motions that it prescribes."""
+
+    def work(control, values):
+        moving = dataclasses.replace(problem, control=control)
+        positions = jax.vmap(lambda value: constrained_part(moving.dry_positions(value), problem.free))(values)
+        return jnp.sum(positions * forces)
+
+    return jax.grad(work, (0, 1))(problem.control, values)
+
+
+@jax.jit
+def moved(motion: Float[Array, "k n 2"], correction: Float[Array, "k f"], free: Int[Array, "f ..."]) -> Float[Array, "k n 2"]:
+    """Nodal motions (k, n, 2): the prescribed ones and the corrections (k, f) of the free degrees of freedom."""
+    return motion + jax.vmap(lambda dx: scatter(dx, motion.shape[1:], free))(correction)
