@@ -167,7 +167,7 @@ def field_of(mode, state, problem):
 def test_edges_stay_in_their_places(symmetry):
     """To the bit, in a sweep of many given values: extrapolation would let round-off of what all states share grow."""
     hole = Circle((0, 0) if symmetry == "auto" else (0.3, 0.2), 1)
-    model = jaxgel.discretise(jaxgel.make_cloud(Plate(4, 4, hole, spacing=0.5, nodes_per_hole=16)))
+    model = jaxgel.discretise(jaxgel.make_cloud(Plate(4, 4, [hole], spacing=0.5, nodes_per_hole=16)))
     path = jaxgel.sweep(model, GEL, mu=np.linspace(-4.5, -2.5, 24), symmetry=symmetry)
     nodes = np.asarray(model.cloud.nodes)
     for edge, component in (("left", 0), ("right", 0), ("bottom", 1), ("top", 1)):

@@ -130,7 +130,7 @@ def test_linear_patches_have_two_whole_squares_and_more(fixture, request):
 
 def test_what_is_held_of_a_patch_is_no_round_off():
     """Its functions of second degree do not depend on each other: beside two squares in a row, y^2 would be a constant."""
-    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, jaxgel.Circle((0, 0), 1), spacing=4 / 15)))
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, [jaxgel.Circle((0, 0), 1)], spacing=4 / 15)))
     for block in model.blocks:
         share = block.weight / np.sum(block.weight, axis=1, keepdims=True)
         centre = np.einsum("cq,cqi->ci", share, block.position)

@@ -297,6 +297,6 @@ def test_what_is_not_possible_is_said_in_one_line(tiny_plate, model_at):
         jaxgel.sweep(model_at(1.15), GEL, mu=MU, formulation="incremental")
     with pytest.raises(ValueError, match=r"leave no room to swell in"):
         swollen("roller", 0.9)
-    cell = jaxgel.Plate(2, 2, jaxgel.Circle((0, 0), 0.5), edges="periodic", spacing=0.5, nodes_per_hole=8, **held)
+    cell = jaxgel.Plate(2, 2, [jaxgel.Circle((0, 0), 0.5)], edges="periodic", spacing=0.5, nodes_per_hole=8, **held)
     with pytest.raises(ValueError, match=r"^axial_stretch: 'free' is not accepted by lattice_onset, it must be a number$"):
         jaxgel.lattice_onset(jaxgel.discretise(jaxgel.make_cloud(cell)), GEL, mu=(-2.0, -1.0))

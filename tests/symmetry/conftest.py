@@ -22,7 +22,7 @@ def plates():
         "C1": Circle((0.3, 0.2), 1),
     }
     found = {name: Plate(4, 4, holes, spacing=0.25) for name, holes in square.items()}
-    return found | {"D2 (axes)": Plate(4, 3, Circle((0, 0), 1), spacing=0.25)}
+    return found | {"D2 (axes)": Plate(4, 3, [Circle((0, 0), 1)], spacing=0.25)}
 
 
 @pytest.fixture(scope="session")
