@@ -84,8 +84,8 @@ def _constrained_delaunay(vertices, loops):
     return used[cKDTree(vertices[used]).query(corners)[1]], owner
 
 
-def nearest_points(points: Float[np.ndarray, "p 2"], moved: Float[np.ndarray, "p 2"]) -> tuple[Int[np.ndarray, " p"], float]:
-    """The number (p,) of the point nearest each of the points once ``moved`` (p, 2), and the largest distance."""
+def nearest_points(points: Float[np.ndarray, "v d"], moved: Float[np.ndarray, "p d"]) -> tuple[Int[np.ndarray, " p"], float]:
+    """The number (p,) of the one of the ``points`` (v, d) nearest each of the ``moved`` ones (p, d), and the largest distance."""
     distance, nearest = cKDTree(points).query(moved)
     return nearest, distance.max(initial=0.0)
 
