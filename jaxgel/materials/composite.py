@@ -19,6 +19,9 @@ import jax.numpy as jnp
 from .._types import Array, Float, Scalar
 from .fields import Field, LocalValues, Varying, named_parameters, value
 
+Parameter = Scalar | Float[Array, "*g"]
+"""Of an elastomer: a number, or one for each volume group."""
+
 SLACK = 1e-9  # of Nv: a film's pressure that is not below this is taken for it, as none at or above zero exists
 FILM_STEPS = 30  # of Newton's method: the first ones of at most a factor e in A
 SOFT = 1e-3  # Nv with which functions of the gel are evaluated where there is an elastomer, and their values are not used
@@ -70,8 +73,8 @@ class Filled:
 
     gel: Any
     """The gel; in elastomers its Nv is theirs."""
-    bulk: LocalValues | Varying
-    """Bulk modulus of the elastomers, kT/v; 0 in the gel."""
+    bulk: LocalValues | Varying | Scalar
+    """Bulk modulus of the elastomers, kT/v; 0 in the gel. A number at a single place."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(object.__getattribute__(self, "gel"), name)
@@ -107,51 +110,51 @@ def takes_solvent(gel: Any) -> Any:
     return value(gel.bulk) == 0 if isinstance(gel, Filled) else True
 
 
-def elastic_energy(J: Float[Array, "..."], Nv: Scalar, K: Scalar) -> Float[Array, "..."]:
+def elastic_energy(J: Float[Array, "*g"], Nv: Parameter, K: Parameter) -> Float[Array, "*g"]:
     """Energy (...) of an elastomer besides its network's, kT/v, at the volume ratio ``J`` (...) > 0."""
     return K / 2 * (J - 1) ** 2 - Nv * jnp.log(J)
 
 
-def elastic_pressure(J: Float[Array, "..."], Nv: Scalar, K: Scalar) -> Float[Array, "..."]:
+def elastic_pressure(J: Float[Array, "*g"], Nv: Parameter, K: Parameter) -> Float[Array, "*g"]:
     """Its pressure (...), kT/v, at the volume ratio ``J`` (...) > 0."""
     return K * (J - 1) - Nv / J
 
 
-def elastic_stiffness(J: Float[Array, "..."], Nv: Scalar, K: Scalar) -> Float[Array, "..."]:
+def elastic_stiffness(J: Float[Array, "*g"], Nv: Parameter, K: Parameter) -> Float[Array, "*g"]:
     """Its stiffness dp/dJ (...), kT/v, at the volume ratio ``J`` (...) > 0."""
     return K + Nv / J**2
 
 
-def elastic_volume_ratio(p: Float[Array, "..."], Nv: Scalar, K: Scalar) -> Float[Array, "..."]:
+def elastic_volume_ratio(p: Float[Array, "*g"], Nv: Parameter, K: Parameter) -> Float[Array, "*g"]:
     """Volume ratio J (...) at which it carries the pressure ``p`` (...), kT/v: K J^2 - (K + p) J - Nv = 0."""
     half = (K + p) / (2 * K)
     root = jnp.sqrt(half**2 + Nv / K)
     return jnp.where(half > 0, half + root, Nv / K / jnp.where(half > 0, 1.0, root - half))  # without cancellation
 
 
-def elastic_film_stretch(A: Float[Array, "..."], Nv: Scalar, K: Scalar) -> Float[Array, "..."]:
+def elastic_film_stretch(A: Float[Array, "*g"], Nv: Parameter, K: Parameter) -> Float[Array, "*g"]:
     """Stretch l3 (...) of the thickness of an elastomer film at the areal stretch ``A`` (...): (Nv + K A^2) l3^2 - K A l3 - Nv = 0."""
     a, b = Nv + K * A**2, K * A
     return (b + jnp.sqrt(b**2 + 4 * a * Nv)) / (2 * a)
 
 
-def elastic_film_energy(A: Float[Array, "..."], Nv: Scalar, K: Scalar) -> Float[Array, "..."]:
+def elastic_film_energy(A: Float[Array, "*g"], Nv: Parameter, K: Parameter) -> Float[Array, "*g"]:
     """w(A) (...) of an elastomer film, kT/v, see ``film``."""
     thickness = elastic_film_stretch(A, Nv, K)
     return Nv / 2 * (thickness**2 - 1) + elastic_energy(A * thickness, Nv, K)
 
 
-def elastic_film_pressure(A: Float[Array, "..."], Nv: Scalar, K: Scalar) -> Float[Array, "..."]:
+def elastic_film_pressure(A: Float[Array, "*g"], Nv: Parameter, K: Parameter) -> Float[Array, "*g"]:
     """Its pressure dw/dA (...), kT/v: -Nv l3^2 / A."""
     return -Nv * elastic_film_stretch(A, Nv, K) ** 2 / A
 
 
-def elastic_film_stiffness(A: Float[Array, "..."], Nv: Scalar, K: Scalar) -> Float[Array, "..."]:
+def elastic_film_stiffness(A: Float[Array, "*g"], Nv: Parameter, K: Parameter) -> Float[Array, "*g"]:
     """Its stiffness d2w/dA2 (...), kT/v."""
     return jax.jvp(lambda A: elastic_film_pressure(A, Nv, K), (A,), (jnp.ones_like(A),))[1]
 
 
-def elastic_film_stretch_at(p: Float[Array, "..."], Nv: Scalar, K: Scalar) -> Float[Array, "..."]:
+def elastic_film_stretch_at(p: Float[Array, "*g"], Nv: Parameter, K: Parameter) -> Float[Array, "*g"]:
     """Areal stretch A (...) at which an elastomer film has the pressure ``p`` (...) < 0: the inverse of `elastic_film_pressure`.
 
     It grows with A from J = 1/2 on, where the film is compressed to A = (4 + K/Nv)^(-1/2); a lower pressure gives that A. Newton's method
