@@ -5,6 +5,7 @@ points and patches is found once for a cloud; whether it does so to round-off is
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -159,7 +160,7 @@ def _keeps(image, problem):
     )
 
 
-def _by_point(lists: Connectivity, parts: list) -> Float[np.ndarray, "p ..."]:
+def _by_point(lists: Connectivity, parts: Sequence[Float[Array, "_ _ ..."]]) -> Float[np.ndarray, "p ..."]:
     """Values (p, ...) of all quadrature points by their numbers, from those (c, q, ...) of each block."""
     first = np.asarray(parts[0])
     values = np.zeros((len(lists.cell_of_point), *first.shape[2:]))
