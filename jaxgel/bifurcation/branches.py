@@ -13,7 +13,7 @@ from ..continuation import Path, StabilityAnalysis
 from ..controls import Control, control_name, scale_of
 from ..discretisation import Model
 from ..equilibrium import Conditions, State, Status, accepted, solve, solve_bordered
-from ..materials import Gel
+from ..materials import AnyGel
 from ..mechanics import Problem, prepare, restrict, scatter
 from .points import CriticalPoint
 
@@ -24,7 +24,7 @@ LEAST_STEP = 1e-4  # of the largest
 
 def switch_branch(
     model: Model,
-    gel: Gel,
+    gel: AnyGel,
     point: CriticalPoint,
     *,
     sign: int = 1,

@@ -19,7 +19,7 @@ from ..continuation import is_traced, values_of
 from ..controls import Control, check_values, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import first_order_only
-from ..materials import Gel
+from ..materials import AnyGel
 from ..mechanics import Problem, curvature, localised, residual
 from .points import CriticalPoint
 from .search import locate
@@ -29,7 +29,7 @@ Point = TypeVar("Point")
 
 def critical_points(
     model: Model,
-    gel: Gel,
+    gel: AnyGel,
     *,
     mu: tuple[float, float] | None = None,
     control: Control | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 from .._types import Array, Float, Scalar
 from ..discretisation import Model
 from ..equilibrium import State, advanced, assess_equilibrium, dry_state, iterate, starting
-from ..materials import Gel
+from ..materials import AnyGel
 from ..mechanics import Problem, condensed_rhs, factorised_tangent, prepare, restrict, state_pressure
 
 MAX_ITERATIONS = 60
@@ -18,7 +18,7 @@ FAR = 1e3  # widths of the plate: an iterate whose nodes lie farther out has div
 
 def find_states_by_deflation(
     model: Model,
-    gel: Gel,
+    gel: AnyGel,
     *,
     mu: Scalar,
     known: Sequence[Float[Array, "n 2"]] | Float[Array, "k n 2"],

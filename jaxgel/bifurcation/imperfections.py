@@ -10,7 +10,7 @@ from .._validation import keywords_of
 from ..continuation import Path, StabilityAnalysis, SweepOptions, is_traced, sweep
 from ..discretisation import Model
 from ..equilibrium import State
-from ..materials import Gel
+from ..materials import AnyGel
 from ..mechanics import prepare, restrict, scatter
 from .critical import critical_points
 from .points import CriticalPoint
@@ -18,7 +18,7 @@ from .points import CriticalPoint
 
 def sweep_by_options(
     model: Model,
-    gel: Gel,
+    gel: AnyGel,
     options: SweepOptions,
     *,
     mu: Any = None,
@@ -42,7 +42,7 @@ def sweep_by_options(
 
 
 def imperfection_load(
-    model: Model, gel: Gel, options: SweepOptions, *, loads: Float[Array, "n 2"] | None = None
+    model: Model, gel: AnyGel, options: SweepOptions, *, loads: Float[Array, "n 2"] | None = None
 ) -> Float[Array, "n 2"] | None:
     """Nodal forces of the options' imperfection along the first bifurcation under the ``loads``, kT/v mm; None where it is 0.
 
@@ -59,7 +59,7 @@ def imperfection_load(
 
 
 def imperfection(
-    model: Model, gel: Gel, point: CriticalPoint, size: float, *, direction: Float[Array, " m"] | None = None
+    model: Model, gel: AnyGel, point: CriticalPoint, size: float, *, direction: Float[Array, " m"] | None = None
 ) -> Float[Array, "n 2"]:
     """Dead nodal loads, kT/v mm, that push along a bifurcation's mode: a sweep under them buckles without a bifurcation.
 

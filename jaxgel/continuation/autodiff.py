@@ -19,7 +19,7 @@ from ..controls import Control, check_control, check_values, control_name, unit_
 from ..discretisation import Model
 from ..equilibrium import Status, dry_state, for_derivatives, remedy, solve_traced, state_tangents, with_derivatives_of
 from ..linalg import SingularTangent, extreme_eigenvalues, factor, network_matrix, remember
-from ..materials import Gel, check_gel
+from ..materials import LocalGel, check_gel
 from ..mechanics import (
     Problem,
     border,
@@ -71,7 +71,7 @@ class _Static:
 
 
 def traced_sweep(
-    model: Model, gel: Gel, control: Control | None, values: object, loads: Float[Array, "n 2"] | None, options: Following
+    model: Model, gel: LocalGel, control: Control | None, values: object, loads: Float[Array, "n 2"] | None, options: Following
 ) -> Path:
     """`sweep` under differentiation, jit or vmap; states that are not reached are nan, with their status.
 

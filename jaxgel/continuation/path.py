@@ -11,7 +11,7 @@ from .._types import Array, Bool, Float, Int
 from ..controls import Control, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import Stability, State, Status
-from ..materials import Gel
+from ..materials import AnyGel, LocalGel
 from ..mechanics import Problem, localised
 
 _SCALARS = ("mu", "value", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
@@ -23,7 +23,7 @@ class Path:
 
     model: Model
     """The discretised plate."""
-    gel: Gel
+    gel: LocalGel
     """Material; a control may drive its parameters, see ``setting``."""
     mu: Float[Array, " k"]
     """Chemical potentials, kT."""
@@ -60,8 +60,8 @@ class Path:
     def from_states(
         cls,
         model: Model,
-        gel: Gel,
-        states: list[State],
+        gel: AnyGel,
+        states: Sequence[State],
         *,
         control: Control | None = None,
         stop: Status = Status.CONVERGED,

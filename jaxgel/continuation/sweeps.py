@@ -8,7 +8,7 @@ from .._types import Array, Float
 from ..controls import Control, check_control, check_values, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import State
-from ..materials import Gel, check_gel, varies
+from ..materials import AnyGel, check_gel, varies
 from ..mechanics import check_room, localised, prepare, with_contact
 from .autodiff import first_state_failed, is_traced, traced_sweep
 from .follow import Followed, Following
@@ -20,7 +20,7 @@ Values = list[float] | tuple[float, ...] | Float[Array, " k"]
 
 def sweep(
     model: Model,
-    gel: Gel,
+    gel: AnyGel,
     *,
     mu: Values | None = None,
     control: Control | None = None,

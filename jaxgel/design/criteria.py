@@ -18,7 +18,7 @@ from .._types import Array, Float
 from ..cloud import Cloud
 from ..continuation import Path
 from ..geometry import Plate, arcs, edge_lines, outline_points, reference_plate
-from ..materials import Gel, WithHoles, matrix_of
+from ..materials import AnyGel, WithHoles, matrix_of
 from ..observables import CURVES
 
 LIGAMENT_SAMPLES = 128  # points per outline among which the nearest pair is looked for
@@ -60,7 +60,7 @@ class Constraint:
     of_gel: bool = False
     """Whether it is a function of the dry cloud and the gel, ``function(cloud, gel)``, which costs no sweep either."""
 
-    def without_sweep(self, plate: Plate, cloud: Cloud, gel: Gel) -> Float[Array, " c"]:
+    def without_sweep(self, plate: Plate, cloud: Cloud, gel: AnyGel) -> Float[Array, " c"]:
         """Values (c,) of a constraint that is ``dry`` or ``of_gel``."""
         return jnp.ravel(self.function(cloud, gel) if self.of_gel else self.function(plate))
 
@@ -89,7 +89,7 @@ def porosity(plate: Plate) -> Float[Array, "1"]:
     return jnp.sum(hole_areas(plate), keepdims=True) / (plate.width * plate.height)
 
 
-def parameter_mean(name: str) -> Callable[[Cloud, Gel], Float[Array, "1"]]:
+def parameter_mean(name: str) -> Callable[[Cloud, AnyGel], Float[Array, "1"]]:
     """Function of a cloud and a gel: the mean (1,) of the gel's parameter over the dry gel, by the cells' quadrature.
 
     Holes are left out, and regions with a material of their own.

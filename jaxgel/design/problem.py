@@ -14,7 +14,7 @@ from ..continuation import Path, SweepOptions
 from ..controls import check_values
 from ..discretisation import DiscretisationOptions
 from ..geometry import Plate, check_plate
-from ..materials import Gel, check_gel
+from ..materials import AnyGel, check_gel
 from ..mechanics import Loads
 
 
@@ -31,8 +31,8 @@ class DesignProblem:
     """Name -> (lower, upper), numbers or arrays of the parameter's shape; they also set its scale."""
     plate: Callable[[dict], Plate]
     """Function of the parameters (a dict as ``start``) that gives the `Plate`, traceable."""
-    gel: Gel | Callable[[dict], Gel]
-    """The `Gel`, or a function of the parameters that gives it."""
+    gel: AnyGel | Callable[[dict], AnyGel]
+    """The `Gel` or `Composite`, or a function of the parameters that gives it."""
     mu: Sequence[float]
     """(k,) increasing chemical potentials of the sweep, kT."""
     objective: Callable
@@ -74,7 +74,7 @@ class DesignProblem:
         """The dict of parameters of a scaled ``vector``, which may be traced."""
         return ravel_pytree(self.start)[1](self._lower + self._range * vector)
 
-    def gel_at(self, parameters: dict) -> Gel:
+    def gel_at(self, parameters: dict) -> AnyGel:
         """The gel of a dict of parameters."""
         return self.gel(parameters) if callable(self.gel) else self.gel
 

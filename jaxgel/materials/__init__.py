@@ -46,9 +46,11 @@ from .film import (
     film_volume_ratio,
 )
 from .gel import (
+    AnyGel,
     ArrudaBoyce,
     Gel,
     Gent,
+    LocalGel,
     bulk_stiffness,
     cauchy_stress,
     check_stretched_network,
@@ -70,12 +72,14 @@ from .swelling import (
 
 __all__ = [
     "ACCEPTED",
+    "AnyGel",
     "ArrudaBoyce",
     "Composite",
     "Elastomer",
     "Filled",
     "Gel",
     "Gent",
+    "LocalGel",
     "LocalValues",
     "PixelField",
     "Varying",

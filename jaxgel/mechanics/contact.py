@@ -26,7 +26,7 @@ from .._types import Array, Bool, Float, Int, Scalar
 from ..cloud import Topology
 from ..discretisation import Model, reaching_nodes
 from ..geometry import edge_lines
-from ..materials import Gel
+from ..materials import AnyGel
 from .local_gel import localised, mean_stiffness
 
 RANGE = 0.5  # of the node spacing
@@ -65,7 +65,7 @@ class ContactGroup:
     """(h, g, 2) see ``sign``; mm."""
 
 
-def with_contact(model: Model, gel: Gel, *, range: Scalar | None = None, stiffness: Scalar | None = None) -> Model:  # noqa: A002
+def with_contact(model: Model, gel: AnyGel, *, range: Scalar | None = None, stiffness: Scalar | None = None) -> Model:  # noqa: A002
     """The model with self-contact of ``range`` (mm, half the node spacing by default) and ``stiffness`` kappa (kT/v, 10 times the mean Nv).
 
     It is returned as it is if it has no hole, or contact already and nothing is given.

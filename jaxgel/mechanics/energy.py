@@ -13,8 +13,8 @@ from jax import lax
 from .._types import Array, Float, Scalar
 from ..discretisation import Model
 from ..materials import (
-    Gel,
     Gent,
+    LocalGel,
     balanced_stretch,
     elementwise,
     gel_at_points,
@@ -40,7 +40,7 @@ LEAST_WORK = 1e-4  # of the axial force of the dry network: pressures that push 
 
 
 def total_energy(
-    x: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar, loads: Float[Array, "n 2"], pressure: Float[Array, " g"] | None = None
+    x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar, loads: Float[Array, "n 2"], pressure: Float[Array, " g"] | None = None
 ) -> Float[Array, ""]:
     """Total energy (), kT/v mm^2, at nodal positions ``x`` (n, 2): free energy of the gel less the work of dead ``loads`` (n, 2).
 
@@ -60,7 +60,7 @@ def total_energy(
 
 
 def curvature(
-    x: Float[Array, "n 2"], v: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar, loads: Float[Array, "n 2"]
+    x: Float[Array, "n 2"], v: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar, loads: Float[Array, "n 2"]
 ) -> Float[Array, ""]:
     """Second derivative () of the total energy along the field ``v`` (n, 2), at ``x`` (n, 2): v . K v."""
 
@@ -70,7 +70,7 @@ def curvature(
     return jax.jvp(lambda t: jax.jvp(along, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
 
 
-def network_energy(x: Float[Array, "n 2"], model: Model, gel: Gel, axial: Scalar = 1.0) -> Float[Array, ""]:
+def network_energy(x: Float[Array, "n 2"], model: Model, gel: LocalGel, axial: Scalar = 1.0) -> Float[Array, ""]:
     """Energy () of the network alone, kT/v mm^2, at the ``axial`` stretch."""
     return _network_energy(gradients_by_block(x, model), model, gel, axial)
 
@@ -89,7 +89,7 @@ def _integrated_network(gel, gradients, weights, axial):
 # --- the axial stretch -------------------------------------------------------------------------------------------------------
 
 
-def axial_stretch(x: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar) -> Scalar:
+def axial_stretch(x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar) -> Scalar:
     """Axial stretch of a plate with the nodal positions ``x`` (n, 2): the held one, or that at which no axial force acts.
 
     1 in plane strain, and for a film, whose thickness is not one number.
@@ -106,7 +106,9 @@ def _relaxed_stretch(gradients, A, model, gel, mu):
     return balanced_stretch(_energy_at_stretch, of, 1 / least, 1 / least, _largest_stretch(gradients, gel), rises_always(gel_there))
 
 
-def stretch_of_pressure(x: Float[Array, "n 2"], A: Float[Array, " g"], p: Float[Array, " g"], model: Model, gel: Gel) -> Float[Array, ""]:
+def stretch_of_pressure(
+    x: Float[Array, "n 2"], A: Float[Array, " g"], p: Float[Array, " g"], model: Model, gel: LocalGel
+) -> Float[Array, ""]:
     """The free axial stretch () at the areal stretches ``A`` (g,) and pressures ``p`` (g,), without derivatives: any pair has one.
 
     At an equilibrium that of `axial_stretch`: the network's axial force balances that of the pressures, -sum V A p / l3, which must be
@@ -169,7 +171,7 @@ def hessian_product(
     x: Float[Array, "n 2"],
     v: Float[Array, "n 2"],
     model: Model,
-    gel: Gel,
+    gel: LocalGel,
     mu: Scalar,
     loads: Float[Array, "n 2"],
     pressure: Float[Array, " g"] | None = None,

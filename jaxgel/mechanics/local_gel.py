@@ -16,10 +16,11 @@ from .._types import Int, Scalar
 from ..cloud import Topology
 from ..discretisation import Connectivity, Model, NodalField, group_weights
 from ..materials import (
+    AnyGel,
     Composite,
     Elastomer,
     Filled,
-    Gel,
+    LocalGel,
     LocalValues,
     WithHoles,
     check_gel,
@@ -36,7 +37,7 @@ from ..materials import (
 from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, held_stretch, is_film, is_generalised
 
 
-def localised(model: Model, gel: Gel | Composite) -> Gel:
+def localised(model: Model, gel: AnyGel) -> LocalGel:
     """The gel with `LocalValues` in place of its fields; a gel of numbers as it is. Of a `Composite` every parameter has local values.
 
     ValueError for a network that the plate's kinematics cannot have, for other numbers of materials than the plate has regions, for a field
@@ -122,7 +123,7 @@ def _outline_regions(topology: Topology) -> Int[np.ndarray, " p"]:
     return topology.regions_at(topology.partition.vertices[numbers])
 
 
-def mean_stiffness(gel: Gel, model: Model) -> Scalar:
+def mean_stiffness(gel: LocalGel, model: Model) -> Scalar:
     """The mean of Nv over the dry volume of a `localised` gel, that of elastomers left out."""
     if not isinstance(gel.Nv, LocalValues):
         return gel.Nv

@@ -27,7 +27,7 @@ from jax import lax
 
 from .._types import Array, Float, Scalar
 from ..discretisation import Model
-from ..materials import Gel, neo_hookean
+from ..materials import LocalGel, neo_hookean
 from .contact import contact_force
 from .dofs import gather
 from .energy import axial_stretch, network_energy, stretch_of_pressure
@@ -203,7 +203,7 @@ def pressure_step_of_mu(p: Float[Array, " g"], linearisation: Linearisation, pro
 
 
 @jax.jit
-def state_pressure(x: Float[Array, "n 2"], model: Model, gel: Gel, mu: Scalar) -> Float[Array, " g"]:
+def state_pressure(x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
     """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``."""
     return pressure_at(volume_ratios(x, model), model, gel, mu, axial_stretch(x, model, gel, mu))
 
@@ -233,7 +233,7 @@ def nodal_sum(gradients: tuple, p: Float[Array, " g"], model: Model) -> Float[Ar
     return total
 
 
-def network_force(x: Float[Array, "n 2"], model: Model, gel: Gel, operators: Operators, axial: Scalar) -> Float[Array, "n 2"]:
+def network_force(x: Float[Array, "n 2"], model: Model, gel: LocalGel, operators: Operators, axial: Scalar) -> Float[Array, "n 2"]:
     """Nodal forces (n, 2) of the network, kT/v mm, at the ``axial`` stretch."""
     if gel.network is not neo_hookean:
         return jax.grad(network_energy)(x, model, gel, axial)

@@ -16,7 +16,7 @@ from jax import lax
 
 from .._types import Array, Float, Inexact, Int
 from ..discretisation import Model, PatchBlock
-from ..materials import Gel, gel_at_points, value
+from ..materials import LocalGel, gel_at_points, value
 from .dofs import unknowns
 from .pairs import node_pairs
 from .volumes import contour_shares, local_positions
@@ -42,7 +42,7 @@ class Operators:
     """Free degrees of freedom, see `dofs`."""
 
 
-def precomputed_operators(model: Model, gel: Gel) -> Operators:
+def precomputed_operators(model: Model, gel: LocalGel) -> Operators:
     """`Operators` of a model with a gel."""
     pairs, slots = node_pairs(model.lists)
     network, area_forms = _integrated(jnp.zeros(len(pairs)), model.blocks, gel, slots)

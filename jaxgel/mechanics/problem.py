@@ -11,7 +11,7 @@ from .._types import Array, Float, Int, Scalar
 from ..controls import Control, edge_motion, moves_edges, setting_of
 from ..discretisation import Model
 from ..linalg import Pattern
-from ..materials import Gel
+from ..materials import AnyGel, LocalGel
 from .dofs import constrained_part, start_positions, unknowns
 from .local_gel import localised
 from .operators import Operators, precomputed_operators
@@ -25,7 +25,7 @@ class Problem:
 
     model: Model
     """Discretised plate, with its self-contact if there is any."""
-    gel: Gel
+    gel: LocalGel
     """Material; fields as their values on the model, see `local_gel`."""
     loads: Float[Array, "n 2"]
     """Dead nodal loads, kT/v mm."""
@@ -98,7 +98,7 @@ def _placed(problem, x, value):
 
 
 def prepare(
-    model: Model, gel: Gel, loads: Float[Array, "n 2"] | None = None, *, control: Control | None = None, operators: bool = True
+    model: Model, gel: AnyGel, loads: Float[Array, "n 2"] | None = None, *, control: Control | None = None, operators: bool = True
 ) -> Problem:
     """`Problem` of a model and a gel under a ``control``; ``loads`` (n, 2) are dead nodal forces in kT/v mm, none by default.
 

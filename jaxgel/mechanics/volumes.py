@@ -17,7 +17,7 @@ from jax import lax
 from .._types import Array, Bool, Float, Scalar
 from ..discretisation import Model, PatchBlock, in_plane
 from ..materials import (
-    Gel,
+    LocalGel,
     bulk_stiffness,
     by_material,
     elastic_energy,
@@ -148,7 +148,7 @@ def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c
 # --- the pressure of a group -------------------------------------------------------------------------------------------------
 
 
-def ratio_at(p: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
+def ratio_at(p: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
     """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible. ``axial`` is the axial stretch."""
     carries, gel = carries_volume(model), gel_in_groups(gel)
     safe = jnp.where(carries, p, -1.0) if not carries.all() else p
@@ -159,7 +159,7 @@ def ratio_at(p: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: S
     return jnp.where(carries, star, p / (HELD * value(gel.Nv)))
 
 
-def pressure_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
+def pressure_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
     """Pressure of each group at its volume ratio ``J``, kT/v; nan where a group of gel that carries volume has J <= 1."""
     carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model, axial)
     if is_film(model):
@@ -169,7 +169,7 @@ def pressure_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial
     return jnp.where(carries, own, HELD * value(gel.Nv) * J)
 
 
-def stiffness_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
+def stiffness_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
     """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v, at a given axial stretch."""
     carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model, axial)
     if is_film(model):
@@ -179,14 +179,14 @@ def stiffness_at(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axia
     return jnp.where(carries, own, HELD * value(gel.Nv))
 
 
-def pressure_rate(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
+def pressure_rate(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
     """Derivative dp/dmu of the pressure of each group at its volume ratio ``J`` and a given axial stretch, 1/v; -1 in plane strain."""
     if is_film(model):
         return jax.jvp(lambda mu: pressure_at(J, model, gel, mu, axial), (jnp.asarray(mu, float),), (1.0,))[1]
     return -axial * (carries_volume(model) * takes_solvent(gel_in_groups(gel))).astype(float)
 
 
-def volume_energy(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, ""]:
+def volume_energy(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, ""]:
     """Energy () of all volume groups, kT/v mm^2."""
     carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model, axial)
     if is_film(model):
@@ -197,7 +197,7 @@ def volume_energy(J: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axi
     return jnp.sum(all_volumes(model) * jnp.where(carries, own, HELD * value(gel.Nv) / 2 * J**2))
 
 
-def swelling_of(J: Float[Array, " g"], model: Model, gel: Gel, axial: Scalar) -> Float[Array, " g"]:
+def swelling_of(J: Float[Array, " g"], model: Model, gel: LocalGel, axial: Scalar) -> Float[Array, " g"]:
     """What the accuracy of each group's volume ratio ``J`` is measured by: the solvent in a gel, J in films and elastomers; 0 if held."""
     own = J if is_film(model) else axial * J - jnp.where(takes_solvent(gel_in_groups(gel)), 1.0, 0.0)
     return jnp.where(carries_volume(model), own, 0.0)
@@ -209,7 +209,7 @@ def _feasible(J, model, axial):
 
 
 def ratios_that_carry(
-    J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: Gel, mu: Scalar, axial: Scalar = 1.0
+    J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0
 ) -> Float[Array, " g"]:
     """The volume ratios (g,) that carry the ``pressure`` (g,), with the derivatives of those near them, ``J`` (g,).
 

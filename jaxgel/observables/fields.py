@@ -15,7 +15,7 @@ from ..continuation import Path
 from ..controls import setting_of
 from ..discretisation import Model, make_probe
 from ..materials import (
-    Gel,
+    LocalGel,
     LocalValues,
     Varying,
     by_material,
@@ -190,13 +190,13 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value))
 
 
-def _film_stress(F: Float[Array, "2 2"], gel: Gel, p: Scalar) -> Float[Array, "2 2"]:
+def _film_stress(F: Float[Array, "2 2"], gel: LocalGel, p: Scalar) -> Float[Array, "2 2"]:
     """In-plane Cauchy stress (2, 2) of a film with the pressure ``p`` < 0 of ``materials.film``; some finite one for others."""
     A = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
     return (gel.Nv * F @ F.T / A + p * jnp.eye(2)) / jnp.sqrt(jnp.where(p < 0, -p * A / gel.Nv, 1.0))
 
 
-def _gel_at_nodes(gel: Gel, model: Model, mean: Callable) -> Gel:
+def _gel_at_nodes(gel: LocalGel, model: Model, mean: Callable) -> LocalGel:
     """The gel at the nodes: parameters that vary as means over the cells, as the pressure."""
 
     def at_nodes(part):

@@ -17,7 +17,7 @@ from .._types import Array, Float, Int
 from ..cloud import Topology
 from ..discretisation import Connectivity, Model
 from ..geometry import SYMMETRIES, keeps_edges
-from ..materials import Gel, LocalValues, neo_hookean
+from ..materials import LocalGel, LocalValues, neo_hookean
 from ..mechanics import Problem, free_dofs
 
 EXACT = 1e-10  # of the spacing: how far a place may lie from its image's; round-off leaves 1e-12
@@ -173,7 +173,7 @@ def _is_local(part):
     return isinstance(part, LocalValues)
 
 
-def _is_isotropic(gel: Gel) -> bool:
+def _is_isotropic(gel: LocalGel) -> bool:
     """Whether the network's energy is that of a turned and mirrored deformation too, at a few deformations and both ends of each field."""
     if gel.network is neo_hookean:
         return True

@@ -21,7 +21,7 @@ from ..continuation import SweepFailed, sweep
 from ..controls import check_values
 from ..discretisation import Model
 from ..linalg import Bordered, factor
-from ..materials import Gel
+from ..materials import AnyGel
 from ..mechanics import Problem, curvature, gather, held_stretch, linearise, localised, mu_force, prepare, restrict, scatter, tangent
 from ..symmetry import symmetries_of
 from .bloch import BlochStates
@@ -83,7 +83,7 @@ class LatticeOnset:
         return f"short wave ({k}) rad/mm: a pattern that {repeats}"
 
 
-def lattice_onset(model: Model, gel: Gel, *, mu: tuple[float, float], divisions: int = DIVISIONS) -> LatticeOnset | None:
+def lattice_onset(model: Model, gel: AnyGel, *, mu: tuple[float, float], divisions: int = DIVISIONS) -> LatticeOnset | None:
     """`LatticeOnset` of the infinite lattice of a periodic cell in ``mu = (first, last)``; None where it stays stable.
 
     The branch is that of states which are the same in all cells. The zone has ``divisions`` steps from its middle to its edge; the wave
