@@ -83,7 +83,9 @@ def setting_of(control: Control | None, value: Scalar, gel: Any) -> Setting:
 
 
 def control_name(control: Control | None) -> str:
-    """Name of a control, "mu" without one."""
+    """Name of a control, "mu" without one; ValueError, one line, for what is no control."""
+    if control is not None and not isinstance(control, Control):
+        raise ValueError(f"control: {control!r} is not accepted, it must have a name, a unit and a scale, see jaxgel.controls")
     return "mu" if control is None else control.name
 
 
@@ -110,6 +112,15 @@ def adds_loads(control: Control | None, gel: Any) -> bool:
     return control is not None and jax.eval_shape(control, 0.0, gel).loads is not None
 
 
+def drives_stiffness(control: Control | None, gel: Any) -> bool:
+    """Whether a control changes the Nv of the gel."""
+    if control is None:
+        return False
+    kept = []
+    jax.eval_shape(lambda value: kept.append(control(value, gel).gel.Nv is gel.Nv), 0.0)
+    return not kept[0]
+
+
 def check_control(control: Control | None, gel: Any, values: Float[np.ndarray, " k"]) -> None:
     """Raise ValueError, one line, for a control that gives no `Setting`, numbers that cannot be used at one of the ``values``, or a jump.
 
@@ -118,10 +129,6 @@ def check_control(control: Control | None, gel: Any, values: Float[np.ndarray, "
     if control is None or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((control, gel))):
         return
     name = control_name(control)
-    if not isinstance(control, Control):
-        raise ValueError(
-            f"control: {control!r} is not accepted, it must be a function with a name, a unit and a scale, see jaxgel.controls"
-        )
     numbers = [_numbers(control, value, gel) for value in values]
     for before, after, first, last in zip(values, values[1:], numbers, numbers[1:], strict=False):
         _check_continuous(control, gel, (before, after), (first, last), name)

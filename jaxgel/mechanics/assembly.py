@@ -22,6 +22,7 @@ from jax import lax
 
 from .._threads import ONE_THREAD
 from .._types import Array, Float
+from ..controls import drives_stiffness
 from ..linalg import Factor, factor
 from ..materials import Varying, elementwise, gel_at_points, neo_hookean, network_at, split
 from .contact import contact_force, contact_tangents
@@ -131,7 +132,8 @@ def is_sparse(problem: Problem) -> bool:
     """Whether `TangentOperator` multiplies by sparse matrices."""
     model = problem.model
     own = model.method != "displacement" and problem.gel.network is neo_hookean and model.contact is None and model.lists.unknowns is None
-    return own and held_stretch(model) is not None and len(problem.free) <= ONE_THREAD
+    own = own and held_stretch(model) is not None and not drives_stiffness(problem.control, problem.gel)
+    return own and len(problem.free) <= ONE_THREAD
 
 
 class TangentOperator:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Int, Scalar
-from ..controls import Control, edge_motion, moves_edges, setting_of
+from ..controls import Control, drives_stiffness, edge_motion, moves_edges, setting_of
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import AnyGel, LocalGel
@@ -42,7 +42,7 @@ class Problem:
         gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), setting.gel)
         loads = self.loads if setting.loads is None else self.loads + setting.loads
         operators = self.operators
-        if operators is not None and setting.gel.Nv is not self.gel.Nv:
+        if operators is not None and drives_stiffness(self.control, self.gel):
             operators = dataclasses.replace(operators, network=operators.network * (gel.Nv / self.gel.Nv))
         return Problem(self.model, gel, loads, operators), jnp.asarray(setting.mu, dtype=float)
 

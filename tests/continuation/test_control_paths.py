@@ -1,0 +1,200 @@
+"""Sweeps along any control, up and down: against plain sweeps, plates with held edges, and differences."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.controls import Driven, Load, Setting, Stretch, chi
+from jaxgel.equilibrium import Status
+
+HELD = {"left": "roller", "right": "roller", "bottom": "roller", "top": "free"}
+CIRCLE = ((0.1, -0.2), 0.8)
+
+
+def _plate(radius=CIRCLE[1], **more):
+    return jaxgel.Plate(4.0, 4.0, [jaxgel.Circle(CIRCLE[0], radius)], edges=HELD, **more)
+
+
+def _model(plate):
+    return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.8, nodes_per_hole=12))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return _model(_plate())
+
+
+GEL = jaxgel.Gel(1e-3, 0.1)
+
+
+def test_states_along_chi_are_those_of_gels_with_that_chi_up_and_down(model):
+    """Bulk stiffness times round-off of the volume ratio leaves 1e-12 mm."""
+    path = jaxgel.sweep(model, GEL, control=chi(mu=-0.5), values=[0.1, 0.3, 0.4, 0.3, 0.1])
+    assert path.stop.ok
+    np.testing.assert_array_equal(path.value, [0.1, 0.3, 0.4, 0.3, 0.1])
+    np.testing.assert_array_equal(path.mu, np.full(5, -0.5))
+    np.testing.assert_allclose(path.x[:2], path.x[:2:-1], atol=1e-9)  # of the issue of hysteresis: there is none
+    for k, number in enumerate(path.value[:3]):
+        plain = jaxgel.sweep(model, dataclasses.replace(GEL, chi=float(number)), mu=[-2.0, -0.5])
+        np.testing.assert_allclose(path.x[k], plain.x[-1], atol=1e-10)
+        assert path.energy[k] == pytest.approx(plain.energy[-1], rel=1e-10)
+        assert path.lowest_eigenvalue[k] == pytest.approx(plain.lowest_eigenvalue[-1], rel=2e-3)
+    assert repr(path) == f"Path of 5 states of {model.n_nodes} nodes, chi = 0.1000 ... 0.1000, 0 unstable: converged"
+
+
+def test_mu_may_fall(model):
+    up = jaxgel.sweep(model, GEL, mu=[-3.0, -1.0, -0.5])
+    down = jaxgel.sweep(model, GEL, mu=[-0.5, -1.0, -3.0], start=up[1])
+    np.testing.assert_allclose(down.x, up.x[::-1], atol=1e-9)
+
+
+def test_adaptive_steps_go_to_every_turning_point_and_back(model):
+    path = jaxgel.sweep(model, GEL, mu=(-3.0, -0.5, -2.0))
+    turn = int(np.argmax(path.mu))
+    assert (path.mu[0], path.mu[turn], path.mu[-1]) == (-3.0, -0.5, -2.0)
+    assert np.all(np.diff(path.mu[: turn + 1]) > 0)
+    assert np.all(np.diff(path.mu[turn:]) < 0)
+    assert len(path) - turn > 2  # the way back has steps of its own
+    back = np.interp(path.mu[turn + 1], path.mu[: turn + 1], jaxgel.area_reduction(path)[: turn + 1])
+    assert jaxgel.area_reduction(path)[turn + 1] == pytest.approx(back, abs=2e-2)  # linear between states
+
+
+@pytest.mark.parametrize("kept", [2, 4, 6])
+def test_an_interrupted_sweep_that_turns_goes_on_to_the_bit(model, kept):
+    seen = []
+    whole = jaxgel.sweep(model, GEL, mu=(-3.0, -0.5, -2.0), on_step=lambda state: seen.append(state.light))
+    assert len(whole) > kept
+    rest = jaxgel.sweep(model, GEL, mu=(-3.0, -0.5, -2.0), start=seen[:kept])
+    np.testing.assert_array_equal(rest.mu, whole.mu)
+    np.testing.assert_array_equal(rest.x, whole.x)
+
+
+def test_a_stretched_plate_is_that_whose_edges_are_held_stretched(model):
+    path = jaxgel.sweep(model, GEL, control=Stretch("x", mu=-1.0), values=[1.0, 1.1, 1.0])
+    held = jaxgel.sweep(_model(_plate(deformation=((1.1, 0.0), (0.0, 1.0)))), GEL, mu=[-3.0, -1.0])
+    np.testing.assert_allclose(path.x[1], held.x[-1], atol=1e-10)
+    np.testing.assert_allclose(path.x[0], path.x[2], atol=1e-10)
+
+
+def test_a_load_is_that_of_the_same_nodal_forces(model):
+    loads = np.zeros((model.n_nodes, 2))
+    loads[np.asarray(model.cloud.nodes)[:, 1] > 1.99, 1] = -1e-4
+    path = jaxgel.sweep(model, GEL, control=Load(loads, mu=-1.0), values=[0.0, 2.0])
+    for k, factor in enumerate(path.value):
+        plain = jaxgel.sweep(model, GEL, mu=[-2.0, -1.0], loads=factor * loads)
+        np.testing.assert_allclose(path.x[k], plain.x[-1], atol=1e-10)
+
+
+def _drawn(value, gel, rate):
+    """A softer gel that is drawn out while it swells."""
+    own = dataclasses.replace(gel, Nv=gel.Nv * (1 - 0.2 * value), chi=gel.chi + 0.1 * value)
+    return Setting(-1.0 + rate * value, own, displacement={"right": jnp.stack([0.3 * value, 0.0 * value])})
+
+
+def test_an_own_path_sets_mu_gel_and_edges_together(model):
+    path = jaxgel.sweep(model, GEL, control=Driven(_drawn, (0.5,), name="draw"), values=[0.0, 1.0])
+    there = jaxgel.sweep(_model(_plate(displacement={"right": (0.3, 0.0)})), jaxgel.Gel(0.8e-3, 0.2), mu=[-2.0, -0.5])
+    assert path.mu[1] == -0.5
+    np.testing.assert_allclose(path.x[1], there.x[-1], atol=1e-10)
+    assert path.energy[1] == pytest.approx(there.energy[-1], rel=1e-10)
+    stress = jaxgel.cauchy_stress(path)[1]
+    np.testing.assert_allclose(stress, jaxgel.cauchy_stress(there)[-1], atol=1e-12)
+
+
+# --- derivatives -------------------------------------------------------------------------------------------------------------
+
+
+def _of_chi(model, v):
+    """A number of states along chi by the gel's Nv, the control's mu and its two values."""
+    path = jaxgel.sweep(model, jaxgel.Gel(v[0], 0.1), control=chi(mu=v[1]), values=v[2:])
+    return jnp.sum(jaxgel.area_reduction(path) * jnp.array([1.0, 2.0])) + 1e-3 * jnp.sum(path.energy)
+
+
+def _of_stretch(model, v):
+    """The same by a hole's radius, mu and the stretches of edges along which nodes slide."""
+    own = jaxgel.discretise(model.cloud.at(_plate(v[0])))
+    path = jaxgel.sweep(own, GEL, control=Stretch("x", mu=v[1]), values=v[2:])
+    return jnp.sum(jaxgel.area_reduction(path)) + jnp.sum(path.x[-1] ** 2) + 10 * path.energy[0]
+
+
+def _of_path(model, v):
+    """The same by the parameter of an own path, a value of it and the gel's chi."""
+    path = jaxgel.sweep(model, jaxgel.Gel(1e-3, v[2]), control=Driven(_drawn, (v[0],), name="draw"), values=v[1:2])
+    return jnp.sum(jaxgel.area_reduction(path)) + jnp.sum(jnp.sin(path.x)) + jnp.sum(path.mu) + 1e4 * jnp.mean(jaxgel.cauchy_stress(path))
+
+
+def _of_load(model, v):
+    """The same by the factor of loads that themselves depend on a number."""
+    loads = v[1] * jnp.where(model.cloud.nodes[:, 1:] > 1.99, jnp.array([0.0, -1.0]), 0.0)
+    path = jaxgel.sweep(model, GEL, control=Load(loads, mu=-1.0), values=v[:1])
+    return jnp.sum(path.x**2) + path.energy[0]
+
+
+@pytest.mark.parametrize(
+    ("function", "at", "steps"),
+    [
+        (_of_chi, [1e-3, -0.5, 0.1, 0.3], [1e-7, 1e-4, 1e-4, 1e-4]),
+        (_of_stretch, [0.8, -1.0, 1.05, 1.1], [1e-5, 1e-4, 1e-4, 1e-4]),
+        (_of_path, [0.5, 0.7, 0.1], [1e-4, 1e-4, 1e-4]),
+        (_of_load, [2.0, 1e-4], [1e-3, 1e-7]),
+    ],
+    ids=["chi", "stretch", "own path", "load"],
+)
+def test_derivatives_are_differences_of_sweeps(model, function, at, steps):
+    """Central differences; what they leave is their own error, of second order in steps of 1e-4 and round-off of 1e-12 over them."""
+    of, at = functools.partial(function, model), jnp.asarray(at)
+    backward, forward = jax.grad(of)(at), jax.jacfwd(of)(at)
+    np.testing.assert_allclose(forward, backward, rtol=1e-8)
+    for number, step in enumerate(steps):
+        away = jnp.zeros(len(at)).at[number].set(step)
+        assert float(backward[number]) == pytest.approx(float(of(at + away) - of(at - away)) / (2 * step), rel=2e-6)
+
+
+def test_a_sweep_along_a_control_works_inside_jit(model):
+    def reduction(values):
+        return jaxgel.area_reduction(jaxgel.sweep(model, GEL, control=Stretch("x", mu=-1.0), values=values, contact="off"))
+
+    values = jnp.array([1.0, 1.05])
+    np.testing.assert_allclose(jax.jit(reduction)(values), reduction(values), rtol=1e-9)
+
+
+def test_the_lowest_eigenvalue_is_differentiable_along_a_control(model):
+    def lowest(value):
+        path = jaxgel.sweep(model, GEL, control=Stretch("x", mu=-1.0), values=value[None])
+        return jaxgel.continuation.lowest_eigenvalue(path)[0]
+
+    at, step = jnp.asarray(1.05), 1e-4
+    assert float(jax.grad(lowest)(at)) == pytest.approx(float(lowest(at + step) - lowest(at - step)) / (2 * step), rel=1e-5)
+
+
+# --- what is refused ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (dict(), "mu: is missing; give the chemical potentials, or a control and its values"),
+        (dict(values=[1.0]), "values: are those of a control, and none is given"),
+        (dict(control=chi()), "values: are missing, those of the control 'chi'"),
+        (dict(control=chi(), values=[0.1], mu=[-1.0]), "mu: is not accepted beside the control 'chi'"),
+        (dict(control=chi(), values=[0.1, 0.1]), "chi: 0.1 is followed by 0.1"),
+        (dict(control=chi(), values=[0.1, 3.0]), "chi = 3: chi: 3 is not accepted"),
+        (dict(control=chi(), values=[0.1], formulation="incremental"), "formulation: 'incremental' knows no control but mu"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused_in_one_line(model, arguments, message):
+    with pytest.raises(ValueError, match=f"^{message}") as caught:
+        jaxgel.sweep(model, GEL, **arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_path_that_cannot_go_on_says_at_which_value(model):
+    """Edges that are pushed together until no room is left for the dry polymer."""
+    path = jaxgel.sweep(model, GEL, control=Stretch("x", mu=-3.0), values=(1.0, 0.2), max_steps=30)
+    assert path.stop in (Status.STEP_TOO_SMALL, Status.TOO_MANY_STEPS)
+    assert path.stop_text.startswith(f"stopped after stretch = {path.value[-1]:.6g}: ")
