@@ -57,9 +57,14 @@ from .materials import Elastomer as Elastomer
 from .materials import Gel as Gel
 from .materials import Gent as Gent
 from .materials import PixelField as PixelField
+from .materials import Pnipam as Pnipam
+from .materials import Polyelectrolyte as Polyelectrolyte
 from .materials import WithHoles as WithHoles
+from .materials import coexistence as coexistence
 from .materials import free_energy as free_energy
 from .materials import free_swelling as free_swelling
+from .materials import homogeneous_states as homogeneous_states
+from .materials import limits_of_stability as limits_of_stability
 from .materials import paper_stress as paper_stress
 from .materials import paper_tangent as paper_tangent
 from .materials import uniaxial_swelling as uniaxial_swelling

@@ -1,4 +1,4 @@
-"""The gel: free energy, stress, free and uniaxial swelling."""
+"""The gel: free energy, stress, free and uniaxial swelling, phases."""
 
 from .axial import balanced_stretch
 from .checks import ACCEPTED, check_gel, check_number, check_parameter
@@ -60,6 +60,8 @@ from .gel import (
     osmotic,
 )
 from .mixing import flory_huggins, flory_rehner
+from .phases import Coexistence, HomogeneousStates, StabilityLimits, coexistence, homogeneous_states, limits_of_stability
+from .responsive import Ions, Pnipam, Polyelectrolyte, ionic_energy, ions, pnipam_chi, pnipam_energy, polyelectrolyte_energy
 from .swelling import (
     free_swelling,
     isotropic_swelling,
@@ -74,14 +76,20 @@ __all__ = [
     "ACCEPTED",
     "AnyGel",
     "ArrudaBoyce",
+    "Coexistence",
     "Composite",
     "Elastomer",
     "Filled",
     "Gel",
     "Gent",
+    "HomogeneousStates",
+    "Ions",
     "LocalGel",
     "LocalValues",
     "PixelField",
+    "Pnipam",
+    "Polyelectrolyte",
+    "StabilityLimits",
     "Varying",
     "WithHoles",
     "balanced_stretch",
@@ -93,6 +101,7 @@ __all__ = [
     "check_number",
     "check_parameter",
     "check_stretched_network",
+    "coexistence",
     "elastic_energy",
     "elastic_film_energy",
     "elastic_film_pressure",
@@ -116,9 +125,13 @@ __all__ = [
     "gel_at_points",
     "gel_in_groups",
     "gel_on_outline",
+    "homogeneous_states",
+    "ionic_energy",
+    "ions",
     "isotropic_swelling",
     "largest_mu",
     "largest_pressure",
+    "limits_of_stability",
     "matrix_of",
     "named_parameters",
     "neo_hookean",
@@ -127,6 +140,9 @@ __all__ = [
     "paper_free_energy",
     "paper_stress",
     "paper_tangent",
+    "pnipam_chi",
+    "pnipam_energy",
+    "polyelectrolyte_energy",
     "rises_always",
     "split",
     "takes_solvent",

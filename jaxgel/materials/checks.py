@@ -16,11 +16,17 @@ ACCEPTED: dict[str, tuple[Callable[[Any], Any], str]] = {
     "Nv": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),
     "chi": (lambda v: (v > 0) & (v < 2), "a number in (0, 2), bounds excluded"),
     "bulk": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),
+    "temperature": (lambda v: (v >= 0) & (v <= 100), "a number in [0, 100], degrees Celsius"),
+    "pH": (lambda v: (v >= 0) & (v <= 14), "a number in [0, 14]"),
+    "salt": (lambda v: (v >= 0) & (v < math.inf), "a finite number >= 0, mol/l"),
+    "acid_fraction": (lambda v: (v >= 0) & (v <= 1), "a number in [0, 1]"),
+    "pKa": (lambda v: (v > -math.inf) & (v < math.inf), "a finite number"),
+    "solvent_volume": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0, nm^3"),
 }  # of the parameters: what is accepted, of a number or an array, and the same in words
 
 
 def check_gel(gel: Any, mu: object = None) -> None:
-    """Raise ValueError, one line, unless Nv > 0, 0 < chi < 2 and ``mu`` (number or array, if given) is finite.
+    """Raise ValueError, one line, unless parameters are what `ACCEPTED` says of their names and ``mu`` (a number or array) is finite.
 
     Traced values pass, and fields, which `check_parameter` sees at the points of a model. Of a `Composite` every material is checked.
     """
@@ -29,7 +35,7 @@ def check_gel(gel: Any, mu: object = None) -> None:
         for k, material in enumerate(gel.regions):
             _check_region(f"regions[{k}]", material, gel.matrix)
         return
-    for name in ("Nv", "bulk" if isinstance(gel, Elastomer) else "chi"):
+    for name in (name for name in ACCEPTED if hasattr(gel, name)):
         parameter = getattr(gel, name)
         if not (callable(parameter) or isinstance(parameter, LocalValues)):
             check_number(name, parameter, *ACCEPTED[name])

@@ -41,7 +41,7 @@ class Gel:
 
     ``network`` is ``neo_hookean``, ``Gent(Jm)``, ``ArrudaBoyce(N)`` or a user's own; an own energy is two plain functions of (F, gel)
     and (J, gel). Define them once, at module level: a new function object compiles anew. A gel with more parameters is any
-    registered dataclass with these four attributes and its own.
+    registered dataclass with ``Nv``, ``network``, ``volumetric`` and its own, as those in `responsive`.
     """
 
     Nv: Scalar | Field = 1e-3  # chains per dry volume times solvent molecule volume (); the shear modulus of the dry network in kT/v

@@ -47,7 +47,7 @@ def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     The pressure grows from -inf at J = 1 to ``largest_pressure``: -mu at J = inf for 2 chi < (1 + sqrt(Nv))^2, else the maximum at
     the spinodal, where dp/dJ = 0. The root between, on the side of the dry state, is returned; there dp/dJ > 0. For a larger p it
     is the J of the largest pressure, at most 1 + LARGEST_SWELLING, and for p + mu below about -31 it is 1 + SMALLEST_SWELLING; the
-    derivatives are then 0. Of a user's ``volumetric`` the first increasing part is inverted.
+    derivatives are then 0. Of another ``volumetric`` the first increasing part is inverted: of two phases the shrunken one.
 
     >>> from jaxgel.materials import Gel
     >>> volume_ratio_at(-0.1, -0.5, Gel(Nv=1e-3, chi=0.1)).round(6)

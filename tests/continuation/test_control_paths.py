@@ -138,12 +138,11 @@ def _of_load(model, v):
 @pytest.mark.parametrize(
     ("function", "at", "steps"),
     [
-        (_of_chi, [1e-3, -0.5, 0.1, 0.3], [1e-7, 1e-4, 1e-4, 1e-4]),
-        (_of_stretch, [0.8, -1.0, 1.05, 1.1], [1e-5, 1e-4, 1e-4, 1e-4]),
-        (_of_path, [0.5, 0.7, 0.1], [1e-4, 1e-4, 1e-4]),
-        (_of_load, [2.0, 1e-4], [1e-3, 1e-7]),
+        pytest.param(_of_chi, [1e-3, -0.5, 0.1, 0.3], [1e-7, 1e-4, 1e-4, 1e-4], id="chi", marks=pytest.mark.slow),
+        pytest.param(_of_stretch, [0.8, -1.0, 1.05, 1.1], [1e-5, 1e-4, 1e-4, 1e-4], id="stretch", marks=pytest.mark.slow),
+        pytest.param(_of_path, [0.5, 0.7, 0.1], [1e-4, 1e-4, 1e-4], id="own path"),
+        pytest.param(_of_load, [2.0, 1e-4], [1e-3, 1e-7], id="load", marks=pytest.mark.slow),
     ],
-    ids=["chi", "stretch", "own path", "load"],
 )
 def test_derivatives_are_differences_of_sweeps(model, function, at, steps):
     """Central differences; what they leave is their own error, of second order in steps of 1e-4 and round-off of 1e-12 over them."""
@@ -195,6 +194,6 @@ def test_arguments_that_do_not_fit_are_refused_in_one_line(model, arguments, mes
 
 def test_a_path_that_cannot_go_on_says_at_which_value(model):
     """Edges that are pushed together until no room is left for the dry polymer."""
-    path = jaxgel.sweep(model, GEL, control=Stretch("x", mu=-3.0), values=(1.0, 0.2), max_steps=30)
+    path = jaxgel.sweep(model, GEL, control=Stretch("x", mu=-3.0), values=(1.0, 0.2), max_steps=8, contact="off")
     assert path.stop in (Status.STEP_TOO_SMALL, Status.TOO_MANY_STEPS)
     assert path.stop_text.startswith(f"stopped after stretch = {path.value[-1]:.6g}: ")
