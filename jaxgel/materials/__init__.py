@@ -46,11 +46,9 @@ from .film import (
     film_volume_ratio,
 )
 from .gel import (
-    AnyGel,
     ArrudaBoyce,
     Gel,
     Gent,
-    LocalGel,
     bulk_stiffness,
     cauchy_stress,
     check_stretched_network,
@@ -61,7 +59,18 @@ from .gel import (
 )
 from .mixing import flory_huggins, flory_rehner
 from .phases import Coexistence, HomogeneousStates, StabilityLimits, coexistence, homogeneous_states, limits_of_stability
-from .responsive import Ions, Pnipam, Polyelectrolyte, ionic_energy, ions, pnipam_chi, pnipam_energy, polyelectrolyte_energy
+from .responsive import (
+    AnyGel,
+    Ions,
+    LocalGel,
+    Pnipam,
+    Polyelectrolyte,
+    ionic_energy,
+    ions,
+    pnipam_chi,
+    pnipam_energy,
+    polyelectrolyte_energy,
+)
 from .swelling import (
     free_swelling,
     isotropic_swelling,

@@ -21,7 +21,6 @@ import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
 from .checks import check_number
-from .composite import Composite, Filled
 from .fields import Field
 from .mixing import flory_rehner
 from .swelling import Numbers, _elementwise
@@ -48,12 +47,6 @@ class Gel:
     chi: Scalar | Field = 1e-4  # enthalpy of mixing, Flory's parameter ()
     network: Callable = dataclasses.field(default=neo_hookean, kw_only=True, metadata={"static": True})  # (F (2, 2), gel) -> ()
     volumetric: Callable = dataclasses.field(default=flory_rehner, kw_only=True, metadata={"static": True})  # (J (), gel) -> ()
-
-
-LocalGel = Gel | Filled
-"""A gel on a model, with local values in place of its fields, see ``mechanics.localised``."""
-AnyGel = LocalGel | Composite
-"""What may be given as the gel of a model."""
 
 
 @dataclasses.dataclass(frozen=True)

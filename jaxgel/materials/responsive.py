@@ -12,8 +12,9 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
+from .composite import Composite, Filled
 from .fields import Field
-from .gel import neo_hookean
+from .gel import Gel, neo_hookean
 from .mixing import flory_huggins, flory_rehner
 
 ZERO_CELSIUS = 273.15  # K
@@ -90,6 +91,12 @@ class Polyelectrolyte:
     solvent_volume: Scalar | Field = 0.1  # v, of a solvent molecule and of a monomer, nm^3
     network: Callable = dataclasses.field(default=neo_hookean, kw_only=True, metadata={"static": True})  # (F (2, 2), gel) -> ()
     volumetric: Callable = dataclasses.field(default=polyelectrolyte_energy, kw_only=True, metadata={"static": True})  # (J (), gel) -> ()
+
+
+LocalGel = Gel | Pnipam | Polyelectrolyte | Filled
+"""A gel on a model, with local values in place of its fields, see ``mechanics.localised``."""
+AnyGel = LocalGel | Composite
+"""What may be given as the gel of a model."""
 
 
 class Ions(NamedTuple):
