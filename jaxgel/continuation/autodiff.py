@@ -25,6 +25,7 @@ from ..mechanics import (
     border,
     check_room,
     crosses,
+    held_stretch,
     linearise,
     outline_loops,
     overlaps,
@@ -90,7 +91,8 @@ def traced_sweep(
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     given = report["value"] if options.adaptive else given
     found = report.pop("energy"), report.pop("pressure")
-    energy, pressure, mu = with_derivatives_of(_of_states, (*found, report["mu"]), x, Problem(model, gel, loads, None, control), given)
+    inputs = Problem(model, gel, loads, None, control), given, jax.lax.stop_gradient(found[1])
+    energy, pressure, mu = with_derivatives_of(_of_states, (*found, report["mu"]), x, *inputs)
     report = {name: column for name, column in report.items() if name not in ("contact_active", "group", "operators", "mu", "value")}
     mu = given if control is None else mu
     return Path(model=model, gel=gel, mu=mu, value=given, control=control, x=x, pressure=pressure, energy=energy, **report)
@@ -154,11 +156,12 @@ def first_state_failed(model: Model, control: Control | None, value: float, stat
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(0, None, 0))
-def _of_states(x, problem, value):
-    """Total energy (k,), pressures (k, g) and mu (k,) of the states ``x`` (k, n, 2) at ``value`` (k,), in one program."""
+@functools.partial(jax.vmap, in_axes=(0, None, 0, 0))
+def _of_states(x, problem, value, p):
+    """Total energy (k,), pressures (k, g) and mu (k,) of the states ``x`` (k, n, 2) with ``p`` (k, g) at ``value`` (k,), in one program."""
     now, mu = problem.at(value)
-    return total_energy(x, now.model, now.gel, mu, now.loads), state_pressure(x, now.model, now.gel, mu), mu
+    branch = p if held_stretch(problem.model) is None else None
+    return total_energy(x, now.model, now.gel, mu, now.loads, branch), state_pressure(x, now.model, now.gel, mu, branch), mu
 
 
 # --- outside jit -------------------------------------------------------------------------------------------------------------
@@ -232,10 +235,10 @@ def _scanned(model, gel, control, values, loads, options):
         x, p, report = solve_traced(problem, value, x_1 + ratio * (x_1 - x_2), p_1 + ratio * (p_1 - p_2))
         report |= _examined(problem, value, x, p, report["status"], options.contact)
         x = jnp.where(report["status"] == Status.CROSSED, jnp.nan, x)
-        return ((value, x, p), (value_1, x_1, p_1), count + 1), (x, report)
+        return ((value, x, p), (value_1, x_1, p_1), count + 1), (x, p, report)
 
-    _, (x, report) = jax.lax.scan(step, ((values[0], start, pressure),) * 2 + (0,), values)
-    report |= dict(zip(("energy", "pressure", "mu"), _of_states(x, problem, values), strict=True))
+    _, (x, p, report) = jax.lax.scan(step, ((values[0], start, pressure),) * 2 + (0,), values)
+    report |= dict(zip(("energy", "pressure", "mu"), _of_states(x, problem, values, p), strict=True))
     many = values.shape
     flags = dict(switched=jnp.zeros(many, dtype=bool), contact_active=jnp.ones(many, dtype=bool), group=jnp.zeros(many, int))
     return x, dict(report, value=values, operators=problem.operators, **flags)

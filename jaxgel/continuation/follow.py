@@ -130,10 +130,12 @@ class _Attempt:
         rate = None if states else frame.rate(found)
         other = self._stable(frame, found, stability, history) if self.stable and stability.negative > 0 else None
         if other is None:
-            return dataclasses.replace(accepted(frame.problem, frame.whole(found), stability, switched=switched), rate=rate)
+            return dataclasses.replace(frame.whole(accepted(frame.problem, found, stability, switched=switched)), rate=rate)
         state, stability = other
         state = dataclasses.replace(state, newton_iterations=found.newton_iterations + state.newton_iterations)
-        return accepted(self.frames.of_state(state.x).problem, state, stability, switched=True)
+        frame = self.frames.of_state(state.x)
+        energy = accepted(frame.problem, frame.part(state), stability).energy
+        return dataclasses.replace(state, energy=energy, stability=stability, switched=True)
 
     def _reach(self, frame, value, history):
         """`State` at a ``value`` from the one that ``history`` predicts, and whether it lies on another branch.

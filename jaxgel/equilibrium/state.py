@@ -17,6 +17,7 @@ from ..mechanics import (
     carries_volume,
     energy_at,
     gather,
+    held_stretch,
     mu_force,
     pressure_at,
     pressure_step_of_mu,
@@ -109,7 +110,8 @@ class State:
 def accepted(problem: Problem, state: State, stability: Stability | None, *, switched: bool = False) -> State:
     """A converged state with its energy and stability."""
     acting = acting_problem(problem, state)
-    energy = float(energy_at(state.x, acting.model, acting.gel, state.mu, acting.loads))
+    branch = state.pressure if held_stretch(problem.model) is None else None  # which of several axial stretches it has
+    energy = float(energy_at(state.x, acting.model, acting.gel, state.mu, acting.loads, branch))
     return dataclasses.replace(state, energy=energy, stability=stability, switched=switched)
 
 
@@ -143,19 +145,19 @@ def control_pressure(problem: Problem, state: State) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures in a Newton step with the unknowns at rest, kT/v over the control's unit."""
     if problem.control is None:
         return np.asarray(pressure_step_of_mu(state.pressure, state.linearisation, problem, state.mu))
-    return np.asarray(_pressure_rate(problem, state.x, state.value, jnp.zeros(state.x.shape)))
+    return pressure_rate(problem, state, jnp.zeros(state.x.shape))
 
 
 def pressure_rate(problem: Problem, state: State, rate: Float[Array, "n 2"]) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures of a state whose positions change at the ``rate``, mm over the control's unit."""
-    return np.asarray(_pressure_rate(problem, state.x, state.value, rate))
+    return np.asarray(_pressure_rate(problem, state.x, state.value, rate, state.pressure))
 
 
 @jax.jit
-def _pressure_rate(problem, x, value, rate):
+def _pressure_rate(problem, x, value, rate, p):
     def pressure(x, value):
         now, mu = problem.at(value)
-        return state_pressure(problem.placed(x, value), now.model, now.gel, mu)
+        return state_pressure(problem.placed(x, value), now.model, now.gel, mu, p)
 
     return jax.jvp(pressure, (x, value), (rate, 1.0))[1]
 

@@ -30,8 +30,8 @@ from ..mechanics import (
     contents,
     deformation_gradients,
     energy_at,
+    linearised_about,
     network_energy,
-    ratio_at,
     stiffness_at,
     volume_ratios,
 )
@@ -182,13 +182,14 @@ def strain_operators(block: PatchBlock) -> Float[Array, "c q 2 2 a 2"]:
 @jax.jit
 def _residual(x, p, model, gel, mu, loads):
     """Loads less internal forces (n, 2), the same condensed, and what a Newton step needs of the state."""
-    J, volumes, star = volume_ratios(x, model), all_volumes(model), ratio_at(p, model, gel, mu)
-    stiffness, error = stiffness_at(star, model, gel, mu), jnp.where(volumes > 0, J - star, 0.0)
+    J, volumes = volume_ratios(x, model), all_volumes(model)
+    about, gap = linearised_about(p, J, model, gel, mu)
+    stiffness, error = stiffness_at(about, model, gel, mu), jnp.where(volumes > 0, J - about, 0.0)
     network = jax.grad(network_energy)(x, model, gel)
-    volumetric, corrected = (jax.grad(_work)(x, q, model) for q in (p, p + stiffness * error))
-    swelling = jnp.where(carries_volume(model), star - 1, 0.0)
-    worst = jnp.max(jnp.abs(error) / (swelling + ROUND_OFF))
-    now = dict(stiffness=stiffness, error_by_group=error, error=worst, network=jnp.linalg.norm(network))
+    volumetric, corrected = (jax.grad(_work)(x, q, model) for q in (p, p + stiffness * error + gap))
+    swelling = jnp.where(carries_volume(model), about - 1, 0.0)
+    worst = jnp.max((jnp.abs(error) + jnp.abs(gap) / gel.Nv) / (swelling + ROUND_OFF))
+    now = dict(stiffness=stiffness, error_by_group=error, gap=gap, error=worst, network=jnp.linalg.norm(network))
     return loads - network - volumetric, loads - network - corrected, now
 
 
@@ -224,9 +225,9 @@ def _patches(x, p, stiffness, model, gel):
 
 @jax.jit
 def _advance(x, p, dx, now, model):
-    """Positions and pressures after the step ``dx`` (n, 2): dp = k (G dx / V + J - J*) group by group."""
+    """Positions and pressures after the step ``dx`` (n, 2): dp = k (G dx / V + J - J0) + p(J0) - p group by group, see ``mixed``."""
     dJ = jax.jvp(lambda x: volume_ratios(x, model), (x,), (dx,))[1]
-    return x + dx, p + now["stiffness"] * (dJ + now["error_by_group"])
+    return x + dx, p + now["stiffness"] * (dJ + now["error_by_group"]) + now["gap"]
 
 
 def dense(model: Model, matrices: list, chunk: int = 256) -> Float[np.ndarray, "N N"]:

@@ -1,6 +1,6 @@
 """The gel: free energy, stress, free and uniaxial swelling, phases."""
 
-from .axial import balanced_stretch
+from .axial import balanced_stretch, stretch_near
 from .checks import ACCEPTED, check_gel, check_number, check_parameter
 from .composite import (
     Composite,
@@ -76,7 +76,9 @@ from .swelling import (
     isotropic_swelling,
     largest_mu,
     largest_pressure,
+    phase_of,
     rises_always,
+    stiff_until,
     uniaxial_swelling,
     volume_ratio_at,
 )
@@ -149,11 +151,14 @@ __all__ = [
     "paper_free_energy",
     "paper_stress",
     "paper_tangent",
+    "phase_of",
     "pnipam_chi",
     "pnipam_energy",
     "polyelectrolyte_energy",
     "rises_always",
     "split",
+    "stiff_until",
+    "stretch_near",
     "takes_solvent",
     "uniaxial_swelling",
     "value",

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from .._types import Array, Bool, Float, Scalar
 from .swelling import LARGEST_SWELLING, _volume_ratio, branch_ends
 
+POLISHED = 3  # steps that take a stretch of Newton's accuracy to round-off
 MARGIN = 1e-9  # of a stretch at which an energy ends: how far from it the search stays
 
 
@@ -34,6 +35,25 @@ def balanced_stretch(
     return _balanced(energy, of, *jax.lax.stop_gradient((low, scale, end)))
 
 
+@functools.partial(jax.custom_jvp[Any], nondiff_argnums=(0,))
+def stretch_near(energy: Callable[..., Any], of: Any, near: Scalar) -> Float[Array, ""]:
+    """The stretch l () at which d ``energy(l, of)``/dl vanishes, by Newton's method from one ``near`` it. Derivatives by ``of``."""
+    slope = jax.value_and_grad(jax.grad(energy))
+
+    def step(_, stretch):
+        force, stiffness = slope(stretch, of)
+        return stretch - force / stiffness
+
+    return jax.lax.fori_loop(0, POLISHED, step, near)
+
+
+@stretch_near.defjvp
+def _stretch_near_jvp(energy, primals, tangents):
+    of, near = primals
+    l3 = stretch_near(energy, of, near)
+    return l3, _rate(energy, l3, of, tangents[0])
+
+
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _balanced(energy, of, low, scale, end):
     return _Placed.stretch(_volume_ratio(_Placed(energy), 0.0, (of, low, scale), end)[0], low, scale)
@@ -41,11 +61,15 @@ def _balanced(energy, of, low, scale, end):
 
 @_balanced.defjvp
 def _balanced_jvp(energy, primals, tangents):
-    """E_l(l, of) = 0 gives E_ll dl = -d E_l at fixed l."""
-    of, slope = primals[0], jax.grad(energy)
     l3 = _balanced(energy, *primals)
-    change = jax.jvp(lambda of: slope(l3, of), (of,), (tangents[0],))[1]
-    return l3, -change / jax.grad(slope)(l3, of)
+    return l3, _rate(energy, l3, primals[0], tangents[0])
+
+
+def _rate(energy, l3, of, of_dot):
+    """E_l(l, of) = 0 gives E_ll dl = -d E_l at fixed l."""
+    slope = jax.grad(energy)
+    change = jax.jvp(lambda of: slope(l3, of), (of,), (of_dot,))[1]
+    return -change / jax.grad(slope)(l3, of)
 
 
 @dataclasses.dataclass(frozen=True)

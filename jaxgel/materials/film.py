@@ -9,6 +9,7 @@ a function of A alone, as ``volumetric(J) - mu (J - 1)`` is in plane strain; A m
 volumetric'(J) + Nv J / A^2 = mu, and the film's pressure is dw/dA = -Nv J^2 / A^3 = -Nv l3^2 / A: negative, -Nv in the dry state.
 """
 
+import math
 from typing import Any
 
 import jax
@@ -18,7 +19,7 @@ from .._types import Array, Float
 from .composite import SLACK
 from .fields import Varying, elementwise
 from .gel import neo_hookean
-from .swelling import Numbers, branch_ends, inverted, rises_always
+from .swelling import LARGEST_SWELLING, Numbers, branch_ends, inverted, rises_always
 
 
 def check_network(gel: Any) -> None:
@@ -29,9 +30,14 @@ def check_network(gel: Any) -> None:
 
 @jax.jit
 def film_volume_ratio(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
-    """Volume ratio J (...) of a film at the areal stretch ``A`` (...) > 0 and ``mu`` (kT)."""
+    """Volume ratio J (...) of a film at the areal stretch ``A`` (...) > 0 and ``mu`` (kT).
+
+    In a poor solvent it is the root on the side of the dry state while there is one, and the swollen one beyond: films that are swollen at
+    an ``A`` at which they can be collapsed, too, are left out.
+    """
     A, mu = _together(A, mu)
     end = branch_ends(lambda A, gel: (_at_stretch, (gel, A)), A, gel, rises_always(gel))
+    end = elementwise(_end_beyond, end, jax.lax.stop_gradient((Varying(A), Varying(mu), gel)))
     return inverted(lambda A, own: (_at_stretch, own[1], (own[0], A)), A, (gel, Varying(mu)), end)
 
 
@@ -84,6 +90,12 @@ def _at_stretch(J, gel_and_A):
     """Energy () of J whose slope is ``mu`` at the areal stretch A."""
     gel, A = gel_and_A
     return gel.volumetric(J, gel) + gel.Nv / 2 * (J / A) ** 2
+
+
+def _end_beyond(end, own):
+    """The ``end`` (), ln(J - 1), of the branch from the dry state on, or of the search where mu is above the slopes of that branch."""
+    A, mu, gel = own
+    return jnp.where(mu < jax.grad(_at_stretch)(1 + jnp.exp(end), (gel, A)), end, math.log(LARGEST_SWELLING))
 
 
 def _at_pressure(J, gel_and_p):

@@ -9,18 +9,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Bool, Float, Scalar
+from .._types import Array, Bool, Float, Int, Scalar
 from .fields import Varying, elementwise, split, value
 from .mixing import flory_rehner, good_solvent
 
 Numbers = Float[Array, "..."] | Scalar
 
 SMALLEST_SWELLING, LARGEST_SWELLING = 1e-14, 1e8  # bounds of J - 1 in the search for a volume ratio
+COLLAPSED, UNSTABLE, SWOLLEN = 0, 1, 2  # phases of a gel, see `phase_of`
+_HALVINGS = 45  # of an interval of 0.1: to round-off
 _MOST_STEPS = 100  # 52 bisections take the whole interval of ln(J - 1) to round-off
 
 
 def _volume_only(J, gel):
     return gel.volumetric(J, gel)
+
+
+def _volume_less(J, gel_and_stiffness):
+    gel, stiffness = gel_and_stiffness
+    return gel.volumetric(J, gel) - stiffness * J**2 / 2
 
 
 def _free(J, gel):
@@ -41,20 +48,23 @@ def _uniaxial(J, gel):
 
 
 @jax.jit
-def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
+def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any, largest: Numbers | None = None) -> Float[Array, "..."]:
     """Volume ratio J (...) > 1 at which ``osmotic(J, mu, gel)`` equals ``p`` (...): the inverse of ``osmotic``. Finite for every p.
 
     The pressure grows from -inf at J = 1 to ``largest_pressure``: -mu at J = inf for 2 chi < (1 + sqrt(Nv))^2, else the maximum at
     the spinodal, where dp/dJ = 0. The root between, on the side of the dry state, is returned; there dp/dJ > 0. For a larger p it
     is the J of the largest pressure, at most 1 + LARGEST_SWELLING, and for p + mu below about -31 it is 1 + SMALLEST_SWELLING; the
-    derivatives are then 0. Of another ``volumetric`` the first increasing part is inverted: of two phases the shrunken one.
+    derivatives are then 0. Of another ``volumetric`` the first increasing part is inverted: of two phases the shrunken one. ``largest``
+    (...) is the J at which that ends where it is known.
 
     >>> from jaxgel.materials import Gel
     >>> volume_ratio_at(-0.1, -0.5, Gel(Nv=1e-3, chi=0.1)).round(6)
     Array(1.32168, dtype=float64)
     """
-    parameters = jnp.zeros(jnp.broadcast_shapes(*map(jnp.shape, split(gel)[0])))  # one end for each gel
-    end = branch_ends(lambda _, gel: (_volume_only, gel), parameters, gel, rises_always(gel))
+    if largest is None:
+        end = branch_ends(lambda _, gel: (_volume_only, gel), jnp.zeros(_places(gel)), gel, rises_always(gel))  # one end for each gel
+    else:
+        end = jnp.log(jnp.asarray(largest, float) - 1)
     return inverted(lambda target, gel: (_volume_only, target, gel), jnp.asarray(p, float) + mu, gel, end)
 
 
@@ -108,6 +118,38 @@ def largest_mu(gel: Any) -> Float[Array, ""]:
 def largest_pressure(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Supremum (...) of the pressures, in kT/v, that the gel can carry at ``mu`` (...): see ``volume_ratio_at``."""
     return _largest_slope(_volume_only, gel) - jnp.asarray(mu, float)
+
+
+@jax.jit
+def stiff_until(stiffness: Numbers, gel: Any) -> Float[Array, "..."]:
+    """Volume ratio J (...) up to which the pressure grows from the dry state on by more than ``stiffness`` (...), kT/v, with J.
+
+    With 0 the first spinodal of the gel, up to which ``volume_ratio_at`` inverts its pressure. 1 + LARGEST_SWELLING where that has no end.
+    Without derivatives.
+    """
+    stiffness = jnp.broadcast_to(jnp.asarray(stiffness, float), jnp.broadcast_shapes(jnp.shape(stiffness), _places(gel)))
+    rises = rises_always(gel) & jnp.all(stiffness <= 0)
+    return 1 + jnp.exp(branch_ends(lambda stiffness, gel: (_volume_less, (gel, stiffness)), stiffness, gel, rises))
+
+
+@jax.jit
+def phase_of(J: Numbers, gel: Any) -> Int[Array, "..."]:
+    """Phase (...) of the gel at the volume ratio ``J`` (...) > 1: 0 collapsed, up to the first spinodal; beyond it 2, swollen, where the
+    pressure grows with J again, and 1 between, where it falls: there the gel is unstable unless it is held.
+
+    A gel without a spinodal has one phase, 0.
+
+    >>> from jaxgel.materials import Gel
+    >>> phase_of(jnp.array([1.5, 10.0, 100.0]), Gel(Nv=0.01, chi=0.9)).tolist()
+    [0, 1, 2]
+    """
+    grows = _elementwise(jax.grad(jax.grad(_volume_only)), J, gel) > 0
+    return jnp.where(jnp.asarray(J) < stiff_until(0.0, gel), COLLAPSED, jnp.where(grows, SWOLLEN, UNSTABLE))
+
+
+def _places(gel):
+    """Shape of the parameters of a gel that are `Varying`."""
+    return jnp.broadcast_shapes(*map(jnp.shape, split(gel)[0]))
 
 
 def rises_always(gel: Any) -> Bool[Array, ""] | bool:
@@ -190,22 +232,23 @@ def _volume_ratio_jvp(energy, primals, tangents):
 def _branch_end(energy, gel):
     """End of the branch: the u = ln(J - 1) up to which the slope of ``energy`` increases from the dry state on.
 
-    That is its first maximum, the end of the domain of the energy, or the bound of the search. It is found by scanning, and
-    scanning again the last interval; the first scan has steps of 0.1 and may miss a fold that is narrower.
+    That is its first maximum, the end of the domain of the energy, or the bound of the search. It is found by scanning with steps of 0.1,
+    which may miss a fold that is narrower, and by bisection of the last interval.
     """
 
     def increasing(u):
         return jnp.isfinite(energy(1 + jnp.exp(u), gel)) & (_slopes(energy, u, gel)[1] > 0)
 
-    def scan(_, interval):
-        u = jnp.linspace(interval[0], interval[1], 512)
-        falls = ~jax.vmap(increasing)(u)
-        first = jnp.argmax(falls)
-        return jnp.where(jnp.any(falls), jnp.stack([u[jnp.maximum(first - 1, 0)], u[first]]), interval[1])
+    def halved(_, interval):
+        middle = jnp.mean(interval)
+        return jnp.where(increasing(middle), interval.at[0].set(middle), interval.at[1].set(middle))
 
     gel = jax.lax.stop_gradient(gel)
-    whole = jnp.array([math.log(SMALLEST_SWELLING), math.log(LARGEST_SWELLING)])
-    return jax.lax.fori_loop(0, 4, scan, whole)[0]
+    u = jnp.linspace(math.log(SMALLEST_SWELLING), math.log(LARGEST_SWELLING), 512)
+    falls = ~jax.vmap(increasing)(u)
+    first = jnp.argmax(falls)
+    interval = jnp.stack([u[jnp.maximum(first - 1, 0)], u[first]])
+    return jnp.where(jnp.any(falls), jax.lax.fori_loop(0, _HALVINGS, halved, interval)[0], u[-1])
 
 
 def _slopes(energy, u, gel):

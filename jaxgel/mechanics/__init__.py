@@ -35,6 +35,7 @@ from .outlines import crosses, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, prepare
 from .volumes import (
+    SOFT,
     all_volumes,
     at_points,
     by_block,
@@ -45,6 +46,7 @@ from .volumes import (
     held_stretch,
     is_film,
     is_generalised,
+    linearised_about,
     pressure_at,
     ratio_at,
     stiffness_at,
@@ -54,6 +56,7 @@ from .volumes import (
 __all__ = [
     "RANGE",
     "ROUND_OFF",
+    "SOFT",
     "STATES_TOGETHER",
     "STIFFNESS",
     "Linearisation",
@@ -91,6 +94,7 @@ __all__ = [
     "is_generalised",
     "is_sparse",
     "linearise",
+    "linearised_about",
     "load_vector",
     "localised",
     "mean_stiffness",

@@ -81,7 +81,7 @@ def tangent_product(
     """
     model, field = problem.model, scatter(v, x.shape, problem.free)
     moved, _ = volume_gradients(field, model, problem.operators)
-    still = dataclasses.replace(linearisation, error=jnp.zeros_like(p))
+    still = dataclasses.replace(linearisation, error=jnp.zeros_like(p), gap=jnp.zeros_like(p))
     if still.axial is not None:
         still = dataclasses.replace(still, axial=dataclasses.replace(still.axial, force=jnp.zeros(())))
     p_step = pressure_step(field, still, linearisation, model)

@@ -22,6 +22,7 @@ from ..materials import (
     neo_hookean,
     network_at,
     rises_always,
+    stretch_near,
     value,
 )
 from .contact import contact_energy
@@ -50,11 +51,11 @@ def total_energy(
     """
     gradients = gradients_by_block(x, model)
     J = ratios_of(gradients, x, model)
-    axial = held_stretch(model)
+    axial, near = held_stretch(model), None
     if pressure is not None:
         near = stretch_of_pressure(x, J, pressure, model, gel) if axial is None else axial
         J = ratios_that_carry(J, pressure, model, gel, mu, near)
-    axial = _relaxed_stretch(gradients, J, model, gel, mu) if axial is None else axial
+    axial = _relaxed_stretch(gradients, J, model, gel, mu, near) if axial is None else axial
     touch = contact_energy(x, model) if model.contact is not None else 0.0
     return _network_energy(gradients, model, gel, axial) + volume_energy(J, model, gel, mu, axial) - jnp.sum(loads * x) + touch
 
@@ -89,21 +90,36 @@ def _integrated_network(gel, gradients, weights, axial):
 # --- the axial stretch -------------------------------------------------------------------------------------------------------
 
 
-def axial_stretch(x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar) -> Scalar:
+def axial_stretch(x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar, pressure: Float[Array, " g"] | None = None) -> Scalar:
     """Axial stretch of a plate with the nodal positions ``x`` (n, 2): the held one, or that at which no axial force acts.
 
-    1 in plane strain, and for a film, whose thickness is not one number.
+    1 in plane strain, and for a film, whose thickness is not one number. In a poor solvent the force may vanish at several stretches: the
+    ``pressure`` (g,) of the state says which is meant, by default the least.
     """
     held = held_stretch(model)
-    return _relaxed_stretch(gradients_by_block(x, model), volume_ratios(x, model), model, gel, mu) if held is None else held
+    if held is not None:
+        return held
+    A = volume_ratios(x, model)
+    near = None if pressure is None else stretch_of_pressure(x, A, pressure, model, gel)
+    return _relaxed_stretch(gradients_by_block(x, model), A, model, gel, mu, near)
 
 
-def _relaxed_stretch(gradients, A, model, gel, mu):
-    """The free axial stretch () at the areal stretches ``A`` (g,): all l3 A are above 1."""
+def _relaxed_stretch(gradients, A, model, gel, mu, near=None):
+    """The free axial stretch () at the areal stretches ``A`` (g,): all l3 A are above 1. The least, or in a poor solvent one ``near``."""
     V, gel_there = jnp.where(carries_volume(model), all_volumes(model), 0.0), gel_in_groups(gel)
     least = jnp.min(jnp.where(V > 0, A, jnp.inf))
     of = _network_parts(gradients, model, gel), jnp.where(V > 0, A, lax.stop_gradient(least)), V, gel_there, mu
-    return balanced_stretch(_energy_at_stretch, of, 1 / least, 1 / least, _largest_stretch(gradients, gel), rises_always(gel_there))
+    rises, most = rises_always(gel_there), _largest_stretch(gradients, gel)
+
+    def least_root():
+        return balanced_stretch(_energy_at_stretch, of, 1 / least, 1 / least, most, rises)
+
+    def nearest():
+        return stretch_near(_energy_at_stretch, of, near)
+
+    if near is None:
+        return least_root()
+    return nearest() if rises is False else lax.cond(rises, least_root, nearest)
 
 
 def stretch_of_pressure(

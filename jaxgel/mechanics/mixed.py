@@ -9,10 +9,17 @@ which the gel carries the pressure p, so every p is feasible. One Newton step, w
 Eliminating dp = k (G^T dx / V + J - J*) group by group leaves the condensed tangent K = network'' + sum_g [p S_g + (k/V) G_g G_g^T], which
 is the Hessian of the total energy wherever J = J*(p). V_g J_g is quadratic in x, and S_g its second derivative.
 
+A gel in a poor solvent has several volume ratios for one p: it is collapsed or swollen, or between, where k < 0. Where it is not stiff the
+law of a group is therefore linearised about the pressure p(J) at the volume ratio J of the positions, `volumes.linearised_about`:
+
+    dp = k G^T dx / V + p(J) - p,    in general  dp = k (G^T dx / V + J - J0) + p(J0) - p
+
+with k and p(J0) at J0, J or J*(p). Both end where p = p(J), on whichever branch J lies; the tangent is the Hessian with every sign of k.
+
 A free axial stretch l3 (generalised plane strain) is a third unknown, with J*(p, l3). Its equation, that no axial force acts, is satisfied
 by every iterate, `stretch_of_pressure`. With c_g = dp/dl3 at given J it adds to the step
 
-    dp = k (G^T dx / V + J - J*) + c dl3,    b . dx + kappa dl3 = rho,    b = d network'/dl3 + G c
+    dp = k (G^T dx / V + J - J0) + p(J0) - p + c dl3,    b . dx + kappa dl3 = rho,    b = d network'/dl3 + G c
 
 with the axial stiffness kappa at given J, so that the condensed tangent is K - b b^T / kappa and the other two terms are those of one row
 and column that border it.
@@ -27,7 +34,7 @@ from jax import lax
 
 from .._types import Array, Float, Scalar
 from ..discretisation import Model
-from ..materials import LocalGel, neo_hookean
+from ..materials import gel_in_groups, neo_hookean, value
 from .contact import contact_force
 from .dofs import gather
 from .energy import axial_stretch, network_energy, stretch_of_pressure
@@ -39,6 +46,7 @@ from .volumes import (
     carries_volume,
     cofactors,
     held_stretch,
+    linearised_about,
     local_positions,
     pressure_at,
     pressure_rate,
@@ -51,7 +59,7 @@ from .volumes import (
 PAIRS_PER_SUM = 2**16  # node pairs whose forces are added up together: few enough to stay in the processor's cache
 ROUND_OFF = 1e-3  # swelling J* - 1 below which the constraint violation is measured absolutely
 FINE = 50  # spacings across the plate up to which round-off leaves less than a fifth of Newton's tolerance; it grows with their number
-_FIELDS = ("rhs", "gradients", "stiffness", "error", "residual_norm", "violation", "per_force", "axial")
+_FIELDS = ("rhs", "gradients", "stiffness", "error", "gap", "residual_norm", "violation", "per_force", "axial")
 
 
 @functools.partial(
@@ -70,7 +78,7 @@ class AxialTerms:
     stiffness: Float[Array, ""]
     """kappa, the derivative of the axial force by l3 at given J, kT/v mm^2."""
     force: Float[Array, ""]
-    """The axial force of network and J*(p), kT/v mm^2: 0 where J = J*."""
+    """The axial force of network and J0, kT/v mm^2: 0 where J = J*(p)."""
     volume: Float[Array, ""]
     """Sum of V J, mm^2: less the derivative of the axial force by mu."""
 
@@ -85,13 +93,15 @@ class Linearisation:
     gradients: tuple
     """Per block (c, g, 2, a) gradients G of the groups' volumes V J with respect to the patches' nodes, mm."""
     stiffness: Float[Array, " g"]
-    """Bulk stiffness k = dp/dJ at J*(p), kT/v."""
+    """Bulk stiffness k = dp/dJ at J0, kT/v: J*(p) in stiff groups, J in soft ones."""
     error: Float[Array, " g"]
-    """Constraint error J - J*(p)."""
+    """Constraint error J - J0, 0 in soft groups."""
+    gap: Float[Array, " g"]
+    """Pressure at J0 less p, kT/v, 0 in stiff groups."""
     residual_norm: Float[Array, ""]
     """Norm of the residual on the free degrees of freedom, over that of the network's nodal forces and the loads."""
     violation: Float[Array, ""]
-    """Largest |J - J*| relative to J* - 1, over what round-off leaves on a cloud as fine as this."""
+    """Largest |J - J0|, plus gap over Nv, relative to J0 - 1, over what round-off leaves on a cloud as fine as this."""
     per_force: Float[Array, ""]
     """Factor that makes forces relative, 1 / (kT/v mm)."""
     axial: AxialTerms | None
@@ -105,32 +115,35 @@ def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], m
     gradients, J = volume_gradients(x, model, problem.operators)
     stretch = held_stretch(model)
     stretch = stretch_of_pressure(x, J, p, model, gel) if stretch is None else stretch
-    star = ratio_at(p, model, gel, mu, stretch)
-    stiffness = stiffness_at(star, model, gel, mu, stretch)
-    error = jnp.where(all_volumes(model) > 0, J - star, 0.0)
+    about, gap = linearised_about(p, J, model, gel, mu, stretch)
+    stiffness = stiffness_at(about, model, gel, mu, stretch)
+    error = jnp.where(all_volumes(model) > 0, J - about, 0.0)
     network = network_force(x, model, gel, problem.operators, stretch)
     touch = contact_force(x, model) if model.contact is not None else 0.0
     rhs = problem.loads - network - touch - nodal_sum(gradients, p, model)
     topology = model.lists.topology
     across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
-    violation = jnp.max(stretch * jnp.abs(error) / (swelling_of(star, model, gel, stretch) + ROUND_OFF)) / max(1.0, across / FINE)
+    off = stretch * jnp.abs(error) + jnp.where(gap == 0, 0.0, jnp.abs(gap) / value(gel_in_groups(gel).Nv))
+    violation = jnp.max(off / (swelling_of(about, model, gel, stretch) + ROUND_OFF)) / max(1.0, across / FINE)
     per_force = 1 / (jnp.linalg.norm(network) + jnp.linalg.norm(problem.loads))
     residual_norm = jnp.linalg.norm(gather(rhs, problem.free)) * per_force
-    axial = _axial_terms(problem, x, p, gradients, star, stiffness, error, stretch) if held_stretch(model) is None else None
-    return Linearisation(rhs, gradients, stiffness, error, residual_norm, violation, per_force, axial)
+    law = about, stiffness, error, gap
+    axial = _axial_terms(problem, x, p, gradients, *law, stretch) if held_stretch(model) is None else None
+    return Linearisation(rhs, gradients, stiffness, error, gap, residual_norm, violation, per_force, axial)
 
 
-def _axial_terms(problem, x, p, gradients, star, stiffness, error, l3):
+def _axial_terms(problem, x, p, gradients, about, stiffness, error, gap, l3):
     """`AxialTerms` at the stretch ``l3``, where the axial force of network and J vanishes."""
     model, gel, along = problem.model, problem.gel, (jnp.ones(()),)
     V = jnp.where(carries_volume(model), all_volumes(model), 0.0)
-    slope = jnp.where(V > 0, (p + stiffness * star) / l3, 0.0)
+    slope = jnp.where(V > 0, (p + gap + stiffness * about) / l3, 0.0)
     column = nodal_sum(gradients, slope, model)
     if gel.network is not neo_hookean:
         column += jax.jvp(lambda l3: network_force(x, model, gel, problem.operators, l3), (l3,), along)[1]
     network = jax.grad(lambda l3: network_energy(x, model, gel, l3))
-    kappa = jax.jvp(network, (l3,), along)[1] + jnp.sum(V * stiffness * star**2) / l3**2
-    return AxialTerms(l3, slope, column, kappa, -jnp.sum(V * p * error) / l3, jnp.sum(V * star))
+    kappa = jax.jvp(network, (l3,), along)[1] + jnp.sum(V * stiffness * about**2) / l3**2
+    force = jnp.sum(V * (about * gap - p * error)) / l3
+    return AxialTerms(l3, slope, column, kappa, force, jnp.sum(V * about))
 
 
 def stretch_of(linearisation: Linearisation, model: Model) -> Scalar:
@@ -142,7 +155,8 @@ def stretch_of(linearisation: Linearisation, model: Model) -> Scalar:
 def condensed_rhs(problem: Problem, linearisation: Linearisation, factorised_at: Linearisation) -> Float[Array, " f"]:
     """Right-hand side of the condensed Newton step; gradients and stiffness are those of the factorised tangent."""
     model, axial = problem.model, factorised_at.axial
-    forces = linearisation.rhs - nodal_sum(factorised_at.gradients, factorised_at.stiffness * linearisation.error, model)
+    pressure = factorised_at.stiffness * linearisation.error + linearisation.gap
+    forces = linearisation.rhs - nodal_sum(factorised_at.gradients, pressure, model)
     if axial is not None:
         forces -= axial.column * (_axial_rhs(linearisation, factorised_at, model) / axial.stiffness)
     return gather(forces, problem.free)
@@ -188,7 +202,8 @@ def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factori
     """Step of the pressures, kT/v, that belongs to the step ``dx`` of the positions."""
     volumes = all_volumes(model)
     parts = [jnp.einsum("cgia,cai->cg", G, dx[b.nodes]).ravel() for G, b in zip(factorised_at.gradients, model.blocks, strict=True)]
-    step = factorised_at.stiffness * (jnp.concatenate(parts) / jnp.where(volumes > 0, volumes, 1.0) + linearisation.error)
+    change = jnp.concatenate(parts) / jnp.where(volumes > 0, volumes, 1.0)
+    step = factorised_at.stiffness * (change + linearisation.error) + linearisation.gap
     if factorised_at.axial is None:
         return step
     return step + factorised_at.axial.slope * stretch_step(dx, linearisation, factorised_at, model)
@@ -203,9 +218,11 @@ def pressure_step_of_mu(p: Float[Array, " g"], linearisation: Linearisation, pro
 
 
 @jax.jit
-def state_pressure(x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
-    """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``."""
-    return pressure_at(volume_ratios(x, model), model, gel, mu, axial_stretch(x, model, gel, mu))
+def state_pressure(
+    x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar, pressure: Float[Array, " g"] | None = None
+) -> Float[Array, " g"]:
+    """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``. ``pressure`` as of `axial_stretch`."""
+    return pressure_at(volume_ratios(x, model), model, gel, mu, axial_stretch(x, model, gel, mu, pressure))
 
 
 def volume_gradients(x: Float[Array, "n 2"], model: Model, operators: Operators) -> tuple[tuple, Float[Array, " g"]]:

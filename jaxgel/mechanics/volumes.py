@@ -35,11 +35,15 @@ from ..materials import (
     film_stretch_at,
     gel_in_groups,
     osmotic,
+    rises_always,
+    stiff_until,
     takes_solvent,
     value,
     volume_ratio_at,
 )
 
+SOFT = 10.0  # bulk stiffness, over the network's Nv, up to which the pressure of a group is linearised about its own volume ratio
+ROUNDED = 1e-12  # by which a volume ratio at the end of a range may have been rounded below it
 HELD = 2.0  # stiffness that holds what the pressures do not see of J, over the network's Nv
 
 
@@ -148,14 +152,19 @@ def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c
 # --- the pressure of a group -------------------------------------------------------------------------------------------------
 
 
-def ratio_at(p: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
-    """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible. ``axial`` is the axial stretch."""
+def ratio_at(
+    p: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0, largest: Float[Array, "..."] | None = None
+) -> Float[Array, " g"]:
+    """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible. ``axial`` is the axial stretch.
+
+    ``largest`` as in `volume_ratio_at`; of no meaning in films.
+    """
     carries, gel = carries_volume(model), gel_in_groups(gel)
     safe = jnp.where(carries, p, -1.0) if not carries.all() else p
     if is_film(model):
         star = by_material(lambda p, gel: film_stretch_at(p, mu, gel), elastic_film_stretch_at, safe, -1.0, gel)
     else:
-        star = by_material(lambda p, gel: volume_ratio_at(p, mu, gel), elastic_volume_ratio, safe / axial, -1.0, gel) / axial
+        star = by_material(lambda p, gel: volume_ratio_at(p, mu, gel, largest), elastic_volume_ratio, safe / axial, -1.0, gel) / axial
     return jnp.where(carries, star, p / (HELD * value(gel.Nv)))
 
 
@@ -177,6 +186,37 @@ def stiffness_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar,
     else:
         own = axial**2 * by_material(bulk_stiffness, elastic_stiffness, axial * safe, 2.0, gel)
     return jnp.where(carries, own, HELD * value(gel.Nv))
+
+
+def linearised_about(
+    p: Float[Array, " g"], J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0
+) -> tuple[Float[Array, " g"], Float[Array, " g"]]:
+    """Volume ratios J0 (g,) about which the pressures of the groups are linearised, and what these are there less ``p`` (g,), kT/v.
+
+    While the gel is stiff that is J*(p), which every p has. From the end of the stiff range on, where dp/dJ falls to ``SOFT`` Nv, it is the
+    volume ratio ``J`` (g,) itself, or that end for a smaller J with a p that is too large for the stiff range: beyond the spinodal of a gel
+    in a poor solvent J*(p) would be that of another phase. There dp/dJ is of the order of Nv, or negative. Films are never stiff.
+    In good solvents, and in elastomers, it is J*(p) everywhere.
+    """
+    gel_there = gel_in_groups(gel)
+    swells, rises = carries_volume(model) & (all_volumes(model) > 0) & takes_solvent(gel_there), rises_always(gel_there)
+
+    def of_any():
+        if is_film(model):
+            star = ratio_at(p, model, gel, mu, axial)
+            soft, end = swells & (J > 0), 0.0
+        else:
+            end = stiff_until(SOFT * value(gel_there.Nv), gel_there)
+            star = ratio_at(p, model, gel, mu, axial, end)
+            soft = swells & (jnp.maximum(J, (1 + ROUNDED) * star) >= end / axial)
+        about = jnp.where(soft, jnp.maximum(J, end / axial), star)
+        return about, jnp.where(soft, pressure_at(about, model, gel, mu, axial) - p, 0.0)
+
+    def of_good():
+        star = ratio_at(p, model, gel, mu, axial)
+        return star, jnp.zeros_like(star)
+
+    return of_any() if rises is False else lax.cond(rises, of_good, of_any)
 
 
 def pressure_rate(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
@@ -214,9 +254,10 @@ def ratios_that_carry(
     """The volume ratios (g,) that carry the ``pressure`` (g,), with the derivatives of those near them, ``J`` (g,).
 
     Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,
-    which mixed second derivatives would show.
+    which mixed second derivatives would show. A group that is soft, see `linearised_about`, has its own volume ratio.
     """
-    stiffness = stiffness_at(J, model, gel, mu, axial)
-    real = (all_volumes(model) > 0) & (stiffness > 0)
+    stiffness, gel_there = stiffness_at(J, model, gel, mu, axial), gel_in_groups(gel)
+    least = jnp.where(rises_always(gel_there), 0.0, SOFT * value(gel_there.Nv))
+    real = (all_volumes(model) > 0) & (stiffness > least)
     away = pressure - pressure_at(J, model, gel, mu, axial)
     return J + lax.stop_gradient(jnp.where(real, away / jnp.where(real, stiffness, 1.0), 0.0))

@@ -21,6 +21,7 @@ from .rotation import core_rotation, is_flat, rotation_angle
 from .states import States
 from .surface import CREASE_RATIO, WRINKLE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
 from .table import events, history
+from .transitions import NO_GEL, phases, swollen_share
 
 __all__ = [
     "BY_COLUMN",
@@ -28,6 +29,7 @@ __all__ = [
     "CREASE_RATIO",
     "CURVES",
     "FIELDS",
+    "NO_GEL",
     "QUANTITIES",
     "SELF_CONTACT",
     "WRINKLE_RATIO",
@@ -56,9 +58,11 @@ __all__ = [
     "min_gap",
     "outlines",
     "parameter_values",
+    "phases",
     "rotation_angle",
     "surface_ratio",
     "surface_ratios",
+    "swollen_share",
     "thickness_stretch",
     "volume_ratio",
 ]

@@ -70,14 +70,14 @@ def axial_stretch(path: Path) -> Float[Array, " k"]:
     """Axial stretch (k,) of the plate, held or free; 1 in plane strain. ValueError for a film, whose thickness is not one number."""
     if is_film(path.model):
         raise ValueError("axial_stretch: the plate is in plane stress; take thickness_stretch")
-    return _axial_stretch(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
+    return _axial_stretch(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value), path.problem)
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(0, 0, None))
-def _axial_stretch(x, at, problem):
+@functools.partial(jax.vmap, in_axes=(0, 0, 0, None))
+def _axial_stretch(x, p, at, problem):
     problem, mu = problem.at(at)
-    return jnp.asarray(axial_stretch_at(x, problem.model, problem.gel, mu), dtype=float)
+    return jnp.asarray(axial_stretch_at(x, problem.model, problem.gel, mu, jax.lax.stop_gradient(p)), dtype=float)
 
 
 def membrane_stress(path: Path) -> Float[Array, " k"]:
@@ -181,7 +181,8 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     def one(x, p, value):
         problem, mu = path.problem.at(value)
         gel = _gel_at_nodes(problem.gel, model, mean)
-        pressure, axial = mean(_cell_means(p, model)), axial_stretch_at(x, model, problem.gel, mu)
+        pressure = mean(_cell_means(p, model))
+        axial = axial_stretch_at(x, model, problem.gel, mu, jax.lax.stop_gradient(p))
         F = probe.deformation_gradient(x)
         stress = _film_stress if is_film(model) else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p / axial, axial)
         sigma = elementwise(lambda F, own: stress(F, *own), F, (gel, Varying(pressure)), "(i,j)->(i,j)")

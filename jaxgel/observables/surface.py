@@ -11,8 +11,19 @@ from .._memo import once_per_owner
 from .._types import Array, Float, Int, Scalar
 from ..cloud import OUTLINE_SEGMENTS, Topology
 from ..continuation import Path
-from ..materials import by_material, elastic_volume_ratio, elementwise, gel_on_outline, value, volume_ratio_at
-from ..mechanics import Problem, is_film, is_generalised
+from ..materials import (
+    by_material,
+    elastic_volume_ratio,
+    elementwise,
+    gel_on_outline,
+    osmotic,
+    rises_always,
+    stiff_until,
+    takes_solvent,
+    value,
+    volume_ratio_at,
+)
+from ..mechanics import SOFT, Problem, is_film, is_generalised
 
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each reduces the error by Nv over the bulk stiffness
 CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
@@ -53,7 +64,7 @@ def _surface_ratios(x: Any, at: Any, problem: Problem) -> Any:
     if len(chords) == 0 or is_film(model) or is_generalised(model):
         return jnp.zeros(0)
     dry, deformed = (_lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
-    return _surface_ratio(deformed / dry, mu, gel_on_outline(gel, chords))
+    return _surface_ratio(deformed / dry, _near(x, model, chords), mu, gel_on_outline(gel, chords))
 
 
 @functools.partial(jax.jit, static_argnums=3)
@@ -66,7 +77,13 @@ def _mean_surface_ratios(x: Any, at: Any, problem: Problem, share: float) -> Any
         return jnp.zeros(0)
     sums = [jnp.append(0.0, jnp.cumsum(_lengths(model.outline.position(y), segments))) for y in (model.cloud.nodes, x)]
     dry, deformed = (total[ends[:, 1]] - total[ends[:, 0]] for total in sums)
-    return _surface_ratio(deformed / dry, mu, gel_on_outline(gel, np.stack([segments[ends[:, 0], 0], segments[ends[:, 1] - 1, 1]], axis=1)))
+    ends = np.stack([segments[ends[:, 0], 0], segments[ends[:, 1] - 1, 1]], axis=1)
+    return _surface_ratio(deformed / dry, _near(x, model, ends), mu, gel_on_outline(gel, ends))
+
+
+def _near(x, model, ends):
+    """Volume ratios (m,) of the gel at the ``ends`` (m, 2) of arcs, the mean of both, without derivatives: near those of the surface."""
+    return jax.lax.stop_gradient(jnp.linalg.det(model.outline.deformation_gradient(x))[ends].mean(axis=1))
 
 
 def _lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Array, " m"]:
@@ -74,20 +91,32 @@ def _lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Ar
     return jnp.linalg.norm(points[chords[:, 1]] - points[chords[:, 0]], axis=1)
 
 
-def _surface_ratio(tangential: Float[Array, " m"], mu: Scalar, gel: Any) -> Float[Array, " m"]:
-    """Ratio of normal to ``tangential`` stretch of a surface without traction."""
+def _surface_ratio(tangential: Float[Array, " m"], near: Float[Array, " m"], mu: Scalar, gel: Any) -> Float[Array, " m"]:
+    """Ratio of normal to ``tangential`` stretch of a surface without traction, in the phase of the volume ratio ``near`` it."""
 
-    def improved(J, _):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
+    def carried(J):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
         F = jnp.stack([tangential, J / tangential], axis=1)[:, :, None] * jnp.eye(2)
-        force = elementwise(lambda F, gel: jax.grad(gel.network)(F, gel)[1, 1], F, gel, "(i,j)->()")
-        return ratio_at(-force / tangential), None
+        return -elementwise(lambda F, gel: jax.grad(gel.network)(F, gel)[1, 1], F, gel, "(i,j)->()") / tangential
+
+    def improved(J, _):
+        return ratio_at(carried(J)), None
+
+    def newton(J, _):
+        off, slope = jax.jvp(lambda J: osmotic(J, mu, gel) - carried(J), (J,), (jnp.ones_like(J),))
+        return J - off / slope, None
 
     def ratio_at(p):
         return by_material(lambda p, gel: volume_ratio_at(p, mu, gel), elastic_volume_ratio, p, -1.0, gel)
 
     start = ratio_at(jnp.broadcast_to(-value(gel.Nv), tangential.shape))
-    J, _ = jax.lax.scan(improved, start, length=SURFACE_ITERATIONS)  # a loop: unrolled it compiles five times as long
-    return J / tangential**2
+    stiff, _ = jax.lax.scan(improved, start, length=SURFACE_ITERATIONS)  # a loop: unrolled it compiles five times as long
+
+    def in_its_phase():
+        soft = takes_solvent(gel) & (near >= stiff_until(SOFT * value(gel.Nv), gel))
+        return jnp.where(soft, jax.lax.scan(newton, jnp.where(soft, near, 2.0), length=SURFACE_ITERATIONS)[0], stiff)
+
+    rises = rises_always(gel)
+    return (in_its_phase() if rises is False else jax.lax.cond(rises, lambda: stiff, in_its_phase)) / tangential**2
 
 
 @once_per_owner

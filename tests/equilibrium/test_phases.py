@@ -1,0 +1,312 @@
+"""Facts about gels that are collapsed or swollen at the same temperature: homogeneous states of every phase by scalar root finding."""
+
+import dataclasses
+import itertools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import jaxgel
+from jaxgel.continuation import Path
+from jaxgel.equilibrium import accepted, advanced, dry_state, solve, starting, state_tangents
+from jaxgel.materials import Gel, flory_huggins, largest_pressure, neo_hookean, osmotic, phase_of
+from jaxgel.mechanics import (
+    SOFT,
+    all_volumes,
+    axial_stretch,
+    carries_volume,
+    condensed_rhs,
+    factorised_tangent,
+    free_dofs,
+    hessian_product,
+    linearised_about,
+    localised,
+    prepare,
+    residual,
+    scatter,
+    state_pressure,
+    stiffness_at,
+    total_energy,
+    volume_ratios,
+)
+from jaxgel.observables import NO_GEL, phases, surface_ratios, swollen_share
+
+TWO = 305.0  # K: free swelling has three volume ratios, in plane strain and in space, at mu = 0
+
+
+def mixing_of_pnipam(J, gel):
+    """Flory-Rehner energy with chi = chi0 + chi1/J of the temperature, constants of Cai & Suo (2011)."""
+    chi0, chi1 = -12.947 + 0.04496 * gel.T, 17.92 - 0.0569 * gel.T
+    return flory_huggins(J, chi0 - chi1 * (1 - 1 / J)) - gel.Nv * jnp.log(J)  # (chi0 + chi1/J) (1 - 1/J) less chi0
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Pnipam:
+    """A gel whose solvent is the poorer the warmer it is."""
+
+    T: Any
+    Nv: Any = 0.01
+    network: Any = dataclasses.field(default=neo_hookean, metadata={"static": True})
+    volumetric: Any = dataclasses.field(default=mixing_of_pnipam, metadata={"static": True})
+
+
+def in_plane(J):
+    return jnp.sqrt(J) * jnp.eye(2), 1.0
+
+
+def along_y(J):
+    return jnp.diag(jnp.stack([jnp.ones_like(J), J])), 1.0
+
+
+def isotropic(J):
+    return jnp.cbrt(J) * jnp.eye(2), jnp.cbrt(J)
+
+
+def energy_by(kind, J, gel):
+    """Energy () at mu = 0 of a homogeneous state with the volume ratio ``J``."""
+    F, axial = kind(J)
+    return gel.network(F, gel, axial) + gel.volumetric(J, gel)
+
+
+def roots(kind, gel):
+    """All volume ratios below 200 at which the energy is stationary."""
+    slope = jax.jit(jax.grad(lambda J: energy_by(kind, J, gel)))
+    J = 1 + np.geomspace(1e-3, 199.0, 1000)
+    values = np.asarray(jax.vmap(slope)(J))
+    crossings = np.flatnonzero(values[:-1] * values[1:] < 0)
+    return [brentq(lambda J: float(slope(J)), J[k], J[k + 1], xtol=1e-14, rtol=1e-15) for k in crossings]
+
+
+def model_of(right="free", holes=(), **kinematics):
+    plate = jaxgel.Plate(4, 4, list(holes), edges={"top": "free", "right": right}, spacing=0.8, **kinematics)
+    return jaxgel.discretise(jaxgel.make_cloud(plate))
+
+
+@pytest.fixture(scope="module")
+def models():
+    """Plates of 4 x 4 mm without holes: free but for their symmetry, and one that swells along y only."""
+    return {in_plane: model_of(), along_y: model_of("roller")}
+
+
+def placed(model, F):
+    """The nodes (n, 2) after the deformation F about the corner that stays."""
+    return jnp.asarray((np.asarray(model.cloud.nodes) + 2) @ np.asarray(F).T - 2)
+
+
+def solved(model, gel, x, pressure=None):
+    pressure = state_pressure(x, model, gel, 0.0) if pressure is None else pressure
+    return solve(prepare(model, gel), 0.0, x, pressure, own_factor=True)
+
+
+CASES = [(in_plane, 303.0), (in_plane, 305.0), (in_plane, 307.0), (along_y, 303.0), (along_y, 303.7), (along_y, 304.0), (along_y, 305.0)]
+
+
+@pytest.mark.parametrize(("kind", "T"), CASES, ids=lambda value: getattr(value, "__name__", value))
+def test_homogeneous_states_of_every_phase_are_the_roots_of_one_equation(kind, T, models):
+    model, gel, rng = models[kind], Pnipam(T), np.random.default_rng(0)
+    found = roots(kind, gel)
+    assert len(found) == (3 if (kind, T) == (in_plane, TWO) else 1)
+    for J in found:
+        exact = placed(model, kind(J)[0])
+        x = exact + 0.02 * (exact - model.cloud.nodes)
+        x += 1e-3 * np.where(np.isin(np.arange(x.size), free_dofs(model.cloud.topology)), rng.normal(size=x.size), 0).reshape(x.shape)
+        state = solved(model, gel, x)
+        assert state.status.ok
+        assert state.newton_iterations <= 5  # the start is off by 2 % of the swelling: 1e-2, 1e-4, 1e-8, 1e-16
+        np.testing.assert_allclose(state.x, exact, atol=1e-9)
+        ratios = np.asarray(volume_ratios(state.x, model))[carries_volume(model) & (np.asarray(all_volumes(model)) > 0)]
+        assert np.all(phase_of(ratios, gel) == phase_of(J, gel))
+        if kind is in_plane:  # no surface of such a state is compressed along itself, which would wrinkle it
+            curvature = float(jax.grad(jax.grad(lambda J, gel=gel: energy_by(kind, J, gel)))(J))
+            assert (state.factor.negative_pivots == 0) == (curvature > 0)
+
+
+def test_phases_of_the_roots():
+    """The roots above have every phase, one of them where dp/dJ < 0 under a constraint that keeps it stable along y."""
+    found = {(kind, T): [int(phase_of(J, Pnipam(T))) for J in roots(kind, Pnipam(T))] for kind, T in CASES}
+    assert found[in_plane, TWO] == [0, 1, 2]
+    assert found[along_y, 303.0] == [2]
+    assert found[along_y, 303.7] == [1]
+    assert found[along_y, 304.0] == [0]
+
+
+@pytest.mark.parametrize("branch", [0, 1, 2])
+def test_newton_converges_quadratically_in_every_phase(branch, models):
+    model, gel = models[in_plane], Pnipam(TWO)
+    J = roots(in_plane, gel)[branch]
+    exact = placed(model, in_plane(J)[0])
+    errors = []
+    for iterations in range(5):
+        state = _after(iterations, prepare(model, gel), 0.99 * (exact + 2) - 2, state_pressure(0.99 * (exact + 2) - 2, model, gel, 0.0))
+        errors.append(float(np.abs(state.x - exact).max()))
+    rates = [after / before**2 for before, after in itertools.pairwise(errors) if before > 1e-5]
+    assert len(rates) >= 2
+    assert max(rates) < 20  # of lengths in mm: about half the third derivative of the energy over its second
+    assert errors[-1] < 1e-10
+
+
+def _after(count, problem, x, pressure):
+    """The iterate after ``count`` corrections with the tangent of each."""
+    state = starting(problem, 0.0, x, pressure)
+    for _ in range(count):
+        now = state.linearisation
+        dx, _ = factorised_tangent(problem, state.x, state.pressure, now).solve(np.asarray(condensed_rhs(problem, now, now)))
+        state = advanced(problem, state, dx, now)
+    return state
+
+
+# --- states that are not homogeneous -----------------------------------------------------------------------------------------
+
+
+def assert_balanced(state, model, gel):
+    """The next Newton step of the total energy in the positions alone, with its dense Hessian, moves nothing."""
+    loads, free = jnp.zeros_like(state.x), free_dofs(model.cloud.topology)
+    force = np.asarray(residual(state.x, model, gel, 0.0, loads)).ravel()[free]
+    columns = jax.jit(jax.vmap(lambda v: hessian_product(state.x, scatter(v, state.x.shape, free), model, gel, 0.0, loads)))
+    hessian = np.asarray(columns(np.eye(len(free)))).reshape(len(free), -1)[:, free]
+    assert np.abs(np.linalg.solve(hessian, force)).max() < 1e-10
+
+
+@pytest.mark.parametrize(("T", "stretch", "phase"), [(303.0, 2.3, 2), (307.0, 1.17, 0)])
+def test_a_plate_with_a_hole_in_a_frame_is_in_equilibrium_in_displacements_alone(T, stretch, phase):
+    model, gel = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, [jaxgel.Circle((-0.3, -0.4), 0.9)], spacing=0.8))), Pnipam(T)
+    state = solved(model, gel, stretch * model.cloud.nodes)  # all edges hold the plate at this stretch
+    assert state.status.ok
+    assert state.newton_iterations <= 6
+    assert_balanced(state, model, gel)
+    path = Path.from_states(model, gel, [accepted(prepare(model, gel), state, None)])
+    assert set(np.unique(phases(path))) - {NO_GEL} == {phase}
+    assert float(swollen_share(path)[0]) == (phase == 2)
+
+
+GRADED = 304.0, -0.3  # K in the middle, and K/mm along y
+
+
+@pytest.fixture(scope="module")
+def graded(models):
+    """The plate that swells along y only, swollen at its cool upper edge, collapsed at the warm lower one; its gel and state."""
+    model, (T, slope) = models[along_y], GRADED
+    gel = localised(model, Pnipam(lambda X: T + slope * X[1]))
+    Y = np.linspace(-2, 2, 9)
+    J = [roots(along_y, Pnipam(T + slope * y))[0] for y in Y]
+    heights = np.append(-2, -2 + np.cumsum(np.diff(Y) * (np.array(J)[1:] + J[:-1]) / 2))
+    x = np.array(model.cloud.nodes)
+    x[:, 1] = np.interp(x[:, 1], Y, heights)
+    state = solved(model, gel, jnp.asarray(x))
+    assert state.status.ok
+    assert state.newton_iterations <= 6
+    return model, gel, state
+
+
+def test_a_graded_gel_has_all_phases_at_once(graded):
+    model, gel, state = graded
+    assert_balanced(state, model, gel)
+    path = Path.from_states(model, gel, [accepted(prepare(model, gel), state, None)])
+    assert set(np.unique(phases(path))) - {NO_GEL} == {0, 1, 2}
+    assert 0 < float(swollen_share(path)[0]) < 1
+
+
+def test_derivatives_by_the_temperature_are_those_of_states_found_again(graded):
+    """Of a plate in all phases at once, against differences of fourth order."""
+    model, gel, first = graded
+    problem = prepare(model, gel)
+
+    def height(x):
+        return jnp.mean(x[:, 1] ** 2)
+
+    def again(warmer):
+        warm = dataclasses.replace(gel, T=jax.tree.map(lambda T: T + warmer, gel.T))
+        return float(height(solve(prepare(model, warm), 0.0, first.x, first.pressure).x))
+
+    zero = jax.tree.map(jnp.zeros_like, problem)
+    dot = dataclasses.replace(zero, gel=dataclasses.replace(zero.gel, T=jax.tree.map(jnp.ones_like, gel.T)), operators=None)
+    x_dot = state_tangents(first.x[None], first.pressure[None], problem, jnp.zeros(1), dot, jnp.zeros(1), ((),))[0]
+    step = 0.01  # K: the fifth derivative leaves 1e-8, the states 1e-11 / step
+    differences = (8 * (again(step) - again(-step)) - again(2 * step) + again(-2 * step)) / (12 * step)
+    assert float(jax.jvp(height, (first.x,), (x_dot,))[1]) == pytest.approx(differences, rel=1e-6)
+
+
+# --- free axial stretch, and films -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("branch", [0, 1, 2])
+def test_a_free_block_in_three_dimensions_has_all_phases(branch):
+    """The axial stretch and the energy are those of the phase that the state is in, though others have the same positions in the plane."""
+    gel, model = Pnipam(TWO), model_of(kinematics="generalised plane strain", axial_stretch="free")
+    J = roots(isotropic, gel)[branch]
+    stretch = J ** (1 / 3)
+    x, exact = placed(model, 0.99 * stretch * np.eye(2)), placed(model, stretch * np.eye(2))
+    carries = carries_volume(model)
+    pressure = jnp.where(carries, stretch * osmotic(J, 0.0, gel), state_pressure(x, model, gel, 0.0))
+    state = solved(model, gel, x, pressure)
+    assert state.status.ok
+    assert state.newton_iterations <= 5
+    np.testing.assert_allclose(state.x, exact, atol=1e-9)
+    assert float(axial_stretch(state.x, model, gel, 0.0, state.pressure)) == pytest.approx(stretch, rel=1e-9)
+    done = accepted(prepare(model, gel), state, None)
+    assert done.energy == pytest.approx(16 * float(energy_by(isotropic, J, gel)), rel=1e-9)
+    assert set(np.unique(phases(Path.from_states(model, gel, [done])))) - {NO_GEL} == {branch}
+
+
+@pytest.mark.parametrize("branch", [0, 2])
+def test_a_free_film_is_collapsed_or_swollen(branch):
+    """Where no other thickness balances: the swollen film of this temperature is larger than any collapsed one."""
+    gel, model = Pnipam(TWO), model_of(kinematics="plane stress")
+    stretch = roots(isotropic, gel)[branch] ** (1 / 3)
+    state = solved(model, gel, placed(model, 0.99 * stretch * np.eye(2)))
+    assert state.status.ok
+    np.testing.assert_allclose(state.x, placed(model, stretch * np.eye(2)), atol=1e-9)
+    assert state.factor.negative_pivots == 0
+
+
+# --- what it is linearised about ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("J", [1.5, 1.78, 2.4, 4.0])
+def test_a_held_plate_is_stable_while_the_gel_is_elliptic(J):
+    """All edges held at J: longitudinal waves of any direction have the stiffness Nv + J dp/dJ, transverse ones Nv. One J is between the
+    spinodals and stable, one is not.
+    """
+    gel, model = Pnipam(TWO), jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, [], spacing=0.8)))
+    state = solved(model, gel, jnp.sqrt(J) * model.cloud.nodes)
+    assert state.status.ok
+    assert state.newton_iterations == 0
+    assert int(phase_of(J, gel)) == {1.5: 0, 1.78: 1, 2.4: 1, 4.0: 2}[J]
+    stiffness = float(gel.Nv + J * jax.grad(jax.grad(lambda J: gel.volumetric(J, gel)))(J))
+    assert (state.factor.negative_pivots == 0) == (stiffness > 0) == (J != 2.4)
+
+
+def test_a_pressure_that_the_gel_cannot_carry_is_brought_into_its_range(models):
+    """At dry positions and beyond the spinodal: about the end of the stiff range, where dp/dJ is SOFT Nv; so a step has a direction."""
+    model, gel = models[in_plane], Gel(0.01, 0.9)
+    p = jnp.full(len(all_volumes(model)), float(largest_pressure(0.0, gel)) + 0.1)
+    real = carries_volume(model) & (np.asarray(all_volumes(model)) > 0)
+    about, gap = linearised_about(p, jnp.full_like(p, 0.9), model, gel, 0.0)
+    np.testing.assert_allclose(stiffness_at(about, model, gel, 0.0)[real], SOFT * gel.Nv, rtol=1e-6)
+    np.testing.assert_allclose((p + gap)[real], osmotic(about[real], 0.0, gel), rtol=1e-12)
+    assert np.all(linearised_about(p, jnp.full_like(p, 0.9), model, Gel(0.01, 0.3), 0.0)[1] == 0)  # a good solvent
+
+
+def test_a_collapsed_gel_is_found_from_the_dry_state(models):
+    gel, model = Gel(0.01, 0.9), models[along_y]
+    state = solve(prepare(model, gel), 0.0, *dry_state(prepare(model, gel)))
+    (J,) = roots(along_y, gel)
+    np.testing.assert_allclose(state.x, placed(model, along_y(J)[0]), atol=1e-9)
+
+
+def test_a_free_surface_has_the_phase_of_the_gel_behind_it():
+    """Freely swollen, each phase: the surface is stretched alike along and across."""
+    gel, model = Pnipam(TWO), model_of(holes=[jaxgel.Circle((0.0, 0.0), 0.9)])
+    states = []
+    for J in roots(in_plane, gel):
+        states.append(accepted(prepare(model, gel), solved(model, gel, placed(model, in_plane(J)[0])), None))
+        assert states[-1].status.ok
+        assert states[-1].energy == pytest.approx(
+            float(total_energy(model.cloud.nodes * np.sqrt(J), model, gel, 0.0, jnp.zeros_like(model.cloud.nodes))), rel=1e-9
+        )
+    np.testing.assert_allclose(surface_ratios(Path.from_states(model, gel, states)), 1.0, atol=1e-8)
