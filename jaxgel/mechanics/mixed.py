@@ -34,7 +34,7 @@ from jax import lax
 
 from .._types import Array, Float, Scalar
 from ..discretisation import Model
-from ..materials import gel_in_groups, neo_hookean, value
+from ..materials import LocalGel, gel_in_groups, neo_hookean, value
 from .contact import contact_force
 from .dofs import gather
 from .energy import axial_stretch, network_energy, stretch_of_pressure
