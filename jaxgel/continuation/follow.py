@@ -7,6 +7,8 @@ derivative rule of a sweep both take them from here.
 import dataclasses
 from collections.abc import Callable, Iterator
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._validation import one_of
@@ -27,7 +29,8 @@ from ..equilibrium import (
     solve_weak,
 )
 from ..linalg import SingularTangent
-from ..mechanics import Problem, free_dofs, restrict, touches
+from ..materials import gel_in_groups, rises_always
+from ..mechanics import Problem, all_volumes, carries_volume, free_dofs, restrict, touches, volume_ratios
 from .frames import Frames
 from .options import BRANCHES, CONTACT, FORMULATIONS, MAX_STEPS, SYMMETRY
 from .predictor import EXTRAPOLATED, predict, same_branch
@@ -36,6 +39,9 @@ from .switching import stable_state
 
 SNAP = 5e-3  # of the control's scale: a step this short that fails with contact ends on another branch, by relaxation
 MOSTLY = 0.5  # of a step's energy in the network
+LEAP = 2e-2  # of the control's scale: a step this short in which a gel changes its phase is accepted
+FORESEEN = 0.2  # of ln J: what a prediction may be wrong
+MUCH = 0.2  # of a gel's volume
 SAYS_NOTHING = 1e-6  # of a step along a mode: what is predicted of it and smaller may be round-off
 FAR_BELOW = 5.0  # kT: where a control's first state is approached from
 LEAST_RAMP = 1 / 200  # of the motion of a plate's edges, which may come in steps before the first state
@@ -148,7 +154,7 @@ class _Attempt:
             return _first(problem, value, solve(problem, value, x, pressure)), False
         last, x = history[-1], frame.onto(x, value)
         if not problem.has_contact:
-            return _as_predicted(frame, solve(problem, value, x, pressure), x, last), False
+            return _leapt(problem, _as_predicted(frame, solve(problem, value, x, pressure), x, last), x, last)
         most = float(problem.model.contact.range)
         far = not np.abs(x - last.x).max() < most
         was_active = touches(last.x, problem.model) if last.contact_active is None else last.contact_active
@@ -158,8 +164,9 @@ class _Attempt:
         found = _as_predicted(frame, solve(problem, value, x, pressure, near_contact=near), x, last)
         if found.status.ok and found.contact_active and not np.abs(found.x - last.x).max() < most:
             found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
+        found, leapt = _leapt(problem, found, x, last)
         if found.status.ok or not self.stable or not _snaps(problem, last, value):
-            return found, False
+            return found, leapt
         relaxed = relax(problem, value, last.x, last.pressure)
         spent = found.newton_iterations + relaxed.newton_iterations
         return dataclasses.replace(relaxed, newton_iterations=spent), relaxed.status.ok
@@ -184,6 +191,29 @@ class _Attempt:
 def _snaps(problem, last, value):
     """Whether a step is so short that a failure means the end of the branch."""
     return abs(value - last.value) <= SNAP * scale_of(problem.control)
+
+
+def _leapt(problem, found, predicted, last):
+    """The `State` found, and whether much of the gel has another volume ratio than was ``predicted``: the gel has leapt to another phase.
+
+    Only a gel in a poor solvent can. A step longer than ``LEAP`` is refused then, so that a leap has a place; a shorter one is accepted.
+    """
+    if not found.status.ok or rises_always(gel_in_groups(problem.at(found.value)[0].gel)):
+        return found, False
+    if not float(_unforeseen(problem.model, found.x, predicted)) > MUCH:
+        return found, False
+    if abs(found.value - last.value) > LEAP * scale_of(problem.control):
+        return dataclasses.replace(found, status=Status.LEAPT), False
+    return found, True
+
+
+@jax.jit
+def _unforeseen(model, x, predicted):
+    """Share () of the dry volume in which the volume ratio at ``x`` (n, 2) is not that at the ``predicted`` positions, nearly."""
+    J, foreseen = volume_ratios(x, model), volume_ratios(predicted, model)
+    volumes = jnp.where(carries_volume(model), all_volumes(model), 0.0)
+    apart = ~((foreseen > 0) & (jnp.abs(jnp.log(J / jnp.where(foreseen > 0, foreseen, 1.0))) < FORESEEN))
+    return jnp.sum(volumes * apart) / jnp.sum(volumes)
 
 
 def _first(problem, value, found):

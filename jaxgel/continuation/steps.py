@@ -12,6 +12,7 @@ import numpy as np
 
 from ..equilibrium import State, Status
 
+NAMED = (Status.SELF_CONTACT, Status.LEAPT)  # failures that say more than that the step has become too small
 MAX_CUTS = 8  # halvings of a step before the sweep gives up
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of an adaptive step after so many corrections; 0.6 after more
 Steps = Generator[State, None, tuple[Status, float]]
@@ -32,18 +33,19 @@ def given_values(attempt: Callable, values: list[float], before: list[State]) ->
 
 def _reach(attempt, target, states):
     """State at ``target``, by way of intermediate states where the direct step fails, and its status; or None and the reason."""
-    history, spent, cuts, goal = list(states), 0, 0, target
+    history, spent, cuts, goal, switched = list(states), 0, 0, target, False
     while True:
         found = attempt(goal, history)
         spent += found.newton_iterations
         if found.status.ok:
+            switched = switched or found.switched
             if goal == target:
-                return dataclasses.replace(found, newton_iterations=spent), found.status
+                return dataclasses.replace(found, newton_iterations=spent, switched=switched), found.status
             history.append(found.light)
             goal = target if cuts <= 1 else _nearer(goal, 2 * goal - history[-2].value, target)
             cuts = max(0, cuts - 1)
         elif not history or cuts >= MAX_CUTS or found.status is Status.SELF_CONTACT:
-            return None, found.status if not history or found.status is Status.SELF_CONTACT else Status.STEP_TOO_SMALL
+            return None, found.status if not history or found.status in NAMED else Status.STEP_TOO_SMALL
         else:
             cuts += 1
             goal = history[-1].value + 0.5 * (goal - history[-1].value)

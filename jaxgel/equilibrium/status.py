@@ -24,6 +24,7 @@ class Status(enum.IntEnum):
     SELF_CONTACT = 7
     CROSSED = 8
     NEARLY_SINGULAR = 9
+    LEAPT = 10
 
     @property
     def ok(self) -> bool:
@@ -47,6 +48,7 @@ _TEXTS = {
     Status.INTERRUPTED: "interrupted by the user; the states so far are kept",
     Status.SELF_CONTACT: "hole boundaries touch or overlap; without contact the states from here on are invalid",
     Status.CROSSED: "a hole's boundary passed through itself: use smaller steps, or stiffer contact (see with_contact)",
+    Status.LEAPT: "the gel changes its phase here, collapsed or swollen, by a leap; use smaller steps, which cross it",
     Status.NEARLY_SINGULAR: "converged, but a fold or bifurcation is near: derivatives grow like 1 / lowest_eigenvalue and hold for tiny "
     "changes only",
 }
