@@ -160,7 +160,7 @@ def accepted(rule: dict, number: str = "a") -> list[str]:
     """What a piece of schema accepts in words, a list with one text for each alternative; ``number`` of it, "a", "2" or "1 or more"."""
     kind = rule.get("type")
     if "anyOf" in rule or isinstance(kind, list):
-        return [words for choice in rule.get("anyOf") or [{"type": name} for name in kind or ()] for words in accepted(choice)]
+        return [words for choice in rule.get("anyOf") or [{"type": name} for name in kind or ()] for words in accepted(choice, number)]
     if "const" in rule or kind == "boolean":
         return [repr(rule["const"])] if "const" in rule else ["true", "false"]
     if "enum" in rule:

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
@@ -11,7 +13,7 @@ from ..continuation import Path, StabilityAnalysis, SweepOptions, is_traced, swe
 from ..discretisation import Model
 from ..equilibrium import State
 from ..materials import AnyGel
-from ..mechanics import prepare, restrict, scatter
+from ..mechanics import prepare, restrict
 from .critical import critical_points
 from .points import CriticalPoint
 
@@ -69,4 +71,5 @@ def imperfection(
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     mode, free = np.tensordot(direction, point.modes, 1), analysis.problem.free
     force = analysis.stiffness @ restrict(mode, free) * (size * model.cloud.spacing / np.linalg.norm(mode, axis=1).max())
-    return scatter(force, mode.shape, free if free.ndim == 1 else free[:, 0])  # one node takes the force of nodes that move together
+    (loads,) = jax.linear_transpose(lambda field: restrict(field, free), jnp.asarray(mode))(jnp.asarray(force))
+    return loads  # one node takes the force of nodes that move together

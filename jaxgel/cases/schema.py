@@ -132,6 +132,11 @@ def _options(cls):
     return tabled(properties)
 
 
+def _or_free(kind, rule):
+    """What a rule for a kind of values accepts, or "free"."""
+    return {"type": [kind, "string"], "if": {"type": "string"}, "then": word(["free"]), "else": rule}
+
+
 MATERIAL = {
     "gel": {"type": "object", "properties": GEL, "additionalProperties": NUMBER}
     | {"description": "The gel of a region: what differs from that of the plate."},
@@ -144,8 +149,8 @@ PLATE = {
     "height": POSITIVE,
     "edges": {"type": ["string", "object"], "if": {"type": "object"}, "then": tabled(dict.fromkeys(EDGES, _CONDITION)), "else": _CONDITION},
     "kinematics": word(KINEMATICS),
-    "axial_stretch": {"type": ["number", "string"], "if": {"type": "string"}, "then": word(["free"]), "else": POSITIVE},
-    "deformation": listed(PAIR, 2, 2),
+    "axial_stretch": _or_free("number", POSITIVE),
+    "deformation": _or_free("array", listed(listed(_or_free("number", NUMBER), 2, 2), 2, 2)),
     "displacement": tabled(dict.fromkeys(EDGES, PAIR)),
     "spacing": POSITIVE,
     "nodes_per_hole": whole(3),

@@ -218,7 +218,7 @@ def _beside(start, model, gel, mu, loads):
     """The path at ``mu`` (k,) of a moved model and gel on the branch of the path ``start``; nan where Newton's method does not find it."""
     problem = prepare(model, gel, loads)
     moved = model.cloud.nodes - start.model.cloud.nodes
-    carried = moved @ np.array(model.cloud.plate.deformation).T  # where the constrained ones have to be
+    carried = moved @ np.array(model.cloud.plate.dry_deformation).T  # where the constrained ones have to be
     found = [solve(problem, *state) for state in zip(mu, start.x + carried, jnp.asarray(start.pressure), strict=True)]
     x = jnp.stack([_to_round_off(problem, state) for state in found])
     return dataclasses.replace(

@@ -230,7 +230,7 @@ def _as_predicted(frame, found, predicted, last):
     """
     if not found.status.ok or last.modes is None or _snaps(frame.problem, last, found.value):
         return found
-    step, expected = (restrict(np.asarray(x) - np.asarray(last.x), np.asarray(frame.problem.free)) for x in (found.x, predicted))
+    step, expected = (restrict(np.asarray(x) - np.asarray(last.x), frame.problem.free) for x in (found.x, predicted))
     weighted = frame.stiffness @ frame.along(last.modes[:, 0])  # a mode v has v . N v = 1
     moved, foreseen = weighted @ step, weighted @ expected
     against = moved * foreseen < 0 and abs(foreseen) > SAYS_NOTHING * abs(moved)

@@ -15,7 +15,17 @@ from .._types import Array, Float
 from ..controls import adds_loads
 from ..equilibrium import Stability, State, acting_problem
 from ..linalg import factor, network_matrix
-from ..mechanics import Problem, border, linearise, precomputed_operators, scatter, tangent, unknowns
+from ..mechanics import (
+    Problem,
+    border,
+    linearise,
+    precomputed_operators,
+    restrict,
+    scatter,
+    tangent,
+    unknowns,
+    with_free_values,
+)
 from ..symmetry import NAMES, Region, bases, region, symmetries_of, symmetries_of_field, symmetries_of_state
 from .blocks import BlockFactor, Diagonal
 from .predictor import rate_of_change
@@ -95,24 +105,15 @@ class _Conditions:
     problem: Problem
 
     @functools.cached_property
-    def _places(self):
-        """The unknowns, and of all that moves with them numbers and signs."""
-        free = np.asarray(self.problem.free)
-        free = free[:, None] if free.ndim == 1 else free
-        return free[:, 0], np.where(free < 0, ~free, free), np.where(free < 0, -1.0, 1.0)
-
-    @functools.cached_property
     def _at_rest(self):
-        """The dry positions that satisfy the conditions where the control moves no edges, flat."""
-        return np.asarray(self.problem.dry_positions(0.0)).ravel()
+        """The dry positions that satisfy the conditions where the control moves no edges."""
+        return np.asarray(self.problem.dry_positions(0.0))
 
     def onto(self, x: Float[Array, "n 2"], value: float) -> Float[np.ndarray, "n 2"]:
-        """See `Frame`. The last two places are the padding of degrees of freedom that move together."""
-        leaders, numbers, signs = self._places
-        dry = np.asarray(self.problem.dry_positions(value)).ravel() if self.problem.moves_edges else self._at_rest
-        positions = np.append(dry, [0.0, 0.0])
-        positions[numbers] += signs * (np.asarray(x).ravel()[leaders] - dry[leaders])[:, None]
-        return positions[:-2].reshape(-1, 2)
+        """See `Frame`."""
+        free = self.problem.free
+        dry = np.asarray(self.problem.dry_positions(value)) if self.problem.moves_edges else self._at_rest
+        return np.asarray(with_free_values(restrict(np.asarray(x), free), dry, free))
 
 
 class WholeFrame(_Conditions):

@@ -66,7 +66,7 @@ def _across(problem: Problem, state: State, mode: Float[Array, " f"]) -> State |
             return None
         if force_before is not None and np.sign(force) != np.sign(force_before):
             found = solve(problem, state.value, pinned.x, pinned.pressure, own_factor=True)
-            moved = float(np.linalg.norm(restrict(np.asarray(found.x) - np.asarray(start), np.asarray(problem.free))))
+            moved = float(np.linalg.norm(restrict(np.asarray(found.x) - np.asarray(start), problem.free)))
             return found if found.status is Status.CONVERGED and moved > 0.5 * amplitude / GROWTH else None
         x = pinned.x + (GROWTH - 1) * (pinned.x - start)
         pressure, amplitude, force_before = pinned.pressure, GROWTH * amplitude, force

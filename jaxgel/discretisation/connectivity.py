@@ -43,8 +43,8 @@ class Connectivity:
     """Per block (c,) patch numbers."""
     contour: "Contour"
     """Contours of the patches."""
-    unknowns: Int[np.ndarray, "f k"] | None = None
-    """The degrees of freedom that move together where ``patches`` are those of a part of a symmetric plate; None for a whole plate."""
+    unknowns: object | None = None
+    """The unknowns, see `mechanics.dofs`, where ``patches`` are those of a part of a symmetric plate; None for a whole plate."""
     holes: Int[np.ndarray, " h"] | None = None
     """The holes that stand for all others where ``patches`` are those of a part of a symmetric plate; None for a whole plate."""
 

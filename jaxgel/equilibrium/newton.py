@@ -237,7 +237,7 @@ def solve_traced(problem: Problem, value: Scalar, x: Array, pressure: jax.Array)
         x, p, linearisation, iterations = iterate
         system = tangent(problem, x, p, linearisation), border(problem, linearisation)
         rhs = condensed_rhs(problem, linearisation, linearisation)
-        shape = jax.ShapeDtypeStruct(free.shape[:1], x.dtype)
+        shape = jax.ShapeDtypeStruct((len(free),), x.dtype)
         dx = jax.pure_callback(functools.partial(_host_step, pattern), shape, rhs, *system, vmap_method="sequential")
         return *_advanced(problem, x, p, mu, dx, linearisation, linearisation, 1.0), iterations + 1
 

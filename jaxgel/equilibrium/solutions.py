@@ -94,13 +94,13 @@ def _solved(rhs, *leaves, structure):
         system = functools.cache(lambda: _system(problem, x[k], pressure[k], values[k]))
         solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or _product(pattern, *system()), system)
 
-    with few_threads(len(pattern.free)):
+    with few_threads(pattern.size):
         if is_sparse(problem) and len(wanted):
             products = TangentOperator(problem).at(x[wanted], pressure[wanted], values[wanted])
             for k, product in zip(wanted, products, strict=True):
                 solve(k, product)
         else:
-            with ThreadPoolExecutor(usable_threads() if len(pattern.free) <= ONE_THREAD else 1) as pool:
+            with ThreadPoolExecutor(usable_threads() if pattern.size <= ONE_THREAD else 1) as pool:
                 list(pool.map(solve, wanted))
     return jnp.asarray(solutions)
 

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 EDGES = ("left", "right", "bottom", "top")
 CONDITIONS = ("roller", "fixed", "free", "periodic")
 OPPOSITE = {"left": "right", "right": "left", "bottom": "top", "top": "bottom"}
+FREE = "free"
+"""A component of the macroscopic deformation along which no mean stress acts."""
+Deformation = tuple[tuple[float | str, float | str], tuple[float | str, float | str]]
 AXIS = {"left": 0, "right": 0, "bottom": 1, "top": 1}
 """Axis normal to each edge."""
 
@@ -58,15 +61,49 @@ def checked_edges(edges: Mapping[str, str] | str) -> Edges:
     return Edges(tuple(edges.get(edge, "roller") for edge in EDGES))
 
 
-def checked_deformation(deformation: object, edges: Edges) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The macroscopic deformation gradient as nested tuples; ValueError for an unusable one or one that tilts a roller edge."""
+def checked_deformation(deformation: object, edges: Edges) -> Deformation:
+    """The macroscopic deformation gradient as nested tuples; ValueError for an unusable one, one that tilts a roller edge, and a component
+    that is "free" where edges hold it.
+    """
+    listed = np.array(_all_free(edges) if isinstance(deformation, str) and deformation == FREE else deformation, dtype=object)
+    unknown = [entry for entry in listed.ravel() if isinstance(entry, str) and entry != FREE]
+    if unknown:
+        raise ValueError(f"deformation: {unknown[0]!r} is neither a number nor {FREE!r}")
+    free = np.reshape([isinstance(entry, str) for entry in listed.ravel()], listed.shape)
+    if free.any() and free.shape == (2, 2):
+        _check_free(free, edges)
+        deformation = np.where(free, np.eye(2), listed).tolist()
     F = np.array(finite_numbers(deformation, (2, 2), "deformation"))
     if not np.linalg.det(F) > 0:
         raise ValueError(f"deformation: {F.tolist()} has the determinant {np.linalg.det(F):.3g}, it must be positive")
     for edge, condition in edges.items():
         if condition == "roller" and F[AXIS[edge], 1 - AXIS[edge]] != 0:
             raise ValueError(f"deformation: {F.tolist()} tilts the roller edge {edge}; make the edge fixed or periodic, or drop the shear")
-    return tuple(map(tuple, F.tolist()))
+    return tuple(tuple(FREE if listed[i, j] == FREE else float(F[i, j]) for j in range(2)) for i in range(2))
+
+
+def _all_free(edges):
+    """The deformation whose components are all free, but for those that do not belong to a periodic cell and its rotation."""
+    along = [edges[edge] == "periodic" for edge in ("left", "bottom")]
+    if not any(along):
+        raise ValueError(f"deformation: {FREE!r} is that of a periodic cell; make two opposite edges periodic")
+    shear = FREE if all(along) else 0.0
+    return (FREE if along[0] else 1.0, shear), (shear, FREE if along[1] else 1.0)
+
+
+def _check_free(free, edges):
+    """Refuse components (2, 2) that are ``free`` where edges hold them."""
+    if free[0, 1] != free[1, 0]:
+        raise ValueError(f"deformation: a free shear is one unknown, F12 = F21; make both {FREE!r}, or both numbers")
+    needed = {(0, 0): ("left",), (1, 1): ("bottom",), (0, 1): ("left", "bottom")}
+    for (i, j), sides in needed.items():
+        where = f"deformation: the component {i + 1}{j + 1} is {FREE!r}, but"
+        for side in sides if free[i, j] else ():
+            if edges[side] != "periodic":
+                raise ValueError(f"{where} the edges {side} and {OPPOSITE[side]} are not periodic")
+        for edge in EDGES if free[i, j] else ():
+            if i in held_components(edges, edge):
+                raise ValueError(f"{where} the {edges[edge]} edge {edge} holds it")
 
 
 def checked_displacement(displacement: object, edges: Edges) -> Edges:

@@ -9,7 +9,7 @@ import shapely
 
 from .._types import Array, Scalar
 from .._validation import did_you_mean, one_of
-from .boundary import checked_deformation, checked_displacement, checked_edges, edge_lines
+from .boundary import FREE, checked_deformation, checked_displacement, checked_edges, edge_lines
 from .hole import Hole, checked_parameter, pytree
 from .holes import check_parameters
 from .outline import _outward, _traced, outline_points
@@ -43,8 +43,10 @@ class Plate:
     edges: Mapping[str, str] | str = "roller"
     """A condition for all edges, or edge -> condition; edges left out are rollers. "roller" holds the displacement normal to the edge,
     "fixed" both components, "free" none; opposite edges that are "periodic" move alike but for ``deformation``."""
-    deformation: Sequence[Sequence[float]] = ((1.0, 0.0), (0.0, 1.0))
-    """Macroscopic deformation gradient (2, 2), rows first: what held edges and the two sides of a periodic cell follow."""
+    deformation: Sequence[Sequence[float | str]] | str = ((1.0, 0.0), (0.0, 1.0))
+    """Macroscopic deformation gradient F (2, 2), rows first: what held edges and the two sides of a periodic cell follow. A component of a
+    periodic cell may be "free": it is an unknown, and no mean stress acts along it. A free shear is F12 = F21. "free" alone frees all
+    components; the cell does not turn."""
     displacement: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
     """Roller or fixed edge -> its displacement (2,), mm, on top of ``deformation``; 0 for edges left out and along rollers."""
     kinematics: str = "plane strain"
@@ -91,7 +93,17 @@ class Plate:
     @property
     def moved(self) -> bool:
         """Whether ``deformation`` or ``displacement`` moves an edge."""
-        return self.deformation != ((1.0, 0.0), (0.0, 1.0)) or any(map(any, self.displacement.values()))
+        return self.dry_deformation != ((1.0, 0.0), (0.0, 1.0)) or any(map(any, self.displacement.values()))
+
+    @property
+    def dry_deformation(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """``deformation`` with the free components as they are in the dry plate."""
+        return tuple(tuple(float(i == j) if F == FREE else F for j, F in enumerate(row)) for i, row in enumerate(self.deformation))
+
+    @property
+    def free_strains(self) -> tuple[tuple[int, int], ...]:
+        """The free components (i, j), i <= j, of ``deformation``: the macroscopic unknowns."""
+        return tuple((i, j) for i, j in ((0, 0), (1, 1), (0, 1)) if self.deformation[i][j] == FREE)
 
     @property
     def theta(self) -> tuple[dict[str, Array], ...]:

@@ -27,12 +27,14 @@ def keeps_edges(plate: Plate, matrix: Float[np.ndarray, "2 2"]) -> bool:
     macroscopic deformation.
     """
     size, moves = np.array([plate.width, plate.height]), plate.displacement
+    free = np.array([[int((min(i, j), max(i, j)) in plate.free_strains) for j in range(2)] for i in range(2)])
     return bool(
         np.array_equal(np.abs(matrix) @ size, size)
         and _after(plate.edges, matrix) == dict(plate.edges)
         and {edge: tuple(matrix @ move) for edge, move in _after(moves, matrix).items()}
         == {e: tuple(map(float, m)) for e, m in moves.items()}
-        and np.array_equal(matrix @ plate.deformation, plate.deformation @ matrix)
+        and np.array_equal(matrix @ plate.dry_deformation, plate.dry_deformation @ matrix)
+        and np.array_equal(np.abs(matrix) @ free @ np.abs(matrix).T, free)
     )
 
 

@@ -23,7 +23,7 @@ from ..bifurcation import CriticalPoint
 from ..continuation import Path
 from ..discretisation import Model
 from ..equilibrium import State, Status
-from ..observables import BY_COLUMN, COLUMNS, SELF_CONTACT, events, history, outlines
+from ..observables import BY_COLUMN, SELF_CONTACT, columns_of, events, history, outlines
 from .files import open_folder, write_atomically
 from .run import FORMAT, OF_LAST, STEP_ARRAYS
 
@@ -80,7 +80,7 @@ class Recorder:
     @property
     def table(self) -> dict[str, list]:
         """The columns of ``history.csv`` so far."""
-        return {name: [row[name] for _, row, _ in self.records] for name in COLUMNS}
+        return {name: [row[name] for _, row, _ in self.records] for name in columns_of(self.model.cloud.plate)}
 
     def __call__(self, step: State) -> None:
         """Write one accepted step: first its row, then all states, so that there are never more states than rows."""
@@ -129,7 +129,7 @@ class Recorder:
         def write(stream: Any) -> None:
             text = io.StringIO(newline="")
             writer = _csv_writer(text)
-            writer.writerow(COLUMNS)
+            writer.writerow(columns_of(self.model.cloud.plate))
             writer.writerows(_csv_row(row) for _, row, _ in self.records)
             stream.write(text.getvalue().encode())
 

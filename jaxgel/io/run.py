@@ -10,7 +10,7 @@ import numpy as np
 
 from .._types import Float
 from ..equilibrium import Status
-from ..observables import BY_COLUMN, COLUMNS
+from ..observables import BY_COLUMN, COLUMNS, OF_CELLS
 from .files import MAX_BYTES, guarded, read_arrays
 
 FORMAT = 3  # raised when the meaning of a file changes
@@ -119,10 +119,10 @@ def _read_history(content: bytes, _: int) -> dict[str, Any]:
     lines = content.decode().splitlines(keepends=True)
     complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
     header, *rows = csv.reader(complete)
-    if tuple(header) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
+    if tuple(header) not in (COLUMNS, (*COLUMNS, *OF_CELLS)) or any(len(row) != len(header) for row in rows):
         raise ValueError(f"columns are not {', '.join(COLUMNS)}")
-    columns = {name: [row[i] for row in rows] for i, name in enumerate(COLUMNS)}
-    kinds = {name: BY_COLUMN[name].kind for name in COLUMNS}
+    columns = {name: [row[i] for row in rows] for i, name in enumerate(header)}
+    kinds = {name: BY_COLUMN[name].kind for name in header}
     return {name: c if kinds[name] is str else np.array(c, dtype=float).astype(kinds[name]) for name, c in columns.items()}
 
 

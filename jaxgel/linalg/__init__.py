@@ -15,7 +15,7 @@ from .eigen import (
 from .factors import Border, Bordered, Factor, SingularTangent, bordered_product, factor, host_border, solve_near_factor
 from .kept_factors import RECENT_FACTORS, FactorCache, Kept, remember, solve_near
 from .multifrontal import factorise
-from .pattern import SOLVERS, Pattern, analyse, standing
+from .pattern import SOLVERS, Pattern, View, analyse, standing
 
 __all__ = [
     "RECENT_FACTORS",
@@ -28,6 +28,7 @@ __all__ = [
     "Kept",
     "Pattern",
     "SingularTangent",
+    "View",
     "analyse",
     "bordered_product",
     "columnwise",

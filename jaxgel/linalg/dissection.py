@@ -46,17 +46,20 @@ class Tree:
         return sum((front.end - front.first) * (front.end - front.first + len(front.below)) for front in self.fronts)
 
 
-def dissect(pairs: Int[np.ndarray, "p 2"], unknowns: Int[np.ndarray, "n 2"], points: Float[np.ndarray, "n 2"]) -> Tree:
+def dissect(pairs: Int[np.ndarray, "p 2"], unknowns: Int[np.ndarray, "n 2"], points: Float[np.ndarray, "n 2"], *, last: int = 0) -> Tree:
     """``Tree`` for a symmetric matrix given by 2 x 2 blocks of node pairs (p, 2), i <= j, flattened.
 
     ``unknowns`` (n, 2) numbers the two components of each node, -1 for those that are not part of the matrix; ``points`` (n, 2) are
-    positions, which decide where the nodes are divided.
+    positions, which decide where the nodes are divided. Of the ``last`` nodes, which may be coupled to any others, there are few: they are
+    eliminated at the end.
     """
     n = len(points)
+    near = n - last
     graph = sp.csr_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     graph = sp.csr_matrix(graph + graph.T)
     parts = []
-    _divide(graph, np.arange(n), points, parts)
+    _divide(graph[:near][:, :near], np.arange(near), points, parts)
+    parts[-1] = np.append(parts[-1][0], np.arange(near, n)), parts[-1][1]
     below = _coupled(graph, parts)
 
     order = unknowns[np.concatenate([nodes for nodes, _ in parts])].ravel()

@@ -83,7 +83,7 @@ class Factor:
     @functools.cached_property
     def _condensed(self):
         """The solution (f,) for the border's column by the matrix alone, and the pivot () that is left of the corner."""
-        column, corner = self.border or Border(np.zeros(len(self.pattern.free)), 1.0)
+        column, corner = self.border or Border(np.zeros(self.pattern.size), 1.0)
         solution = self.fronts.solve(column)
         for _ in range(2):
             solution = solution + self.fronts.solve(column - self.matrix @ solution)
@@ -102,7 +102,7 @@ class Factor:
 
     def apply(self, rhs: Columns) -> Columns:
         """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""
-        with few_threads(len(self.pattern.free)):
+        with few_threads(self.pattern.size):
             return self._solve(rhs)
 
     def _solve(self, rhs):
@@ -199,7 +199,7 @@ def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"], border: tuple[Float[A
     if not (np.all(np.isfinite(matrix.data)) and all(np.all(np.isfinite(part)) for part in border or ())):
         raise SingularTangent("the tangent is not finite")
     try:
-        with few_threads(len(pattern.free)), np.errstate(over="ignore", invalid="ignore"):
+        with few_threads(pattern.size), np.errstate(over="ignore", invalid="ignore"):
             made = Factor(pattern, matrix, factorise(pattern.tree, entries, pattern.precision), host_border(border))
             if border is not None:
                 _ = made.negative_pivots  # raises where the border's pivot vanishes

@@ -2,7 +2,9 @@
 
 import copy
 import dataclasses
+import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,6 +16,15 @@ SOLVERS = ("auto", "direct", "iterative")
 LARGE_BYTES = 2**31  # of a factor in double precision, above which "auto" is "iterative": 1.3e5 nodes of sample 1
 
 
+class View(NamedTuple):
+    """How the d = 2 n degrees of freedom follow the unknowns."""
+
+    stands: Int[np.ndarray, " d"]
+    """Which degree of freedom stands for each one, ~ that number where it moves the other way and 2 n where it is held."""
+    strains: Float[np.ndarray, "m n 2"] | None = None
+    """Nodal fields of m more unknowns, which most nodes do not follow."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pattern:
     """Where the entries of node-pair blocks go in the free-free matrix; NumPy arrays, hashed by identity."""
@@ -21,7 +32,7 @@ class Pattern:
     n_pairs: int
     """Number of node pairs i <= j."""
     free: Int[np.ndarray, "..."]
-    """(f,) or (f, k) degrees of freedom of each unknown."""
+    """(b,) or (b, k) degrees of freedom of each unknown that has any of its own: of all f but strains."""
     structure: sp.csc_matrix
     """The free-free matrix (f, f) of a tangent with, in place of its values, ``source``."""
     tree: Tree
@@ -32,6 +43,11 @@ class Pattern:
     """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
     solver: str = "auto"
     """``"direct"``, ``"iterative"``, or ``"auto"``: by the size of the factor."""
+
+    @property
+    def size(self) -> int:
+        """Number f of unknowns."""
+        return self.structure.shape[0]
 
     @property
     def precision(self) -> type:
@@ -69,29 +85,31 @@ def analyse(
     points: Float[np.ndarray, "n 2"],
     free: Int[np.ndarray, "..."],
     solver: str = "auto",
-    views: Sequence[Int[np.ndarray, " d"]] | None = None,
+    views: Sequence[View] | None = None,
 ) -> Pattern:
-    """``Pattern`` for node pairs (p, 2) with i <= j between nodes at ``points`` (n, 2) and free degrees of freedom (f,) or (f, k).
+    """``Pattern`` for node pairs (p, 2) with i <= j between nodes at ``points`` (n, 2) and free degrees of freedom (b,) or (b, k).
 
-    The pairs include (i, i) for every node of theirs. Where degrees of freedom move together, ``views`` say of each one, d = 2 n of them,
-    which stands for it, ~ that number where it moves the other way and 2 n where it is held: by default those of ``free``. Of several views
-    the matrix is the mean.
+    The pairs include (i, i) for every node of theirs. Where degrees of freedom move together the ``views`` say how, by default as
+    `standing` says of ``free``. The strains of the views are the last of all unknowns. Of several views the matrix is the mean.
     """
-    n_pairs, joined, n = len(pair_nodes), None, len(points)
+    n_pairs, joined, n, strains = len(pair_nodes), None, len(points), 0
     if free.ndim == 2:
-        pair_nodes, joined = _join(pair_nodes, n, [standing(free, n)] if views is None else views)
-    own = free if joined is None else free[:, 0]
-    local = np.full(2 * n, -1)
+        views = [View(standing(free, n))] if views is None else views
+        strains = 0 if views[0].strains is None else len(views[0].strains)
+        points = np.concatenate([points, np.zeros(((strains + 1) // 2, 2))])  # two strains are as it were the components of a node
+        pair_nodes, joined = _join(pair_nodes, len(points), [_layers(view, n, 2 * len(points)) for view in views])
+    own = free if joined is None else np.append(free[:, 0], 2 * n + np.arange(strains))
+    local = np.full(2 * len(points), -1)
     local[own] = np.arange(len(own))
-    structure = _sources(pair_nodes, n)[own][:, own]
+    structure = _sources(pair_nodes, len(points))[own][:, own]
     structure.sort_indices()
     nodes = np.unique(pair_nodes)
-    tree = dissect(np.searchsorted(nodes, pair_nodes), local.reshape(-1, 2)[nodes], points[nodes])
+    tree = dissect(np.searchsorted(nodes, pair_nodes), local.reshape(-1, 2)[nodes], points[nodes], last=len(points) - n)
     return Pattern(n_pairs, free, structure.T, tree, joined, solver=solver)
 
 
 def standing(free: Int[np.ndarray, "f k"], n: int) -> Int[np.ndarray, " d"]:
-    """Which degree of freedom stands for each of the d = 2 n ones, see `analyse`; those that move together are rows of ``free`` (f, k)."""
+    """Which degree of freedom stands for each of the d = 2 n ones, see `View`; those that move together are rows of ``free`` (f, k)."""
     numbers, stands = np.where(free < 0, ~free, free), np.full(2 * n + 1, 2 * n)
     stands[numbers] = np.where(free < 0, ~free[:, :1], free[:, :1])
     return stands[:-1]
@@ -113,31 +131,41 @@ def _pair_graph(pairs, n):
     return sp.csr_matrix((np.concatenate([np.where(apart, number, -number), -number[apart]]), ends), shape=(n, n))
 
 
+def _layers(view, n, held):
+    """What the degrees of freedom (d,) follow, layer by layer: the number of an unknown, ``held`` where there is none, and the weight."""
+    stands = np.where(view.stands == 2 * n, held, view.stands)
+    layers = [(np.where(stands < 0, ~stands, stands), np.where(stands < 0, -1.0, 1.0))]
+    for number, field in enumerate(() if view.strains is None else view.strains):
+        layers.append((np.where(field.ravel() != 0, 2 * n + number, held), field.ravel()))
+    return layers
+
+
 def _join(pair_nodes, n, views):
     """Pairs (q, 2) of nodes that stand for others, and the matrix (4 q, 4 p) that adds up the blocks of the pairs (p, 2) they stand for."""
-    parts = [_entries_of_view(pair_nodes, n, stands) for stands in views]
-    key, entry, source, sign = (np.concatenate(column) for column in zip(*parts, strict=True))
+    parts = [_entries_of_layers(pair_nodes, n, *both) for layers in views for both in itertools.product(layers, repeat=2)]
+    key, entry, source, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
     nodes = np.unique(np.concatenate([key // n, key % n]))
     known = np.union1d(key, nodes * (n + 1))
     rows = 4 * np.searchsorted(known, key) + entry
-    joined = sp.csr_matrix((sign / len(views), (rows, source)), shape=(4 * len(known), 4 * len(pair_nodes)))
+    joined = sp.csr_matrix((weight / len(views), (rows, source)), shape=(4 * len(known), 4 * len(pair_nodes)))
     return np.stack([known // n, known % n], axis=1), joined
 
 
-def _entries_of_view(pair_nodes, n, stands):
-    """Where the entries of the pair blocks go: keys of pairs and entries of their blocks, the entries' numbers and their signs."""
+def _entries_of_layers(pair_nodes, n, left, right):
+    """Where the entries of the pair blocks go as one end follows the layer ``left`` and the other ``right``: keys of pairs and entries of
+    their blocks, the entries' numbers and their weights.
+    """
     dofs = 2 * pair_nodes[:, :, None] + np.arange(2)  # (p, end, component)
-    at = np.append(stands, 2 * n)[dofs]
-    numbers = np.where(at < 0, ~at, at)
-    sign = np.where(at < 0, -1.0, 1.0)
-    first, second = np.broadcast_arrays(numbers[:, 0, :, None], numbers[:, 1, None, :])  # (p, 2, 2)
-    sign, source = sign[:, 0, :, None] * sign[:, 1, None, :], np.arange(4 * len(pair_nodes)).reshape(-1, 2, 2)
-    real = (first < 2 * n) & (second < 2 * n)
-    turned = real & (first // 2 == second // 2) & (pair_nodes[:, 0] != pair_nodes[:, 1])[:, None, None]  # also the transpose counts
+    some = np.flatnonzero((left[0][dofs[:, 0]] < 2 * n).any(axis=1) & (right[0][dofs[:, 1]] < 2 * n).any(axis=1))
+    dofs, apart = dofs[some], (pair_nodes[:, 0] != pair_nodes[:, 1])[some, None, None]
+    first, second = np.broadcast_arrays(left[0][dofs[:, 0], None], right[0][dofs[:, 1]][:, None])  # (p, 2, 2)
+    weight, source = left[1][dofs[:, 0], None] * right[1][dofs[:, 1]][:, None], 4 * some[:, None, None] + np.array([[0, 1], [2, 3]])
     swapped = first // 2 > second // 2
+    real = (first < 2 * n) & (second < 2 * n) & (apart | ~swapped)  # the block of a node with itself has every entry twice
+    turned = real & (first // 2 == second // 2) & apart  # also the transpose counts
     first, second = np.where(swapped, second, first), np.where(swapped, first, second)
     found = []
     for a, b, where in ((first, second, real), (second, first, turned)):
         a, b = a[where], b[where]
-        found.append((a // 2 * n + b // 2, 2 * (a % 2) + b % 2, source[where], sign[where]))
+        found.append((a // 2 * n + b // 2, 2 * (a % 2) + b % 2, source[where], weight[where]))
     return tuple(np.concatenate(column) for column in zip(*found, strict=True))

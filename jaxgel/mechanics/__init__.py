@@ -3,9 +3,12 @@
 from .assembly import STATES_TOGETHER, TangentOperator, factorised_tangent, is_sparse, tangent, tangent_product
 from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, touches, with_contact
 from .dofs import (
+    Free,
+    Strained,
     check_edges,
     check_room,
     constrained_part,
+    deformation_of,
     free_dofs,
     gather,
     held_dofs,
@@ -59,10 +62,12 @@ __all__ = [
     "SOFT",
     "STATES_TOGETHER",
     "STIFFNESS",
+    "Free",
     "Linearisation",
     "Loads",
     "Operators",
     "Problem",
+    "Strained",
     "TangentOperator",
     "all_volumes",
     "at_points",
@@ -82,6 +87,7 @@ __all__ = [
     "crosses",
     "curvature",
     "deformation_gradients",
+    "deformation_of",
     "energy_at",
     "factorised_tangent",
     "free_dofs",

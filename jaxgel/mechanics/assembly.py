@@ -26,7 +26,7 @@ from ..controls import drives_stiffness
 from ..linalg import Factor, factor
 from ..materials import Varying, elementwise, gel_at_points, neo_hookean, network_at, split
 from .contact import contact_force, contact_tangents
-from .dofs import gather, scatter
+from .dofs import Strained, gather, scatter
 from .mixed import Linearisation, border, network_force, nodal_sum, pressure_step, stretch_of, stretch_step, volume_gradients
 from .operators import AreaForms, add_cell_matrices, area_form_sum
 from .pairs import contact_pairs
@@ -132,8 +132,8 @@ def is_sparse(problem: Problem) -> bool:
     """Whether `TangentOperator` multiplies by sparse matrices."""
     model = problem.model
     own = model.method != "displacement" and problem.gel.network is neo_hookean and model.contact is None and model.lists.unknowns is None
-    own = own and held_stretch(model) is not None and not drives_stiffness(problem.control, problem.gel)
-    return own and len(problem.free) <= ONE_THREAD
+    own = own and not isinstance(problem.free, Strained) and not drives_stiffness(problem.control, problem.gel)
+    return own and held_stretch(model) is not None and len(problem.free) <= ONE_THREAD
 
 
 class TangentOperator:

@@ -2,11 +2,13 @@
 
 Degrees of freedom are numbered 2 node + component. The unknowns of a plate are an array ``free`` of such numbers: (f,), or with periodic
 edges (f, k), where a row lists the degrees of freedom that move together, first the one that stands for them, padded with 2 n; one that
-moves the other way, as in a mirror image, is listed as ~ its number. Held ones
+moves the other way, as in a mirror image, is listed as ~ its number. Free components of the macroscopic deformation of a periodic cell
+are further unknowns, see `Strained`. Held ones
 follow the plate's macroscopic deformation and the displacement of their edge, and so do the two sides of a periodic cell relative to
 each other: a roller holds the component normal to its edge, a fixed edge both.
 """
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 
@@ -21,16 +23,40 @@ from ..discretisation import Connectivity
 from ..geometry import EDGES, Plate, held_components
 
 
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["rows", "strains", "ends"], meta_fields=[])
+@dataclasses.dataclass(frozen=True, eq=False)
+class Strained:
+    """The unknowns of a periodic cell whose macroscopic deformation has m free components: f in all, the macroscopic ones at the end.
+
+    A macroscopic unknown is how far a side of the cell moves beyond the opposite one, mm; the middle of the cell stays where it is.
+    """
+
+    rows: Int[Array, "b k"]
+    """Degrees of freedom that move together, see above: b = f - m."""
+    strains: Float[Array, "m n 2"]
+    """Nodal field of each macroscopic unknown: that of the nodes along periodic edges; of all others 0."""
+    ends: Int[Array, "m 2"]
+    """The degrees of freedom whose difference the macroscopic unknown is."""
+
+    def __len__(self) -> int:
+        return len(self.rows) + len(self.strains)
+
+
+Free = Int[Array, "f ..."] | Strained
+"""Unknowns, see above."""
+
+
 @once_per_owner
-def free_dofs(topology: Topology) -> Int[Array, "f ..."]:
-    """The unknowns ``free`` (f,) or (f, k), see above; ValueError as `check_edges`."""
+def free_dofs(topology: Topology) -> Free:
+    """The unknowns ``free``, see above; ValueError as `check_edges`."""
     plate, walls = topology.plate, topology.wall_nodes
     free = ~held_dofs(topology)
     if "periodic" in plate.edges.values():
         first = periodic_images(topology)
         corner = first[walls["left"][0] if plate.edges["left"] == "periodic" else walls["bottom"][0]]
         free[corner, free.all(axis=0)] = False  # a periodic cell has its place by convention
-        return _tied(first, free)
+        rows = _tied(first, free)
+        return Strained(rows, *_strains(topology)) if plate.free_strains else rows
     check_edges(plate)
     return np.flatnonzero(free.ravel())
 
@@ -44,8 +70,8 @@ def held_dofs(topology: Topology) -> Bool[np.ndarray, "n 2"]:
     return held
 
 
-def unknowns(lists: Connectivity) -> Int[Array, "f ..."]:
-    """The unknowns (f,) or (f, k) of a model with these ``lists``."""
+def unknowns(lists: Connectivity) -> Free:
+    """The unknowns of a model with these ``lists``."""
     return free_dofs(lists.topology) if lists.unknowns is None else lists.unknowns
 
 
@@ -59,12 +85,13 @@ def check_edges(plate: Plate) -> None:
 def check_room(plate: Plate) -> None:
     """Raise ValueError, one line, for a plate that fills a closed box: no state has a volume ratio above 1 everywhere.
 
-    A film may get thicker, and so may a plate with a free axial stretch.
+    A film may get thicker, and so may a plate with a free axial stretch; the box of a free macroscopic deformation is not closed.
     """
     axial = 1.0 if plate.kinematics == "plane strain" else plate.axial_stretch
     if (
         axial is not None
         and not plate.holes
+        and not plate.free_strains
         and "free" not in plate.edges.values()
         and not axial * _box_area(plate) > plate.width * plate.height * (1 + 1e-12)
     ):
@@ -77,7 +104,7 @@ def _named(plate):
 
 def _box_area(plate):
     """Area of the rectangle or parallelogram that the plate's edges enclose once they have moved."""
-    (w, h), F, by = (plate.width, plate.height), np.array(plate.deformation), plate.displacement
+    (w, h), F, by = (plate.width, plate.height), np.array(plate.dry_deformation), plate.displacement
     corners = ("left", "bottom"), ("right", "bottom"), ("left", "top")
     at = [F @ [w * (side == "right"), h * (end == "top")] + [by[side][0], by[end][1]] for side, end in corners]
     return float(np.linalg.det([at[1] - at[0], at[2] - at[0]]))
@@ -108,8 +135,47 @@ def _tied(first, free):
     return np.minimum(rows, 2 * len(first))[unknown]
 
 
-def gather(forces: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, " f"]:
+def _strains(topology):
+    """Fields (m, n, 2) and ends (m, 2) of the macroscopic unknowns, see `Strained`: of F11 and F12 = F21 that of the right edge beyond the
+    left one, of F22 that of the top beyond the bottom.
+    """
+    plate, walls = topology.plate, topology.wall_nodes
+    sides, beyond = np.array([plate.width, plate.height]), np.zeros((len(topology.node_vertices), 2))
+    for axis, (edge, opposite) in enumerate((("right", "left"), ("top", "bottom"))):
+        if plate.edges[edge] == "periodic":
+            beyond[walls[edge], axis], beyond[walls[opposite], axis] = sides[axis] / 2, -sides[axis] / 2
+    fields, ends = [], []
+    for i, j in plate.free_strains:
+        F = np.zeros((2, 2))
+        F[i, j] = F[j, i] = 1 / sides[i]
+        fields.append(beyond @ F)
+        ends.append([2 * node + j for node in _period(topology, i)])
+    return np.stack(fields), np.array(ends)
+
+
+def _period(topology, axis):
+    """The nodes at the right and left end of the bottom edge of a cell that is periodic along x, axis 0; along y those of the left edge."""
+    edge, opposite = (("right", "left"), ("top", "bottom"))[axis]
+    return int(topology.wall_nodes[edge][0]), int(topology.wall_nodes[opposite][0])
+
+
+def deformation_of(x: Float[Array, "n 2"], topology: Topology) -> Float[Array, "2 2"]:
+    """Macroscopic deformation gradient (2, 2) of a plate with the nodal positions ``x`` (n, 2): between the sides of a periodic cell that
+    of the positions, elsewhere that of the plate, free components included.
+    """
+    plate = topology.plate
+    columns = list(jnp.array(plate.dry_deformation).T)
+    for axis, (edge, length) in enumerate((("right", plate.width), ("top", plate.height))):
+        if plate.edges[edge] == "periodic":
+            far, near = _period(topology, axis)
+            columns[axis] = (x[far] - x[near]) / length
+    return jnp.stack(columns, axis=1)
+
+
+def gather(forces: Float[Array, "n 2"], free: Free) -> Float[Array, " f"]:
     """Generalised forces (f,) on the unknowns for nodal forces (n, 2): the sums over what moves together."""
+    if isinstance(free, Strained):
+        return jnp.concatenate([gather(forces, free.rows), jnp.einsum("mni,ni->m", free.strains, forces)])
     forces = jnp.asarray(forces).ravel()
     if free.ndim == 1:
         return forces[free]
@@ -118,8 +184,11 @@ def gather(forces: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Arra
 
 
 @functools.partial(jax.jit, static_argnames="shape")
-def scatter(vector: Float[Array, " f"], shape: tuple[int, int], free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
+def scatter(vector: Float[Array, " f"], shape: tuple[int, int], free: Free) -> Float[Array, "n 2"]:
     """Nodal field (n, 2) of a vector (f,) of the unknowns, zero where nothing is free."""
+    if isinstance(free, Strained):
+        b = len(free.rows)
+        return scatter(vector[:b], shape, free.rows) + jnp.tensordot(vector[b:], free.strains, 1)
     if free.ndim == 1:
         return jnp.zeros(shape).ravel().at[free].add(vector).reshape(shape)
     numbers, signs = _numbers_and_signs(free)
@@ -131,17 +200,23 @@ def _numbers_and_signs(free):
     return jnp.where(free < 0, ~free, free), jnp.where(free < 0, -1.0, 1.0)
 
 
-def restrict(field: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, " f"]:
-    """Values (f,) of a nodal field (n, 2) at the degrees of freedom that stand for the unknowns."""
+def restrict(field: Float[Array, "n 2"], free: Free) -> Float[Array, " f"]:
+    """Values (f,) of the unknowns in a nodal field (n, 2): those of the degrees of freedom that stand for them."""
+    if isinstance(free, Strained):
+        host = isinstance(field, np.ndarray)
+        rows, strains, ends = (np.asarray(part) if host else part for part in (free.rows, free.strains, free.ends))
+        far, near = field.ravel()[ends.T]
+        own = restrict(field, rows) - (far - near) @ strains.reshape(len(ends), -1)[:, rows[:, 0]]
+        return (np if host else jnp).concatenate([own, far - near])
     return field.ravel()[free if free.ndim == 1 else free[:, 0]]
 
 
-def with_free_values(values: Float[Array, " f"], positions: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
+def with_free_values(values: Float[Array, " f"], positions: Float[Array, "n 2"], free: Free) -> Float[Array, "n 2"]:
     """Nodal positions (n, 2) with the unknowns at ``values`` (f,) and the rest as in ``positions`` (n, 2), which satisfy the conditions."""
     return positions + scatter(values - restrict(positions, free), positions.shape, free)
 
 
-def constrained_part(field: Float[Array, "n 2"], free: Int[Array, "f ..."]) -> Float[Array, "n 2"]:
+def constrained_part(field: Float[Array, "n 2"], free: Free) -> Float[Array, "n 2"]:
     """What a nodal field (n, 2) prescribes: the field less that of the unknowns, which is at rest where they are."""
     return field - scatter(restrict(field, free), field.shape, free)
 
@@ -155,7 +230,7 @@ def start_positions(topology: Topology, nodes: Float[Array, "n 2"], motion: Edge
 
     ``motion`` takes the place of what the plate says of its edges.
     """
-    deformation, displacement = motion or (np.array(topology.plate.deformation), topology.plate.displacement)
+    deformation, displacement = motion or (np.array(topology.plate.dry_deformation), topology.plate.displacement)
     return nodes @ deformation.T + _edge_displacement(topology, displacement)
 
 

@@ -17,7 +17,7 @@ from jax import lax
 from .._types import Array, Float, Inexact, Int
 from ..discretisation import Model, PatchBlock
 from ..materials import LocalGel, gel_at_points, value
-from .dofs import unknowns
+from .dofs import Free, unknowns
 from .pairs import node_pairs
 from .volumes import contour_shares, local_positions
 
@@ -38,7 +38,7 @@ class Operators:
     """Sum of w Nv dphi_i . dphi_j over all quadrature points, kT/v: the stiffness of the dry network, in each direction."""
     area_forms: tuple
     """Per block the `AreaForms` of its volume groups; None where every quadrature point is a group."""
-    free: Int[Array, "f ..."]
+    free: Free
     """Free degrees of freedom, see `dofs`."""
 
 

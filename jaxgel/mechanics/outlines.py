@@ -56,7 +56,7 @@ def crosses(loops: list[np.ndarray], plate: Plate, tolerance: float = 1e-9) -> b
     for edge, (axis, coordinate) in edge_lines(plate).items():
         if not held_components(plate.edges, edge):
             continue
-        behind = [np.linalg.solve(plate.deformation, (loop - plate.displacement[edge]).T)[axis] - coordinate for loop in loops]
+        behind = [np.linalg.solve(plate.dry_deformation, (loop - plate.displacement[edge]).T)[axis] - coordinate for loop in loops]
         if max((np.max(np.sign(coordinate) * distance) for distance in behind), default=0.0) > tolerance * plate.width:
             return True
     if len(rings) < 2:

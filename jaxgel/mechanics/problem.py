@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float, Int, Scalar
+from .._types import Array, Float, Scalar
 from ..controls import Control, drives_stiffness, edge_motion, moves_edges, setting_of
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import AnyGel, LocalGel
-from .dofs import constrained_part, start_positions, unknowns
+from .dofs import Free, constrained_part, start_positions, unknowns
 from .local_gel import localised
 from .operators import Operators, precomputed_operators
 from .pairs import tangent_pattern
@@ -59,7 +59,7 @@ class Problem:
     def edge_deformation(self, value: Scalar) -> Float[Array, "2 2"]:
         """The macroscopic deformation that the edges follow at a ``value`` of the control."""
         motion = edge_motion(setting_of(self.control, value, self.gel)) if self.moves_edges else None
-        return np.array(self.model.lists.topology.plate.deformation) if motion is None else motion[0]
+        return np.array(self.model.lists.topology.plate.dry_deformation) if motion is None else motion[0]
 
     def carried(self, motion: Float[Array, "n 2"], value: Scalar) -> Float[Array, "n 2"]:
         """What a ``motion`` (n, 2) of the dry nodes prescribes of the deformed ones at a ``value`` of the control, the unknowns at rest."""
@@ -72,7 +72,7 @@ class Problem:
         return _placed(self, jnp.asarray(x), value)
 
     @property
-    def free(self) -> Int[Array, "f ..."]:
+    def free(self) -> Free:
         """Free degrees of freedom, see `dofs`."""
         return unknowns(self.model.lists) if self.operators is None else self.operators.free
 

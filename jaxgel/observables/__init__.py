@@ -10,13 +10,14 @@ from .fields import (
     field_on_triangles,
     field_values,
     free_stretch,
+    macroscopic_deformation,
     membrane_stress,
     parameter_values,
     thickness_stretch,
     volume_ratio,
 )
 from .gaps import SELF_CONTACT, gap, min_gap
-from .quantities import BY_COLUMN, COLUMNS, CURVES, QUANTITIES, Quantity
+from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, QUANTITIES, Quantity, columns_of
 from .rotation import core_rotation, is_flat, rotation_angle
 from .states import States
 from .surface import CREASE_RATIO, WRINKLE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
@@ -30,6 +31,7 @@ __all__ = [
     "CURVES",
     "FIELDS",
     "NO_GEL",
+    "OF_CELLS",
     "QUANTITIES",
     "SELF_CONTACT",
     "WRINKLE_RATIO",
@@ -41,6 +43,7 @@ __all__ = [
     "axial_stretch",
     "cauchy_stress",
     "cell_volumes",
+    "columns_of",
     "core_rotation",
     "crease_indicator",
     "deformed_vertices",
@@ -53,6 +56,7 @@ __all__ = [
     "gap",
     "history",
     "is_flat",
+    "macroscopic_deformation",
     "mean_surface_ratios",
     "membrane_stress",
     "min_gap",

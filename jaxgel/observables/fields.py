@@ -35,6 +35,7 @@ from ..mechanics import (
     at_points,
     by_block,
     carries_volume,
+    deformation_of,
     gradients_by_block,
     held_stretch,
     is_film,
@@ -78,6 +79,17 @@ def axial_stretch(path: Path) -> Float[Array, " k"]:
 def _axial_stretch(x, p, at, problem):
     problem, mu = problem.at(at)
     return jnp.asarray(axial_stretch_at(x, problem.model, problem.gel, mu, jax.lax.stop_gradient(p)), dtype=float)
+
+
+def macroscopic_deformation(path: States) -> Float[Array, "k 2 2"]:
+    """Macroscopic deformation gradient F (k, 2, 2) of every state, rows first: in a periodic cell what the sides of the cell became, the
+    free components of its `Plate.deformation` included; that of the plate where its edges hold it.
+    """
+    return over_states(_macroscopic_deformation, path)
+
+
+def _macroscopic_deformation(x, model):
+    return deformation_of(x, model.lists.topology)
 
 
 def membrane_stress(path: Path) -> Float[Array, " k"]:

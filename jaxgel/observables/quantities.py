@@ -7,8 +7,16 @@ from typing import Any
 
 from .._types import Array, Shaped
 from ..continuation import lowest_eigenvalue
+from ..geometry import Plate
 from .areas import area_reduction
-from .fields import axial_stretch, free_stretch, largest_volume_ratio, mean_volume_ratio, smallest_volume_ratio
+from .fields import (
+    axial_stretch,
+    free_stretch,
+    largest_volume_ratio,
+    macroscopic_deformation,
+    mean_volume_ratio,
+    smallest_volume_ratio,
+)
 from .gaps import gap, min_gap_once, status_texts
 from .rotation import core_rotation, rotation_angle
 from .surface import crease_indicator, surface_ratio
@@ -40,6 +48,8 @@ class Quantity:
     """Type of the values in ``history.csv``."""
     recorded: str | None = None
     """Field of the path that the table takes instead of evaluating ``function``."""
+    of_cells: bool = False
+    """Whether only the tables of periodic cells with a free macroscopic deformation have its ``column``."""
 
     @property
     def scale(self) -> float:
@@ -71,6 +81,17 @@ class Quantity:
     def of(self, path: Any) -> Shaped[Array, " k"] | list[str]:
         """Values of the table at every state of a path."""
         return getattr(path, self.recorded) if self.recorded else self.function(path)
+
+
+def _macroscopic(i, j):
+    """`Quantity` F_ij."""
+    name = f"F{i + 1}{j + 1}"
+
+    def component(path: Any) -> Shaped[Array, " k"]:
+        return macroscopic_deformation(path)[:, i, j]
+
+    label, text = f"macroscopic deformation $F_{{{i + 1}{j + 1}}}$", f"component {i + 1}{j + 1} of the macroscopic deformation gradient"
+    return Quantity(name, component, "1", label, text, ".4f", differentiable=True, column=name, of_cells=True)
 
 
 _ANGLE: dict[str, Any] = dict(unit="degree", digits=".3f", differentiable=True)
@@ -163,14 +184,24 @@ _TABLE = (
         text="softened largest ratio of normal to tangential stretch along the outlines",
         differentiable=True,
     ),
+    *(_macroscopic(i, j) for i, j in ((0, 0), (1, 1), (0, 1))),
 )
 
 QUANTITIES = {quantity.name: quantity for quantity in _TABLE}
 """Name -> `Quantity`."""
 BY_COLUMN = {quantity.column: quantity for quantity in _TABLE if quantity.column}
 """Column of ``history.csv`` -> its `Quantity`, in the order of the columns."""
-COLUMNS = tuple(BY_COLUMN)
-"""Columns of ``history.csv``, in order."""
+COLUMNS = tuple(column for column, quantity in BY_COLUMN.items() if not quantity.of_cells)
+"""Columns of ``history.csv`` of every plate, in order."""
+OF_CELLS = tuple(column for column, quantity in BY_COLUMN.items() if quantity.of_cells)
+"""Those that follow for a periodic cell with a free macroscopic deformation."""
 _STUDIED = ("rotation", "core_rotation", "area_reduction", "surface_ratio", "crease_indicator", "gap", "axial_stretch", "lowest_eigenvalue")
-CURVES = {name: QUANTITIES[name].function for name in _STUDIED}
+
+
+def columns_of(plate: Plate) -> tuple[str, ...]:
+    """Columns of ``history.csv`` of a plate, in order."""
+    return (*COLUMNS, *OF_CELLS) if plate.free_strains else COLUMNS
+
+
+CURVES = {name: QUANTITIES[name].function for name in (*_STUDIED, *OF_CELLS)}
 """Quantities that design studies take: name -> differentiable function of a path, with (k,) values."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..continuation import Path
 from .gaps import IN_CONTACT, SWITCHED
-from .quantities import BY_COLUMN
+from .quantities import BY_COLUMN, columns_of
 from .surface import CREASE_RATIO, WRINKLE_RATIO
 
 
@@ -18,7 +18,7 @@ def history(path: Path) -> dict[str, Any]:
     ``status`` says is in `status_texts`.
     """
     path = dataclasses.replace(path)  # what several columns share is kept on this copy and freed with it
-    values = {name: quantity.of(path) for name, quantity in BY_COLUMN.items()}
+    values = {name: BY_COLUMN[name].of(path) for name in columns_of(path.model.lists.topology.plate)}
     return {name: column if isinstance(column, list) else np.asarray(column) for name, column in values.items()}
 
 

@@ -23,6 +23,7 @@ from ..cloud import Cloud, boundary_edges, loop
 from ..continuation import Path
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
+from ..mechanics import deformation_of
 from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values
 from .style import COLOURS, GEL, LINE, WALL, length_unit, mu_text, styled
 
@@ -210,12 +211,13 @@ def _draw_edges(ax: Axes, cloud: Cloud, vertices: Float[np.ndarray, "k v 2"]) ->
     """Hatched bars along the supported edges of the plate, and limits that hold all states (k, v, 2)."""
     plate = cloud.plate
     w, h, thick = plate.width, plate.height, 0.025 * max(plate.width, plate.height)
+    deformation = np.asarray(deformation_of(vertices[-1, cloud.topology.node_vertices], cloud.topology))
     for edge, (axis, coordinate) in edge_lines(plate).items():
         if not held_components(plate.edges, edge):
             continue
         inner = 0.5 * np.array([[-w, -h], [w, h]])
         inner[:, axis] = coordinate
-        inner = inner @ np.array(plate.deformation).T + plate.displacement[edge]
+        inner = inner @ deformation.T + plate.displacement[edge]
         outer = inner + np.sign(coordinate) * thick * np.eye(2)[axis]
         corners = np.concatenate([inner, outer[::-1]])
         hatch = "/////" if plate.edges[edge] == "roller" else "xxxxx"

@@ -13,6 +13,7 @@ from .._types import Float
 from ..cloud import boundary_edges
 from ..discretisation import Model
 from ..geometry import SYMMETRIES
+from ..mechanics import deformation_of
 from ..observables import deformed_vertices
 from ..waves import Dispersion, LatticeOnset
 from .style import COLOURS, LINE, SHADE, length_unit, mu_text, styled
@@ -77,7 +78,8 @@ def plot_lattice(onset: LatticeOnset, model: Model, *, ax: Axes | None = None, s
     """
     ax = plt.subplots(figsize=(3.3, 3.3), layout="constrained")[1] if ax is None else ax
     plate, wave = model.cloud.plate, onset.modes[0] + (1j * onset.modes[1] if len(onset.modes) > 1 else 0.0)
-    sides, deformation = np.array([plate.width, plate.height]), np.array(plate.deformation)
+    sides = np.array([plate.width, plate.height])
+    deformation = np.asarray(deformation_of(np.asarray(onset.x), model.lists.topology))
     wave = wave * size * sides.min() / np.linalg.norm(np.abs(wave), axis=1).max()
     periodic = onset.periodic
     repeats = onset.periods or (1, 1)

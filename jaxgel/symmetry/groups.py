@@ -18,7 +18,7 @@ from ..cloud import Topology
 from ..discretisation import Connectivity, Model
 from ..geometry import SYMMETRIES, keeps_edges
 from ..materials import LocalGel, LocalValues, neo_hookean
-from ..mechanics import Problem, free_dofs
+from ..mechanics import Problem, Strained, free_dofs
 
 EXACT = 1e-10  # of the spacing: how far a place may lie from its image's; round-off leaves 1e-12
 EQUAL = 1e-10  # relative difference of weights, loads and parameters that are equal
@@ -144,7 +144,8 @@ def _keeps(image, problem):
     model, tolerance = problem.model, EXACT * problem.model.cloud.spacing
     nodes, loads = np.asarray(model.cloud.nodes), np.asarray(problem.loads)
     held = np.ones(2 * len(nodes) + 1, dtype=bool)
-    held[np.asarray(free_dofs(model.lists.topology))] = False
+    free = free_dofs(model.lists.topology)
+    held[np.asarray(free.rows if isinstance(free, Strained) else free)] = False
     there = np.where(image.dofs < 0, ~image.dofs, image.dofs)
     positions, weights = (_by_point(model.lists, [getattr(block, name) for block in model.blocks]) for name in ("position", "weight"))
     fields = [part for part in jax.tree.leaves(problem.gel, is_leaf=_is_local) if _is_local(part)]

@@ -19,13 +19,12 @@ import scipy.sparse as sp
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
 from ..discretisation import Connectivity, Model, PatchBlock
-from ..linalg import Pattern, analyse, standing
+from ..linalg import Pattern, analyse
 from ..materials import LocalValues, with_parameters
-from ..mechanics import Problem, contact_pairs, free_dofs, node_pairs, precomputed_operators
+from ..mechanics import Free, Problem, Strained, contact_pairs, node_pairs, precomputed_operators
+from .fields import TOWARDS, turned, unknowns_of, view_of
 from .groups import IDENTITY, images
 from .irreducible import Representation, representations
-
-TOWARDS = np.array([1.0, np.sqrt(2) - 1])  # the region lies in this direction from the plate's middle, on no mirror
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,8 +33,8 @@ class Basis:
 
     representation: Representation
     """Its representation."""
-    unknowns: Int[np.ndarray, "b k"]
-    """The degrees of freedom that move together, ~ their number where they move the other way, padded with 2 n."""
+    unknowns: Free
+    """Its unknowns, see `mechanics.dofs`."""
     fields: tuple[sp.csr_matrix, ...]
     """Per copy of the block the matrix (f, b) from its unknowns to the free degrees of freedom of the plate."""
     pattern: Pattern
@@ -123,7 +122,7 @@ def _region_lists(lists: Connectivity, group: tuple[str, ...]) -> Connectivity:
         lists,
         patches=tuple(patches for patches, _ in parts),
         points=tuple(points for _, points in parts),
-        unknowns=_unknowns(lists, symmetric)[0],
+        unknowns=unknowns_of(lists, symmetric)[0],
         holes=_holes(lists, group),
     )
 
@@ -145,38 +144,6 @@ def _holes(lists, group):
 # --- unknowns ----------------------------------------------------------------------------------------------------------------
 
 
-def _unknowns(lists, representation):
-    """The unknowns (b, k) of a block and the matrix (f, b) to the free degrees of freedom of the plate."""
-    topology, found = lists.topology, images(lists)
-    n, free = len(topology.node_vertices), np.asarray(free_dofs(topology))
-    rows = free[:, None] if free.ndim == 1 else free
-    first, number = rows[:, 0], np.full(2 * n + 1, -1)
-    number[rows] = np.arange(len(rows))[:, None]
-    number[2 * n] = -1
-    nodes = topology.partition.vertices[topology.node_vertices] / topology.spacing
-    rank = np.argsort(np.lexsort((first, -np.round(nodes @ TOWARDS, 9)[first // 2])))
-
-    to, signs = [], []
-    for name, sign in representation.signs:
-        image = first if name == IDENTITY else found[name].dofs[first]
-        to.append(number[np.where(image < 0, ~image, image)])
-        signs.append(sign * np.where(image < 0, -1, 1))  # of the field at the image over that here
-    to, signs = np.stack(to), np.stack(signs)
-    chosen = np.argmin(rank[to], axis=0)
-    leader, sign = to[chosen, np.arange(len(rows))], signs[chosen, np.arange(len(rows))]
-    zero = np.any((to == leader) & (signs != sign), axis=0)  # a symmetry that keeps the place reverses the field there
-    leaders = np.unique(leader[~zero])
-    column = np.searchsorted(leaders, leader[~zero])
-    matrix = sp.csr_matrix((sign[~zero].astype(float), (np.flatnonzero(~zero), column)), shape=(len(rows), len(leaders)))
-    entries = matrix.tocoo()
-    order = np.lexsort((rank[entries.row], entries.col))  # the leader first
-    row, owner, sign = entries.row[order], entries.col[order], entries.data[order]
-    place = np.arange(len(owner)) - np.searchsorted(owner, owner)
-    together = np.full((len(leaders), place.max(initial=0) + 1, rows.shape[1]), 2 * n)
-    together[owner, place] = np.where((sign[:, None] < 0) & (rows[row] < 2 * n), ~rows[row], rows[row])
-    return together.reshape(len(leaders), -1), matrix
-
-
 @once_per_owner
 def bases(lists: Connectivity, group: tuple[str, ...], solver: str, contact_dmax: float | None) -> tuple[Basis, ...]:
     """The `Basis` of every representation's block, that of the symmetric fields first, but for blocks without fields.
@@ -184,40 +151,19 @@ def bases(lists: Connectivity, group: tuple[str, ...], solver: str, contact_dmax
     ``solver`` and ``contact_dmax`` as in ``mechanics.tangent_pattern``.
     """
     own, found = _region_lists(lists, group), []
-    n = len(lists.topology.node_vertices)
     points, pairs = lists.topology.partition.vertices[lists.topology.node_vertices], node_pairs(own)[0]
     for representation in representations(group):
-        unknowns, matrix = _unknowns(lists, representation)
+        unknowns, matrix = unknowns_of(lists, representation)
         if len(unknowns):
-            views = [_seen(standing(unknowns, n), lists, turn, 2 * n) for turn in representation.turns]
-            pattern = analyse(pairs, points, unknowns, solver, views)
+            views = [view_of(unknowns, lists, turn) for turn in representation.turns]
+            rows = unknowns.rows if isinstance(unknowns, Strained) else unknowns
+            pattern = analyse(pairs, points, rows, solver, views)
             if contact_dmax is not None:
                 wider = np.concatenate([pairs, contact_pairs(own, contact_dmax)[0]])
-                pattern = dataclasses.replace(analyse(wider, points, unknowns, solver, views), narrower=pattern)
-            fields = tuple(_turned(matrix, lists, turn) for turn in representation.turns[: representation.copies])
+                pattern = dataclasses.replace(analyse(wider, points, rows, solver, views), narrower=pattern)
+            fields = tuple(turned(matrix, lists, turn) for turn in representation.turns[: representation.copies])
             found.append(Basis(representation, unknowns, fields, pattern))
     return tuple(found)
-
-
-def _seen(stands, lists, turn, held):
-    """Which degree of freedom stands for each one (d,) in the fields R^T x, from those ``stands`` (d,) of the fields x."""
-    if turn == IDENTITY:
-        return stands
-    image = images(lists)[turn].dofs
-    found = stands[np.where(image < 0, ~image, image)]
-    return np.where((image < 0) & (found != held), ~found, found)
-
-
-def _turned(matrix, lists, turn):
-    """The fields R^T x (f, b) of the fields x, the columns of a ``matrix`` (f, b)."""
-    if turn == IDENTITY:
-        return matrix
-    free = np.asarray(free_dofs(lists.topology))
-    rows = free[:, None] if free.ndim == 1 else free
-    number = np.full(2 * len(lists.topology.node_vertices) + 1, -1)
-    number[rows] = np.arange(len(rows))[:, None]
-    image = images(lists)[turn].dofs[rows[:, 0]]
-    return sp.csr_matrix(matrix[number[np.where(image < 0, ~image, image)]].multiply(np.where(image < 0, -1.0, 1.0)[:, None]))
 
 
 # --- pressures ---------------------------------------------------------------------------------------------------------------

@@ -19,8 +19,8 @@ from .._memo import once_per_owner
 from .._types import Complex, Float
 from ..discretisation import Connectivity
 from ..equilibrium import State
-from ..linalg import Factor, Pattern, analyse, factor
-from ..mechanics import Problem, held_dofs, linearise, node_pairs, periodic_images, tangent, touches
+from ..linalg import Factor, Pattern, analyse, factor, nearest_modes, network_matrix
+from ..mechanics import Problem, Strained, held_dofs, linearise, node_pairs, periodic_images, scatter, tangent, touches
 from .cells import check_periodic
 
 FIRST_SHIFT = 0.05  # below zero, over the stiffness of the network: where the lowest eigenvalues are looked for first
@@ -69,8 +69,20 @@ class BlochStates:
         phases = layout.phases(wave_vector)
         return layout, [phases @ part for part in parts]
 
+    @functools.cached_property
+    def _own(self):
+        """Factor of the tangent of the cell itself and the network's stiffness, with the free strains among the unknowns."""
+        pairs, network = self._blocks
+        return factor(self.problem.pattern, pairs), network_matrix(self.problem.pattern, network[:, 0, 0])
+
+    def _strains(self, wave_vector):
+        """Whether the waves with a wave vector are the same in all cells and may strain them."""
+        return isinstance(self.problem.free, Strained) and self.layout.of(wave_vector) is not self.layout
+
     def negative(self, wave_vector: Float[np.ndarray, " 2"]) -> int:
         """Number of unstable waves with a ``wave_vector`` (2,), rad/mm."""
+        if self._strains(wave_vector):
+            return self._own[0].negative_pivots
         layout, (stiffness, _) = self._entries(wave_vector)
         return layout.factor(stiffness).negative_pivots // 2
 
@@ -78,8 +90,15 @@ class BlochStates:
         """The ``count`` lowest eigenvalues (m,) of the waves with a ``wave_vector`` (2,), rad/mm, and their nodal fields (m, n, 2).
 
         They are those of ``stability``: of the tangent over the stiffness of the network, dimensionless, negative where unstable. Waves
-        that are the same in all cells do not move the corner that stands for the cell's place.
+        that are the same in all cells do not move the corner that stands for the cell's place; free components of the macroscopic
+        deformation belong to them, and to no others.
         """
+        if self._strains(wave_vector):
+            made, network = self._own
+            parts = [(made.negative_pivots, "SA"), (count - made.negative_pivots, "LA")]
+            found = [nearest_modes(made, network, number, which=which) for number, which in parts if number > 0]
+            fields = [np.asarray(scatter(mode, self.state.x.shape, self.problem.free)) for _, modes in found for mode in modes.T]
+            return np.concatenate([values for values, _ in found])[:count], np.array(fields[:count], dtype=complex)
         layout, (stiffness, network) = self._entries(wave_vector)
         values, vectors = layout.lowest(stiffness, network, count, FIRST_SHIFT)
         return values, layout.fields(vectors, wave_vector)

@@ -86,12 +86,12 @@ class LatticeOnset:
 def lattice_onset(model: Model, gel: AnyGel, *, mu: tuple[float, float], divisions: int = DIVISIONS) -> LatticeOnset | None:
     """`LatticeOnset` of the infinite lattice of a periodic cell in ``mu = (first, last)``; None where it stays stable.
 
-    The branch is that of states which are the same in all cells. The zone has ``divisions`` steps from its middle to its edge; the wave
-    vector found on the grid is then refined. ``onset.mu`` is differentiable once, forward and reverse, at fixed sides of the cell: where
-    symmetry gives several waves one onset, by parameters that break it, it is that of one of them. Long waves are a hundred cells long; of
-    a strip with free edges, which buckles as a beam however long it is, the onset depends on that. Raises ValueError for a plate that is
-    not periodic and a lattice that is unstable from the first state on, ``SweepFailed`` where the branch ends, or the sides of a hole
-    touch, before an onset is found.
+    The branch is that of states which are the same in all cells, with their own macroscopic deformation where that is free. The zone has
+    ``divisions`` steps from its middle to its edge; the wave vector found on the grid is then refined. ``onset.mu`` is differentiable once,
+    forward and reverse, at fixed sides of the cell: where symmetry gives several waves one onset, by parameters that break it, it is that
+    of one of them. Long waves are a hundred cells long; of a strip with free edges, which buckles as a beam however long it is, the onset
+    depends on that. Raises ValueError for a plate that is not periodic and a lattice that is unstable from the first state on,
+    ``SweepFailed`` where the branch ends, or the sides of a hole touch, before an onset is found.
     """
     check_values(mu, rising=True)
     if not (isinstance(mu, tuple) and len(mu) == 2):
@@ -245,7 +245,7 @@ def _derivatives(problem, state, modes, same_in_all):
     at = problem, state.x, state.pressure
     pairs = tangent(*at, linearise(*at, state.mu))
     if same_in_all:  # the tangent of the cell itself is singular, along the modes
-        held = np.stack([np.asarray(restrict(mode, np.asarray(problem.free))) for mode in modes], axis=1)
+        held = np.stack([np.asarray(restrict(mode, problem.free)) for mode in modes], axis=1)
         system = Bordered(problem.pattern.tree.order, problem.pattern.matrix(pairs), held, held, np.zeros((held.shape[1],) * 2))
         correction, _ = system.solve(pull, np.zeros(held.shape[1]))
     else:
