@@ -2,21 +2,22 @@
 
 A table has the sections of a case file, all but ``plate`` optional:
 
-                       [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1,
-                       0.0], [0.0, 1.0]] (of held and periodic edges; of a periodic cell "free", or components that are), displacement =
-                       {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of `geometry.Plate`; either with kinematics = "plane
-                       stress" for a film [[holes]]          kind = "ellipse" and the hole's own parameters, its angle in radians or as
-                       angle_deg in degrees; as many as there are holes, none with a sample; or kind = "outline", file = "hole.dxf" (.csv,
-                       .svg), see `hole_table`; or all holes of a picture of the plate, kind = "image", file = "holes.png", see
-                       `hole_tables` [[regions]]        outlines as of holes, of parts with a material of their own: gel = {Nv, chi ...},
-                       what differs from the plate's, or elastomer = {Nv, bulk}, which takes no solvent [[moved]]          parameters that
-                       replace those of a hole, one section for each hole; the cloud is the former plate's, placed [gel]              Nv,
-                       chi, each a number, a grey picture {file = "mask.png", low, high} that covers the plate, or the {values} of its
-                       pixels, see `io.masks`; energy = "module:function" and numbers that the function takes, see `user_energy` [loads]
-                       body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v) [sweep]            mu_start, mu_end, steps
-                       ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact [discretisation]   spacing (mm),
-                       nodes_per_hole, across, basis, dmax, method, quadrature, solver [output]           figures, animation, paraview (true
-                       or false)
+    [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1, 0.0], [0.0, 1.0]]
+                       (of held and periodic edges; of a periodic cell "free", or components that are), displacement =
+                       {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of `geometry.Plate`; either with kinematics =
+                       "plane stress" for a film
+    [[holes]]          kind = "ellipse" and the hole's own parameters, its angle in radians or as angle_deg in degrees; as many as there
+                       are holes, none with a sample; or kind = "outline", file = "hole.dxf" (.csv, .svg), see `hole_table`;
+                       or all holes of a picture of the plate, kind = "image", file = "holes.png", see `hole_tables`
+    [[regions]]        outlines as of holes, of parts with a material of their own: gel = {Nv, chi ...}, what differs from the plate's, or
+                       elastomer = {Nv, bulk}, which takes no solvent
+    [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
+    [gel]              Nv, chi, each a number, a grey picture {file = "mask.png", low, high} that covers the plate, or the {values} of its
+                       pixels, see `io.masks`; energy = "module:function" and numbers that the function takes, see `user_energy`
+    [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
+    [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
+    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature, solver
+    [output]           figures, animation, paraview (true or false)
 
 Every table is checked against `schema.case_schema` first.
 """
