@@ -74,6 +74,7 @@ from .observables import area_reduction as area_reduction
 from .observables import area_reduction_per_hole as area_reduction_per_hole
 from .observables import cauchy_stress as cauchy_stress
 from .observables import core_rotation as core_rotation
+from .observables import macroscopic_deformation as macroscopic_deformation
 from .observables import min_gap as min_gap
 from .observables import outlines as outlines
 from .observables import rotation_angle as rotation_angle

@@ -2,7 +2,6 @@
 
 import dataclasses
 import tomllib
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.bifurcation import imperfection
+from jaxgel.bifurcation import CriticalPoint, imperfection
 from jaxgel.cases import case_text, explicit, from_table, load_path
 from jaxgel.io import Recorder, load_run
 from jaxgel.materials import isotropic_swelling
@@ -293,7 +292,8 @@ def test_an_imperfection_pushes_along_a_mode_and_its_strains():
     model = model_of(cell(PULLED))
     problem = prepare(model, GEL)
     mode = np.asarray(scatter(np.random.default_rng(1).normal(size=len(problem.free)), (model.n_nodes, 2), problem.free))
-    point = SimpleNamespace(modes=mode[None], multiplicity=1)
+    unused = dict(x=mode, pressure=np.zeros(0), eigenvalues=np.zeros(1), slope=-1.0, curvature=1.0, imperfection=0.0, symmetries={})
+    point = CriticalPoint(mu=-1.0, kind="bifurcation", modes=mode[None], unstable=0, correction=mode, **unused)
     loads = imperfection(model, GEL, point, 0.1)
     network = np.asarray(problem.operators.network)
     (i, j), nodal = np.asarray(problem.operators.pairs).T, np.zeros_like(mode)
