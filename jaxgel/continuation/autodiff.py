@@ -33,6 +33,7 @@ from ..mechanics import (
     state_pressure,
     tangent,
     total_energy,
+    walls,
 )
 from ..symmetry import NAMES
 from .follow import Followed, Following
@@ -249,15 +250,15 @@ def _examined(problem, value, x, p, status, contact):
     problem, mu = problem.at(value)
     now = linearise(problem, x, p, mu)
     patterns = problem.pattern, problem.without_contact.pattern
-    examine = functools.partial(_examine, patterns, problem.model.lists.topology.plate, contact)
+    examine = functools.partial(_examine, patterns, contact)
     shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))
     system = tangent(problem, x, p, now), border(problem, now)
-    arrays = status, x, system, problem.operators.network, outline_loops(x, problem.model)
+    arrays = status, x, system, problem.operators.network, outline_loops(x, problem.model), walls(x, problem.model.lists.topology)
     found = jax.pure_callback(examine, shapes, *arrays, vmap_method="sequential")
     return dict(zip(("status", "negative_pivots", "lowest_eigenvalue"), found, strict=True))
 
 
-def _examine(patterns, plate, contact, status, x, system, network, loops):
+def _examine(patterns, contact, status, x, system, network, loops, held):
     """`_examined` on the host; the factor serves the derivatives of the state, see `linalg.solve_near`."""
     if status != Status.CONVERGED:
         return status, np.asarray(-1), np.asarray(np.nan)
@@ -268,6 +269,6 @@ def _examine(patterns, plate, contact, status, x, system, network, loops):
         negative = made.negative_pivots
     except SingularTangent:
         negative, lowest, nearest = -1, 0.0, 0.0
-    crossing = crosses([np.asarray(loop) for loop in loops], plate)
+    crossing = crosses([np.asarray(loop) for loop in loops], np.asarray(held))
     flagged = for_derivatives(Status.CONVERGED, nearest, crossing=crossing, contact=contact == "on")
     return np.asarray(int(flagged), dtype=status.dtype), np.asarray(negative), np.asarray(lowest)

@@ -34,7 +34,7 @@ from .mixed import (
     state_pressure,
 )
 from .operators import Operators, precomputed_operators
-from .outlines import crosses, outline_loops, overlaps
+from .outlines import crosses, outline_loops, overlaps, walls
 from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, prepare
 from .volumes import (
@@ -131,6 +131,7 @@ __all__ = [
     "touches",
     "unknowns",
     "volume_ratios",
+    "walls",
     "with_contact",
     "with_free_values",
 ]

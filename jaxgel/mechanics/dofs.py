@@ -98,6 +98,16 @@ def check_room(plate: Plate) -> None:
         raise ValueError(f"edges: {_named(plate)} leave no room to swell in; add a hole, free an edge or move one outwards")
 
 
+def check_moving(topology: Topology) -> None:
+    """Raise ValueError, one line, for a plate whose edges no control may move: what a hole meets at a held edge is known at rest only."""
+    for outline in topology.outlines:
+        for edge in (outline.arc.start_edge, outline.arc.end_edge):
+            if edge is not None and topology.plate.edges[edge] != "free":
+                raise ValueError(
+                    f"control: a hole is open to the {edge} edge, which is {topology.plate.edges[edge]} and cannot be moved by it"
+                )
+
+
 def _named(plate):
     return ", ".join(f"{edge} {condition}" for edge, condition in plate.edges.items())
 

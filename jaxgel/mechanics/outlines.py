@@ -7,8 +7,9 @@ import shapely
 
 from .._memo import once_per_owner
 from .._types import Array, Float
+from ..cloud import Topology
 from ..discretisation import Model
-from ..geometry import Plate, edge_lines, held_components
+from ..geometry import edge_lines, held_components
 
 _ANTICLOCKWISE = ("bottom", "right", "top", "left")
 
@@ -48,16 +49,25 @@ def _corners_between(topology, outline, following):
     return np.array([corner_after[edge] for edge in passed]).reshape(-1, 2)
 
 
-def crosses(loops: list[np.ndarray], plate: Plate, tolerance: float = 1e-9) -> bool:
-    """Whether a hole's deformed outline, one of the closed ``loops`` (m, 2), crosses itself, another one or a wall; host."""
+def walls(x: Float[Array, "n 2"], topology: Topology) -> Float[Array, "e 2 2"]:
+    """Ends (e, 2, 2), mm, of the edges that are held, at nodal positions ``x`` (n, 2); the plate lies to the left of each."""
+    nodes, ends = topology.partition.vertices[topology.node_vertices], []
+    for edge, (axis, coordinate) in edge_lines(topology.plate).items():
+        wall = topology.wall_nodes[edge]
+        if held_components(topology.plate.edges, edge) and len(wall) > 1:
+            along = np.argsort(nodes[wall, 1 - axis])[[0, -1]]
+            ends.append(wall[along if (coordinate > 0) == (axis == 0) else along[::-1]])
+    return x[np.array(ends, dtype=int).reshape(-1, 2)]
+
+
+def crosses(loops: list[np.ndarray], held: Float[np.ndarray, "e 2 2"], tolerance: float = 1e-9) -> bool:
+    """Whether a hole's deformed outline, one of the closed ``loops`` (m, 2), crosses itself, another one or one of the `walls`; host."""
     rings = [shapely.LinearRing(loop) for loop in loops]
     if not all(ring.is_simple for ring in rings):
         return True
-    for edge, (axis, coordinate) in edge_lines(plate).items():
-        if not held_components(plate.edges, edge):
-            continue
-        behind = [np.linalg.solve(plate.dry_deformation, (loop - plate.displacement[edge]).T)[axis] - coordinate for loop in loops]
-        if max((np.max(np.sign(coordinate) * distance) for distance in behind), default=0.0) > tolerance * plate.width:
+    for start, end in np.asarray(held):
+        (dx, dy), length = end - start, np.linalg.norm(end - start)
+        if any(np.max((loop - start) @ [dy, -dx]) > tolerance * length**2 for loop in loops):
             return True
     if len(rings) < 2:
         return False
@@ -70,4 +80,4 @@ _compiled_loops = jax.jit(outline_loops)
 
 def overlaps(x: Float[Array, "n 2"], model: Model) -> bool:
     """Whether a hole's outline crosses itself, another one or an edge of the plate."""
-    return crosses([np.asarray(loop) for loop in _compiled_loops(x, model)], model.lists.topology.plate)
+    return crosses([np.asarray(loop) for loop in _compiled_loops(x, model)], np.asarray(walls(x, model.lists.topology)))

@@ -12,7 +12,7 @@ from ..controls import Control, drives_stiffness, edge_motion, moves_edges, sett
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import AnyGel, LocalGel
-from .dofs import Free, constrained_part, start_positions, unknowns
+from .dofs import Free, check_moving, constrained_part, start_positions, unknowns
 from .local_gel import localised
 from .operators import Operators, precomputed_operators
 from .pairs import tangent_pattern
@@ -107,4 +107,6 @@ def prepare(
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), localised(model, gel))
     control = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), control)
+    if moves_edges(control, gel):
+        check_moving(model.lists.topology)
     return Problem(model, gel, loads, precomputed_operators(model, gel) if operators else None, control)
