@@ -179,21 +179,63 @@ def one_of(name: str, value: object, known: Collection[str]) -> None:
         raise ValueError(f"{name}: {value!r} is not one of {', '.join(known)}")
 
 
-def option(default: Any, rule: dict, stage: str = "") -> Any:
+def option(default: Any, rule: dict, stage: str = "", *, entry: str = "", filled: Any = None) -> Any:
     """Field of a section of a case file: its default, the rule of its values (JSON schema), and the ``stage`` that takes it as a keyword.
 
-    None, where that is the default, stands for an entry that is not given.
+    None, where that is the default, stands for an entry that is not given; ``filled`` is what the class puts there then, if it does.
+    ``entry`` is the name in files where that is not the field's.
     """
-    return dataclasses.field(default=default, metadata={"schema": rule, "stage": stage})
+    return dataclasses.field(default=default, metadata={"schema": rule, "stage": stage, "entry": entry, "filled": filled})
+
+
+def entry_of(field: dataclasses.Field) -> str:
+    """The name that a field of a section has in case files."""
+    return field.metadata.get("entry") or field.name
 
 
 def check_options(section: str, options: Any) -> None:
     """Raise ValueError, naming section and key, for a value that its field does not accept."""
     fields = dataclasses.fields(options)
-    given = {f.name: value for f in fields if (value := getattr(options, f.name)) is not None or f.default is not None}
-    check({section: given}, tabled({section: tabled({f.name: f.metadata["schema"] for f in fields})}), section)
+    given = {entry_of(f): value for f in fields if (value := getattr(options, f.name)) is not None or f.default is not None}
+    check({section: given}, tabled({section: tabled({entry_of(f): f.metadata["schema"] for f in fields})}), section)
 
 
 def keywords_of(options: Any, stage: str) -> dict[str, Any]:
     """Name -> value of the fields of ``options`` that a stage takes as its keywords."""
     return {f.name: getattr(options, f.name) for f in dataclasses.fields(options) if f.metadata.get("stage") == stage}
+
+
+LISTS = {"mu": ("mu_start", "mu_end"), "values": ("from", "to")}  # lists of a sweep -> the entries that they take the place of
+
+
+def with_changes(table: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """A case's table in which ``changes``, section -> entries, replace its own; a list takes the place of the case's own.
+
+    Another control of the sweep replaces the former one's values. ValueError for ends, steps or a way back that change nothing, because
+    the case lists its values.
+    """
+    changed = dict(table)
+    for section, entries in changes.items():
+        old = table.get(section, {})
+        if not isinstance(entries, dict):
+            changed[section] = entries
+        elif isinstance(old, dict):
+            old = _of_control(old, entries) if section == "sweep" else old
+            changed[section] = old | entries
+    return changed
+
+
+def _of_control(sweep, entries):
+    """The entries of a ``sweep`` that stay where ``entries`` replace some."""
+    control = entries.get("control", sweep.get("control", "mu"))
+    if control != sweep.get("control", "mu"):
+        of_values = {"back", "direction", *LISTS, *(end for ends in LISTS.values() for end in ends)} | (
+            {"at_mu"} if control == "mu" else set()
+        )
+        return {key: value for key, value in sweep.items() if key not in of_values}
+    for name, ends in LISTS.items():
+        for key in (*ends, "steps", "back"):
+            if key in entries and name in sweep and name not in entries:
+                text = f"{entries[key]!r} has no effect, as the case lists its values of {sweep.get('control', 'mu')}; change that list"
+                raise ValueError(f"sweep.{key}: {text}")
+    return sweep

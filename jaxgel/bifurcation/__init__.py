@@ -3,7 +3,7 @@
 from .branches import continue_branch, solve_from, switch_branch
 from .critical import critical_points, located
 from .deflation import find_states_by_deflation
-from .imperfections import imperfection, imperfection_load, sweep_by_options
+from .imperfections import imperfection, imperfection_load, points_by_options, sweep_by_options
 from .points import CriticalPoint
 from .search import folds
 
@@ -16,6 +16,7 @@ __all__ = [
     "imperfection",
     "imperfection_load",
     "located",
+    "points_by_options",
     "solve_from",
     "sweep_by_options",
     "switch_branch",

@@ -10,6 +10,7 @@ import numpy as np
 from .._types import Array, Float
 from .._validation import keywords_of
 from ..continuation import Path, StabilityAnalysis, SweepOptions, is_traced, sweep
+from ..controls import Control
 from ..discretisation import Model
 from ..equilibrium import State
 from ..materials import AnyGel
@@ -23,24 +24,30 @@ def sweep_by_options(
     gel: AnyGel,
     options: SweepOptions,
     *,
-    mu: Any = None,
+    values: Any = None,
+    control: Control | None = None,
     loads: Float[Array, "n 2"] | None = None,
+    push: Float[Array, "n 2"] | None = None,
     on_step: Callable[[State], object] | None = None,
     before: Sequence[State] = (),
 ) -> Path:
-    """`Path` of a model along the options' branch, with their contact, and under their imperfection besides the ``loads``, kT/v mm.
+    """`Path` of a model along the options' branch, with their control and contact, and under their imperfection besides ``loads``, kT/v mm.
 
-    ``mu`` takes the place of the options' values, as for `sweep`. ``before`` are the accepted states of an interrupted sweep, with which
-    the path then begins. ValueError for an imperfection where there is no bifurcation, or where model, gel or mu are traced: its load
-    has no derivative.
+    The control "load" multiplies the loads, but not the imperfection. ``values``, ``control`` and ``push`` (n, 2), kT/v mm, take the place
+    of the options' own values, control and imperfection. ``before`` are the accepted states of an interrupted sweep, with which the path
+    then begins. ValueError for an imperfection where there is no bifurcation, or where model, gel or values are traced: its load has no
+    derivative.
     """
-    if mu is None:
-        if before and before[-1].mu >= options.ends[1]:
-            return Path.from_states(model, gel, before)
-        mu = options.values[len(before) :] if options.given else options.values
-    push = imperfection_load(model, gel, options, loads=loads)
-    loads = push if loads is None else loads if push is None else loads + push
-    return sweep(model, gel, mu=mu, loads=loads, on_step=on_step, start=list(before) or None, **keywords_of(options, "sweep"))
+    control = options.driver(loads) if control is None else control
+    if values is None:
+        values = options.left([state.value for state in before])
+        if not len(values):
+            return Path.from_states(model, gel, before, control=control)
+    push = imperfection_load(model, gel, options, loads=loads) if push is None else push
+    dead = [part for part in (push, None if options.control == "load" else loads) if part is not None]
+    driven = {"mu": values} if control is None else {"control": control, "values": values}
+    keywords = keywords_of(options, "sweep") | {"loads": sum(dead) if dead else None, "on_step": on_step, "start": list(before) or None}
+    return sweep(model, gel, **driven, **keywords)
 
 
 def imperfection_load(
@@ -48,16 +55,27 @@ def imperfection_load(
 ) -> Float[Array, "n 2"] | None:
     """Nodal forces of the options' imperfection along the first bifurcation under the ``loads``, kT/v mm; None where it is 0.
 
-    ValueError where the branch does not bifurcate between the options' ends of mu.
+    ValueError where the branch does not bifurcate between the options' ends.
     """
     if not options.imperfection:
         return None
     if is_traced((model, gel, loads)):
         raise ValueError(f"sweep.imperfection: {options.imperfection:g} is not accepted here, as its load has no derivative; leave it out")
-    points = [p for p in critical_points(model, gel, mu=tuple(options.ends), most=1, loads=loads) if p.kind == "bifurcation"]
+    points = [p for p in points_by_options(model, gel, options, most=1, loads=loads) if p.kind == "bifurcation"]
     if not points:
         raise ValueError(f"sweep.imperfection: {options.imperfection:g} has no mode to push along, the branch does not bifurcate")
     return imperfection(model, gel, points[0], options.imperfection)
+
+
+def points_by_options(
+    model: Model, gel: AnyGel, options: SweepOptions, *, most: int = 4, loads: Float[Array, "n 2"] | None = None
+) -> list[CriticalPoint]:
+    """`critical_points` between the ends of the options' first way, under their control and the ``loads``, kT/v mm."""
+    control = options.driver(loads)
+    if control is None:
+        return critical_points(model, gel, mu=options.ends, most=most, loads=loads)
+    dead = None if options.control == "load" else loads
+    return critical_points(model, gel, control=control, values=options.ends, most=most, loads=dead)
 
 
 def imperfection(

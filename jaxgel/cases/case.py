@@ -15,7 +15,8 @@ A table has the sections of a case file, all but ``plate`` optional:
     [gel]              Nv, chi, each a number, a grey picture {file = "mask.png", low, high} that covers the plate, or the {values} of its
                        pixels, see `io.masks`; energy = "module:function" and numbers that the function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
-    [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [increasing list]; branch, imperfection, contact
+    [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [list]; or control = "temperature" ..., from, to, steps, or
+                       values = [list], at_mu; back = true; branch, imperfection, contact
     [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature, solver
     [output]           figures, animation, paraview (true or false)
 
@@ -29,10 +30,11 @@ from typing import Any
 
 import numpy as np
 
-from .._validation import check, did_you_mean
-from ..bifurcation import CriticalPoint, critical_points, sweep_by_options
+from .._validation import check, did_you_mean, entry_of, with_changes
+from ..bifurcation import CriticalPoint, points_by_options, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions
+from ..controls import Control
 from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import State
 from ..geometry import Plate, check_plate
@@ -60,7 +62,7 @@ class Case:
     loads: Loads
     """Body force and tractions."""
     sweep: SweepOptions
-    """Values of mu and branch."""
+    """Control, its values and branch."""
     discretisation: DiscretisationOptions
     """Cloud and method."""
     output: OutputOptions
@@ -91,6 +93,10 @@ class Case:
         model = options.model(cloud)
         return with_contact(model, self.gel) if self.sweep.contact == "on" else model
 
+    def control(self, model: Model) -> Control | None:
+        """The control of the case's sweep on its ``model``; None for the chemical potential."""
+        return self.sweep.driver(self.loads.of(model))
+
     def path(self, model: Model, *, on_step: Callable[[State], object] | None = None, before: Sequence[State] = ()) -> Path:
         """`Path` of the case's sweep on its ``model``; ``before`` are the accepted steps of an interrupted sweep, to go on from."""
         return sweep_by_options(model, self.gel, self.sweep, loads=self.loads.of(model), on_step=on_step, before=before)
@@ -98,14 +104,14 @@ class Case:
     def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
         """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.
 
-        The search chooses its own steps in mu. ValueError for an imperfection, under which no branch bifurcates, and for other contact
+        The search chooses its own steps. ValueError for an imperfection, under which no branch bifurcates, and for other contact
         than "on".
         """
         if self.sweep.imperfection:
             raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} removes the bifurcations that are looked for; set it to 0")
         if self.sweep.contact != "on":
             raise ValueError(f"sweep.contact: {self.sweep.contact!r} is not accepted here, critical points are searched with contact 'on'")
-        return critical_points(model, self.gel, mu=self.sweep.ends, most=most, loads=self.loads.of(model))
+        return points_by_options(model, self.gel, self.sweep, most=most, loads=self.loads.of(model))
 
     def pictures(self) -> dict[str, tuple[PixelField | WithHoles, float, float]]:
         """The entries of the gel that are pictures, by name: the field, its value where the picture is black and where it is white."""
@@ -131,14 +137,7 @@ def load_case(case: str | File, changes: dict[str, Any] | None = None) -> Case:
     [-4.9678, -2.9428, -0.9178]
     """
     found, name, folder = _read(case)
-    for section, entries in (changes or {}).items():
-        old = found.get(section, {})
-        _check_mu_used(section, old, entries)
-        if not isinstance(entries, dict):  # a list of holes takes the place of the case's own
-            found[section] = entries
-        elif isinstance(old, dict):
-            found[section] = old | entries
-    return from_table(found, name, folder)
+    return from_table(with_changes(found, changes or {}), name, folder)
 
 
 def from_table(table: dict[str, Any], name: str, folder: str | File | None = None) -> Case:
@@ -161,15 +160,8 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
     options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
     material = _materials(material, regions, found)
     check_gel(material)
+    options["sweep"].check(material, found.edges, loaded=bool(options["loads"].body_force or options["loads"].traction))
     return Case(name, found, material, source=source, **options)
-
-
-def _check_mu_used(section, old, entries):
-    """Refuse ends or steps of a sweep that change nothing, because the case lists its values of mu."""
-    if section == "sweep" and isinstance(old, dict) and isinstance(entries, dict) and "mu" in old and "mu" not in entries:
-        for key in ("mu_start", "mu_end", "steps"):
-            if key in entries:
-                raise ValueError(f"sweep.{key}: {entries[key]!r} has no effect, as the case lists its values of mu; change that list")
 
 
 def _read(case):
@@ -273,8 +265,10 @@ def _parameter(where, value, plate):
 
 
 def _options(kind, table):
-    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in table.items()})
+    names = {entry_of(field): field.name for field in dataclasses.fields(kind)}
+    return kind(**{names[key]: tuple(value) if isinstance(value, list) else value for key, value in table.items()})
 
 
 def _given(options):
-    return {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(options).items() if v not in (None, {})}
+    own = {entry_of(field): getattr(options, field.name) for field in dataclasses.fields(options)}
+    return {key: list(v) if isinstance(v, tuple) else v for key, v in own.items() if v not in (None, {})}

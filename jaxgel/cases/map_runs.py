@@ -99,7 +99,8 @@ def _last_state(recorder):
     last = {name: float(records[-1][1][name]) if records else None for name in ("mu", *LAST)}
     iterations = sum(int(step.newton_iterations) for step, _, _ in records)
     last = {name: value if value is not None and math.isfinite(value) else None for name, value in last.items()}
-    return dict(mu_reached=last.pop("mu"), states=len(records), newton_iterations=iterations, **last)
+    value = float(records[-1][0].value) if records else None
+    return dict(value_reached=value, mu_reached=last.pop("mu"), states=len(records), newton_iterations=iterations, **last)
 
 
 def _name(k):
@@ -126,8 +127,9 @@ def _lost(reason):
 
 
 def _write_table(study, rows, folder):
-    """points.csv, whole or not at all."""
-    columns = ("mu_reached", "states", "newton_iterations", *LAST, "seconds", "reason")
+    """points.csv, whole or not at all; the value reached of another control than mu comes before that of mu."""
+    driven = () if study.case.sweep.control == "mu" else ("value_reached",)
+    columns = (*driven, "mu_reached", "states", "newton_iterations", *LAST, "seconds", "reason")
     varied = {k: components({p["name"]: study.points[k][p["name"]] for p in study.parameters}) for k in rows}
     lines = [[k, row["status"], *varied[k].values(), *(row[name] for name in columns)] for k, row in sorted(rows.items())]
     names = components({p["name"]: p["own"] for p in study.parameters})

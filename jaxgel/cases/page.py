@@ -10,8 +10,9 @@ import numpy as np
 from .._types import Array
 from ..cloud import Cloud, boundary_edges
 from ..continuation import Path
+from ..controls import control_name, unit_of
 from ..io import load_run, write_atomically
-from ..observables import FIELDS, QUANTITIES, deformed_vertices, events, field_values, history, outlines, parameter_values
+from ..observables import FIELDS, QUANTITIES, control_quantity, deformed_vertices, events, field_values, history, outlines, parameter_values
 from .resume import load_path
 
 PAGE = "view.html"
@@ -32,7 +33,7 @@ def write_page(folder: str | File, out: str | File | None = None) -> File:
 
 
 def page(path: Path, *, table: dict[str, Any] | None = None, title: str = "jaxgel") -> str:
-    """HTML page of a path: pattern, curves and events at the mu of a slider. It holds its data and loads nothing from the network.
+    """HTML page of a path: pattern, curves and events at the state of a slider. It holds its data and loads nothing from the network.
 
     ``table`` saves computing `history` again.
     """
@@ -51,14 +52,15 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
     low, high = values.min(), values.max()
     shades = np.minimum((values - low) / max(high - low, 1e-12) * COLOURS, COLOURS - 1).astype(int)
     used = deformed[:, np.unique(cloud.triangles)] * (RESOLUTION / cloud.plate.width)
-    mu = np.asarray(path.mu)
+    driven = control_quantity(control_name(path.control), unit_of(path.control))
     return {
         "title": title,
         "about": f"{len(cloud.nodes)} nodes, {_parameters(path)}; open dots are unstable states",
-        "mu": mu.tolist(),
+        "control": {"label": driven.plain_label(), "unit": "" if driven.unit == "1" else driven.unit},
+        "value": np.asarray(path.value).tolist(),
         "columns": {name: _column(name, table, cloud) for name in CURVES},
         "unstable": (np.asarray(table["negative_pivots"]) > 0).tolist(),
-        "events": [{"text": event["text"], "state": int(np.abs(mu - event["mu"]).argmin())} for event in events(table)],
+        "events": [{"text": event["text"], "state": event["state"]} for event in events(table)],
         "box": [*used.min(axis=(0, 1)).tolist(), *used.max(axis=(0, 1)).tolist()],
         "triangles": np.asarray(cloud.triangles).tolist(),
         "boundary": boundary_edges(np.asarray(cloud.triangles)).tolist(),

@@ -92,7 +92,7 @@ def map_from_table(table: dict, name: str) -> MapStudy:
     parameter_rule = tabled(BOUNDS | NUMBER | VALUES, ["of"]) if sobol else GRID
     sections = {"map": SOBOL if sobol else tabled({"samples": word(SAMPLES)}), "parameters": listed(parameter_rule, least=1)}
     case = study_case(table, name, sections)
-    own = {"mu_end": case.sweep.mu_end} if case.sweep.mu is None else {}
+    own = {"mu_end": case.sweep.mu_end} if case.sweep.control == "mu" and case.sweep.mu is None else {}
     varied = table["parameters"]
     parameters = all_different([parameter(f"parameters[{i}]", entry, case, own) for i, entry in enumerate(varied)])
     options = {"samples": "grid"} | ({"seed": 0} if sobol else {}) | table.get("map", {})

@@ -25,10 +25,20 @@ def resumed(folder: File | str) -> Recorder:
         case = from_table(summary["options"], summary["case"])
         return Recorder(folder, case, case.model(), case.gel, seconds=summary["wall_seconds"])
     case, model, steps = rebuilt(load_run(folder))
-    mu, (first, last), given = [step.mu for step in steps], case.sweep.ends, case.sweep.given
-    if mu != case.sweep.values[: len(mu)] if given else not (mu[0] == first and mu[-1] <= last):
-        raise ValueError(f"folder: the mu in {str(folder)!r} are not those of the case in its summary.json; run the case again")
+    if not _are_of([step.value for step in steps], case.sweep):
+        name = case.sweep.control
+        raise ValueError(f"folder: the {name} in {str(folder)!r} are not those of the case in its summary.json; run the case again")
+    if not case.sweep.given and len(steps) == 1 and len(case.sweep.turns) > 2:
+        steps = []  # at the turning sweep's first value, which may be its last as well
     return Recorder(folder, case, model, case.gel, steps=steps, seconds=summary["wall_seconds"])
+
+
+def _are_of(values, options):
+    """Whether a sweep of the `SweepOptions` begins with these values of its control."""
+    if options.given:
+        return values == options.values[: len(values)]
+    low, high = min(options.turns), max(options.turns)
+    return values[0] == options.turns[0] and all(low <= value <= high for value in values)
 
 
 def other_versions(folder: File | str) -> str:
@@ -46,12 +56,15 @@ def load_path(folder: File | str) -> Path:
     """
     run = load_run(folder)
     case, model, steps = rebuilt(run)
-    return Path.from_states(model, case.gel, steps, stop=Status[run.summary["stop"]], stop_text=run.summary["reason"])
+    stop, text = Status[run.summary["stop"]], run.summary["reason"]
+    return Path.from_states(model, case.gel, steps, control=case.control(model), stop=stop, stop_text=text)
 
 
 def rebuilt(run: Any) -> tuple[Case, Model, list[State]]:
     """The `cases.Case` of a `Run`, its model with contact, and the accepted `State`s; ValueError where they do not fit together."""
     case = from_table(run.summary["options"], run.summary["case"])
+    if (case.sweep.control, "value" in run.states) != (run.control[0], run.control[0] != "mu"):
+        raise ValueError(f"folder: the control of the run in {str(run.folder)!r} is not that of its case; run the case again")
     model, states = case.model(), run.states
     nodes, modes = np.asarray(model.cloud.nodes), states.get("modes")
     fits = nodes.shape == states["nodes"].shape and np.abs(nodes - states["nodes"]).max() <= 1e-9
@@ -70,4 +83,5 @@ def _step(states, i):
     apart = int(states["apart"][i])  # -1, 0, 1: not looked at, contact acts, contact does not act
     status, active = Status[str(states["status"][i])], None if apart < 0 else not apart
     symmetry = str(states["symmetry"][i]) if "symmetry" in states else ""  # not in files of version 0.1
-    return State(**values, stability=stability, status=status, contact_active=active, symmetry=symmetry)
+    control = states["value"][i].item() if "value" in states else None
+    return State(**values, control=control, stability=stability, status=status, contact_active=active, symmetry=symmetry)

@@ -7,7 +7,22 @@ import inspect
 import sys
 from typing import Any
 
-from .._validation import FLAG, NUMBER, PAIR, POSITIVE, TEXT, check_options, exactly_one, listed, not_both, option, tabled, whole, word
+from .._validation import (
+    FLAG,
+    NUMBER,
+    PAIR,
+    POSITIVE,
+    TEXT,
+    check_options,
+    entry_of,
+    exactly_one,
+    listed,
+    not_both,
+    option,
+    tabled,
+    whole,
+    word,
+)
 from ..continuation import SweepOptions
 from ..discretisation import DiscretisationOptions
 from ..geometry import CONDITIONS, EDGES, KINEMATICS, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
@@ -127,8 +142,9 @@ def _gel():
 def _options(cls):
     properties = {}
     for field in dataclasses.fields(cls):
-        properties[field.name] = field.metadata.get("schema", {}) | {"description": field_texts(cls).get(field.name, "")}
-        properties[field.name] |= {} if field.default in (None, dataclasses.MISSING) else {"default": field.default}
+        default = field.metadata.get("filled") if field.default is None else field.default
+        own = field.metadata.get("schema", {}) | {"description": field_texts(cls).get(field.name, "")}
+        properties[entry_of(field)] = own | ({} if default in (None, dataclasses.MISSING) else {"default": default})
     return tabled(properties)
 
 

@@ -17,7 +17,8 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
 
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
 A study takes all of its case, loads and moved edges too, but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu
-a list. Nodal loads follow the cloud that the holes move, with derivatives.
+a list. Under another control ``at``, ``from``, ``to`` and ``mu`` are its values, which must all be
+different. Nodal loads follow the cloud that the holes move, with derivatives.
 """
 
 import dataclasses
@@ -148,8 +149,9 @@ def load_study(file: File | str) -> Study:
 def study_from_table(table: dict[str, Any], name: str) -> Study:
     """The `Study` of a table as described at the top of this module; ValueError names the section and key of a wrong entry."""
     case = study_case(table, name, SECTIONS)
-    if case.sweep.steps == "auto" and case.sweep.mu is None:
-        raise ValueError("sweep.steps: 'auto' is not accepted in a study; give a number, or mu = [list]")
+    if not case.sweep.given:
+        own = "mu" if case.sweep.control == "mu" else "values"
+        raise ValueError(f"sweep.steps: 'auto' is not accepted in a study; give a number, or {own} = [list]")
     mu = list(case.sweep.values)
     parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(table["parameters"])])
     table = table | {"objective": [_with_points(f"objective[{i}]", entry) for i, entry in enumerate(table["objective"])]}
@@ -214,10 +216,10 @@ def _with_points(where, entry):
 
 
 def _at(where, entry, mu):
-    """The mu of an entry, which must be one of the sweep's."""
+    """The value of the control of an entry, which must be one of the sweep's."""
     at = float(entry["at"])
     if min(abs(at - m) for m in mu) > 1e-9:
-        raise ValueError(f"{where}.at: {at:g} is not one of the sweep's mu ({', '.join(f'{m:g}' for m in mu)})")
+        raise ValueError(f"{where}.at: {at:g} is not one of the sweep's values ({', '.join(f'{m:g}' for m in mu)})")
     return at
 
 

@@ -214,6 +214,6 @@ def _found(study, plate, gel, pictures):
     fields = {of: {"with_holes": True} if field.with_holes else {} for of, field in study.fields.values()}
     fields = {of: {"values": pictures[of].tolist(), "smooth": True} | moves for of, moves in fields.items()}
     source = study.case.source | ({"gel": study.case.source.get("gel", {}) | fields} if fields else {})
-    sweep = dataclasses.replace(study.case.sweep, mu=tuple(study.problem.mu))
+    sweep = study.case.sweep.at(study.problem.mu)
     cloud = study.case.discretisation.at_spacing(study.verification["spacing"])
     return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud, source=source)

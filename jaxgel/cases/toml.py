@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 
+from .._validation import entry_of
 from ..geometry import Plate
 from .case import Case, from_table
 from .schema import GEL, MATERIAL, OPTIONS, PLATE, field_texts, hole_texts
@@ -78,7 +79,9 @@ def _texts(section):
     if section == "gel":
         return {key: rule["description"] for key, rule in GEL.items()}
     texts = field_texts(Plate if section == "plate" else OPTIONS[section])
-    rules = {f.name: f.metadata["schema"] for f in dataclasses.fields(OPTIONS[section])} if section in OPTIONS else {}
+    fields = dataclasses.fields(OPTIONS[section]) if section in OPTIONS else ()
+    texts |= {entry_of(f): texts[f.name] for f in fields}
+    rules = {entry_of(f): f.metadata["schema"] for f in fields}
     return {key: f"{text}: {', '.join(rules[key]['enum'])}" if "enum" in rules.get(key, ()) else text for key, text in texts.items()}
 
 
@@ -88,7 +91,7 @@ def _lines(entries, texts):
 
 def _left_out(section, entries):
     fields = dataclasses.fields(OPTIONS[section]) if section in OPTIONS else ()
-    return [_commented(f"# {f.name} =", _texts(section).get(f.name, "")) for f in fields if f.name not in entries]
+    return [_commented(f"# {entry_of(f)} =", _texts(section).get(entry_of(f), "")) for f in fields if entry_of(f) not in entries]
 
 
 def _commented(line, text):

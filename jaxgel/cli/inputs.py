@@ -5,12 +5,15 @@ import math
 from argparse import Namespace
 from pathlib import Path
 
-from .._validation import check, did_you_mean, read_toml
+from .._validation import check, did_you_mean, read_toml, with_changes
 from .generated import default, schema
 from .starting import sample_names
 
 OPTIONS = {
-    "sweep": ("mu_start", "mu_end", "steps", "branch", "imperfection", "contact"),
+    "sweep": (
+        *("control", "mu_start", "mu_end", "from", "to", "back", "values", "at_mu", "direction"),
+        *("steps", "branch", "imperfection", "contact"),
+    ),
     "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature", "solver"),
 }  # sections of a case file and their entries that are options of commands
 RUN, DESIGN, STARTS, MAP = "summary.json", "design.json", "starts.json", "map.json"
@@ -53,15 +56,11 @@ def case_table(case: str) -> dict:
 
 def check_case(table: dict, changed: dict) -> None:
     """Raise ValueError for a case's table that breaks the schema with some sections changed, and for a value of mu that is repeated."""
-    table = dict(table)
-    for section, entries in changed.items():
-        old = table.get(section, {})
-        if isinstance(old, dict) and isinstance(entries, dict):
-            table[section] = old | entries
-        elif not isinstance(entries, dict):
-            table[section] = entries
+    table = with_changes(table, changed)
     check(table, schema(), "case file")
     sweep = table.get("sweep", {})
+    if sweep.get("control", "mu") != "mu":
+        return  # its values are checked with the gel
     mu = sweep.get("mu") or [sweep.get(key, default("sweep", key)) for key in ("mu_start", "mu_end")]
     for first, second in itertools.pairwise(mu):
         if first == second:

@@ -56,8 +56,9 @@ def _case_commands(add):
     """Commands on a case."""
     p = _case_options(add("runs.run", "run", "swell a case and write its table, states and figures"), "out/CASE")
     p.add_argument(
-        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values of mu, both ends included (default: 40)"
+        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values each way, both ends included (default: 40)"
     )
+    _control_options(p)
     _branch_option(p)
     p.add_argument(
         "--imperfection", type=_real, metavar="EPS", help="push along the first bifurcation's mode by EPS node spacings (default: 0)"
@@ -73,6 +74,7 @@ def _case_commands(add):
 
     p = add("runs.critical", "critical", "find where the symmetric branch becomes unstable or folds back")
     _case_options(p, "out/CASE-critical")
+    _control_options(p)
     p.add_argument("--most", type=_whole, default=4, metavar="N", help="number of points after which the search ends (default: 4)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure of the modes")
 
@@ -84,7 +86,8 @@ def _case_commands(add):
     p.add_argument("--no-plots", action="store_true", help="leave out the figures")
 
     p = _case_options(add("runs.check_grad", "check-grad", "Taylor test of a case's gradients"), "out/CASE")
-    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of mu (default: 4)")
+    _control_options(p)
+    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of the control (default: 4)")
     _branch_option(p)
 
 
@@ -177,11 +180,23 @@ def _branch_option(p):
     _choice(p, "sweep", "branch", "branch to follow where the plate is symmetric (default: stable)")
 
 
+def _control_options(p):
+    """What drives the sweep, and how."""
+    _choice(p, "sweep", "control", "what is driven in place of mu: a number of the gel, the stretch of the edges, the loads (default: mu)")
+    p.add_argument("--from", type=_real, metavar="A", help="first value of another control than mu")
+    p.add_argument("--to", type=_real, metavar="B", help="last value of it, or with --back the one at which it turns")
+    p.add_argument("--values", type=_reals, metavar="A,B,...", help="its values themselves, which may rise and fall")
+    p.add_argument("--back", action="store_const", const=True, help="go back to the first value, of mu too")
+    p.add_argument("--at-mu", type=_real, metavar="MU", help="chemical potential in kT at which another control is driven (default: 0)")
+    _choice(p, "sweep", "direction", "along which a stretch acts (default: both)")
+
+
 def _joined(argv):
     """``argv`` with a negative number after a long option attached to it, as argparse takes -1e-3 and -inf for options."""
     joined = []
     for word in argv:
-        if joined and joined[-1].startswith("--") and "=" not in joined[-1] and word.startswith("-") and is_number(word):
+        number = word.startswith("-") and is_number(word.split(",")[0])
+        if joined and joined[-1].startswith("--") and "=" not in joined[-1] and number:
             joined[-1] += f"={word}"
         else:
             joined.append(word)
@@ -192,6 +207,14 @@ def _real(word):
     if not is_number(word):
         raise argparse.ArgumentTypeError(f"{word!r} is not a number")
     return float(word)
+
+
+def _reals(text):
+    words = text.split(",")
+    wrong = next((word for word in words if not is_number(word)), None)
+    if wrong is not None:
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of numbers with commas between them: {wrong!r} is none")
+    return [float(word) for word in words]
 
 
 def _whole(word):

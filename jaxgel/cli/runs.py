@@ -11,6 +11,7 @@ import numpy as np
 
 from ..cases import OutputOptions, load_case
 from ..continuation import Path
+from ..controls import control_name, unit_of
 from ..io import Progress, Recorder, interruptible, open_folder, write_points
 from ..materials import varies
 from ..observables import events
@@ -53,13 +54,14 @@ def run_recorded(recorder: Recorder, args: Namespace) -> int:
 
 def _sweep(recorder, quiet):
     """The path of a case, recorded and shown while it grows, from the steps on that the recorder has."""
-    case = recorder.case
-    with Progress(case.sweep.ends, quiet) as progress, interruptible() as stop_if_asked:
+    case, driven = recorder.case, {"name": control_name(recorder.control), "unit": unit_of(recorder.control)}
+    done = [state.value for state in recorder.steps]
+    with Progress(case.sweep.turns, quiet, done=done, **driven) as progress, interruptible() as stop_if_asked:
 
         def on_step(step):
-            progress.show(step.mu, step.newton_iterations)  # before the table, whose programs take a second to load
+            progress.show(step.value, step.newton_iterations)  # before the table, whose programs take a second to load
             recorder(step)
-            progress.show(step.mu, step.newton_iterations, recorder.records[-1][1]["rotation_deg"])
+            progress.show(step.value, step.newton_iterations, recorder.records[-1][1]["rotation_deg"])
             stop_if_asked()
 
         return case.path(recorder.model, on_step=on_step, before=recorder.steps)
@@ -87,15 +89,16 @@ def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
 def _report(recorder, say, most_rows=9):
     """Print a table of at most ``most_rows`` states, the events, and where the files are."""
     table = recorder.table
-    k = len(recorder.records)
+    k, name, unit = len(recorder.records), control_name(recorder.control), unit_of(recorder.control)
+    wide = max(8, len(name))
     if k:
-        say(f"{'mu':>8} {'stretch':>8} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
-        say(f"{'kT':>8} {'':>8} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {recorder.model.cloud.topology.plate.unit:>7}")
+        say(f"{name:>{wide}} {'free str.':>9} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
+        say(f"{unit:>{wide}} {'':>9} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {recorder.model.cloud.topology.plate.unit:>7}")
     for i in np.unique(np.linspace(0, k - 1, min(k, most_rows)).round().astype(int)) if k else ():
         row = {name: column[i] for name, column in table.items()}
         unstable = ", unstable" if row["negative_pivots"] else ""
         say(
-            f"{row['mu']:8.4f} {row['free_stretch']:8.4f} {row['rotation_deg']:9.3f} {row['core_rotation_deg']:8.3f}"
+            f"{row[name]:{wide}.4f} {row['free_stretch']:9.4f} {row['rotation_deg']:9.3f} {row['core_rotation_deg']:8.3f}"
             f" {100 * row['area_reduction']:9.3f} {row['J_mean']:7.4f} {row['min_gap']:7.3f}  {row['status']}{unstable}"
         )
     for event in events(table):
@@ -111,26 +114,28 @@ def critical(args: Namespace) -> int:
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / f"{case.name}-critical")
     say, model = printer(args), case.model()
-    say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from mu = {case.sweep.ends[0]:g} to {case.sweep.ends[1]:g}")
+    name, control, (first, last) = case.sweep.control, case.control(model), case.sweep.ends
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from {name} = {first:g} to {last:g}")
+    unit = f" {unit_of(control)}".rstrip() if control else ""
     points = case.critical_points(model, most=args.most)
-    write_points(points, folder, case.table())
+    write_points(points, folder, case.table(), name)
     for point in points:
-        say(f"mu = {point.mu:.7f}: {point.text}")
+        say(f"{name} = {point.value:.7f}{unit}: {point.text}")
     if not points:
         say("the symmetric branch is stable and does not fold back")
     elif case.output.figures:
-        _draw_modes(model, points, folder)
+        _draw_modes(model, points, control, folder)
     say(f"{len(points)} critical points in {folder}")
     return DONE
 
 
-def _draw_modes(model, points, folder):
+def _draw_modes(model, points, control, folder):
     import matplotlib as mpl
 
     mpl.use("Agg")
     from ..plotting import plot_modes, save_figure
 
-    save_figure(plot_modes(model, points)[0].figure, folder / "modes.png")
+    save_figure(plot_modes(model, points, control=control)[0].figure, folder / "modes.png")
 
 
 def check_grad(args: Namespace) -> int:

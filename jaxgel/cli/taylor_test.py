@@ -26,7 +26,7 @@ from ..cases import Case
 from ..continuation import Path
 from ..equilibrium import acting_problem, solve
 from ..io import write_atomically
-from ..materials import Composite, Elastomer, matrix_of
+from ..materials import Composite, Elastomer, matrix_of, named_parameters
 from ..mechanics import condensed_rhs, factorised_tangent, linearise, prepare, scatter, with_contact
 from ..observables import area_reduction, core_rotation, is_flat, rotation_angle
 
@@ -34,9 +34,11 @@ DIRECTIONS, HALVINGS, STATES = 5, 4, 4
 RATE = 1.95  # least rate; theory: 2
 RATE_ERROR = 0.05  # of a rate that is judged: below 2 - 0.05 = RATE it is not noise
 NOISE_VALUES = 9  # values, the last step apart, from which the noise is estimated
-STEPS = {"angle": 2e-5, "cos": 2e-5, "sin": 2e-5, "exponent": 1e-4, "mu": 0.01, "chi": 0.005}
+STEPS = {"angle": 2e-5, "cos": 2e-5, "sin": 2e-5, "exponent": 1e-4, "mu": 0.01, "chi": 0.005, "stretch": 1e-3}
+STEPS |= {"temperature": 0.1, "pH": 0.02, "pKa": 0.02}
 LENGTH = 1e-4  # first step of lengths over the node spacing
-SHARE = {"Nv": 0.1, "bulk": 0.02, "materials: Nv": 0.02}  # first step over the value: the effect of a gel's Nv is nearly linear
+SHARE = {"Nv": 0.1, "bulk": 0.02, "materials: Nv": 0.02, "salt": 0.05, "acid_fraction": 0.02, "solvent_volume": 0.02, "load": 0.05}
+"""First step over the value: the effect of a gel's Nv is nearly linear."""
 FILE = "check-grad.csv"
 REGIONS, MATERIALS = "regions: ", "materials: "  # what the names of their families begin with
 OBJECTIVES = {
@@ -73,13 +75,15 @@ def check_gradient(
 ) -> list[Row]:
     """List of `Row`: every objective that has a value, every family of parameters, every direction, for a `Case`.
 
-    The sweep has ``states`` equally spaced mu between the case's ends; None takes the values of mu that the case lists, or ``STATES``.
+    The sweep has ``states`` equally spaced values of its control between the case's ends; None takes those that the case lists, or
+    ``STATES``. The control's own parameters, as the mu at which another is driven, are families too.
     Directions are normally distributed with the given ``seed``. The load of an imperfection is that of the start and stays constant.
     Raises ValueError for a case that cannot be used and ``ArithmeticError`` where its states are not found.
     """
     plate, cloud = case.plate, case.discretisation.cloud(case.plate)
-    mu = np.array(case.sweep.mu) if states is None and case.sweep.mu is not None else np.linspace(*case.sweep.ends, states or STATES)
-    point = _point(plate, case.gel, mu)
+    options, driven = case.sweep, case.sweep.control
+    values = np.array(options.values) if states is None and options.listed else np.linspace(*options.ends, states or STATES)
+    point = _point(plate, case.gel, driven, values, options.at_mu)
 
     def moved(tree):
         """The model with the holes of a point."""
@@ -88,45 +92,45 @@ def check_gradient(
         return case.discretisation.model(cloud.at(plate.at(holes, regions)))
 
     def made(tree):
-        """Model, gel and loads (n, 2) of a point; the start's model where only the gel or mu are others."""
+        """Model, gel, nodal loads (n, 2) and control of a point; the start's model where only the gel or the control are others."""
         model = start.model if start and all(tree[name] is point[name] for name in outlines) else moved(tree)
         loads = case.loads.of(model)
-        loads = push if loads is None else loads if push is None else loads + push
-        return model, _gel_at(case.gel, tree), loads
+        control = options.driver(loads)
+        return model, _gel_at(case.gel, tree, driven), loads, control if control is None else dataclasses.replace(control, mu=tree["mu"])
 
-    outlines = [name for name in point if name not in ("Nv", "chi", "mu") and not name.startswith(MATERIALS)]
-    push = start = None
-    model, gel, loads = made(point)
-    push = imperfection_load(model, gel, case.sweep, loads=loads)
-    options = dataclasses.replace(case.sweep, imperfection=0.0)  # its load is among the others
+    outlines = [name for name in point if name in _outlines(plate)]
+    start = None
+    model, gel, loads, _ = made(point)
+    push = imperfection_load(model, gel, options, loads=loads)
 
     def path(tree):
-        model, gel, loads = made(tree)
-        return sweep_by_options(model, gel, options, mu=tree["mu"], loads=loads)
+        model, gel, loads, control = made(tree)
+        return sweep_by_options(model, gel, options, values=tree[driven], control=control, loads=loads, push=push)
 
     def read(path, names):
         return jnp.stack([OBJECTIVES[name](path) for name in names])
 
     start = path(point)
-    if len(start) < len(mu):
-        raise ArithmeticError(f"check-grad: {start.stop_text}; choose another --mu-end")
+    if len(start) < len(values):
+        raise ArithmeticError(f"check-grad: {start.stop_text}; choose another {'--mu-end' if driven == 'mu' else '--to'}")
     names = differentiable(start)
     _, pullback = jax.vjp(lambda tree: read(path(tree), names), point)
     gradients = [pullback(row)[0] for row in jnp.eye(len(names))]
 
     def evaluate(tree):
-        model, gel, loads = made(tree)
+        model, gel, loads, control = made(tree)
         model = with_contact(model, gel) if options.contact == "on" else model
-        return read(_beside(start, model, gel, tree["mu"], loads), names)
+        dead = sum(part for part in (push, None if driven == "load" else loads) if part is not None)
+        return read(_beside(start, prepare(model, gel, dead + np.zeros((model.n_nodes, 2)), control=control), tree[driven]), names)
 
-    values = evaluate(point)
+    found_at_start = evaluate(point)
     random, rows = np.random.default_rng(seed), []
     with tqdm(total=len(point) * directions, unit="direction", disable=True if quiet else None, leave=False) as bar:
         for family in point:
             floors = _round_off(evaluate, point, family, _direction(random, family, point, cloud.spacing), _steps(halvings)[-1])
             for number in range(directions):
                 towards = _direction(random, family, point, cloud.spacing)
-                remainders = _remainders(evaluate, point, family, towards, values, gradients, halvings)
+                remainders = _remainders(evaluate, point, family, towards, found_at_start, gradients, halvings)
                 found = zip(names, remainders, floors, strict=True)
                 rows += [_row(name, family, number, one, floor, halvings) for name, one, floor in found]
                 bar.update()
@@ -159,8 +163,11 @@ def write_table(rows: list[Row], folder: pathlib.Path) -> None:
     write_atomically(folder / FILE, lambda stream: stream.write(text.getvalue().encode()))
 
 
-def _point(plate, gel, mu):
-    """Family -> its values: hole parameters {hole: value} by name, those of regions, then Nv and chi, numbers or fields, and mu."""
+def _point(plate, gel, driven, values, at_mu):
+    """Family -> its values: hole parameters {hole: value} by name, those of regions, then those of the gel, numbers or fields.
+
+    Last come the ``values`` of the control by its name, which no parameter of the gel has then, and mu.
+    """
     families = {}
     for prefix, own in (("", plate.holes), (REGIONS, plate.regions)):
         for k, outline in enumerate(own):
@@ -168,23 +175,32 @@ def _point(plate, gel, mu):
                 families.setdefault(prefix + name, {})[k] = value
     matrix, materials = matrix_of(gel), gel.regions if isinstance(gel, Composite) else ()
     for k, material in enumerate(materials):
-        for name in ("Nv", "bulk" if isinstance(material, Elastomer) else "chi"):
+        for name in ("Nv", "bulk") if isinstance(material, Elastomer) else _parameters(matrix, driven):
             families.setdefault(MATERIALS + name, {})[k] = getattr(material, name)
-    families |= {"Nv": matrix.Nv, "chi": matrix.chi}
-    return jax.tree.map(lambda value: jnp.asarray(value, dtype=float), families) | {"mu": jnp.asarray(mu)}
+    families |= {name: getattr(matrix, name) for name in _parameters(matrix, driven)}
+    families |= {driven: values} | ({} if driven == "mu" else {"mu": at_mu})
+    return jax.tree.map(lambda value: jnp.asarray(value, dtype=float), families)
 
 
-def _gel_at(gel, tree):
+def _outlines(plate):
+    """Names of the families that move outlines."""
+    return {prefix + name for prefix, own in (("", plate.holes), (REGIONS, plate.regions)) for outline in own for name in outline.theta}
+
+
+def _parameters(gel, driven):
+    """Names of a gel's parameters that are families."""
+    return [name for name in named_parameters(gel) if (name in STEPS or name in SHARE) and name != driven]
+
+
+def _gel_at(gel, tree, driven):
     """The gel or `materials.Composite` with the parameters of a point."""
     if not isinstance(gel, Composite):
-        return dataclasses.replace(gel, Nv=tree["Nv"], chi=tree["chi"])
-    own = [
-        {name: tree[MATERIALS + name].get(k) for name in ("Nv", "chi", "bulk") if MATERIALS + name in tree} for k in range(len(gel.regions))
-    ]
+        return dataclasses.replace(gel, **{name: tree[name] for name in _parameters(gel, driven)})
+    own = {name.removeprefix(MATERIALS): values for name, values in tree.items() if name.startswith(MATERIALS)}
     regions = [
-        dataclasses.replace(one, **{n: v for n, v in new.items() if v is not None}) for one, new in zip(gel.regions, own, strict=True)
+        dataclasses.replace(one, **{name: values[k] for name, values in own.items() if k in values}) for k, one in enumerate(gel.regions)
     ]
-    return Composite(_gel_at(gel.matrix, tree), tuple(regions))
+    return Composite(_gel_at(gel.matrix, tree, driven), tuple(regions))
 
 
 def _direction(random, family, point, spacing):
@@ -214,16 +230,17 @@ def _steps(halvings):
     return tuple(0.5**k for k in range(halvings + 1))
 
 
-def _beside(start, model, gel, mu, loads):
-    """The path at ``mu`` (k,) of a moved model and gel on the branch of the path ``start``; nan where Newton's method does not find it."""
-    problem = prepare(model, gel, loads)
-    moved = model.cloud.nodes - start.model.cloud.nodes
-    carried = moved @ np.array(model.cloud.plate.dry_deformation).T  # where the constrained ones have to be
-    found = [solve(problem, *state) for state in zip(mu, start.x + carried, jnp.asarray(start.pressure), strict=True)]
-    x = jnp.stack([_to_round_off(problem, state) for state in found])
-    return dataclasses.replace(
-        start, model=problem.model, gel=problem.gel, mu=mu, x=x, pressure=jnp.stack([state.pressure for state in found])
-    )
+def _beside(start, problem, values):
+    """The path of a moved problem at ``values`` (k,) of its control, on the branch of the path ``start``; nan where it is not found."""
+    moved = problem.model.cloud.nodes - start.model.cloud.nodes
+    found = []
+    for value, x, pressure in zip(values, start.x, jnp.asarray(start.pressure), strict=True):
+        carried = moved @ np.asarray(problem.edge_deformation(value)).T  # where the constrained ones have to be
+        found.append(solve(problem, value, x + carried, pressure))
+    columns = {"x": [_to_round_off(problem, state) for state in found], "pressure": [state.pressure for state in found]}
+    columns["mu"] = [jnp.asarray(problem.at(value)[1]) for value in values]
+    columns = {name: jnp.stack(column) for name, column in columns.items()}
+    return dataclasses.replace(start, model=problem.model, gel=problem.gel, control=problem.control, value=values, **columns)
 
 
 def _to_round_off(problem, state):

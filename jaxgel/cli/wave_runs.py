@@ -50,6 +50,8 @@ def waves(args: Namespace) -> int:
 
 def _check(case, args):
     """ValueError for what the command does not do, before anything is computed."""
+    if case.sweep.control != "mu":
+        raise ValueError(f"sweep.control: {case.sweep.control!r} is not accepted here, waves are looked for along mu")
     if case.loads.body_force or case.loads.traction:
         raise ValueError("loads: are not accepted here, waves are those of a cell without loads")
     if case.sweep.imperfection:

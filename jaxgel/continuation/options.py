@@ -1,34 +1,54 @@
 """Options of a sweep."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .._validation import NUMBER, check_options, listed, option, whole, word
-from ..controls import check_values
+from .._types import Array, Float
+from .._validation import FLAG, NUMBER, check_options, entry_of, listed, option, whole, word
+from ..controls import DIRECTIONS, Control, Load, Stretch, check_control, check_values, driven, turning_points, unit_of
+from ..materials import AnyGel
 
 BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
+CONTROLS = ("mu", "temperature", "chi", "pH", "salt", "stretch", "load")
 FORMULATIONS = ("total", "incremental")
 SYMMETRY = ("auto", "off")
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
+OF_MU, OF_OTHERS = ("mu_start", "mu_end", "mu"), ("value_list", "start", "end", "at_mu")  # fields that say nothing of the other controls
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepOptions:
-    """Values of mu, in kT, and how a sweep follows its branch; checked when they are made.
+    """What drives a sweep, between which values, and how it follows its branch; checked when they are made.
 
-    A field's ``stage`` says what takes it: "mu" is part of `values`, "loads" of the sweep's loads, and "sweep" is a keyword of `sweep`.
+    A field's ``stage`` says what takes it: "values" is part of `values` or the control, "loads" of the sweep's loads, and "sweep" is a
+    keyword of `sweep`.
     """
 
-    mu_start: float = option(-4.9678, NUMBER, "mu")
-    """First value."""
-    mu_end: float = option(-0.9178, NUMBER, "mu")
-    """Last value."""
-    steps: str | int = option(40, {"anyOf": [{"const": "auto"}, whole(2)]}, "mu")
-    """"auto", or the number of equally spaced values with both ends included."""
-    mu: tuple | None = option(None, listed(NUMBER, least=1), "mu")
-    """The values themselves, increasing; then the three above are not used."""
+    control: str = option("mu", word(CONTROLS), "values")
+    """What is driven: the chemical potential, a number of the gel, the stretch that edges follow, or the factor of the loads"""
+    mu_start: float | None = option(None, NUMBER, "values", filled=-4.9678)
+    """First value of mu, kT."""
+    mu_end: float | None = option(None, NUMBER, "values", filled=-0.9178)
+    """Last value of mu, kT, or the one at which it turns."""
+    start: float | None = option(None, NUMBER, "values", entry="from")
+    """First value of another control."""
+    end: float | None = option(None, NUMBER, "values", entry="to")
+    """Last value of another control, or the one at which it turns."""
+    back: bool = option(False, FLAG, "values")
+    """Whether the control goes back to its first value."""
+    steps: str | int = option(40, {"anyOf": [{"const": "auto"}, whole(2)]}, "values")
+    """"auto", or the number of equally spaced values on each way with both ends included."""
+    mu: tuple | None = option(None, listed(NUMBER, least=1), "values")
+    """The values of mu themselves; then its ends and steps are not used. They may rise and fall."""
+    value_list: tuple | None = option(None, listed(NUMBER, least=1), "values", entry="values")
+    """The values of another control themselves, instead of from and to. They may rise and fall."""
+    at_mu: float | None = option(None, NUMBER, "values", filled=0.0)
+    """Chemical potential, kT, at which another control is driven."""
+    direction: str | None = option(None, word(DIRECTIONS), "values", filled="both")
+    """Along which a stretch acts"""
     branch: str = option("stable", word(BRANCHES), "sweep")
     """Branch to follow where the plate is symmetric"""
     imperfection: float = option(0.0, NUMBER, "loads")
@@ -40,21 +60,108 @@ class SweepOptions:
 
     def __post_init__(self) -> None:
         check_options("sweep", self)
-        check_values(self.values)
+        self._check_entries()
+        fields = ("mu_start", "mu_end") if self.control == "mu" else ("at_mu", *["direction"] * (self.control == "stretch"))
+        for field in dataclasses.fields(self):
+            if field.name in fields and getattr(self, field.name) is None:
+                object.__setattr__(self, field.name, field.metadata["filled"])
+        numbers = check_values(self.values, self.control, unit_of(self.driver(np.zeros((1, 2))))).numbers
+        if self.control == "stretch" and numbers.min() <= 0:
+            raise ValueError(f"stretch: {numbers.min():g} is not accepted, it must be above 0")
+
+    def _check_entries(self):
+        """ValueError for entries that do not go with the control or with each other, and for ends that are missing."""
+        entries = {field.name: entry_of(field) for field in dataclasses.fields(self)}
+        foreign = [*(OF_OTHERS if self.control == "mu" else OF_MU), *["direction"] * (self.control != "stretch")]
+        known = "mu_start, mu_end, steps and back, or mu" if self.control == "mu" else "from, to, steps and back, or values; and at_mu"
+        for name in foreign:
+            if (value := getattr(self, name)) is not None:
+                raise ValueError(f"sweep.{entries[name]}: {value!r} does not go with control = {self.control!r}, which takes {known}")
+        own = "mu" if self.control == "mu" else "value_list"
+        given = [name for name in ("start", "end") if getattr(self, name) is not None]
+        if getattr(self, own) is None:
+            for name in ("start", "end") if self.control != "mu" else ():
+                if name not in given:
+                    raise ValueError(f"sweep.{entries[name]}: is missing; control = {self.control!r} takes {known}")
+        elif given or self.back:
+            name = given[0] if given else "back"
+            value = getattr(self, name)
+            raise ValueError(f"sweep.{entries[name]}: {value!r} does not go with a list of values, which may rise and fall")
 
     @property
-    def values(self) -> list[float] | tuple[float, float]:
-        """What `sweep` takes as ``mu``: a list of values, or the two ends for chosen steps."""
-        if self.mu is not None:
-            return list(self.mu)
-        return (self.mu_start, self.mu_end) if self.steps == "auto" else np.linspace(self.mu_start, self.mu_end, self.steps).tolist()
+    def values(self) -> list[float] | tuple[float, ...]:
+        """What `sweep` takes: a list of values, or the ends and the turning point for chosen steps."""
+        own = self._own
+        if own is not None:
+            return list(own)
+        first, last = (self.mu_start, self.mu_end) if self.control == "mu" else (self.start, self.end)
+        if self.steps == "auto":
+            return (first, last, first) if self.back else (first, last)
+        way = np.linspace(first, last, self.steps).tolist()
+        return [*way, *way[-2::-1]] if self.back else way
+
+    @property
+    def listed(self) -> bool:
+        """Whether the values were given one by one."""
+        return self._own is not None
 
     @property
     def given(self) -> bool:
         """Whether all values are known beforehand."""
-        return self.mu is not None or self.steps != "auto"
+        return self.listed or self.steps != "auto"
+
+    @property
+    def turns(self) -> list[float]:
+        """The first value, those at which the control turns, and the last."""
+        return turning_points(self.values)
 
     @property
     def ends(self) -> tuple[float, float]:
-        """First and last mu."""
-        return (self.mu[0], self.mu[-1]) if self.mu is not None else (self.mu_start, self.mu_end)
+        """The first value and that at which the first way ends."""
+        first, *others = self.turns
+        return first, (others or [first])[0]
+
+    @property
+    def _own(self):
+        """The values where they are given one by one."""
+        return self.mu if self.control == "mu" else self.value_list
+
+    def at(self, values: Sequence[float]) -> "SweepOptions":
+        """The options with these values, one by one, in place of their own."""
+        if self.control == "mu":
+            return dataclasses.replace(self, mu=tuple(values), back=False)
+        return dataclasses.replace(self, value_list=tuple(values), start=None, end=None, back=False)
+
+    def left(self, done: Sequence[float]) -> list[float] | tuple[float, ...]:
+        """What `sweep` takes to go on after states at the values ``done``; empty where nothing is left."""
+        if self.given:
+            return self.values[len(done) :]
+        goals = list(self.values[1:])
+        for value in done[1:]:
+            goals = goals[1:] if goals and value == goals[0] else goals
+        return self.values if goals else ()
+
+    def check(self, gel: AnyGel, edges: Mapping[str, str], *, loaded: bool) -> None:
+        """ValueError, one line, for a control that the gel, the ``edges`` of the plate or its loads do not know."""
+        if self.control == "stretch" and set(edges.values()) == {"free"}:
+            raise ValueError("sweep.control: 'stretch' moves edges that are fixed, roller or periodic, and all edges of the plate are free")
+        driver = self.driver(np.zeros((1, 2)) if loaded else None)
+        try:
+            check_control(driver, gel, np.array(self.values))
+        except ValueError as problem:
+            raise ValueError(f"sweep.{problem}") from None
+
+    def driver(self, loads: Float[Array, "n 2"] | None) -> Control | None:
+        """The control; ``loads`` (n, 2), kT/v mm, are those that "load" multiplies. None for the chemical potential.
+
+        ValueError for "load" without any.
+        """
+        if self.control == "mu":
+            return None
+        if self.control == "stretch":
+            return Stretch(self.direction, self.at_mu)
+        if self.control != "load":
+            return driven(self.control, self.at_mu)
+        if loads is None:
+            raise ValueError("sweep.control: 'load' multiplies the loads of a case, and there are none; give a body_force or traction")
+        return Load(loads, self.at_mu)

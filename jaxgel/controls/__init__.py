@@ -1,6 +1,6 @@
 """What drives a sweep: the chemical potential, a parameter of the gel such as temperature, the edges, or loads."""
 
-from .edges import Load, Stretch
+from .edges import DIRECTIONS, Load, Stretch
 from .gels import DrivenParameter, chi, driven, pH, salt, temperature
 from .setting import (
     Control,
@@ -16,9 +16,10 @@ from .setting import (
     setting_of,
     unit_of,
 )
-from .values import Values, check_values
+from .values import Values, check_values, turning_points
 
 __all__ = [
+    "DIRECTIONS",
     "Control",
     "Driven",
     "DrivenParameter",
@@ -40,5 +41,6 @@ __all__ = [
     "scale_of",
     "setting_of",
     "temperature",
+    "turning_points",
     "unit_of",
 ]

@@ -40,3 +40,14 @@ def check_values(
         rule = "increase" if rising else "differ from one to the next"
         raise ValueError(f"{name}: {numbers[k]:g} is followed by {numbers[k + 1]:g}, the values must {rule}")
     return Values(numbers, isinstance(values, tuple) and len(numbers) >= 2)
+
+
+def turning_points(values: Sequence[float] | Float[Array, " k"]) -> list[float]:
+    """The first of some values, those at which they turn from rising to falling or back, and the last.
+
+    >>> turning_points([25.0, 30.0, 40.0, 25.0])
+    [25.0, 40.0, 25.0]
+    """
+    numbers = np.asarray(values, dtype=float)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(numbers)))) + 1
+    return numbers[np.unique([0, *turns, len(numbers) - 1])].tolist()

@@ -34,7 +34,7 @@ class DesignProblem:
     gel: AnyGel | Callable[[dict], AnyGel]
     """The `Gel` or `Composite`, or a function of the parameters that gives it."""
     mu: Sequence[float]
-    """(k,) increasing chemical potentials of the sweep, kT."""
+    """(k,) increasing chemical potentials of the sweep, kT; with another control in ``sweep`` its values, all different."""
     objective: Callable
     """Function of the path that gives a number, see `objectives`."""
     maximise: bool = False
@@ -44,15 +44,19 @@ class DesignProblem:
     options: DiscretisationOptions = dataclasses.field(default_factory=DiscretisationOptions)
     """Cloud and method of the search."""
     sweep: SweepOptions = dataclasses.field(default_factory=SweepOptions)
-    """Branch and contact of the sweeps; ``mu`` takes the place of their values."""
+    """Control, branch and contact of the sweeps; ``mu`` takes the place of their values."""
     loads: Loads = dataclasses.field(default_factory=Loads)
     """Body force and tractions."""
     allow_unstable: bool = False
     """Whether states with negative pivots count as valid."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mu", check_values(list(self.mu), rising=True).numbers.tolist())
-        object.__setattr__(self, "sweep", dataclasses.replace(self.sweep, mu=tuple(self.mu)))
+        control = self.sweep.control
+        object.__setattr__(self, "mu", check_values(list(self.mu), control, rising=control == "mu").numbers.tolist())
+        for k, value in enumerate(self.mu):
+            if value in self.mu[:k]:
+                raise ValueError(f"{control}: {value:g} is there twice, the values of a design must differ, as quantities count at them")
+        object.__setattr__(self, "sweep", self.sweep.at(self.mu))
         if self.sweep.imperfection:
             raise ValueError(
                 f"sweep.imperfection: {self.sweep.imperfection:g} is not accepted in a design, as its load along a mode has no derivative; "
@@ -104,7 +108,7 @@ class DesignProblem:
     def path(self, parameters: dict, cloud: Cloud, mu: Sequence[float] | None = None) -> Path:
         """The swollen path of a dict of parameters on a cloud placed at them; both may be traced."""
         model, gel = self.options.model(cloud.at(self.plate(parameters))), self.gel_at(parameters)
-        return sweep_by_options(model, gel, self.sweep, mu=self.mu if mu is None else mu, loads=self.loads.of(model))
+        return sweep_by_options(model, gel, self.sweep, values=self.mu if mu is None else mu, loads=self.loads.of(model))
 
     @property
     def _lower(self):

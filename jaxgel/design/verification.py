@@ -28,8 +28,9 @@ def verify(
     surface_ratio of the path, and ``last``, the quantities of `objectives.CURVES` at its last mu; None where there is no value.
     """
     parameters = {name: jnp.asarray(value) for name, value in parameters.items()}
-    plate, between = problem.plate(parameters), 0.5 * (np.array(problem.mu[1:]) + problem.mu[:-1])
-    path = problem.path(parameters, problem.make_cloud(plate, spacing), np.sort([*problem.mu, *between]).tolist() if mu is None else mu)
+    plate, count = problem.plate(parameters), len(problem.mu)
+    between = np.interp(np.arange(2 * count - 1) / 2, np.arange(count), problem.mu).tolist()
+    path = problem.path(parameters, problem.make_cloud(plate, spacing), between if mu is None else mu)
     reason = "valid: stable, no self-contact"
     try:
         if not path.stop.ok:

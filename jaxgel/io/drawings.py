@@ -17,6 +17,7 @@ from .._types import Float
 from .._validation import NUMBER, PAIR, POSITIVE, TEXT, is_number, tabled, whole, word
 from ..cloud import boundary_edges
 from ..continuation import Path
+from ..controls import control_name
 from ..geometry import Fourier, Hole, Plate, Polygon, outline_points
 from ..observables import deformed_vertices
 from .files import write_atomically
@@ -206,7 +207,7 @@ def swollen_gel(path: Path, k: int) -> shapely.Geometry:
     faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(vertices[edges])))
     gel = max(faces, key=lambda face: face.area, default=shapely.Polygon())
     if not gel.is_valid or len(faces) == 0:
-        raise ValueError(f"mu: the outline at mu = {float(path.mu[k]):.6g} crosses itself")
+        raise ValueError(f"state: the outline at {control_name(path.control)} = {float(path.value[k]):.6g} crosses itself")
     return gel
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..observables import BY_COLUMN
+from ..observables import BY_COLUMN, control_quantity
 from .files import write_atomically
 from .run import load_run
 
@@ -30,8 +30,10 @@ def dataset(folder: str | File) -> Any:
     def variable(dimensions: Sequence[str], values: Any, units: str, text: str) -> tuple:
         return dimensions, values, {"long_name": text} | ({"units": units} if units else {})
 
+    driven = control_quantity(*run.control)
+    quantities = {driven.name: driven} | BY_COLUMN
     columns = {
-        name: variable(("state",), np.asarray(values), BY_COLUMN[name].unit, BY_COLUMN[name].text) for name, values in run.history.items()
+        name: variable(("state",), np.asarray(values), quantities[name].unit, quantities[name].text) for name, values in run.history.items()
     }
     fields = {
         "x": variable(("state", "node", "xy"), run.x, "mm", "position of the nodes"),
@@ -42,7 +44,7 @@ def dataset(folder: str | File) -> Any:
         for i, loop in enumerate(run.outlines)
     }
     about = {"title": run.summary["case"]} | {name: json.dumps(run.summary[name]) for name in ("options", "versions", "status", "reason")}
-    return xarray.Dataset(fields | columns, coords={"xy": ["x", "y"]}, attrs=about).set_coords("mu")
+    return xarray.Dataset(fields | columns, coords={"xy": ["x", "y"]}, attrs=about).set_coords(list({driven.name: None, "mu": None}))
 
 
 def export(folder: str | File, out: str | File | None = None) -> File:

@@ -21,11 +21,12 @@ import numpy as np
 
 from ..bifurcation import CriticalPoint
 from ..continuation import Path
+from ..controls import control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import State, Status
-from ..observables import BY_COLUMN, SELF_CONTACT, columns_of, events, history, outlines
+from ..observables import SELF_CONTACT, columns_of, events, history, outlines
 from .files import open_folder, write_atomically
-from .run import FORMAT, OF_LAST, STEP_ARRAYS
+from .run import FORMAT, OF_LAST, STEP_ARRAYS, kind_of
 
 NUMERICAL = ("jaxgel", "jax", "jaxlib", "numpy", "scipy")  # packages on which the last digits depend
 FILES = (
@@ -62,6 +63,7 @@ class Recorder:
         durable: bool = True,
     ) -> None:
         self.folder, self.case, self.model, self.gel = open_folder(folder), case, model, gel
+        self.control = case.control(model)
         self.records = []  # (step, row, outlines) of each accepted state
         self.stored = 0  # states that are on disk for good
         self.started, self.durable = time.perf_counter() - seconds, durable
@@ -80,7 +82,12 @@ class Recorder:
     @property
     def table(self) -> dict[str, list]:
         """The columns of ``history.csv`` so far."""
-        return {name: [row[name] for _, row, _ in self.records] for name in columns_of(self.model.cloud.plate)}
+        return {name: [row[name] for _, row, _ in self.records] for name in self.columns}
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of ``history.csv``."""
+        return columns_of(self.model.cloud.plate, control_name(self.control))
 
     def __call__(self, step: State) -> None:
         """Write one accepted step: first its row, then all states, so that there are never more states than rows."""
@@ -95,7 +102,7 @@ class Recorder:
 
     def _take(self, step: State) -> dict[str, Any]:
         """The row of a step, which is added to the records."""
-        one = Path.from_states(self.model, self.gel, [step], stop=step.status)
+        one = Path.from_states(self.model, self.gel, [step], control=self.control, stop=step.status)
         row = {name: column[0] for name, column in history(one).items()}
         if self.records and self.records[-1][1]["status"] == SELF_CONTACT:
             row["status"] = SELF_CONTACT
@@ -116,6 +123,7 @@ class Recorder:
     def _states(self) -> dict[str, np.ndarray]:
         steps = self.steps
         arrays = {name: np.array([getattr(step, name) for step in steps]) for name in STEP_ARRAYS}
+        arrays |= {} if self.control is None else {"value": np.array([step.value for step in steps])}
         arrays["status"] = np.array([step.status.name for step in steps])
         arrays["symmetry"] = np.array([step.symmetry for step in steps])
         arrays["apart"] = np.array([-1 if step.contact_active is None else not step.contact_active for step in steps], dtype=np.int8)
@@ -129,7 +137,7 @@ class Recorder:
         def write(stream: Any) -> None:
             text = io.StringIO(newline="")
             writer = _csv_writer(text)
-            writer.writerow(columns_of(self.model.cloud.plate))
+            writer.writerow(self.columns)
             writer.writerows(_csv_row(row) for _, row, _ in self.records)
             stream.write(text.getvalue().encode())
 
@@ -151,6 +159,8 @@ class Recorder:
             "wall_seconds": round(time.perf_counter() - self.started, 3),
             "states": len(self.records),
             "symmetry": dict(collections.Counter(step.symmetry for step in self.steps)),
+            "control": {"name": control_name(self.control), "unit": unit_of(self.control)},
+            "value_reached": float(self.steps[-1].value) if self.records else None,
             "mu_reached": float(table["mu"][-1]) if self.records else None,
             "events": events(table),
         }
@@ -175,14 +185,19 @@ def _csv_writer(stream: Any) -> Any:
 
 
 def _csv_row(row: dict[str, Any]) -> list[str]:
-    kinds = {name: BY_COLUMN[name].kind for name in row}
+    kinds = {name: kind_of(name) for name in row}
     return [repr(kinds[name](value)) if kinds[name] is not str else value for name, value in row.items()]
 
 
-def write_points(points: list[CriticalPoint], folder: File, options: dict[str, Any]) -> None:
-    """``critical.json`` and ``critical.csv`` with one entry per point, ``critical.npz`` with states and modes, in a folder."""
-    names = ("mu", "kind", "multiplicity", "unstable", "slope", "curvature", "imperfection", "text")
-    rows = [{name: getattr(point, name) for name in names} for point in points]
+def write_points(points: list[CriticalPoint], folder: File, options: dict[str, Any], control: str = "mu") -> None:
+    """``critical.json`` and ``critical.csv`` with one entry per point, ``critical.npz`` with states and modes, in a folder.
+
+    ``control`` is the name under which the points' values are written before their mu, where that is another.
+    """
+    own = ("mu", "kind", "multiplicity", "unstable", "slope", "curvature", "imperfection", "text")
+    driven = () if control == "mu" else (control,)
+    rows = [dict.fromkeys(driven, point.value) | {name: getattr(point, name) for name in own} for point in points]
+    names = (*driven, *own)
     entries = [
         {k: None if v != v else v for k, v in row.items()} | {"symmetries": p.symmetries} for row, p in zip(rows, points, strict=True)
     ]

@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import functools
 import json
 from pathlib import Path as File
 from typing import Any
@@ -30,6 +31,11 @@ STEP_ARRAYS = (
 OF_LAST = ("modes", "rate")  # kept of the last step only
 
 
+def kind_of(column: str) -> type:
+    """Type of the values of a column."""
+    return BY_COLUMN[column].kind if column in BY_COLUMN else float
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Run:
     """A run's folder as read from disk; k states of n nodes."""
@@ -42,7 +48,17 @@ class Run:
     """Columns of ``history.csv``: name -> (k,) array, status a list of texts."""
     states: dict[str, np.ndarray]
     """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm, and the rest
-    of each step; modes (f, m) and rate (n, 2) those of the last, where it has them."""
+    of each step; value (k,) of another control than mu; modes (f, m) and rate (n, 2) those of the last, where it has them."""
+
+    @property
+    def control(self) -> tuple[str, str]:
+        """Name and unit of the control."""
+        return control_in(self.summary)
+
+    @property
+    def value(self) -> Float[np.ndarray, " k"]:
+        """Values of the control."""
+        return self.states.get("value", self.mu)
 
     @property
     def mu(self) -> Float[np.ndarray, " k"]:
@@ -67,7 +83,7 @@ def load_run(folder: str | File, *, max_bytes: int = MAX_BYTES) -> Run:
     """
     folder = File(folder)
     summary = read_summary(folder, max_bytes)
-    table = guarded(folder / "history.csv", _read_history, max_bytes)
+    table = guarded(folder / "history.csv", functools.partial(_read_history, control_in(summary)[0]), max_bytes)
     states = folder / "states.npz"
     states = guarded(states, _read_states, max_bytes) if table["mu"].size and states.is_file() else None
     if states is None:
@@ -75,10 +91,17 @@ def load_run(folder: str | File, *, max_bytes: int = MAX_BYTES) -> Run:
     k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in history.csv
     if k < len(states["mu"]):
         states = {name: a for name, a in states.items() if name not in OF_LAST}  # of a state whose row was cut off with the machine
-    if not np.array_equal(states["mu"][:k], table["mu"][:k]):
-        raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their mu differ")
+    for name, column in (("mu", "mu"), *([("value", columns[0])] if "value" in states else [])):
+        if not np.array_equal(states[name][:k], table[column][:k]):
+            raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their {column} differ")
     states = {name: a if name in ("nodes", *OF_LAST) else a[:k] for name, a in states.items()}
     return Run(folder, summary, {name: column[:k] for name, column in table.items()}, states)
+
+
+def control_in(summary: dict[str, Any]) -> tuple[str, str]:
+    """Name and unit of the control of a run with that ``summary``; files of version 0.1 do not have it."""
+    control = summary.get("control", {"name": "mu", "unit": "kT"})
+    return control["name"], control["unit"]
 
 
 def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
@@ -105,6 +128,8 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
     for key, kind in wanted.items():
         if not isinstance(summary[key], kind):
             raise ValueError(f"{key} is not of type {kind.__name__}")
+    if not all(isinstance(part, str) for part in control_in(summary)):
+        raise ValueError("control has no name or unit")
     if summary["stop"] not in Status.__members__:
         raise ValueError(f"stop {summary['stop']!r} is no status")
     if summary["format"] == EARLIER:
@@ -115,15 +140,15 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
     return summary
 
 
-def _read_history(content: bytes, _: int) -> dict[str, Any]:
+def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
     lines = content.decode().splitlines(keepends=True)
     complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
     header, *rows = csv.reader(complete)
-    if tuple(header) not in (COLUMNS, (*COLUMNS, *OF_CELLS)) or any(len(row) != len(header) for row in rows):
-        raise ValueError(f"columns are not {', '.join(COLUMNS)}")
-    columns = {name: [row[i] for row in rows] for i, name in enumerate(header)}
-    kinds = {name: BY_COLUMN[name].kind for name in header}
-    return {name: c if kinds[name] is str else np.array(c, dtype=float).astype(kinds[name]) for name, c in columns.items()}
+    known = (*(() if control == "mu" else (control,)), *COLUMNS)
+    if tuple(header) not in (known, (*known, *OF_CELLS)) or any(len(row) != len(header) for row in rows):
+        raise ValueError(f"columns are not {', '.join(known)}")
+    table, kinds = {name: [row[i] for row in rows] for i, name in enumerate(header)}, {name: kind_of(name) for name in header}
+    return {name: c if kinds[name] is str else np.array(c, dtype=float).astype(kinds[name]) for name, c in table.items()}
 
 
 def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
@@ -133,16 +158,15 @@ def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
     shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
     if "modes" in arrays:
         shapes["modes"] = (len(arrays["modes"]), arrays["modes"].shape[1])
-    if "symmetry" in arrays:  # not in files of version 0.1
-        shapes["symmetry"] = (k,)
+    shapes |= {name: (k,) for name in ("symmetry", "value") if name in arrays}  # not in files of version 0.1
     if "rate" in arrays:
         shapes["rate"] = (n, 2)
     for name, shape in shapes.items():
         if arrays[name].shape != shape or arrays[name].dtype.kind not in "bfiU":
             raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
-    for name in {"mu", "x", "pressure", *OF_LAST} & arrays.keys():
+    for name in {"mu", "value", "x", "pressure", *OF_LAST} & arrays.keys():
         if not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} is not finite")
-    if not np.all(np.diff(arrays["mu"]) > 0) or not set(arrays["status"]) <= Status.__members__.keys():
-        raise ValueError("mu does not increase, or a status is unknown")
+    if not np.all(np.diff(arrays.get("value", arrays["mu"]))) or not set(arrays["status"]) <= Status.__members__.keys():
+        raise ValueError("a value of the control is repeated, or a status is unknown")
     return arrays

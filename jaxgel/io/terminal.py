@@ -1,19 +1,26 @@
 """A run seen from a terminal: its progress, and Ctrl-C."""
 
 import contextlib
+import itertools
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from tqdm import tqdm
 
 
 class Progress:
-    """A bar over the interval of mu on the terminal, with mu, Newton iterations and rotation of the last state."""
+    """A bar over the way of the control on the terminal, with its value, Newton iterations and rotation of the last state.
 
-    def __init__(self, ends: tuple[float, float], quiet: bool) -> None:
-        self.start = ends[0]
-        span = max(ends[1] - ends[0], 1e-12)
+    ``turns`` are its first value, those at which it turns, and the last, ``done`` the values of the states that there are already.
+    """
+
+    def __init__(
+        self, turns: Sequence[float], quiet: bool, *, name: str = "mu", unit: str = "kT", done: Sequence[float] | None = None
+    ) -> None:
+        passed = [turns[0], *(done or ())]
+        self.name, self.unit, self.last, self.way = name, f" {unit}" if unit else "", passed[-1], _length(passed)
+        span = max(_length(turns), 1e-12)
         form = "{percentage:3.0f}%|{bar:24}| {elapsed}{postfix}"
         self.bar = tqdm(total=span, bar_format=form, disable=True if quiet else None, leave=False)
         self.bar.set_postfix_str("compiling")
@@ -24,11 +31,17 @@ class Progress:
     def __exit__(self, *_: object) -> None:
         self.bar.close()
 
-    def show(self, mu: float, iterations: int, rotation: float | None = None) -> None:
-        """A state at ``mu``, in kT, that took so many Newton iterations, with its rotation in degrees where that is known yet."""
-        self.bar.n = min(float(mu) - self.start, self.bar.total)
+    def show(self, value: float, iterations: int, rotation: float | None = None) -> None:
+        """A state at a ``value`` that took so many Newton iterations, with its rotation in degrees where that is known yet."""
+        self.way, self.last = self.way + abs(float(value) - self.last), float(value)
+        self.bar.n = min(self.way, self.bar.total)
         turned = "" if rotation is None else f", rotation {rotation:.2f} deg"
-        self.bar.set_postfix_str(f"mu {mu:.4f}, {iterations} Newton iterations{turned}", refresh=True)
+        self.bar.set_postfix_str(f"{self.name} {value:.4f}{self.unit}, {iterations} Newton iterations{turned}", refresh=True)
+
+
+def _length(values):
+    """The way from the first of some values to the last by way of the others."""
+    return sum(abs(after - before) for before, after in itertools.pairwise(values))
 
 
 @contextlib.contextmanager

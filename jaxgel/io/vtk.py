@@ -11,6 +11,7 @@ from pyevtk.vtk import VtkGroup, VtkTriangle
 
 from .._types import Array, Float, Int
 from ..continuation import Path
+from ..controls import control_name
 from ..discretisation import make_probe
 from ..mechanics import is_film, is_generalised
 from ..observables import SELF_CONTACT, cauchy_stress, field_values, history, parameter_values, thickness_stretch
@@ -18,7 +19,9 @@ from .files import open_folder
 
 
 def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None = None) -> None:
-    """``series.pvd`` and ``vtu/state-*.vtu`` for ParaView: the deformed gel of every state, with mu as time.
+    """``series.pvd`` and ``vtu/state-*.vtu`` for ParaView: the deformed gel of every state, with the control as time.
+
+    Time must increase: where the control falls or turns it is the number of the state. The value is also a constant field on the cells.
 
     Points carry the displacement (mm), the components ``cauchy_stress_xx``, ``_yy``, ``_xy`` (kT/v; the nodes' own, interpolated), and
     ``principal_stretch_1`` >= ``principal_stretch_2``, against the dry gel. Cells (triangles) carry the volume ratio J and ``invalid`` = 1
@@ -41,7 +44,9 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
     kinds = np.full(len(offsets), VtkTriangle.tid, dtype=np.uint8)
     zero = np.zeros(len(used))
     group = VtkGroup(str(folder / "series"))
-    for k, mu in enumerate(np.asarray(path.mu)):
+    values, name = np.asarray(path.value, dtype=float), control_name(path.control)
+    times = values if np.all(np.diff(values) > 0) else np.arange(len(values), dtype=float)
+    for k, time in enumerate(times):
         file = unstructuredGridToVTK(
             str(folder / "vtu" / f"state-{k:04d}"),
             *(np.ascontiguousarray(deformed[k].T)),
@@ -51,10 +56,11 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
             cell_types=kinds,
             pointData={"displacement": (*np.ascontiguousarray((deformed[k] - dry).T), zero)} | {n: v[k].copy() for n, v in fields.items()},
             cellData={"J": np.ascontiguousarray(J[k]), "invalid": np.full(len(offsets), invalid[k], dtype=np.int32)}
+            | {name: np.full(len(offsets), values[k])}
             | dry_fields
             | ({} if thickness is None else {"thickness_stretch": np.ascontiguousarray(thickness[k])}),
         )
-        group.addFile(file, sim_time=float(mu))
+        group.addFile(file, sim_time=float(time))
     group.save()
 
 

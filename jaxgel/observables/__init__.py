@@ -17,11 +17,11 @@ from .fields import (
     volume_ratio,
 )
 from .gaps import SELF_CONTACT, gap, min_gap
-from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, QUANTITIES, Quantity, columns_of
+from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, QUANTITIES, Quantity, columns_of, control_quantity
 from .rotation import core_rotation, is_flat, rotation_angle
 from .states import States
 from .surface import CREASE_RATIO, WRINKLE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
-from .table import events, history
+from .table import driven_column, events, history
 from .transitions import NO_GEL, phases, swollen_share
 
 __all__ = [
@@ -44,9 +44,11 @@ __all__ = [
     "cauchy_stress",
     "cell_volumes",
     "columns_of",
+    "control_quantity",
     "core_rotation",
     "crease_indicator",
     "deformed_vertices",
+    "driven_column",
     "dry_outlines",
     "events",
     "field_on_triangles",

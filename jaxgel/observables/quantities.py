@@ -72,7 +72,7 @@ class Quantity:
 
     def plain_label(self, length: str = "mm") -> str:
         """`axis_label` as plain text."""
-        return self.axis_label(length).replace(r"$\mu$", "μ").replace("$", "")
+        return self.axis_label(length).replace(r"$\mu$", "μ").replace(r"$\chi$", "χ").replace("$", "")
 
     def shown(self, value: Any) -> str:
         """One value as people read it, without its unit."""
@@ -187,6 +187,16 @@ _TABLE = (
     *(_macroscopic(i, j) for i, j in ((0, 0), (1, 1), (0, 1))),
 )
 
+CONTROLS = {
+    "temperature": ("temperature", "temperature of the gel", ".3f"),
+    "chi": (r"Flory's parameter $\chi$", "Flory's parameter of mixing", ".4f"),
+    "pH": ("pH", "pH of the bath", ".3f"),
+    "salt": ("salt", "salt concentration of the bath", ".5g"),
+    "stretch": ("stretch of the edges", "macroscopic stretch that the edges follow", ".4f"),
+    "load": ("load factor", "factor of the loads", ".4g"),
+}
+"""Name of a control -> label, phrase and digits of its quantity."""
+
 QUANTITIES = {quantity.name: quantity for quantity in _TABLE}
 """Name -> `Quantity`."""
 BY_COLUMN = {quantity.column: quantity for quantity in _TABLE if quantity.column}
@@ -198,10 +208,23 @@ OF_CELLS = tuple(column for column, quantity in BY_COLUMN.items() if quantity.of
 _STUDIED = ("rotation", "core_rotation", "area_reduction", "surface_ratio", "crease_indicator", "gap", "axial_stretch", "lowest_eigenvalue")
 
 
-def columns_of(plate: Plate) -> tuple[str, ...]:
-    """Columns of ``history.csv`` of a plate, in order."""
-    return (*COLUMNS, *OF_CELLS) if plate.free_strains else COLUMNS
+def columns_of(plate: Plate, control: str = "mu") -> tuple[str, ...]:
+    """Columns of ``history.csv`` of a plate, in order, under a control of that name: another than mu comes first."""
+    own = (*COLUMNS, *OF_CELLS) if plate.free_strains else COLUMNS
+    return own if control == "mu" else (control, *own)
 
 
 CURVES = {name: QUANTITIES[name].function for name in (*_STUDIED, *OF_CELLS)}
 """Quantities that design studies take: name -> differentiable function of a path, with (k,) values."""
+
+
+def control_quantity(name: str = "mu", unit: str = "kT") -> Quantity:
+    """The `Quantity` of a path that is the value of its control with this name and unit.
+
+    >>> control_quantity("temperature", "°C").axis_label()
+    'temperature (°C)'
+    """
+    if name == "mu":
+        return QUANTITIES["mu"]
+    label, text, digits = CONTROLS.get(name, (name, f"control {name}", ".5g"))
+    return Quantity(name, attrgetter("value"), unit or "1", label, text, digits, column=name)

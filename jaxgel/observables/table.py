@@ -1,45 +1,59 @@
 """The table of a path, as in ``history.csv``, and the events in it."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..continuation import Path
+from ..controls import control_name, unit_of
 from .gaps import IN_CONTACT, SWITCHED
-from .quantities import BY_COLUMN, columns_of
+from .quantities import BY_COLUMN, columns_of, control_quantity
 from .surface import CREASE_RATIO, WRINKLE_RATIO
 
 
 def history(path: Path) -> dict[str, Any]:
     """The columns of ``history.csv`` for every state of a path: name -> (k,) values, a list of texts for ``status``.
 
-    Energy in kT/v mm^2, angles in degrees, gap in mm; J is the volume ratio of a cell and its mean is weighted with the dry volume. What
-    ``status`` says is in `status_texts`.
+    The first is the control, by its name: ``mu``, kT, or another one before it. Energy in kT/v mm^2, angles in degrees, gap in mm; J is the
+    volume ratio of a cell and its mean is weighted with the dry volume. What ``status`` says is in `status_texts`. ValueError for a control
+    of a user that has the name of another column.
     """
     path = dataclasses.replace(path)  # what several columns share is kept on this copy and freed with it
-    values = {name: BY_COLUMN[name].of(path) for name in columns_of(path.model.lists.topology.plate)}
+    name = control_name(path.control)
+    driven = control_quantity(name, unit_of(path.control))
+    if path.control is not None and name in BY_COLUMN:
+        raise ValueError(f"control: the name {name!r} is that of another column; give it one that is not {', '.join(BY_COLUMN)}")
+    known = {name: driven} | BY_COLUMN
+    values = {column: known[column].of(path) for column in columns_of(path.model.lists.topology.plate, name)}
     return {name: column if isinstance(column, list) else np.asarray(column) for name, column in values.items()}
 
 
-def events(table: dict[str, Any]) -> list[dict[str, Any]]:
-    """Events along a path with the columns ``table`` of `history`: dictionaries in the order of mu.
+def driven_column(table: Mapping[str, Any]) -> str:
+    """Name of the column of a table of `history` that is the control."""
+    return next((name for name in table if name not in BY_COLUMN), "mu")
 
-    Each holds ``event`` ("bifurcation", "crease", "wrinkle", "contact" or "self-contact"), ``mu`` of the first state that shows it,
-    ``mu_before`` of the state before (None where it is the first), and ``text``. A bifurcation, or fold, is a change of the negative
-    pivots, or where the path left an unstable branch.
+
+def events(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """Events along a path with the columns ``table`` of `history`: dictionaries in the order of the states.
+
+    Each holds ``event`` ("bifurcation", "crease", "wrinkle", "contact" or "self-contact"), ``state``, the number of the first state that
+    shows it, its value of the control and that of the state before (None where it is the first) by the control's name, as ``mu`` and
+    ``mu_before``, and ``text``. A bifurcation, or fold, is a change of the negative pivots, or where the path left an unstable branch.
     """
-    mu, pivots = np.asarray(table["mu"]), np.asarray(table["negative_pivots"])
-    found = []
+    control, pivots = driven_column(table), np.asarray(table["negative_pivots"])
+    values, found = np.asarray(table[control]), []
 
     def add(k: int, event: str, text: str) -> None:
-        before = float(mu[k - 1]) if k else None
-        where = f"between mu = {before:.4f} and {mu[k]:.4f}" if k else f"at or before mu = {mu[k]:.4f}"
-        found.append({"event": event, "mu": float(mu[k]), "mu_before": before, "text": f"{text} {where}"})
+        before = float(values[k - 1]) if k else None
+        where = f"between {control} = {before:.4f} and {values[k]:.4f}" if k else f"at or before {control} = {values[k]:.4f}"
+        driven = {control: float(values[k]), f"{control}_before": before}
+        found.append({"event": event, "state": int(k), **driven, "text": f"{text} {where}"})
 
     for k in [k for k, text in enumerate(table.get("status", ())) if SWITCHED in text]:
         add(k, "bifurcation", "the branch became unstable and the path went over to the stable one")
-    for k in range(1, len(mu)):
+    for k in range(1, len(values)):
         if pivots[k] != pivots[k - 1]:
             add(k, "bifurcation", f"negative pivots of the tangent go from {pivots[k - 1]} to {pivots[k]}")
     for name, ratio in (("crease", CREASE_RATIO), ("wrinkle", WRINKLE_RATIO)):
@@ -49,4 +63,4 @@ def events(table: dict[str, Any]) -> list[dict[str, Any]]:
         add(k, "contact", "a hole's sides first touch")
     for k in np.flatnonzero(np.asarray(table["min_gap"]) <= 0)[:1]:
         add(k, "self-contact", "a hole's boundary touches itself")
-    return sorted(found, key=lambda e: e["mu"])
+    return sorted(found, key=lambda e: e["state"])

@@ -11,7 +11,7 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from ..continuation import Path
 from ..observables import FIELDS
 from .patterns import Gel, colour_range, draw_frame, pictured_states
-from .style import mu_text, styled
+from .style import state_text, styled
 
 
 @styled
@@ -26,7 +26,7 @@ def animate_pattern(path: Path, file: str | File, *, field: str | None = "stretc
     vertices, values = pictured_states(path, states, field)
     figure, ax = plt.subplots(figsize=(4.4, 3.8), layout="constrained")
     gel = Gel(ax, path.model.cloud, vertices[0], values[0], colour_range(values))
-    draw_frame(ax, path.model.cloud, vertices, path.mu[states[0]])
+    draw_frame(ax, path.model.cloud, vertices, state_text(path.value[states[0]], path.control))
     if field is not None:
         figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
     figure.draw_without_rendering()
@@ -35,7 +35,7 @@ def animate_pattern(path: Path, file: str | File, *, field: str | None = "stretc
     with mpl.rc_context(settings), writer.saving(figure, str(file), dpi=110):
         for k, v, colours in zip(states, vertices, values, strict=True):
             gel.move(v, colours)
-            ax.set_title(mu_text(path.mu[k]))
+            ax.set_title(state_text(path.value[k], path.control))
             writer.grab_frame()
     plt.close(figure)
 

@@ -1,6 +1,6 @@
 """Curves of a path's quantities."""
 
-from collections.abc import Sequence
+import itertools
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -13,7 +13,7 @@ from .._types import Array, Bool, Float
 from .._validation import one_of
 from ..continuation import Path
 from ..observables import CREASE_RATIO, QUANTITIES, SELF_CONTACT, WRINKLE_RATIO, events, history
-from .style import COLOURS, LINE, SHADE, WALL, length_unit, styled
+from .style import COLOURS, LINE, SHADE, WALL, length_unit, quantity_of, styled
 
 CURVES = {
     "rotation": {"rotation": "midline", "core_rotation": "core"},
@@ -23,31 +23,40 @@ CURVES = {
     "min_gap": {"min_gap": "within a hole"},
 }
 """Figure of curves -> name in ``QUANTITIES`` of each curve, and its words in the legend; the first one labels the axis."""
-AGAINST = ("mu", "free_stretch")
+AGAINST = ("mu", "free_stretch")  # besides another control
+RISES, FALLS = ">", "<"  # markers of states where the control turns: the way that it goes
 MARKS = {"bifurcation": ":", "crease": "-.", "wrinkle": (0, (5, 1, 1, 1, 1, 1)), "contact": "--", "self-contact": "-"}
 
 
 @styled
-def plot_curve(path: Path, quantity: str, *, ax: Axes | None = None, against: str = "mu", table: dict[str, Any] | None = None) -> Axes:
+def plot_curve(
+    path: Path, quantity: str, *, ax: Axes | None = None, against: str | None = None, table: dict[str, Any] | None = None
+) -> Axes:
     """Axes with one quantity of ``CURVES`` ("rotation", "area_reduction", "J", "surface_ratio", "min_gap") of every state.
 
-    ``against`` is "mu" or "free_stretch"; ``table`` saves computing `history` again. Raises ValueError for other names.
+    ``against`` is the name of the control, by default, "mu" or "free_stretch"; ``table`` saves computing `history` again. Where the control
+    turns, markers point the way that it goes, and what comes after the first turn is paler. Raises ValueError for other names.
     """
+    driven = quantity_of(path.control)
+    axis = {name: QUANTITIES[name] for name in AGAINST} | {driven.name: driven}
+    against = driven.name if against is None else against
     one_of("quantity", quantity, CURVES)
-    one_of("against", against, AGAINST)
+    one_of("against", against, axis)
     ax = plt.subplots(figsize=(3.6, 2.6), layout="constrained")[1] if ax is None else ax
     table = history(path) if table is None else table
     curves, unit = {QUANTITIES[name]: text for name, text in CURVES[quantity].items()}, length_unit(path.model.cloud)
-    unstable = np.asarray(table["negative_pivots"]) > 0
+    unstable, ways = np.asarray(table["negative_pivots"]) > 0, _ways(path.value)
     for (curve, text), colour in zip(curves.items(), COLOURS, strict=False):
-        _draw_branch(ax, table[against], curve.scale * np.asarray(table[curve.column]), unstable, colour, text)
-    if quantity == "J":
+        y = curve.scale * np.asarray(table[curve.column])
+        for number, (way, marker) in enumerate(ways):
+            _draw_branch(ax, np.asarray(table[against])[way], y[way], unstable[way], colour, text, marker, after_turn=number > 0)
+    if quantity == "J" and len(ways) == 1:
         ax.fill_between(table[against], table["J_min"], table["J_max"], color=COLOURS[0], alpha=0.25, linewidth=0, label="all cells")
     if quantity == "surface_ratio":
         ax.axhline(CREASE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (1, 1)), label="crease limit")
         ax.axhline(WRINKLE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (3, 2)), label="wrinkle limit")
     _mark_events(ax, table, against)
-    ax.set(xlabel=QUANTITIES[against].axis_label(unit), ylabel=next(iter(curves)).axis_label(unit))
+    ax.set(xlabel=axis[against].axis_label(unit), ylabel=next(iter(curves)).axis_label(unit))
     ax.margins(x=0.02)
     if len(ax.get_legend_handles_labels()[1]) > 1:
         ax.legend(frameon=False, fontsize=7.5)
@@ -56,12 +65,15 @@ def plot_curve(path: Path, quantity: str, *, ax: Axes | None = None, against: st
 
 @styled
 def plot_curves(path: Path, *, axes: Any = None, table: dict[str, Any] | None = None) -> np.ndarray:
-    """A (5, 2) array of axes: every quantity of ``CURVES`` against mu on the left and against the free-swelling stretch on the right.
+    """A (5, 2) array of axes: every quantity of ``CURVES`` against the control on the left and the free-swelling stretch on the right.
 
-    A gel that varies over the plate has no such stretch, and one column. ``table`` saves computing `history` again.
+    One column where there is no such stretch, as for a gel that varies over the plate, or where it does not change. ``table`` saves
+    computing `history` again.
     """
     table = history(path) if table is None else table
-    columns = [name for name in AGAINST if np.isfinite(np.asarray(table[name])).any()]
+    stretch = np.asarray(table["free_stretch"])
+    known = np.isfinite(stretch).any() and (len(path) == 1 or np.ptp(stretch[np.isfinite(stretch)]) > 0)
+    columns = [quantity_of(path.control).name, *["free_stretch"] * bool(known)]
     if axes is None:
         size = (3.45 * len(columns), 8.8)
         axes = plt.subplots(len(CURVES), len(columns), figsize=size, sharex="col", sharey="row", layout="constrained", squeeze=False)[1]
@@ -77,6 +89,9 @@ def plot_curves(path: Path, *, axes: Any = None, table: dict[str, Any] | None = 
     ]
     if np.any(np.asarray(table["negative_pivots"]) > 0):
         marks.append(Line2D([], [], color=LINE, linestyle="--", label="unstable branch"))
+    for _, marker in dict.fromkeys((number > 0, marker) for number, (_, marker) in enumerate(_ways(path.value)) if marker != "o"):
+        text = {RISES: "control rises", FALLS: "control falls"}[marker]
+        marks.append(Line2D([], [], color=LINE, linestyle="none", marker=marker, markersize=4.0, label=text))
     if SELF_CONTACT in table["status"]:
         marks.append(Rectangle((0, 0), 1, 1, color=SHADE, label="invalid after self-contact"))
     if marks:
@@ -84,24 +99,41 @@ def plot_curves(path: Path, *, axes: Any = None, table: dict[str, Any] | None = 
     return axes
 
 
+def _ways(values: Float[Array, " k"]) -> list[tuple[slice, str]]:
+    """The states between two turns of the control, the turning ones in both, and their marker: a dot where it does not turn."""
+    numbers = np.asarray(values, dtype=float)
+    turns = (np.flatnonzero(np.diff(np.sign(np.diff(numbers)))) + 1).tolist()
+    if not turns:
+        return [(slice(None), "o")]
+    ends = [0, *turns, len(numbers) - 1]
+    return [(slice(a, b + 1), RISES if numbers[b] > numbers[a] else FALLS) for a, b in itertools.pairwise(ends)]
+
+
 def _draw_branch(
-    ax: Axes, x: Sequence[float] | Float[Array, " k"], y: Float[Array, " k"], unstable: Bool[np.ndarray, " k"], colour: str, label: str
+    ax: Axes,
+    x: Float[np.ndarray, " k"],
+    y: Float[np.ndarray, " k"],
+    unstable: Bool[np.ndarray, " k"],
+    colour: str,
+    label: str,
+    marker: str,
+    after_turn: bool,
 ) -> None:
-    """One curve, solid where both ends of a piece are stable and dashed elsewhere, with a dot per state."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    """One way of a curve, solid where both ends of a piece are stable and dashed elsewhere, with a marker per state, hollow if unstable."""
     dashed = unstable.copy()
     dashed[1:] |= unstable[:-1]
     dashed[:-1] |= unstable[1:]
-    ax.plot(x, np.where(unstable, np.nan, y), color=colour, label=label, marker="o", markersize=2.0)
-    ax.plot(x, np.where(dashed, y, np.nan), color=colour, linestyle="--")
-    ax.plot(x[unstable], y[unstable], color=colour, linestyle="none", marker="o", markersize=2.0, markerfacecolor="white")
+    size = {"marker": marker, "markersize": 2.0 if marker == "o" else 3.2, "alpha": 0.55 if after_turn else 1.0}
+    ax.plot(x, np.where(unstable, np.nan, y), color=colour, label=None if after_turn else label, **size)
+    ax.plot(x, np.where(dashed, y, np.nan), color=colour, linestyle="--", alpha=size["alpha"])
+    ax.plot(x[unstable], y[unstable], color=colour, linestyle="none", markerfacecolor="white", **size)
 
 
 def _mark_events(ax: Axes, table: dict[str, Any], against: str) -> None:
     """Vertical lines at the events of a table, shade from the first self-contact on."""
-    mu, x = np.asarray(table["mu"]), np.asarray(table[against])
+    x = np.asarray(table[against])
     for event in events(table):
-        at = x[np.searchsorted(mu, event["mu"])]
+        at = x[event["state"]]
         ax.axvline(at, color=WALL, linewidth=0.9, linestyle=MARKS[event["event"]], zorder=0.5)
         if event["event"] == "self-contact":
             ax.axvspan(at, x[-1], color=SHADE, linewidth=0, zorder=0)

@@ -13,12 +13,12 @@ from ..continuation import Path
 from ..design import FEASIBLE, Design
 from ..observables import QUANTITIES, Quantity, free_edge_misfit, parameter_values
 from .patterns import PARAMETERS, draw_cells, plot_pattern
-from .style import COLOURS, LINE, MU, WALL, length_unit, styled
+from .style import COLOURS, LINE, WALL, length_unit, quantity_of, styled
 
 
 @styled
 def draw_study(study: Any, design: Design, start: Path, best: Path) -> Figure:
-    """Figure of a `cases.Study`: paths ``start`` and ``best`` at their last mu, the quantity of the objective, the search's history.
+    """Figure of a `cases.Study`: paths ``start`` and ``best`` at their last state, the quantity of the objective, the search's history.
 
     Fields of the gel that were varied are drawn on the dry plate in between, before and after, with their scale.
     """
@@ -61,7 +61,7 @@ def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
     """Axes with the quantity of the study's first objective along the start's and the optimum's path, and its target."""
     quantity = _misfit(study.aim["outline"]) if "outline" in study.aim else QUANTITIES[study.aim["of"]]
     for path, name, colour, line in ((start, "start", COLOURS[1], "--"), (best, "optimum", COLOURS[0], "-")):
-        ax.plot(path.mu, quantity.scale * np.asarray(quantity.function(path)), line, color=colour, label=name)
+        ax.plot(path.value, quantity.scale * np.asarray(quantity.function(path)), line, color=colour, label=name)
     wanted = np.isfinite(study.aim["values"])
     if wanted.any():
         ax.plot(
@@ -73,7 +73,7 @@ def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
             color=LINE,
             label="target",
         )
-    ax.set(xlabel=MU, ylabel=quantity.axis_label(length_unit(start.model.cloud)))
+    ax.set(xlabel=quantity_of(start.control).axis_label(), ylabel=quantity.axis_label(length_unit(start.model.cloud)))
     ax.legend(frameon=False, fontsize=7.5)
     return ax
 

@@ -11,9 +11,10 @@ import numpy as np
 from ..continuation import Path
 from ..observables import QUANTITIES, history
 from .patterns import plot_pattern
+from .style import quantity_of
 
 ROWS = 8  # most states in the table
-SHOWN = ("mu", "area_reduction", "rotation", "core_rotation", "J_mean", "negative_pivots")
+SHOWN = ("area_reduction", "rotation", "core_rotation", "J_mean", "negative_pivots")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,7 +26,7 @@ class PathView:
 
     def _repr_html_(self) -> str:
         path, table = self.path, history(self.path)
-        quantities = [QUANTITIES[name] for name in SHOWN]
+        quantities = [quantity_of(path.control), *(QUANTITIES[name] for name in SHOWN)]
         states = np.unique(np.linspace(0, len(path) - 1, min(ROWS, len(path))).round().astype(int))
         head = "".join(f"<th>{quantity.plain_label(path.model.cloud.topology.plate.unit)}</th>" for quantity in quantities)
         rows = ["".join(f"<td>{quantity.shown(table[quantity.column][k])}</td>" for quantity in quantities) for k in states]

@@ -17,15 +17,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
-from .._types import Array, Float, Int, Scalar
+from .._types import Array, Float, Int
 from ..bifurcation import CriticalPoint
 from ..cloud import Cloud, boundary_edges, loop
 from ..continuation import Path
+from ..controls import Control
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
 from ..mechanics import deformation_of
 from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values
-from .style import COLOURS, GEL, LINE, WALL, length_unit, mu_text, styled
+from .style import COLOURS, GEL, LINE, WALL, length_unit, state_text, styled
 
 PARAMETERS = {"Nv": "$Nv$", "chi": r"$\chi$", "bulk": "bulk modulus of elastomers (kT/v)"}
 WIDE = 30.0  # ratio of the largest to the smallest value of a parameter above which its scale is logarithmic
@@ -48,7 +49,7 @@ def plot_pattern(
     ax = plt.subplots(figsize=(3.6, 3.3), layout="constrained")[1] if ax is None else ax
     (vertices,), (values,) = pictured_states(path, [k], field)
     gel = Gel(ax, path.model.cloud, vertices, values, limits or colour_range([values]))
-    draw_frame(ax, path.model.cloud, [vertices], path.mu[k])
+    draw_frame(ax, path.model.cloud, [vertices], state_text(path.value[k], path.control))
     if colorbar and values is not None:
         ax.figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
     return ax
@@ -56,7 +57,10 @@ def plot_pattern(
 
 @styled
 def plot_patterns(path: Path, at: Any = None, *, axes: Any = None, field: str | None = "stretch") -> np.ndarray:
-    """A row of axes with the patterns at the accepted states nearest to the ``at`` in mu (by default four), one colour scale."""
+    """A row of axes with the patterns at the accepted states nearest to the values ``at`` of the control, one colour scale.
+
+    By default four states, evenly spaced; where the control comes back to a value the first state there.
+    """
     states = _nearest(path, at)
     if axes is None:
         axes = plt.subplots(1, len(states), figsize=(2.1 * len(states) + 0.9, 2.55), sharey=True, layout="constrained")[1]
@@ -65,7 +69,7 @@ def plot_patterns(path: Path, at: Any = None, *, axes: Any = None, field: str | 
     limits = colour_range(values)
     for ax, k, v, colours in zip(axes, states, vertices, values, strict=True):
         gel = Gel(ax, path.model.cloud, v, colours, limits)
-        draw_frame(ax, path.model.cloud, vertices, path.mu[k])
+        draw_frame(ax, path.model.cloud, vertices, state_text(path.value[k], path.control))
         ax.label_outer()
     if field is not None:
         axes[0].figure.colorbar(gel.cells, ax=list(axes), label=FIELDS[field], shrink=0.85)
@@ -99,10 +103,12 @@ def _scale(values: Float[np.ndarray, " c"]) -> Normalize:
 
 
 @styled
-def plot_modes(model: Model, points: list[CriticalPoint], *, axes: Any = None, size: float = 0.05) -> np.ndarray:
+def plot_modes(
+    model: Model, points: list[CriticalPoint], *, control: Control | None = None, axes: Any = None, size: float = 0.05
+) -> np.ndarray:
     """Axes, one per mode of the `CriticalPoint`s: the gel moved along the mode, and the outlines of the critical state dashed.
 
-    The largest displacement is ``size`` times the plate's shorter side.
+    ``control`` is that of the search. The largest displacement is ``size`` times the plate's shorter side.
     """
     shown = [(point, mode) for point in points for mode in point.modes]
     if axes is None:
@@ -115,8 +121,7 @@ def plot_modes(model: Model, points: list[CriticalPoint], *, axes: Any = None, s
         Gel(ax, model.cloud, vertices[1], None, None)
         for hole in outlines(states):
             ax.plot(*np.append(hole[0], hole[0, :1], axis=0).T, color=COLOURS[1], linewidth=0.8, linestyle=(0, (4, 2)))
-        draw_frame(ax, model.cloud, vertices, float(point.mu))
-        ax.set_title(f"{point.kind}, {mu_text(point.mu)}")
+        draw_frame(ax, model.cloud, vertices, f"{point.kind}, {state_text(point.value, control)}")
         ax.label_outer()
     handles = [
         Line2D([], [], color=COLOURS[1], linestyle=(0, (4, 2)), label="outline at the critical state"),
@@ -127,12 +132,14 @@ def plot_modes(model: Model, points: list[CriticalPoint], *, axes: Any = None, s
 
 
 def _nearest(path: Path, at: Any) -> list[int]:
-    """Numbers of the states nearest to the chemical potentials ``at``, by default up to four, evenly spaced in the free stretch.
+    """Numbers of the states nearest to the values ``at`` of the control, by default up to four, evenly spaced in the free stretch.
 
-    Where there is no such stretch they are evenly spaced in mu.
+    Where that is not known, or does not grow, they are evenly spaced along the way of the control.
     """
-    stretch = np.asarray(free_stretch(path)) if at is None else np.array([np.nan])
-    x = stretch if np.isfinite(stretch).all() else np.asarray(path.mu)
+    x = np.asarray(path.value, dtype=float)
+    if at is None:
+        stretch = np.asarray(free_stretch(path))
+        x = stretch if np.all(np.diff(stretch) > 0) else np.cumsum(np.abs(np.diff(x, prepend=x[0])))
     at = np.linspace(x[0], x[-1], 4) if at is None else at
     states = [int(np.abs(x - value).argmin()) for value in at]
     return list(dict.fromkeys(states))
@@ -185,11 +192,11 @@ class Gel:
         self.interfaces.set_segments(vertices[self.between])
 
 
-def draw_frame(ax: Axes, cloud: Cloud, states: Any, mu: Scalar) -> None:
-    """Edges, labels, and limits that hold the gel in all ``states``, a list of vertices (v, 2)."""
+def draw_frame(ax: Axes, cloud: Cloud, states: Any, title: str) -> None:
+    """Edges, labels, a title, and limits that hold the gel in all ``states``, a list of vertices (v, 2)."""
     _draw_edges(ax, cloud, np.array(states))
     unit = length_unit(cloud)
-    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=mu_text(mu))
+    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=title)
 
 
 def _by_region(cloud: Cloud) -> tuple[Int[np.ndarray, " w"], Int[np.ndarray, "t 3"], scipy.sparse.sparray]:

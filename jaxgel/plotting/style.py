@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from .._types import Scalar
 from ..cloud import Cloud
-from ..observables import QUANTITIES
+from ..controls import Control, control_name, unit_of
+from ..observables import Quantity, control_quantity
 
 F = TypeVar("F", bound=Callable[..., Any])
 STYLE: dict[str, Any] = {
@@ -25,7 +26,6 @@ STYLE: dict[str, Any] = {
 }
 GEL, LINE, WALL, SHADE = "#b7cfe2", "#1c2733", "#5c6670", "#e9e4de"
 COLOURS = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito: distinguishable with every kind of colour vision
-MU = QUANTITIES["mu"].axis_label()
 
 
 def styled(draw: F) -> F:
@@ -57,6 +57,14 @@ def length_unit(cloud: Cloud) -> str:
     return cloud.topology.plate.unit.replace("1e-3", "$10^{-3}$")
 
 
-def mu_text(mu: Scalar) -> str:
-    """Title of a state."""
-    return rf"$\mu = {float(mu):.4f}\,kT$"
+def quantity_of(control: Control | None) -> Quantity:
+    """The quantity that a control is, for axes and tables."""
+    return control_quantity(control_name(control), unit_of(control))
+
+
+def state_text(value: Scalar, control: Control | None = None) -> str:
+    """Title of a state at a ``value`` of its control."""
+    if control is None:
+        return rf"$\mu = {float(value):.4f}\,kT$"
+    quantity = quantity_of(control)
+    return f"{quantity.label} = {quantity.shown(value)} {quantity.shown_unit()}".rstrip()

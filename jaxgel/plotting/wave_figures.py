@@ -16,7 +16,7 @@ from ..geometry import SYMMETRIES
 from ..mechanics import deformation_of
 from ..observables import deformed_vertices
 from ..waves import Dispersion, LatticeOnset
-from .style import COLOURS, LINE, SHADE, length_unit, mu_text, styled
+from .style import COLOURS, LINE, SHADE, length_unit, state_text, styled
 
 FEWEST = 4  # cells along a side that a figure of a pattern shows
 
@@ -32,7 +32,7 @@ def plot_bands(dispersion: Dispersion, *, ax: Axes | None = None) -> Axes:
     for _, place in dispersion.corners:
         ax.axvline(place, color=LINE, linewidth=0.5)
     ax.set_xticks([place for _, place in dispersion.corners], [label for label, _ in dispersion.corners])
-    ax.set(xlim=(dispersion.along[0], dispersion.along[-1]), ylabel=r"$\omega$ ($\sqrt{kT/v\rho}$ / mm)", title=mu_text(dispersion.mu))
+    ax.set(xlim=(dispersion.along[0], dispersion.along[-1]), ylabel=r"$\omega$ ($\sqrt{kT/v\rho}$ / mm)", title=state_text(dispersion.mu))
     ax.set_ylim(bottom=0)
     return ax
 
@@ -53,7 +53,7 @@ def plot_zone(onset: LatticeOnset, model: Model, *, ax: Axes | None = None) -> A
         ax.plot(np.abs(shares[order, axis[0]]), onset.eigenvalues[order], color=COLOURS[0])
         ax.axhline(0, color=LINE, linewidth=0.5)
         ax.plot(abs(critical[axis[0]]), 0, "o", color=COLOURS[1], markersize=4)
-        ax.set(xlabel=f"$k_{'xy'[axis[0]]}$ (π / side)", ylabel=r"lowest eigenvalue $\lambda$", title=mu_text(onset.mu))
+        ax.set(xlabel=f"$k_{'xy'[axis[0]]}$ (π / side)", ylabel=r"lowest eigenvalue $\lambda$", title=state_text(onset.mu))
         return ax
     matrices = [np.eye(2), *(np.array(SYMMETRIES[name], dtype=float) for name in onset.group)]
     images = np.concatenate([sign * shares @ matrix.T for matrix in matrices for sign in (1, -1)])
@@ -65,7 +65,7 @@ def plot_zone(onset: LatticeOnset, model: Model, *, ax: Axes | None = None) -> A
     ax.figure.colorbar(field, ax=ax, label=r"lowest eigenvalue $\lambda$")
     at = np.concatenate([sign * critical @ matrix.T for matrix in matrices for sign in (1, -1)]).reshape(-1, 2)
     ax.plot(*at.T, "o", color=COLOURS[1], markersize=4, clip_on=False)
-    ax.set(xlabel="$k_x$ (π / width)", ylabel="$k_y$ (π / height)", aspect="equal", title=mu_text(onset.mu))
+    ax.set(xlabel="$k_x$ (π / width)", ylabel="$k_y$ (π / height)", aspect="equal", title=state_text(onset.mu))
     return ax
 
 
@@ -91,7 +91,7 @@ def plot_lattice(onset: LatticeOnset, model: Model, *, ax: Axes | None = None, s
             ax.add_collection(LineCollection(_outline(x, model) + shift @ deformation.T, **style))
     unit = length_unit(model.cloud)
     ax.autoscale_view()
-    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=mu_text(onset.mu))
+    ax.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$y$ ({unit})", title=state_text(onset.mu))
     return ax
 
 

@@ -8,9 +8,9 @@ import types
 import numpy as np
 import pytest
 
+from jaxgel._validation import entry_of
 from jaxgel.bifurcation import imperfections
 from jaxgel.cases import OutputOptions, load_case, load_map, load_study, map_runs
-from jaxgel.cases import case as case_module
 from jaxgel.cli import command_line as cli
 from jaxgel.continuation import SweepOptions
 from jaxgel.discretisation import DiscretisationOptions
@@ -33,6 +33,13 @@ VALUES = {
     "mu_end": -1.2,
     "steps": 3,
     "mu": [-3.0, -2.5, -2.0],
+    "control": "chi",
+    "from": 0.15,
+    "to": 0.25,
+    "values": [0.1, 0.3, 0.2],
+    "back": True,
+    "at_mu": -1.5,
+    "direction": "x",
     "branch": "symmetric",
     "imperfection": 0.05,
     "contact": "off",
@@ -40,16 +47,29 @@ VALUES = {
     "body_force": [0.0, 1e-5],
     "traction": {"top": [0.0, 1e-4]},
 }  # a value of each option that is not its default
-FIELDS = [(section, field.name) for section, kind in SECTIONS.items() for field in dataclasses.fields(kind)]
+DRIVEN = {"control": "chi", "from": 0.1, "to": 0.2}  # beside an option of another control than mu
+OF_CONTROL = {
+    "control": DRIVEN,
+    "from": DRIVEN,
+    "to": DRIVEN,
+    "at_mu": DRIVEN,
+    "values": {"control": "chi"},
+    "direction": {"control": "stretch", "from": 1.0, "to": 1.1},
+}
+FIELDS = [(section, entry_of(field)) for section, kind in SECTIONS.items() for field in dataclasses.fields(kind)]
 COMMANDS = ("run", "resume", "map", "critical", "check-grad", "design", "verify")
 REFUSED = {
     ("critical", "imperfection"): "removes the bifurcations",
     ("critical", "contact"): "searched with contact 'on'",
     ("design", "imperfection"): "has no derivative",
     ("verify", "imperfection"): "has no derivative",
+    ("design", "back"): "must increase",
+    ("verify", "back"): "must increase",
 }
 REPLACED = {
     ("critical", "steps"): "the search chooses its own steps",
+    ("critical", "back"): "the way back is the same branch",
+    ("check-grad", "back"): "--states says how many",
     ("critical", "branch"): "critical points are those of the branch that continues the dry state",
     ("critical", "symmetry"): "the search takes the symmetries that there are",
     ("check-grad", "steps"): "--states says how many",
@@ -111,10 +131,14 @@ def asked(monkeypatch):
     bifurcation = types.SimpleNamespace(kind="bifurcation")
     monkeypatch.setattr(discretisation_options, "make_cloud", recorder("cloud", lambda: _Still(cloud)))
     monkeypatch.setattr(discretisation_options, "discretise", recorder("model", lambda: model))
-    monkeypatch.setattr(imperfections, "critical_points", recorder("mode", lambda: [bifurcation]))
+
+    def searched(*args, most, **keywords):
+        found["mode" if most == 1 else "critical"] = keywords
+        return [bifurcation] if most == 1 else ends()
+
+    monkeypatch.setattr(imperfections, "critical_points", searched)
     monkeypatch.setattr(imperfections, "imperfection", recorder("imperfection", lambda: np.full((model.n_nodes, 2), 1e-3)))
     monkeypatch.setattr(imperfections, "sweep", recorder("sweep", ends))
-    monkeypatch.setattr(case_module, "critical_points", recorder("critical", ends))
     return found
 
 
@@ -141,11 +165,12 @@ def written(value):
 def perform(command, section, name, folder):
     """Run a command on a case in which one option is not its default; its exit code."""
     base = {"discretisation": {"spacing": 1.3}, "sweep": {"steps": 2}, "loads": {}}
-    base[section] |= {name: VALUES[name]}
+    base[section] |= OF_CONTROL.get(name, {}) | {name: VALUES[name]}
     text = PLATE + "".join(
         f"[{section}]\n" + "".join(f"{key} = {written(v)}\n" for key, v in entries.items()) for section, entries in base.items()
     )
-    at = SweepOptions(**{key: tuple(v) if isinstance(v, list) else v for key, v in base["sweep"].items()}).values[-1]
+    fields = {entry_of(f): f.name for f in dataclasses.fields(SweepOptions)}
+    at = SweepOptions(**{fields[key]: tuple(v) if isinstance(v, list) else v for key, v in base["sweep"].items()}).values[-1]
     file = folder / "case.toml"
     file.write_text(text + {"design": STUDY.format(at=at), "verify": STUDY.format(at=at), "map": MAP}.get(command, ""))
     if command == "verify":
@@ -176,7 +201,7 @@ def test_an_option_reaches_its_stage_or_is_refused(command, section, name, asked
             return
         assert perform(command, section, name, tmp_path) == 2
         error = capsys.readouterr().err
-        assert error.count("\n") == 1 and f"{section}.{name}" in error and REFUSED[command, name] in error
+        assert error.count("\n") == 1 and ("back" in name or f"{section}.{name}" in error) and REFUSED[command, name] in error
         return
     with pytest.raises(Reached):
         perform(command, section, name, tmp_path)
@@ -184,26 +209,29 @@ def test_an_option_reaches_its_stage_or_is_refused(command, section, name, asked
         return
     follows = asked["critical" if command == "critical" else "sweep"]
     kind, value = SECTIONS[section], VALUES[name]
-    stage = next(f for f in dataclasses.fields(kind) if f.name == name).metadata.get("stage", "loads")
+    stage = next(f for f in dataclasses.fields(kind) if entry_of(f) == name).metadata.get("stage", "loads")
     if section == "loads":
         assert np.abs(np.asarray(follows["loads"])).sum() > 0
     elif name == "imperfection":
         assert asked["imperfection: arguments"][-1] == value
         np.testing.assert_array_equal(follows["loads"], 1e-3)
-    elif stage == "mu":
+    elif name in ("control", "at_mu", "direction"):
+        assert getattr(follows["control"], {"control": "name", "at_mu": "mu"}.get(name, name)) == value
+    elif stage == "values":
         wanted = [value] if np.ndim(value) == 0 else value
-        if name == "steps":
-            wanted = SweepOptions(steps=value).values
-        elif command == "critical" and name == "mu":
-            wanted = [value[0], value[-1]]
-        assert all(np.min(np.abs(np.asarray(follows["mu"], dtype=float) - one)) < 1e-12 for one in wanted)
+        if name in ("steps", "back"):
+            wanted = SweepOptions(**{"steps": 2, name: value}).values
+        elif command == "critical" and name in ("mu", "values"):
+            wanted = [value[0], value[-1] if name == "mu" else value[1]]
+        taken = np.asarray(follows["values" if name in OF_CONTROL else "mu"], dtype=float)
+        assert all(np.min(np.abs(taken - one)) < 1e-12 for one in wanted) and (name != "back" or len(taken) == 3)
     else:
         assert {"cloud": asked["cloud"], "model": asked["model"], "sweep": follows}[stage][name] == value
 
 
 def test_every_option_has_a_stage_that_takes_it():
     assert {f.metadata["stage"] for f in dataclasses.fields(DiscretisationOptions)} == {"cloud", "model"}
-    assert {f.metadata["stage"] for f in dataclasses.fields(SweepOptions)} == {"mu", "loads", "sweep"}
+    assert {f.metadata["stage"] for f in dataclasses.fields(SweepOptions)} == {"values", "loads", "sweep"}
 
 
 def test_options_that_are_not_of_a_case_stay_what_they_were(asked):

@@ -289,7 +289,7 @@ def test_the_best_design_is_a_case_that_run_accepts(folder):
         ('of = "area_reduction"', 'of = "free_edge"', "objective[0].of: 'free_edge' does not fit; 'free_edge' and outline belong together"),
         ('goal = "maximise"', "outline = [[0, 0]]", "objective[0].outline: [[0, 0]] is not"),
         ('of = "area_reduction"\ngoal = "maximise"', 'of = "free_edge"\noutline = "none.csv"', "none.csv': No such file"),
-        ("at = -1.8", "at = -1.7", "objective[0].at: -1.7 is not one of the sweep's mu (-3, -1.8)"),
+        ("at = -1.8", "at = -1.7", "objective[0].at: -1.7 is not one of the sweep's values (-3, -1.8)"),
         ("above = 10.0", "abov = 10.0", "constraints[0]: unknown entry 'abov'; did you mean 'above'?"),
         ("above = 10.0", "above = 10.0\nbelow = 11.0", "constraints[0]: give one of above, below and within"),
         ("evaluations = 4", "evaluations = 0", "search.evaluations: 0"),

@@ -42,7 +42,7 @@ print(code, sorted({"jax", "scipy", "matplotlib", "shapely"} & sys.modules.keys(
         ("init --from lattice", 0),
         ("run smaple-1", 2),
         ("run sample-1 --spacing -1", 2),
-        ("run sample-1 --mu-start -1 --mu-end -2", 2),
+        ("run sample-1 --mu-start -1 --mu-end -1", 2),
         ("run missing.toml", 2),
         ("design missing.toml", 2),
         ("plot nowhere", 2),

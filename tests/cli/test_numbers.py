@@ -48,6 +48,8 @@ CASES = {f"hole {hole['kind']}": {"plate": PLATE, "holes": [hole]} for hole in H
     "layer": {"plate": PLATE, "regions": [HOLES[2] | {"gel": {"Nv": 2e-3, "chi": 0.2}}]},
     "axial stretch": {"plate": PLATE | {"kinematics": "generalised plane strain", "axial_stretch": 1.05}},
     "given mu": {"plate": PLATE, "sweep": {"mu": [-4.9, -4.8]}},
+    "driven": {"plate": PLATE, "sweep": {"control": "chi", "from": 0.1, "to": 0.2, "steps": 3, "back": True, "at_mu": -1.0}},
+    "given values": {"plate": PLATE, "sweep": {"control": "stretch", "values": [1.1, 1.0]}},
 }
 
 
@@ -67,11 +69,17 @@ COMMANDS = dict.fromkeys(("run", "critical", "check-grad", "outline"), "square")
     "map": "no.toml",
     "resume": "no",
 }
+BESIDE = {  # an option that goes with others only
+    "--from": ["--control=chi", "--to=0.3"],
+    "--to": ["--control=chi", "--from=0.3"],
+    "--values": ["--control=stretch"],
+    "--at-mu": ["--control=chi", "--values=0.1,0.3"],
+}
 CELL = """
 plate = { width = 4.0, height = 4.0, spacing = 0.8, nodes_per_hole = 12, edges = "periodic" }
 holes = [{ kind = "circle", centre = [0.0, 0.0], radius = 1.1 }]
 """
-NUMERIC = {parser._real, parser._whole, parser._steps}
+NUMERIC = {parser._real, parser._reals, parser._whole, parser._steps}
 
 
 def entries():
@@ -143,9 +151,9 @@ def ends(monkeypatch, capsys, tmp_path):
 def test_a_numeric_option_ends_in_a_result_or_one_line(command, option, ends):
     for number in NUMBERS:
         word = repr(number) if isinstance(number, float) and not number.is_integer() else f"{number:.0f}"
-        code, error = ends([command, COMMANDS[command], f"{option}={word}"])
+        code, error = ends([command, COMMANDS[command], f"{option}={word}", *BESIDE.get(option, ())])
         if code == 2 and command not in ("design", "map", "resume"):
-            assert option.strip("-").replace("-", "_") in error.replace("-", "_") or "mu" in option or "dmax" in option
+            assert option.strip("-").replace("-", "_") in error.replace("-", "_") or "mu" in option or "dmax" in option or option in BESIDE
 
 
 @pytest.mark.parametrize(("name", "path"), entries())

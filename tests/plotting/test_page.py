@@ -25,7 +25,7 @@ def test_page_holds_its_data_and_asks_the_network_for_nothing(page_file, path):
     text = page_file.read_text()
     assert not re.search(r"(src|href)\s*=\s*[\"'](?!data:)|https?://(?!www\.w3\.org/2000/svg)|@import", text)
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
-    assert data["mu"] == path.mu.tolist()
+    assert data["value"] == path.mu.tolist()
     assert data["columns"]["area_reduction"]["values"] == pytest.approx((100 * jaxgel.area_reduction(path)).tolist())  # percent
     assert np.shape(data["field"]["states"]) == (4, len(data["triangles"]))
     drawn = np.array(data["vertices"][3]).reshape(-1, 2)[np.unique(data["triangles"])] * 22 / view.RESOLUTION
@@ -68,7 +68,7 @@ def test_slider_moves_the_pattern_and_the_curve_without_an_error(page_file, path
     for state, mu in enumerate(path.mu):
         moved = "const s = document.getElementById('state'); s.value = arguments[0]; s.dispatchEvent(new Event('input'));"
         browser.execute_script(moved, state)
-        assert browser.execute_script("return document.getElementById('mu').textContent").startswith(f"{mu:.4f} kT")
+        assert browser.execute_script("return document.getElementById('value').textContent").startswith(f"{mu:.4f} kT")
         marker = browser.execute_script("return Number(document.getElementById('here').getAttribute('cx'))")
         assert marker == pytest.approx(70 + 395 * (mu - path.mu[0]) / (path.mu[-1] - path.mu[0]))
         pictures.append(browser.execute_script("return document.getElementById('pattern').toDataURL()"))

@@ -1,0 +1,87 @@
+"""The control of a sweep in a case file: its values, and what is refused."""
+
+import re
+
+import pytest
+
+from jaxgel.cases import case_text, from_table, load_case
+from jaxgel.continuation import SweepOptions
+from jaxgel.controls import DrivenParameter, Load, Stretch
+
+PLATE = {"plate": {"width": 4.0, "height": 4.0, "spacing": 0.8, "edges": {"top": "free"}}}
+
+
+@pytest.mark.parametrize(
+    ("entries", "values", "ends"),
+    [
+        ({"control": "chi", "values": [0.3, 0.4, 0.2]}, [0.3, 0.4, 0.2], (0.3, 0.4)),
+        ({"control": "chi", "from": 0.5, "to": 0.25, "steps": 3}, [0.5, 0.375, 0.25], (0.5, 0.25)),
+        ({"control": "chi", "from": 0.5, "to": 0.25, "steps": 2, "back": True}, [0.5, 0.25, 0.5], (0.5, 0.25)),
+        ({"control": "chi", "from": 0.5, "to": 0.25, "steps": "auto", "back": True}, (0.5, 0.25, 0.5), (0.5, 0.25)),
+        ({"mu_start": -3.0, "mu_end": -2.0, "steps": 2, "back": True}, [-3.0, -2.0, -3.0], (-3.0, -2.0)),
+        ({"mu": [-3.0, -2.0, -2.5]}, [-3.0, -2.0, -2.5], (-3.0, -2.0)),
+    ],
+)
+def test_values_of_a_control(entries, values, ends, tmp_path):
+    case = from_table(PLATE | {"sweep": entries}, "driven")
+    assert case.sweep.values == values and case.sweep.ends == ends
+    (tmp_path / "again.toml").write_text(case_text(case))
+    assert load_case(tmp_path / "again.toml").sweep == case.sweep == from_table(case.table(), "driven").sweep
+
+
+def test_what_is_left_of_an_interrupted_sweep():
+    options = SweepOptions(control="chi", start=0.5, end=0.3, back=True, steps="auto")
+    assert options.left([0.5, 0.4, 0.3, 0.4]) == (0.5, 0.3, 0.5) == options.left([0.5])
+    assert options.left([0.5, 0.4, 0.3, 0.4, 0.5]) == ()
+    assert SweepOptions(control="chi", value_list=(0.3, 0.4, 0.2)).left([0.3]) == [0.4, 0.2]
+
+
+def test_the_control_that_the_names_stand_for():
+    ends = {"start": 1.0, "end": 1.1, "at_mu": -0.5}
+    stretch = SweepOptions(control="stretch", direction="x", **ends).driver(None)
+    assert isinstance(stretch, Stretch) and (stretch.direction, stretch.mu) == ("x", -0.5)
+    pH = SweepOptions(control="pH", **ends).driver(None)
+    assert isinstance(pH, DrivenParameter) and (pH.name, pH.mu) == ("pH", -0.5)
+    assert isinstance(SweepOptions(control="load", **ends).driver([[0.0, 1.0]]), Load)
+    assert SweepOptions().driver(None) is None
+
+
+CHI, STRETCH = {"control": "chi", "from": 0.1, "to": 0.2}, {"control": "stretch", "from": 1.0, "to": 1.1}
+REFUSED = [
+    ({"control": "ph"}, "sweep.control: 'ph' is unknown; did you mean 'pH'? accepted: mu, temperature, chi, pH, salt, stretch, load"),
+    ({"control": "temperature", "from": 25, "to": 40}, "sweep.control: 'temperature' is no parameter of Gel, it has Nv, chi"),
+    (CHI | {"to": 0.1}, "chi: 0.1 is followed by 0.1, the values must differ from one to the next"),
+    ({"control": "chi", "values": [0.1, 0.1]}, "chi: 0.1 is followed by 0.1, the values must differ from one to the next"),
+    ({"control": "chi", "from": 0.1}, "sweep.to: is missing; control = 'chi' takes from, to, steps and back, or values; and at_mu"),
+    (CHI | {"values": [0.1, 0.2]}, "sweep.from: 0.1 does not go with a list of values"),
+    ({"control": "chi", "values": [0.1, 0.2], "back": True}, "sweep.back: True does not go with a list of values"),
+    (CHI | {"mu_end": -2.0}, "sweep.mu_end: -2.0 does not go with control = 'chi', which takes from, to"),
+    (CHI | {"direction": "x"}, "sweep.direction: 'x' does not go with control = 'chi'"),
+    (CHI | {"to": 2.5}, "it must be a number in (0, 2), bounds excluded"),
+    ({"from": 0.1}, "sweep.from: 0.1 does not go with control = 'mu', which takes mu_start, mu_end, steps and back, or mu"),
+    ({"at_mu": 0.1}, "sweep.at_mu: 0.1 does not go with control = 'mu'"),
+    ({"control": "load", "from": 0, "to": 1}, "sweep.control: 'load' multiplies the loads of a case, and there are none"),
+    (STRETCH | {"from": 0}, "stretch: 0 is not accepted, it must be above 0"),
+    (STRETCH | {"direction": "z"}, "sweep.direction: 'z' is unknown; accepted: x, y, both"),
+]
+
+
+@pytest.mark.parametrize(("entries", "message"), REFUSED)
+def test_what_does_not_go_together_is_refused_in_one_line(entries, message):
+    with pytest.raises(ValueError, match=re.escape(message)) as refused:
+        from_table(PLATE | {"sweep": entries}, "driven")
+    assert "\n" not in str(refused.value)
+
+
+def test_edges_that_are_all_free_cannot_be_stretched():
+    with pytest.raises(ValueError, match=r"^sweep.control: 'stretch' moves edges that are fixed, roller or periodic"):
+        from_table({"plate": PLATE["plate"] | {"edges": "free"}, "sweep": STRETCH}, "driven")
+
+
+def test_another_control_takes_the_place_of_the_values_of_the_former(tmp_path):
+    (tmp_path / "case.toml").write_text('[plate]\nwidth = 4.0\nheight = 4.0\n[sweep]\nmu = [-3.0, -2.0]\nbranch = "symmetric"\n')
+    sweep = load_case(tmp_path / "case.toml", {"sweep": CHI | {"steps": 2}}).sweep
+    assert (sweep.control, sweep.values, sweep.branch, sweep.at_mu) == ("chi", [0.1, 0.2], "symmetric", 0.0)
+    (tmp_path / "case.toml").write_text('[plate]\nwidth = 4.0\nheight = 4.0\n[sweep]\ncontrol = "chi"\nvalues = [0.1, 0.2]\n')
+    with pytest.raises(ValueError, match=r"^sweep\.to: 0\.3 has no effect, as the case lists its values of chi; change that list"):
+        load_case(tmp_path / "case.toml", {"sweep": {"to": 0.3}})
