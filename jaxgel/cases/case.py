@@ -12,8 +12,10 @@ A table has the sections of a case file, all but ``plate`` optional:
     [[regions]]        outlines as of holes, of parts with a material of their own: gel = {Nv, chi ...}, what differs from the plate's, or
                        elastomer = {Nv, bulk}, which takes no solvent
     [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
-    [gel]              Nv, chi, each a number, a grey picture {file = "mask.png", low, high} that covers the plate, or the {values} of its
-                       pixels, see `io.masks`; energy = "module:function" and numbers that the function takes, see `user_energy`
+    [gel]              kind = "gel", "pnipam" (with temperature instead of chi) or "polyelectrolyte" (with pH, salt, acid_fraction, pKa and
+                       solvent_volume besides); Nv, chi and the others each a number, a grey picture {file = "mask.png", low, high} that
+                       covers the plate, or the {values} of its pixels, see `io.masks`; energy = "module:function" and numbers that the
+                       function takes, see `user_energy`
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [list]; or control = "temperature" ..., from, to, steps, or
                        values = [list], at_mu; back = true; branch, imperfection, contact
@@ -42,7 +44,7 @@ from ..io import hole_table, hole_tables, mask_table, mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
 from ..mechanics import Loads, check_edges, check_room, with_contact
 from .samples import sample
-from .schema import HOLES, MATERIAL, OPTIONS, OutputOptions, case_schema
+from .schema import GELS, HOLES, MATERIAL, OPTIONS, PARAMETERS, OutputOptions, case_schema
 from .user_energy import user_gel
 
 ENDS: dict[str, Callable] = {"low": min, "high": max}  # of the values of a picture
@@ -122,7 +124,8 @@ class Case:
     def table(self) -> dict:
         """The case as a table that `from_table` reads, with every default written out; JSON and TOML can hold it."""
         matrix = matrix_of(self.gel)
-        numbers = {name: float(own) for name, own in (("Nv", matrix.Nv), ("chi", matrix.chi)) if not callable(own)}
+        known = {name: own for name, own in named_parameters(matrix).items() if name in PARAMETERS and not callable(own)}
+        numbers = {name: float(own) for name, own in known.items()}
         gel = self.source.get("gel", {}) | numbers
         options = {section: _given(getattr(self, section)) for section in OPTIONS}
         return self.source | {"gel": gel} | {section: given for section, given in options.items() if given}
@@ -156,7 +159,7 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
     whole = {key: gel[key] if callable(own) else float(own) for key, own in named_parameters(material).items()}
     regions = [region | ({"gel": whole | region["gel"]} if "gel" in region else {}) for region in regions]
     source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("regions", regions), ("moved", moved)) if value}
-    source |= {"gel": gel} if "energy" in gel or any(isinstance(own, dict) for own in gel.values()) else {}
+    source |= {"gel": gel} if {"energy", "kind"} & gel.keys() or any(isinstance(own, dict) for own in gel.values()) else {}
     options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
     material = _materials(material, regions, found)
     check_gel(material)
@@ -231,7 +234,10 @@ def _moved(plate, moved):
 
 def _gel(table, plate, folder):
     default = plate.gel or Gel()
-    own = {key: _parameter(f"gel.{key}", value, plate) for key, value in table.items() if key != "energy"}
+    own = {key: _parameter(f"gel.{key}", value, plate) for key, value in table.items() if key not in ("energy", "kind")}
+    kind = GELS[table.get("kind", "gel")]
+    if kind is not Gel:
+        return kind(**own)
     numbers = {"Nv": default.Nv, "chi": default.chi} | own
     return user_gel(table["energy"], numbers, folder) if "energy" in table else Gel(**numbers)
 

@@ -12,6 +12,7 @@ from ..cloud import Cloud, boundary_edges
 from ..continuation import Path
 from ..controls import control_name, unit_of
 from ..io import load_run, write_atomically
+from ..materials import ACCEPTED
 from ..observables import FIELDS, QUANTITIES, control_quantity, deformed_vertices, events, field_values, history, outlines, parameter_values
 from .resume import load_path
 
@@ -91,7 +92,8 @@ def _steps(positions: Array, cloud: Cloud) -> list[list[int]]:
 
 
 def _parameters(path):
-    """Nv and chi in words, with their ranges where they vary over the plate."""
+    """Parameters of the gel in words, but for one that is driven, with their ranges where they vary over the plate."""
     ranges = {name: (float(values.min()), float(values.max())) for name, values in parameter_values(path).items()}
+    names = [name for name in ACCEPTED if hasattr(path.gel, name) and name != control_name(path.control)]
     texts = {name: f"{low:.3g} to {high:.3g}" for name, (low, high) in ranges.items()}
-    return ", ".join(f"{name} = {texts.get(name) or format(float(getattr(path.gel, name)), 'g')}" for name in ("Nv", "chi"))
+    return ", ".join(f"{name} = {texts.get(name) or format(float(getattr(path.gel, name)), 'g')}" for name in names)

@@ -22,12 +22,12 @@ from .._validation import FLAG, NUMBER, TEXT, check, did_you_mean, exactly_one, 
 from ..design import PIXELS, REACH, DesignField
 from ..geometry import Plate
 from ..io import MASK, mask_table, mask_values, read_toml
-from ..materials import Composite, Gel, check_gel, matrix_of, with_matrix
+from ..materials import ACCEPTED, Composite, Gel, check_gel, matrix_of, with_matrix
 from .case import SECTIONS, Case, from_table, load_case
 
 LINKS = ("same", "turned", "mirrored")
-GEL = ("Nv", "chi")
-FIELDS = {f"{name}_field": name for name in GEL}
+GEL = tuple(name for name in ACCEPTED if name != "bulk")  # parameters of gels
+FIELDS = {f"{name}_field": name for name in ("Nv", "chi")}
 OF = TEXT | {"$comment": "it says which quantity is meant"}
 PARAMETER = {"of": OF, "name": TEXT, "holes": listed(whole(0), least=1), "link": word(LINKS)}  # rules of what all entries may have
 VALUE = {"type": ["number", "array"]}
@@ -107,7 +107,8 @@ def parameter(where: str, entry: dict, case: Case, others: dict[str, float] | No
     ``degrees`` says that the values of an angle, ``own`` too, are in degrees. ``others`` maps further parameters, which are not of the
     holes, to the case's values. ValueError for a wrong entry.
     """
-    of, holes, others = entry["of"], case.plate.holes, {name: getattr(matrix_of(case.gel), name) for name in GEL} | (others or {})
+    of, holes, matrix = entry["of"], case.plate.holes, matrix_of(case.gel)
+    others = {name: getattr(matrix, name) for name in GEL if hasattr(matrix, name) and name != case.sweep.control} | (others or {})
     known = {name for hole in holes for name in hole.theta} | set(others)
     known = sorted(known | ({"angle_deg"} if "angle" in known else set()))
     if of not in known:
@@ -137,6 +138,8 @@ def field_parameter(where: str, entry: dict, case: Case) -> dict:
     the parameters' own, as arrays; ValueError for a wrong entry.
     """
     of, (w, h) = FIELDS[entry["of"]], (case.plate.width, case.plate.height)
+    if not hasattr(matrix_of(case.gel), of) or of == case.sweep.control:
+        raise ValueError(f"{where}.of: {entry['of']!r} is not accepted, the gel of the case has no {of} that is not driven")
     pixels = tuple(entry.get("pixels", (round(PIXELS * max(1.0, h / w)), round(PIXELS * max(1.0, w / h)))))
     modes = tuple(entry["modes"]) if "modes" in entry else None
     if "pixels" in entry:

@@ -27,6 +27,7 @@ from ..continuation import SweepOptions
 from ..discretisation import DiscretisationOptions
 from ..geometry import CONDITIONS, EDGES, KINEMATICS, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
 from ..io import IMAGE, MASK, OUTLINE
+from ..materials import Gel, Pnipam, Polyelectrolyte, named_parameters
 from ..mechanics import Loads
 from .samples import sample_names
 
@@ -37,11 +38,20 @@ def _number_or_picture(number):
     return {"type": ["number", "object"], "if": {"type": "object"}, "then": MASK, "else": number}
 
 
-GEL = {
+GELS = {kind.__name__.lower(): kind for kind in (Gel, Pnipam, Polyelectrolyte)}
+PARAMETERS = {
     "Nv": _number_or_picture(POSITIVE) | {"description": "Chains per dry volume times the volume of a solvent molecule."},
     "chi": _number_or_picture(NUMBER | {"exclusiveMinimum": 0.0, "exclusiveMaximum": 2.0})
     | {"description": "Flory's parameter of mixing."},
-}
+    "temperature": _number_or_picture(NUMBER | {"minimum": 0.0, "maximum": 100.0}) | {"description": "Temperature, degrees Celsius."},
+    "pH": _number_or_picture(NUMBER | {"minimum": 0.0, "maximum": 14.0}) | {"description": "pH of the bath."},
+    "salt": _number_or_picture(NUMBER | {"minimum": 0.0}) | {"description": "Salt concentration of the bath, mol/l."},
+    "acid_fraction": _number_or_picture(NUMBER | {"minimum": 0.0, "maximum": 1.0})
+    | {"description": "Acidic groups in the volume of a solvent molecule of dry polymer."},
+    "pKa": _number_or_picture(NUMBER) | {"description": "pKa of the acidic groups."},
+    "solvent_volume": _number_or_picture(POSITIVE) | {"description": "Volume of a solvent molecule, nm^3."},
+}  # of all kinds of gel
+GEL = {name: PARAMETERS[name] for name in ("Nv", "chi")}
 ELASTOMER = {
     "Nv": _number_or_picture(POSITIVE) | {"description": "Shear modulus, kT/v."},
     "bulk": _number_or_picture(POSITIVE) | {"description": "Bulk modulus, kT/v."},
@@ -134,9 +144,16 @@ def _array(shape, item):
 
 
 def _gel():
-    """Without an energy of one's own only Nv and chi are known."""
+    """The kind decides about the other entries; without an energy of one's own only its parameters are known."""
+    kind = {"kind": word(GELS) | {"description": "Gel that follows Flory and Rehner, PNIPAM or a polyelectrolyte."}}
     own = {"type": "object", "properties": GEL | {"energy": ENERGY}, "additionalProperties": NUMBER}
-    return {"type": "object", "if": {"required": ["energy"]}, "then": own, "else": tabled(GEL | {"energy": ENERGY})}
+    rule = {"type": "object", "if": {"required": ["energy"]}, "then": own, "else": tabled(kind | GEL | {"energy": ENERGY})}
+    for name, cls in GELS.items():
+        if cls is not Gel:
+            parameters = {key: PARAMETERS[key] for key in named_parameters(cls())}
+            this = {"properties": {"kind": {"const": name}}, "required": ["kind"]}
+            rule = {"type": "object", "if": this, "then": tabled(kind | parameters), "else": rule}
+    return rule
 
 
 def _options(cls):

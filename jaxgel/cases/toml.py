@@ -8,7 +8,7 @@ import numpy as np
 from .._validation import entry_of
 from ..geometry import Plate
 from .case import Case, from_table
-from .schema import GEL, MATERIAL, OPTIONS, PLATE, field_texts, hole_texts
+from .schema import MATERIAL, OPTIONS, PARAMETERS, PLATE, field_texts, hole_texts
 
 COLUMN = 43  # where comments start
 EXAMPLE = {
@@ -77,7 +77,7 @@ def case_text(case: Case) -> str:
 def _texts(section):
     """Entry of a section -> what it means, with the words that it may be."""
     if section == "gel":
-        return {key: rule["description"] for key, rule in GEL.items()}
+        return {key: rule["description"] for key, rule in PARAMETERS.items()}
     texts = field_texts(Plate if section == "plate" else OPTIONS[section])
     fields = dataclasses.fields(OPTIONS[section]) if section in OPTIONS else ()
     texts |= {entry_of(f): texts[f.name] for f in fields}
