@@ -4,6 +4,7 @@ from . import bifurcation as bifurcation
 from . import cases as cases
 from . import cloud as cloud
 from . import continuation as continuation
+from . import controls as controls
 from . import design as design
 from . import discretisation as discretisation
 from . import equilibrium as equilibrium
@@ -29,6 +30,10 @@ from .cloud import make_cloud as make_cloud
 from .continuation import IllPosedDerivative as IllPosedDerivative
 from .continuation import Path as Path
 from .continuation import sweep as sweep
+from .controls import Driven as Driven
+from .controls import Load as Load
+from .controls import Setting as Setting
+from .controls import Stretch as Stretch
 from .design import Constraint as Constraint
 from .design import Design as Design
 from .design import DesignProblem as DesignProblem

@@ -91,7 +91,7 @@ def load_run(folder: str | File, *, max_bytes: int = MAX_BYTES) -> Run:
     k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in history.csv
     if k < len(states["mu"]):
         states = {name: a for name, a in states.items() if name not in OF_LAST}  # of a state whose row was cut off with the machine
-    for name, column in (("mu", "mu"), *([("value", columns[0])] if "value" in states else [])):
+    for name, column in (("mu", "mu"), *([("value", control_in(summary)[0])] if "value" in states else [])):
         if not np.array_equal(states[name][:k], table[column][:k]):
             raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their {column} differ")
     states = {name: a if name in ("nodes", *OF_LAST) else a[:k] for name, a in states.items()}

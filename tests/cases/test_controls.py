@@ -7,6 +7,7 @@ import pytest
 from jaxgel.cases import case_text, from_table, load_case
 from jaxgel.continuation import SweepOptions
 from jaxgel.controls import DrivenParameter, Load, Stretch
+from jaxgel.materials import Pnipam, Polyelectrolyte
 
 PLATE = {"plate": {"width": 4.0, "height": 4.0, "spacing": 0.8, "edges": {"top": "free"}}}
 
@@ -44,6 +45,34 @@ def test_the_control_that_the_names_stand_for():
     assert isinstance(pH, DrivenParameter) and (pH.name, pH.mu) == ("pH", -0.5)
     assert isinstance(SweepOptions(control="load", **ends).driver([[0.0, 1.0]]), Load)
     assert SweepOptions().driver(None) is None
+
+
+def test_kinds_of_gels_and_what_drives_them(tmp_path):
+    pnipam = {"kind": "pnipam", "Nv": 0.01, "temperature": 30.0}
+    case = from_table(PLATE | {"gel": pnipam, "sweep": {"control": "temperature", "values": [45, 40, 45]}}, "driven")
+    assert case.gel == Pnipam(Nv=0.01, temperature=30.0) and case.sweep.values == [45, 40, 45]
+    acid = {"kind": "polyelectrolyte", "Nv": 1e-3, "salt": 0.1}
+    other = from_table(PLATE | {"gel": acid, "sweep": {"control": "pH", "from": 3.0, "to": 8.0}}, "driven")
+    assert other.gel == Polyelectrolyte(Nv=1e-3, salt=0.1)
+    for written in (case, other):
+        (tmp_path / "again.toml").write_text(case_text(written))
+        assert load_case(tmp_path / "again.toml").gel == written.gel
+
+
+@pytest.mark.parametrize(
+    ("gel", "sweep", "message"),
+    [
+        ({"kind": "pnipm"}, {}, "gel.kind: 'pnipm' is unknown; did you mean 'pnipam'? accepted: gel, pnipam, polyelectrolyte"),
+        ({"kind": "pnipam", "chi": 0.1}, {}, "gel: unknown entry 'chi'; accepted: kind, Nv, temperature"),
+        ({"kind": "pnipam", "temperature": 101.0}, {}, "gel.temperature: 101.0 is not a finite number of at least 0 and of at most 100"),
+        ({"temperature": 30.0}, {}, "gel: unknown entry 'temperature'"),
+        ({"kind": "pnipam"}, {"control": "temperature", "from": 25, "to": 120}, "it must be a number in [0, 100], degrees Celsius"),
+        ({"kind": "pnipam"}, {"control": "chi", "from": 0.1, "to": 0.2}, "sweep.control: 'chi' is no parameter of Pnipam"),
+    ],
+)
+def test_a_gel_that_cannot_be_is_refused_in_one_line(gel, sweep, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        from_table(PLATE | {"gel": gel, "sweep": sweep}, "driven")
 
 
 CHI, STRETCH = {"control": "chi", "from": 0.1, "to": 0.2}, {"control": "stretch", "from": 1.0, "to": 1.1}

@@ -48,6 +48,11 @@ CASES = {f"hole {hole['kind']}": {"plate": PLATE, "holes": [hole]} for hole in H
     "layer": {"plate": PLATE, "regions": [HOLES[2] | {"gel": {"Nv": 2e-3, "chi": 0.2}}]},
     "axial stretch": {"plate": PLATE | {"kinematics": "generalised plane strain", "axial_stretch": 1.05}},
     "given mu": {"plate": PLATE, "sweep": {"mu": [-4.9, -4.8]}},
+    "pnipam": {"plate": PLATE, "gel": {"kind": "pnipam", "Nv": 0.01, "temperature": 30.0}},
+    "polyelectrolyte": {
+        "plate": PLATE,
+        "gel": {"kind": "polyelectrolyte", "pH": 5.0, "salt": 0.01, "acid_fraction": 0.05, "pKa": 4.3, "solvent_volume": 0.1},
+    },
     "driven": {"plate": PLATE, "sweep": {"control": "chi", "from": 0.1, "to": 0.2, "steps": 3, "back": True, "at_mu": -1.0}},
     "given values": {"plate": PLATE, "sweep": {"control": "stretch", "values": [1.1, 1.0]}},
 }

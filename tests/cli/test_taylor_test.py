@@ -73,6 +73,26 @@ def test_the_remainders_fall_quadratically(rows):
     assert {row.family for row in rows} == {"centre", "semi_axes", "angle", "Nv", "chi", "mu"}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sweep", "families"),
+    [
+        ({"control": "chi", "from": 0.4, "to": 0.1, "at_mu": -2.0}, {"Nv", "chi", "mu"}),
+        ({"control": "stretch", "from": 1.0, "to": 1.05, "at_mu": -2.0}, {"Nv", "chi", "stretch", "mu"}),
+        ({"control": "load", "from": 0.5, "to": 1.0, "at_mu": -2.0}, {"Nv", "chi", "load", "mu"}),
+    ],
+    ids=lambda entry: entry.get("control") if isinstance(entry, dict) else "",
+)
+def test_the_values_and_the_parameters_of_a_control_are_families(sweep, families):
+    """The values go by the control's name; a gel's parameter that is driven has no effect of its own."""
+    table = TABLE | {"sweep": sweep, "loads": {"traction": {"top": [0.0, 1e-3]}}}
+    rows = check_gradient(from_table(table, "driven"), directions=1, states=2)
+    assert failures(rows) == []
+    assert {row.family for row in rows} == {"centre", "semi_axes", "angle"} | families
+    smooth = [row.rate for row in rows if row.family in families and np.isfinite(row.rate)]
+    assert min(smooth) > RATE
+
+
 def test_an_objective_without_a_value_is_left_out(rows):
     """The core of this plate lies in the hole; its nan must not reach the derivatives of the others."""
     assert {row.objective for row in rows} == set(OBJECTIVES) - {"core rotation"}
