@@ -16,12 +16,16 @@ from . import mechanics as mechanics
 from . import observables as observables
 from . import plotting as plotting
 from . import waves as waves
+from .bifurcation import Barrier as Barrier
 from .bifurcation import CriticalPoint as CriticalPoint
+from .bifurcation import Loop as Loop
+from .bifurcation import barrier as barrier
 from .bifurcation import continue_branch as continue_branch
 from .bifurcation import critical_points as critical_points
 from .bifurcation import find_states_by_deflation as find_states_by_deflation
 from .bifurcation import folds as folds
 from .bifurcation import imperfection as imperfection
+from .bifurcation import loop as loop
 from .bifurcation import switch_branch as switch_branch
 from .cases import sample as sample
 from .cases import sample_names as sample_names

@@ -5,6 +5,8 @@ and the n nodes' displacements, so that folds are points like any other (Keller'
 `path.Path`, whose control may turn.
 """
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -46,9 +48,14 @@ def switch_branch(
         raise ValueError(f"point: the {point.kind} at {at} has no other branch; use continue_branch")
     analysis = StabilityAnalysis(prepare(model, gel, loads, control=control))
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
-    mode = sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1)
+    states, stop = leaving(analysis, point, sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1))
+    return followed(analysis, states, mu_end, max_step, max_states) if stop.ok else _path(analysis.problem, states, stop)
+
+
+def leaving(analysis: StabilityAnalysis, point: CriticalPoint, mode: Float[Array, "n 2"]) -> tuple[list[State], Status]:
+    """Two states next to a bifurcation of the branch that leaves it along a ``mode`` (n, 2), or fewer, and how the search ended."""
     along = restrict(mode, analysis.problem.free)
-    size = FIRST_AMPLITUDE * model.cloud.spacing / np.abs(along).max()
+    size = FIRST_AMPLITUDE * analysis.problem.model.cloud.spacing / np.abs(along).max()
     row = along / np.linalg.norm(along)
     nothing, states = np.zeros((len(along), 0)), []
     for amplitude in (size, 2 * size):
@@ -58,9 +65,9 @@ def switch_branch(
         value = states[-1].value if states else float(point.value)
         state, _ = solve_bordered(analysis.problem, value, start, point.pressure, nothing, conditions)
         if not state.status.ok:
-            return _path(analysis.problem, states, state.status)
+            return states, state.status
         states.append(_accepted(analysis, state, states))
-    return _followed(analysis, states, mu_end, max_step, max_states)
+    return states, Status.CONVERGED
 
 
 def continue_branch(
@@ -78,7 +85,7 @@ def continue_branch(
     if len(path) < 2:
         raise ValueError(f"path: {len(path)} states do not give a direction; it needs two")
     analysis = StabilityAnalysis(prepare(path.model, path.gel, loads, control=path.control))
-    return _followed(analysis, [path[-2], path[-1]], mu_end, max_step, max_states, given=2)
+    return followed(analysis, [path[-2], path[-1]], mu_end, max_step, max_states, given=2)
 
 
 def solve_from(path: Path, k: int, loads: Float[Array, "n 2"] | None = None) -> State:
@@ -90,8 +97,19 @@ def solve_from(path: Path, k: int, loads: Float[Array, "n 2"] | None = None) -> 
     return _accepted(analysis, found, [])
 
 
-def _followed(analysis, states, mu_end, max_step, max_states, given=0):
-    """Path of the ``states`` but the first ``given``, continued in arc length."""
+def followed(
+    analysis: StabilityAnalysis,
+    states: list[State],
+    mu_end: float | None,
+    max_step: float,
+    max_states: int = MAX_STATES,
+    given: int = 0,
+    until: Callable[[State], bool] | None = None,
+) -> Path:
+    """`Path` of the ``states``, at least two, but the first ``given``, continued in arc length.
+
+    It goes to the value ``mu_end``, to the first state of which ``until`` says so, or to ``max_states`` states.
+    """
     problem = analysis.problem
     free, spacing = problem.free, problem.model.cloud.spacing
     weight, slack = 1 / (len(states[0].x) * spacing**2), 1 / scale_of(problem.control) ** 2
@@ -118,6 +136,9 @@ def _followed(analysis, states, mu_end, max_step, max_states, given=0):
             stop = at_end.status
             break
         states.append(_accepted(analysis, state, states))
+        if until is not None and until(states[-1]):
+            stop = Status.CONVERGED
+            break
         length *= 1.6 if state.newton_iterations <= 4 else 1.0 if state.newton_iterations <= 6 else 0.6
     return _path(problem, states[given:], stop)
 

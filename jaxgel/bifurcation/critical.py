@@ -9,7 +9,7 @@ over both modes. At a fold Phi = v . r. A complex mode counts as two, its real a
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -45,28 +45,42 @@ def critical_points(
     reverse; derivatives for designs that break the symmetry are those of the perfect branch, for a double eigenvalue those of the mean.
     ValueError inside jit or vmap and for second derivatives.
     """
+    ends = ends_of(mu, control, values)
+    loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads
+    problem = Problem(model, localised(model, gel), loads, None, control)
+    return located("critical_points", lambda problem: locate(problem, ends, most), problem)
+
+
+def ends_of(mu: tuple[float, float] | None, control: Control | None, values: tuple[float, float] | None) -> tuple[float, float]:
+    """First and last value of the control; ValueError, one line, for anything else."""
     name, ends = control_name(control), values_of(mu, control, values)
     check_values(ends, name, unit_of(control))
     if not (isinstance(ends, tuple) and len(ends) == 2):
         raise ValueError(f"{name}: {ends} is not accepted, it must be a tuple (first, last)")
     first, last = map(float, ends)
-    loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads
-    problem = Problem(model, localised(model, gel), loads, None, control)
-    return located("critical_points", lambda problem: locate(problem, (first, last), most), problem)
+    return first, last
 
 
-def located(name: str, find: Callable[[Problem], list[Point]], problem: Problem, field: str = "value") -> list[Point]:
-    """The points that ``find(problem)`` gives, with a value that JAX differentiates as that of a `CriticalPoint`.
+def located(
+    name: str, find: Callable[[Any], list[Point]], of: Any, field: str = "value", tangent: Callable[..., Any] | None = None
+) -> list[Point]:
+    """The points that ``find(of)`` gives, with the value in a ``field`` that JAX differentiates once; errors speak of ``name``.
 
-    A point has its ``kind``, ``x``, ``modes`` and ``correction``, and the value in a ``field``. Errors speak of ``name``.
+    ``of`` is a `Problem` whose points are like a `CriticalPoint`: with ``kind``, ``x``, ``modes`` and ``correction``. Or it is any pytree,
+    and ``tangent(point, value, of, dots)`` () is that of a point's value for the tangents ``dots`` of it.
     """
-    if not is_traced(problem):
-        return find(problem)
-    gel, control = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), (problem.gel, problem.control))
-    search = _Search(name, find, field)
-    leaves, structure = jax.tree.flatten(dataclasses.replace(problem, gel=gel, control=control))
+    if not is_traced(of):
+        return find(of)
+    search = _Search(name, find, field, tangent or _critical_tangent)
+    leaves, structure = jax.tree.flatten(with_float_parameters(of) if isinstance(of, Problem) else of)
     values = _located(search, structure, leaves)
     return [dataclasses.replace(point, **{field: value}) for point, value in zip(search.points, values, strict=True)]
+
+
+def with_float_parameters(problem: Problem) -> Problem:
+    """The problem with floating-point numbers in its gel and control, which have tangents."""
+    gel, control = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), (problem.gel, problem.control))
+    return dataclasses.replace(problem, gel=gel, control=control)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -76,6 +90,7 @@ class _Search:
     name: str
     find: Callable
     field: str
+    tangent: Callable
     points: list = dataclasses.field(default_factory=list)
 
     @property
@@ -86,7 +101,7 @@ class _Search:
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def _located(search, structure, leaves):
-    """Critical values (k,) of the control."""
+    """The values (k,) of the points."""
     if is_traced(leaves):
         raise ValueError(f"{search.name}: is not available inside jit or vmap")
     search.points[:] = search.find(jax.tree.unflatten(structure, leaves))
@@ -96,10 +111,13 @@ def _located(search, structure, leaves):
 @_located.defjvp
 def _located_jvp(search, structure, primals, tangents):
     values = first_order_only(_located(search, structure, *primals), search.name)
-    problem, dots = jax.tree.unflatten(structure, primals[0]), jax.tree.unflatten(structure, tangents[0])
-    points = zip(search.points, search.values, strict=True)
-    found = [_onset_tangent(p.x, p.modes, p.correction, value, problem, dots, fold=p.kind == "fold") for p, value in points]
+    of, dots = jax.tree.unflatten(structure, primals[0]), jax.tree.unflatten(structure, tangents[0])
+    found = [search.tangent(point, value, of, dots) for point, value in zip(search.points, search.values, strict=True)]
     return values, jnp.stack(found) if found else jnp.zeros(0)
+
+
+def _critical_tangent(point, value, problem, dots):
+    return _onset_tangent(point.x, point.modes, point.correction, value, problem, dots, fold=point.kind == "fold")
 
 
 @functools.partial(jax.jit, static_argnames="fold")

@@ -1,4 +1,4 @@
-"""Further equilibria at one chemical potential, by deflation."""
+"""Further equilibria at one value of the control, by deflation."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -7,8 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
+from ..continuation import values_of
+from ..controls import Control
 from ..discretisation import Model
-from ..equilibrium import State, advanced, assess_equilibrium, dry_state, iterate, starting
+from ..equilibrium import State, advanced, assess_equilibrium, dry_state, iterate, of_control, starting
 from ..materials import AnyGel
 from ..mechanics import Problem, condensed_rhs, factorised_tangent, prepare, restrict, state_pressure
 
@@ -20,24 +22,37 @@ def find_states_by_deflation(
     model: Model,
     gel: AnyGel,
     *,
-    mu: Scalar,
+    mu: Scalar | None = None,
+    control: Control | None = None,
+    value: Scalar | None = None,
     known: Sequence[Float[Array, "n 2"]] | Float[Array, "k n 2"],
     starts: Sequence[Float[Array, "n 2"]] | Float[Array, "s n 2"],
     loads: Float[Array, "n 2"] | None = None,
 ) -> list[State]:
-    """Equilibria at one mu that are not among the positions ``known``, from the positions ``starts``, mm.
+    """Equilibria at one mu, or at one ``value`` of another ``control``, that are not among the positions ``known``, from ``starts``, mm.
 
     Newton's method on the residual times prod_i (1 + n spacing^2 / |x - x_i|^2), which does not vanish at the known states (Farrell,
     Birkisson & Funke 2015): its step is Newton's own, stretched. Each state that is found is deflated too.
     """
-    problem, others, found = prepare(model, gel, loads), [np.asarray(x) for x in known], []
+    return deflated(prepare(model, gel, loads, control=control), values_of(mu, control, value), known, starts)
+
+
+def deflated(
+    problem: Problem,
+    value: Scalar,
+    known: Sequence[Float[Array, "n 2"]] | Float[Array, "k n 2"],
+    starts: Sequence[Float[Array, "n 2"]] | Float[Array, "s n 2"],
+) -> list[State]:
+    """`find_states_by_deflation` for a problem at a ``value`` of its control."""
+    others, found, (now, mu) = [np.asarray(x) for x in known], [], problem.at(value)
     for start in starts:
-        pressure = state_pressure(jnp.asarray(start), model, problem.gel, mu)
-        pressure = jnp.where(jnp.isfinite(pressure), pressure, dry_state(problem)[1])
-        state = iterate(problem, starting(problem, mu, jnp.asarray(start), pressure), _Deflated(others))
+        x = problem.placed(jnp.asarray(start), value)
+        pressure = state_pressure(x, now.model, now.gel, mu)
+        pressure = jnp.where(jnp.isfinite(pressure), pressure, dry_state(now)[1])
+        state = iterate(now, starting(now, mu, x, pressure), _Deflated(others))
         if state.status.ok:
             others.append(np.asarray(state.x))
-            found.append(state)
+            found.append(of_control(problem, state, value))
     return found
 
 

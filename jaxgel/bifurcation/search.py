@@ -9,11 +9,12 @@ import dataclasses
 import itertools
 
 import numpy as np
+import scipy.sparse as sp
 
 from .._types import Array, Float
 from ..continuation import Path, StabilityAnalysis, oriented, sweep
 from ..controls import scale_of
-from ..equilibrium import Conditions, Stability, control_force, solve, solve_bordered
+from ..equilibrium import Conditions, Stability, State, control_force, solve, solve_bordered
 from ..linalg import Bordered, nearest_modes
 from ..mechanics import Problem, prepare, restrict, scatter
 from ..symmetry import characters
@@ -31,19 +32,19 @@ def locate(problem: Problem, ends: tuple[float, float], most: int) -> list[Criti
     path = sweep(
         problem.model, problem.gel, **what, branch="symmetric", loads=problem.loads, on_step=lambda state: steps.append(state.light)
     )
-    shared = _Shared.of(prepare(problem.model, problem.gel, problem.loads, control=control))
+    shared = Shared.of(prepare(problem.model, problem.gel, problem.loads, control=control))
     points = []
     for earlier, (before, after) in zip([None, *steps], itertools.pairwise(steps), strict=False):
         if len(points) == most:
             break
         if before.negative_pivots != after.negative_pivots:
-            for point in _between(shared, earlier, before, after):
+            for point in crossings(shared, earlier, before, after):
                 again = point.multiplicity > 1 and any(abs(point.value - other.value) < shared.together for other in points)
                 points += [] if again else [point]  # an unsymmetric cloud splits a double one
-        elif earlier is not None and _ends_before(earlier, before, after.value):
-            points += [fold for fold in _fold(shared, earlier, before) if _inside(fold.value, before.value, after.value)]
+        elif earlier is not None and heads_for_fold(earlier, before, after.value):
+            points += [fold for fold in fold_next_to(shared, earlier, before) if inside(fold.value, before.value, after.value)]
     if not path.stop.ok and len(points) < most and len(steps) > 1:
-        points += _fold(shared, *steps[-2:])
+        points += fold_next_to(shared, *steps[-2:])
     return sorted(points, key=lambda point: abs(point.value - ends[0]))[:most]
 
 
@@ -52,68 +53,77 @@ def folds(path: Path, loads: Float[Array, "n 2"] | None = None) -> list[Critical
 
     Their values have no derivatives.
     """
-    shared, rise = _Shared.of(prepare(path.model, path.gel, loads, control=path.control)), np.diff(path.value)
+    shared, rise = Shared.of(prepare(path.model, path.gel, loads, control=path.control)), np.diff(path.value)
     states = [path[k] for k in range(len(path))]
     turns = np.flatnonzero(rise[1:] * rise[:-1] < 0)
-    return [point for k in turns for point in _fold(shared, states[k], states[k + 1])]
+    return [point for k in turns for point in fold_next_to(shared, states[k], states[k + 1])]
 
 
-def _ends_before(earlier, before, value):
+def heads_for_fold(earlier: State, before: State, value: float) -> bool:
     """Whether two stable steps head for a fold before ``value``, where the square of the lowest eigenvalue, linear in it, vanishes."""
     far, near = earlier.lowest_eigenvalue**2, before.lowest_eigenvalue**2
     ahead = abs(before.value - earlier.value) * near / (far - near) if far > near else np.inf
     return before.negative_pivots == 0 and ahead < abs(value - before.value)
 
 
-def _inside(value, low, high, slack=0.0):
+def inside(value: float, low: float, high: float, slack: float = 0.0) -> bool:
     """Whether a value lies between two others, in either order."""
     return min(low, high) - slack < value < max(low, high) + slack
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Shared:
+class Shared:
     """What the search of all points shares."""
 
     problem: Problem
     analysis: StabilityAnalysis
 
     @classmethod
-    def of(cls, problem):
+    def of(cls, problem: Problem) -> "Shared":
+        """What searches of a problem share."""
         return cls(problem, StabilityAnalysis(problem))
 
     @property
-    def tolerance(self):
+    def tolerance(self) -> float:
+        """Of a critical value, in the control's unit."""
         return TOLERANCE * scale_of(self.problem.control)
 
     @property
-    def together(self):
+    def together(self) -> float:
+        """Distance, in the control's unit, within which crossings are searched as one."""
         return TOGETHER * scale_of(self.problem.control)
 
     @property
-    def stiffness(self):
+    def stiffness(self) -> sp.csr_matrix:
+        """That of the network, (f, f)."""
         return self.analysis.stiffness
 
 
-def _between(shared, before, low, high):
+def crossings(shared: Shared, before: State | None, low: State, high: State) -> list[CriticalPoint]:
     """Critical points between two states with different numbers of negative eigenvalues; halves the interval until they are apart.
 
     Where Newton's method leapt from one side of a fold to the other there is no bifurcation: then the branch is followed from ``low``,
     in the direction from the state ``before`` it (None without one).
     """
-    crossings, close = high.negative_pivots - low.negative_pivots, abs(high.value - low.value) < shared.together
-    if crossings == 0:
+    change, close = high.negative_pivots - low.negative_pivots, abs(high.value - low.value) < shared.together
+    if change == 0:
         return []
-    point = _bifurcation(shared, low, high, abs(crossings)) if abs(crossings) == 1 or close else None
+    point = _bifurcation(shared, low, high, abs(change)) if abs(change) == 1 or close else None
     if point is not None:
         return [point]
     value = 0.5 * (low.value + high.value)
     middle = None if close else solve(shared.problem, value, 0.5 * (low.x + high.x), 0.5 * (low.pressure + high.pressure), own_factor=True)
     if middle is None or not middle.status.ok:
-        found = _fold(shared, before, low) if before is not None else []
-        return [fold for fold in found if _inside(fold.value, low.value, high.value, shared.together)]
-    count = Stability(np.array([np.nan]), None, middle.factor.negative_pivots)
-    middle = dataclasses.replace(middle.light, stability=count)
-    return _between(shared, before, low, middle) + _between(shared, low, middle, high)
+        found = fold_next_to(shared, before, low) if before is not None else []
+        return [fold for fold in found if inside(fold.value, low.value, high.value, shared.together)]
+    middle = counted(middle)
+    return crossings(shared, before, low, middle) + crossings(shared, low, middle, high)
+
+
+def counted(state: State) -> State:
+    """A state with a factor of its own tangent, which gives the number of its negative eigenvalues, without it."""
+    count = Stability(np.array([np.nan]), None, state.factor.negative_pivots)
+    return dataclasses.replace(state.light, stability=count)
 
 
 def _bifurcation(shared, low, high, multiplicity):
@@ -149,7 +159,7 @@ def _bifurcation(shared, low, high, multiplicity):
         if abs(step) < shared.tolerance:
             return _point(shared, state, value + step, modes, eigenvalues, local, forces, low.negative_pivots)
         value += step
-        if not _inside(value, low.value, high.value, shared.together):
+        if not inside(value, low.value, high.value, shared.together):
             return None
     return None
 
@@ -182,7 +192,7 @@ def _point(shared, state, value, modes, eigenvalues, local, forces, unstable, ki
     )
 
 
-def _fold(shared, before, last):
+def fold_next_to(shared: Shared, before: State, last: State) -> list[CriticalPoint]:
     """The fold next to two states of a branch: where the control is stationary along it, by the secant method; [] where there is none."""
     problem, free = shared.problem, shared.problem.free
     along = restrict(np.asarray(last.x) - np.asarray(before.x), free)

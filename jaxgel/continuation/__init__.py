@@ -1,8 +1,8 @@
 """Continuation: many states along a branch, and their stability."""
 
-from .autodiff import IllPosedDerivative, SweepFailed, is_traced
+from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed, is_traced
 from .eigenvalue import lowest_eigenvalue
-from .follow import Following
+from .follow import Followed, Following
 from .options import BRANCHES, CONTACT, SweepOptions
 from .path import Path
 from .stability import ACCURACY, StabilityAnalysis, oriented
@@ -12,12 +12,14 @@ __all__ = [
     "ACCURACY",
     "BRANCHES",
     "CONTACT",
+    "Followed",
     "Following",
     "IllPosedDerivative",
     "Path",
     "StabilityAnalysis",
     "SweepFailed",
     "SweepOptions",
+    "first_state_failed",
     "is_traced",
     "lowest_eigenvalue",
     "oriented",

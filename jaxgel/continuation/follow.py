@@ -63,6 +63,8 @@ class Following:
     """Most accepted states of adaptive steps."""
     symmetry: str = "auto"
     """Whether symmetric states are found on a fundamental region, "auto", or all of them on the whole plate, "off"."""
+    jumps: bool = False
+    """Whether a stable branch that ends is left by relaxation without contact too, and an unstable state ends the sweep."""
 
     def __post_init__(self) -> None:
         for name, choices in (("branch", BRANCHES), ("contact", CONTACT), ("formulation", FORMULATIONS), ("symmetry", SYMMETRY)):
@@ -82,7 +84,7 @@ class Followed:
 
 def follow(problem: Problem, values: list[float], options: Following, before: list[State] | tuple = ()) -> Steps:
     """Yield the accepted states at the ``values`` after those ``before``, each with its factor; returns how it ended, see `steps`."""
-    attempt = _attempt_of(problem, options)
+    attempt = _attempt_of(problem, options, values)
     if options.contact == "stop":
         attempt = _until_contact(attempt, problem.model)
     if options.adaptive:
@@ -90,7 +92,7 @@ def follow(problem: Problem, values: list[float], options: Following, before: li
     return given_values(attempt, values, list(before))
 
 
-def _attempt_of(problem, options) -> Callable:
+def _attempt_of(problem, options, values) -> Callable:
     """Function of a value and the states before it that gives the `State` there, whatever its status."""
     model, free = problem.model, free_dofs(problem.model.lists.topology)
     if options.formulation == "incremental":
@@ -99,7 +101,10 @@ def _attempt_of(problem, options) -> Callable:
     if model.conditions != "nodes":
         own = prepare_weak(model, problem.gel, problem.loads, free)
         return lambda value, states: solve_weak(own, value, *predict(problem, value, same_branch(states)))
-    return _Attempt(Frames(problem, symmetry=options.symmetry == "auto"), options.branch == "stable")
+    longest = SNAP * scale_of(problem.control)
+    if options.jumps:
+        longest = min(longest, SNAP * float(np.ptp(values)))
+    return _Attempt(Frames(problem, symmetry=options.symmetry == "auto"), options.branch == "stable", options.jumps, longest)
 
 
 def _until_contact(attempt, model):
@@ -118,6 +123,9 @@ class _Attempt:
 
     frames: Frames
     stable: bool
+    jumps: bool
+    snap: float
+    """Longest step whose failure means the end of the branch, in the control's unit."""
 
     def __call__(self, value, states):
         history = same_branch(states)
@@ -135,6 +143,8 @@ class _Attempt:
             return frame.whole(bare)
         rate = None if states else frame.rate(found)
         other = self._stable(frame, found, stability, history) if self.stable and stability.negative > 0 else None
+        if other is None and self.jumps and stability.negative > 0:
+            return dataclasses.replace(frame.whole(found), factor=None, status=Status.UNSTABLE)
         if other is None:
             return dataclasses.replace(frame.whole(accepted(frame.problem, found, stability, switched=switched)), rate=rate)
         state, stability = other
@@ -154,7 +164,8 @@ class _Attempt:
             return _first(problem, value, solve(problem, value, x, pressure)), False
         last, x = history[-1], frame.onto(x, value)
         if not problem.has_contact:
-            return _leapt(problem, _as_predicted(frame, solve(problem, value, x, pressure), x, last), x, last)
+            found, leapt = _leapt(problem, _as_predicted(frame, solve(problem, value, x, pressure), x, last), x, last)
+            return self._relaxed(problem, found, leapt, last) if self.jumps else (found, leapt)
         most = float(problem.model.contact.range)
         far = not np.abs(x - last.x).max() < most
         was_active = touches(last.x, problem.model) if last.contact_active is None else last.contact_active
@@ -164,10 +175,13 @@ class _Attempt:
         found = _as_predicted(frame, solve(problem, value, x, pressure, near_contact=near), x, last)
         if found.status.ok and found.contact_active and not np.abs(found.x - last.x).max() < most:
             found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
-        found, leapt = _leapt(problem, found, x, last)
-        if found.status.ok or not self.stable or not _snaps(problem, last, value):
+        return self._relaxed(problem, *_leapt(problem, found, x, last), last)
+
+    def _relaxed(self, problem, found, leapt, last):
+        """The `State` found after the ``last`` one and whether it ``leapt``; where a short step failed, that to which the last relaxes."""
+        if found.status.ok or not self.stable or abs(found.value - last.value) > self.snap:
             return found, leapt
-        relaxed = relax(problem, value, last.x, last.pressure)
+        relaxed = relax(problem, found.value, last.x, last.pressure)
         spent = found.newton_iterations + relaxed.newton_iterations
         return dataclasses.replace(relaxed, newton_iterations=spent), relaxed.status.ok
 
@@ -178,7 +192,7 @@ class _Attempt:
         expected = predict(problem, found.value, history)[0] if history else None
         whole = frame.whole(found)
         other = None if touching else stable_state(self.frames, whole, stability, expected=expected)
-        if other is None and problem.has_contact:
+        if other is None and (problem.has_contact or self.jumps):
             mode = stability.vectors[:, 0]
             frame = self.frames.along_mode(whole, mode)
             state = relax_along(frame.problem, frame.part(whole), frame.along(mode))

@@ -89,7 +89,7 @@ def _leg(attempt, first, last, states, max_steps):
             yield found
             if goal == last:
                 return Status.CONVERGED, last
-        elif not states or found.status is Status.SELF_CONTACT:
+        elif not states or found.status in (Status.SELF_CONTACT, Status.UNSTABLE):
             return found.status, states[-1].value if states else goal
         else:
             step = 0.4 * abs(goal - states[-1].value)

@@ -25,6 +25,7 @@ class Status(enum.IntEnum):
     CROSSED = 8
     NEARLY_SINGULAR = 9
     LEAPT = 10
+    UNSTABLE = 11
 
     @property
     def ok(self) -> bool:
@@ -51,6 +52,7 @@ _TEXTS = {
     Status.LEAPT: "the gel changes its phase here, collapsed or swollen, by a leap; use smaller steps, which cross it",
     Status.NEARLY_SINGULAR: "converged, but a fold or bifurcation is near: derivatives grow like 1 / lowest_eigenvalue and hold for tiny "
     "changes only",
+    Status.UNSTABLE: "the stable branch ends, and no stable state was found by relaxation from there",
 }
 
 

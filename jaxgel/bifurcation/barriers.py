@@ -1,0 +1,167 @@
+"""Energy barriers between two stable states at one value of a control.
+
+A gel goes from one stable state to another over a saddle of the energy, an equilibrium with exactly one negative eigenvalue; of several
+that are found the lowest counts. The derivative of a barrier needs none of the states: their residual vanishes, so that the energy changes as it
+does with the unknowns at rest (envelope theorem), and the constrained nodes where the dry plate and the control move them.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._types import Array, Float, Scalar
+from ..continuation import StabilityAnalysis, values_of
+from ..controls import Control, control_name
+from ..discretisation import Model
+from ..equilibrium import State, accepted, solve
+from ..materials import AnyGel
+from ..mechanics import Problem, localised, prepare, scatter, total_energy, with_contact
+from .critical import located, with_float_parameters
+from .deflation import deflated
+from .loops import Loop
+
+SHARES = (0.5, 0.35, 0.65)  # of the way between two states: where their saddle is looked for
+KICKS = (0.5, 1.5)  # of the spacing: how far from an equilibrium with more negative eigenvalues, along the second mode
+APART = 1e-3  # of the spacing: equilibria nearer to each other are the same
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Barrier:
+    """A stable state and the saddle over which it may be left."""
+
+    height: Scalar
+    """Energy of the saddle less that of the state, kT/v mm^2; differentiable, see `barrier`."""
+    state: State
+    """The stable state."""
+    saddle: State
+    """The saddle, with one negative eigenvalue."""
+
+
+def barrier(
+    model: Model,
+    gel: AnyGel,
+    *,
+    between: Loop | tuple[State, State],
+    mu: Scalar | None = None,
+    control: Control | None = None,
+    value: Scalar | None = None,
+    contact: str = "on",
+    loads: Float[Array, "n 2"] | None = None,
+) -> tuple[Barrier, Barrier]:
+    """The `Barrier`s from two stable states at ``mu`` (kT), or at a ``value`` of another ``control``, over the saddle between them.
+
+    ``between`` are the states, or a loop: its two states there, with the saddle on its unstable branch. Otherwise, or where that has none
+    there, the saddle is found by deflation from points between the states. Their heights are differentiable once in everything that model,
+    gel, control and value depend on, forward and reverse. ArithmeticError where a state is not found or unstable, where both are the same,
+    and where no equilibrium with exactly one negative eigenvalue is found between them; ValueError inside jit or vmap.
+    """
+    at = values_of(mu, control, value)
+    model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
+    loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads
+    problem = with_float_parameters(Problem(model, localised(model, gel), loads, None, control))
+
+    def find(of):
+        return _barriers(of[0], float(of[1]), between)
+
+    first, second = located("barrier", find, (problem, jnp.asarray(at, dtype=float)), "height", _change_of_height)
+    return first, second
+
+
+def _barriers(problem, value, between):
+    """[`Barrier`, `Barrier`] of a problem without tracers."""
+    analysis = StabilityAnalysis(prepare(problem.model, problem.gel, problem.loads, control=problem.control))
+    given = between.states_at(value) if isinstance(between, Loop) else between
+    states = [_state(analysis, value, state.x, state.pressure) for state in given]
+    where, spacing = f"{control_name(problem.control)} = {value:.6g}", problem.model.cloud.spacing
+    if any(state is None or state.negative_pivots for state in states):
+        raise ArithmeticError(f"barrier: a state between which it lies was not found at {where}, or is unstable")
+    if _same(*states, spacing):
+        raise ArithmeticError(f"barrier: both states are the same at {where}")
+    found = _on_unstable_branch(analysis, value, between) if isinstance(between, Loop) else []
+    found += [] if any(state.negative_pivots == 1 for state in found) else _by_deflation(analysis, value, states)
+    saddles = [state for state in found if state.negative_pivots == 1 and not any(_same(state, other, spacing) for other in states)]
+    if not saddles:
+        counts = sorted({state.negative_pivots for state in found})
+        seen = f", only some with {', '.join(map(str, counts))}" if counts else ""
+        raise ArithmeticError(f"barrier: no equilibrium with exactly one negative eigenvalue was found at {where}{seen}")
+    saddle = min(saddles, key=lambda state: state.energy)
+    return [Barrier(saddle.energy - state.energy, state.light, saddle.light) for state in states]
+
+
+def _state(analysis, value, x, pressure):
+    """`State` with its stability, or None."""
+    found = solve(analysis.problem, value, jnp.asarray(x), jnp.asarray(pressure), own_factor=True)
+    return _accepted(analysis, found) if found.status.ok else None
+
+
+def _accepted(analysis, found):
+    stability, found = analysis.check(found)
+    return accepted(analysis.problem, found, stability)
+
+
+def _same(state, other, spacing):
+    return float(np.abs(np.asarray(state.x) - np.asarray(other.x)).max()) < APART * spacing
+
+
+def _on_unstable_branch(analysis, value, loop):
+    """Equilibria at a value on the unstable branch of a loop, between whose states they lie."""
+    path, found = loop.unstable, []
+    if path is None:
+        return found
+    ends = [loop.fold_up, *(path[k] for k in range(len(path))), *([loop.fold_down] if loop.joined else [])]
+    for before, after in itertools.pairwise(ends):
+        low, high = float(before.value), float(after.value)
+        if low != high and (value - low) * (value - high) <= 0:
+            share = (value - low) / (high - low)
+            x, p = (here + share * (there - here) for here, there in ((before.x, after.x), (before.pressure, after.pressure)))
+            found.append(_state(analysis, value, x, p))
+    return [state for state in found if state is not None]
+
+
+def _by_deflation(analysis, value, states):
+    """Equilibria at a value between two stable ones, by deflation; from those with several negative eigenvalues along the second mode."""
+    problem, (first, second) = analysis.problem, (np.asarray(state.x) for state in states)
+    found: list[State] = []
+
+    def search(starts):
+        known = [first, second, *(np.asarray(state.x) for state in found)]
+        more = [_accepted(analysis, state) for state in deflated(problem, value, known, starts)]
+        found.extend(more)
+        return more
+
+    for share in SHARES:
+        for state in search([(1 - share) * first + share * second]):
+            if state.negative_pivots > 1:
+                search(_kicked(problem, state))
+        if any(state.negative_pivots == 1 for state in found):
+            break
+    return found
+
+
+def _kicked(problem, state) -> Sequence[Float[np.ndarray, "n 2"]]:
+    """Positions next to a state, moved along its second mode."""
+    mode = np.asarray(scatter(state.modes[:, 1], state.x.shape, problem.free))
+    size = problem.model.cloud.spacing / np.abs(mode).max()
+    return [np.asarray(state.x) + sign * kick * size * mode for kick in KICKS for sign in (1.0, -1.0)]
+
+
+def _change_of_height(point, _, of, dots):
+    return _energy_change(point.saddle.x, point.state.x, of, dots)
+
+
+@jax.jit
+def _energy_change(saddle, state, of, dots):
+    """Tangent () of the difference of two states' energies, the unknowns at rest."""
+
+    def height(of):
+        problem, value = of
+        nodes, (now, mu) = problem.model.cloud.nodes, problem.at(value)
+        moved = problem.carried(nodes - jax.lax.stop_gradient(nodes), jax.lax.stop_gradient(value))
+        energies = [total_energy(problem.placed(x + moved, value), now.model, now.gel, mu, now.loads) for x in (saddle, state)]
+        return energies[0] - energies[1]
+
+    return jax.jvp(height, (of,), (dots,))[1]

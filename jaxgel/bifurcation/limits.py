@@ -1,0 +1,91 @@
+"""Where a stable branch ends along a sweep that jumps from there to another one."""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..equilibrium import State, control_force, solve
+from ..mechanics import Problem, restrict
+from .points import CriticalPoint
+from .search import Shared, counted, crossings, fold_next_to, heads_for_fold, inside
+
+WORK = 1e-6  # of the control's force along the mode, relative: less is that of a bifurcation
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Limit:
+    """A jump of a sweep."""
+
+    at: int
+    """Number of the state after it."""
+    point: CriticalPoint | None
+    """Fold or subcritical bifurcation at which the branch ends; None where it was not located."""
+
+
+class Searches:
+    """What searches of a problem share, with contact and without."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+
+    def next_to(self, state: State) -> Shared:
+        """What the search next to a state uses."""
+        return self._without if state.contact_active is False or not self._problem.has_contact else self._with
+
+    @functools.cached_property
+    def _with(self):
+        return Shared.of(self._problem)
+
+    @functools.cached_property
+    def _without(self):
+        return Shared.of(self._problem.without_contact)
+
+
+def limits_of(searches: Searches, states: Sequence[State]) -> list[Limit]:
+    """The jumps between ``states`` that a sweep found on stable branches, in their order; supercritical bifurcations are none."""
+    found = []
+    for k in range(1, len(states)):
+        earlier, before, after = states[k - 2] if k > 1 else None, states[k - 1], states[k]
+        if earlier is not None and (before.switched or (before.value - earlier.value) * (after.value - before.value) < 0):
+            earlier = None  # of another branch, or on the other side
+        shared = searches.next_to(before)
+        if after.switched:
+            points = _bifurcations(shared, earlier, before, after) or _folds(shared, earlier, before, after)
+            limits = [point for point in points if _ends(point, after.value - before.value)]
+            passed = bool(points) and not limits
+            found += [] if passed else [Limit(k, limits[0] if limits else None)]
+        elif earlier is not None and heads_for_fold(earlier, before, after.value):
+            found += [Limit(k, point) for point in _folds(shared, earlier, before, after)]
+    return found
+
+
+def _folds(shared, earlier, before, after):
+    """[fold] between two states on the branch that leads from ``earlier`` to ``before``, or []."""
+    if earlier is None:
+        return []
+    found = fold_next_to(shared, earlier, before)
+    return [fold for fold in found if inside(fold.value, before.value, after.value, shared.tolerance) and _is_fold(shared, fold)]
+
+
+def _is_fold(shared, point):
+    """Whether the control does work on the mode, which it does not where a branch ends at a symmetric one."""
+    state = State(point.mu, point.x, point.pressure, control=None if shared.problem.control is None else point.value)
+    force, mode = control_force(shared.problem, state), restrict(point.modes[0], shared.problem.free)
+    return abs(force @ mode) > WORK * np.linalg.norm(force) * np.linalg.norm(mode)
+
+
+def _bifurcations(shared, earlier, before, after):
+    """Critical points between two states on the branch of ``before``, where that goes on, unstable, to the value of ``after``."""
+    start = [np.asarray(before.x), np.asarray(before.pressure)]
+    if earlier is not None:
+        share = (after.value - before.value) / (before.value - earlier.value)
+        start = [here + share * (here - there) for here, there in zip(start, (earlier.x, earlier.pressure), strict=True)]
+    beyond = solve(shared.problem, after.value, *start, own_factor=True)
+    return crossings(shared, earlier, before, counted(beyond)) if beyond.status.ok else []
+
+
+def _ends(point, forward):
+    """Whether a stable branch followed in the direction ``forward`` of the control ends with a jump at a point."""
+    return point.kind == "fold" or not point.curvature * forward > 0

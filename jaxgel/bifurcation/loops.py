@@ -1,0 +1,252 @@
+"""Loops: the stable branch up and down along a control, the limits of stability at which it jumps, and the unstable branch between them."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from .._threads import few_threads
+from .._types import Array, Float, Scalar
+from ..continuation import Followed, Following, Path, StabilityAnalysis, first_state_failed
+from ..controls import Control, check_control, control_name, unit_of
+from ..discretisation import Model
+from ..equilibrium import Stability, State, accepted, solve
+from ..materials import AnyGel, check_gel
+from ..mechanics import Problem, check_room, localised, prepare, restrict, with_contact
+from .branches import MAX_STATES, followed, leaving
+from .critical import ends_of, located
+from .limits import Searches, limits_of
+from .points import CriticalPoint
+from .search import inside
+
+MAX_STEPS = 400  # accepted states of both ways together
+LONGEST = 0.1  # step along the unstable branch, in its arc length
+SAME = 1e-3  # of the spacing: how far two states of one branch at one value may be from each other
+BEYOND = 0.25  # of the range: how far past its ends the unstable branch is followed
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Loop:
+    """The stable states of a gel driven from one value of a control to another and back, and where they jump."""
+
+    up: Path
+    """States from the first value to the last; ``switched`` after a jump, and where a branch leaves another one."""
+    down: Path | None
+    """States from the last value back to the first; None where the way up did not reach it."""
+    jumps_up: tuple[CriticalPoint, ...]
+    """Folds and subcritical bifurcations at which a stable branch ends on the way up; their ``value`` is differentiable, see `loop`."""
+    jumps_down: tuple[CriticalPoint, ...]
+    """Those on the way down."""
+    unstable: Path | None
+    """Unstable states from ``fold_up`` to ``fold_down``; None where there are none, or where they were not asked for."""
+    joined: bool
+    """Whether the unstable branch ends at ``fold_down``."""
+    loads: Float[Array, "n 2"]
+    """Dead nodal loads besides those of the control, kT/v mm."""
+    unlocated: tuple[float, ...] = ()
+    """Values after jumps whose limit of stability was not found."""
+
+    @property
+    def fold_up(self) -> CriticalPoint | None:
+        """Limit of stability at which the way up first leaves the branch of the first value; None where it does not."""
+        return self.jumps_up[0] if self.jumps_up else None
+
+    @property
+    def fold_down(self) -> CriticalPoint | None:
+        """Limit of stability at which the way down comes back to that branch, the last one of this way; None where there is none."""
+        return self.jumps_down[-1] if self.jumps_down else None
+
+    @property
+    def width(self) -> Scalar:
+        """Width of the loop in the control's unit: how much later it jumps on the way up than down; 0 without jumps, nan with one only."""
+        if self.fold_up is None and self.fold_down is None:
+            return float("nan") if self.unlocated or self.down is None else 0.0
+        if self.fold_up is None or self.fold_down is None:
+            return float("nan")
+        rising = float(self.up.value[-1]) > float(self.up.value[0])
+        return (self.fold_up.value - self.fold_down.value) * (1.0 if rising else -1.0)
+
+    def states_at(self, value: float) -> tuple[State, State]:
+        """The stable states at a ``value`` of the control on the way up and down; the same one where there is only one.
+
+        ValueError outside the loop's range, and where it has no way down; ArithmeticError where a state is not found.
+        """
+        if self.down is None:
+            raise ValueError(f"{self._name}: the loop has no way down, {self.stop_text}")
+        analysis = self._analysis
+        return _state_at(analysis, self.up, value, self.jumps_up), _state_at(analysis, self.down, value, self.jumps_down)
+
+    @property
+    def stop_text(self) -> str:
+        """How the way ended: "converged" where it came back to the first value, otherwise a diagnosis in one line."""
+        return (self.up if self.down is None else self.down).stop_text
+
+    @property
+    def text(self) -> str:
+        """One line that says what it is."""
+        if self.fold_up is None and self.fold_down is None:
+            jumped = f"; jumps before {', '.join(f'{value:.6g}' for value in self.unlocated)} were not located" if self.unlocated else ""
+            return ("no fold found" if jumped or self.down is None else "no loop: up and down the same branch, width 0") + jumped
+        said = [
+            f"{way} {self._name} = {float(point.value):.6g} ({point.kind})"
+            for way, points in (("up", self.jumps_up), ("down", self.jumps_down))
+            for point in points
+        ]
+        branch = "" if self.unstable is None else f"; unstable branch of {len(self.unstable)} states" + (", joined" if self.joined else "")
+        return f"width {float(self.width):.6g}{self._unit}, jumps {', '.join(said)}{branch}"
+
+    def __repr__(self) -> str:
+        ways = [path.value[[0, -1]] for path in (self.up, self.down) if path is not None]
+        values = " ... ".join(f"{value:.4g}" for value in [ways[0][0], *(way[1] for way in ways)])
+        return f"Loop over {self._name} = {values}{self._unit}: {self.text}; {self.stop_text}"
+
+    @property
+    def _name(self):
+        return control_name(self.up.control)
+
+    @property
+    def _unit(self):
+        return f" {unit_of(self.up.control)}".rstrip()
+
+    @property
+    def _analysis(self):
+        return StabilityAnalysis(prepare(self.up.model, self.up.gel, self.loads, control=self.up.control))
+
+
+def loop(
+    model: Model,
+    gel: AnyGel,
+    *,
+    mu: tuple[float, float] | None = None,
+    control: Control | None = None,
+    values: tuple[float, float] | None = None,
+    contact: str = "on",
+    loads: Float[Array, "n 2"] | None = None,
+    unstable: bool = True,
+    symmetry: str = "auto",
+    max_steps: int = MAX_STEPS,
+    on_step: Callable[[State], None] | None = None,
+) -> Loop:
+    """`Loop` of the stable branch between ``mu = (first, last)``, or ``values`` of another ``control``, and back in adaptive steps.
+
+    Where a stable branch ends, the gel relaxes to another stable state, which is marked ``switched``; where there is none the loop ends,
+    with the reason in ``stop_text``. The limits of stability are located to ``search.TOLERANCE``; their values, and so the width, are
+    differentiable once in everything that model, gel and control depend on, forward and reverse; the states are not. With ``unstable``
+    the branch between ``fold_up`` and ``fold_down`` is followed in arc length. ``contact``, ``loads``, ``symmetry`` and ``on_step`` are
+    those of `sweep`. ValueError for ends, gel or control that cannot be used, inside jit or vmap and for second derivatives;
+    ``SweepFailed`` where the first state is not found.
+    """
+    ends = ends_of(mu, control, values)
+    options = Following("stable", contact, adaptive=True, max_steps=max_steps, symmetry=symmetry, jumps=True)
+    model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
+    loads = np.zeros((model.n_nodes, 2)) if loads is None else loads
+    made = []
+
+    def find(problem):
+        made[:] = [_loop(problem, ends, options, unstable, on_step)]
+        return [*made[0].jumps_up, *made[0].jumps_down]
+
+    points = located("loop", find, Problem(model, localised(model, gel), loads, None, control))
+    count = len(made[0].jumps_up)
+    return dataclasses.replace(made[0], jumps_up=tuple(points[:count]), jumps_down=tuple(points[count:]))
+
+
+def _loop(problem, ends, options, unstable, on_step):
+    """`Loop` of a problem without tracers."""
+    check_gel(problem.gel)
+    check_control(problem.control, problem.gel, np.array([*ends, ends[0]]))
+    check_room(problem.model.cloud.plate)
+    with few_threads(2 * problem.model.n_nodes):
+        prepared, states = prepare(problem.model, problem.gel, problem.loads, control=problem.control), []
+        way = Followed(prepared, [*ends, ends[0]], options)
+        for state in way:
+            if on_step is not None:
+                on_step(state)
+            states.append(state.light)
+            del state  # its factor is freed before the next factorisation
+        if not states:
+            raise first_state_failed(problem.model, problem.control, ends[0], way.stop)
+        return _with_limits(prepared, states, ends, way.stop, unstable)
+
+
+def _with_limits(problem, states, ends, stop, unstable):
+    """`Loop` of the states of a sweep from the first of the ``ends`` to the last and back."""
+    turn = next((k for k, state in enumerate(states) if state.value == ends[1]), len(states))
+    ways, limits, searches = [states[: turn + 1], states[turn:]], [], Searches(problem)
+    for number, way in enumerate(ways):
+        limits.append(limits_of(searches, way))
+        jumps = {limit.at for limit in limits[-1]}
+        ways[number] = [dataclasses.replace(state, switched=True) if k in jumps else state for k, state in enumerate(way)]
+    ended = "" if stop.ok else f"stopped after {control_name(problem.control)} = {states[-1].value:.6g}: {stop.text}"
+
+    def path(way, last):
+        reason = dict(stop=stop, stop_text=ended) if last else {}
+        return Path.from_states(problem.model, problem.gel, way, control=problem.control, **reason)
+
+    paths = [path(way, last=number == 1 or not ways[1]) if way else None for number, way in enumerate(ways)]
+    made = Loop(
+        *paths,
+        *(tuple(limit.point for limit in found if limit.point is not None) for found in limits),
+        unstable=None,
+        joined=False,
+        loads=np.asarray(problem.loads),
+        unlocated=tuple(way[limit.at].value for way, found in zip(ways, limits, strict=True) for limit in found if limit.point is None),
+    )
+    if not unstable or made.fold_up is None:
+        return made
+    first = next(limit.at for limit in limits[0] if limit.point is not None)
+    return _with_unstable(made, ways[0][first - 1], ways[0][first])
+
+
+def _with_unstable(made, before, after):
+    """The loop with the unstable branch from ``fold_up``, between the states ``before`` and ``after`` it."""
+    analysis, point, values = made._analysis, made.fold_up, made.up.value
+    low, high = sorted(values[[0, -1]])
+    free, spacing = analysis.problem.free, made.up.model.cloud.spacing
+
+    def until(state):
+        if not low - BEYOND * (high - low) < state.value < high + BEYOND * (high - low):
+            return True
+        return state.negative_pivots == 0 and inside(state.value, low, high) and same(state)
+
+    def same(state):
+        if made.down is None:
+            return False
+        other = _state_at(analysis, made.down, state.value, made.jumps_down)
+        return float(np.abs(np.asarray(other.x) - np.asarray(state.x)).max()) < SAME * spacing
+
+    if point.kind == "fold":
+        stability = Stability(np.asarray(point.eigenvalues), None, point.unstable)
+        at = State(float(point.mu), point.x, point.pressure, control=before.control and float(point.value), stability=stability)
+        start = [before, accepted(analysis.problem, at, stability)]
+    else:
+        along = analysis.stiffness @ restrict(np.asarray(after.x) - point.x, free)
+        sign = 1.0 if along @ restrict(point.modes[0], free) >= 0 else -1.0
+        start, stop = leaving(analysis, point, sign * point.modes[0])
+        if not stop.ok:
+            return made
+    path = followed(analysis, start, None, LONGEST, MAX_STATES, given=1, until=until)
+    last = path[len(path) - 1]
+    joined = inside(last.value, low, high) and last.negative_pivots == 0 and same(last)
+    between = np.flatnonzero(path.negative_pivots > 0)
+    return dataclasses.replace(made, unstable=path.chosen(between) if len(between) else None, joined=joined)
+
+
+def _state_at(analysis, path, value, jumps):
+    """Stable `State` at a ``value`` of the control on one way of a loop."""
+    k = next((k for k in range(len(path) - 1) if min(path.value[k : k + 2]) <= value <= max(path.value[k : k + 2])), None)
+    name = control_name(path.control)
+    if k is None:
+        low, high = sorted(path.value[[0, -1]])
+        raise ValueError(f"{name}: {value:g} is outside of the loop, which goes from {low:g} to {high:g}")
+    before, after = path[k], path[k + 1]
+    share = (value - before.value) / (after.value - before.value)
+    if after.switched:
+        limits = [float(point.value) for point in jumps if inside(float(point.value), before.value, after.value)]
+        share = 0.0 if limits and (value - limits[0]) * (after.value - before.value) < 0 else 1.0
+    x, pressure = (here + share * (there - here) for here, there in ((before.x, after.x), (before.pressure, after.pressure)))
+    found = solve(analysis.problem, float(value), x, pressure, own_factor=True)
+    if not found.status.ok:
+        raise ArithmeticError(f"no state at {name} = {value:.6g}: {found.status.text}")
+    stability, found = analysis.check(found)
+    return accepted(analysis.problem, found, stability).light
