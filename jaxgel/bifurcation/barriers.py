@@ -1,20 +1,19 @@
 """Energy barriers between two stable states at one value of a control.
 
 A gel goes from one stable state to another over a saddle of the energy, an equilibrium with exactly one negative eigenvalue; of several
-that are found the lowest counts. The derivative of a barrier needs none of the states: their residual vanishes, so that the energy changes as it
-does with the unknowns at rest (envelope theorem), and the constrained nodes where the dry plate and the control move them.
+that are found the lowest counts. The derivative of a barrier needs none of the states: their residual vanishes, so that the energy changes
+as it does with the unknowns at rest (envelope theorem), and the constrained nodes where the dry plate and the control move them.
 """
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
-from ..continuation import StabilityAnalysis, values_of
+from ..continuation import StabilityAnalysis, across, values_of
 from ..controls import Control, control_name
 from ..discretisation import Model
 from ..equilibrium import State, accepted, solve
@@ -24,8 +23,8 @@ from .critical import located, with_float_parameters
 from .deflation import deflated
 from .loops import Loop
 
-SHARES = (0.5, 0.35, 0.65)  # of the way between two states: where their saddle is looked for
-KICKS = (0.5, 1.5)  # of the spacing: how far from an equilibrium with more negative eigenvalues, along the second mode
+SHARES = (0.5, 0.45, 0.55, 0.35, 0.65)  # of the way between two states: where their saddle is looked for
+KICKS = (0.5, 1.5)  # of the spacing: how far along a mode, too
 APART = 1e-3  # of the spacing: equilibria nearer to each other are the same
 
 
@@ -82,11 +81,13 @@ def _barriers(problem, value, between):
     if _same(*states, spacing):
         raise ArithmeticError(f"barrier: both states are the same at {where}")
     found = _on_unstable_branch(analysis, value, between) if isinstance(between, Loop) else []
-    found += [] if any(state.negative_pivots == 1 for state in found) else _by_deflation(analysis, value, states)
-    saddles = [state for state in found if state.negative_pivots == 1 and not any(_same(state, other, spacing) for other in states)]
+    saddles = _saddles(analysis, value, found, states)
+    if not saddles:
+        found += _by_deflation(analysis, value, states)
+        saddles = _saddles(analysis, value, found, states)
     if not saddles:
         counts = sorted({state.negative_pivots for state in found})
-        seen = f", only some with {', '.join(map(str, counts))}" if counts else ""
+        seen = f"; those found have {', '.join(map(str, counts))}" if counts else ""
         raise ArithmeticError(f"barrier: no equilibrium with exactly one negative eigenvalue was found at {where}{seen}")
     saddle = min(saddles, key=lambda state: state.energy)
     return [Barrier(saddle.energy - state.energy, state.light, saddle.light) for state in states]
@@ -123,30 +124,33 @@ def _on_unstable_branch(analysis, value, loop):
 
 
 def _by_deflation(analysis, value, states):
-    """Equilibria at a value between two stable ones, by deflation; from those with several negative eigenvalues along the second mode."""
-    problem, (first, second) = analysis.problem, (np.asarray(state.x) for state in states)
-    found: list[State] = []
-
-    def search(starts):
-        known = [first, second, *(np.asarray(state.x) for state in found)]
-        more = [_accepted(analysis, state) for state in deflated(problem, value, known, starts)]
-        found.extend(more)
-        return more
-
-    for share in SHARES:
-        for state in search([(1 - share) * first + share * second]):
-            if state.negative_pivots > 1:
-                search(_kicked(problem, state))
-        if any(state.negative_pivots == 1 for state in found):
-            break
-    return found
+    """Equilibria at a value between two stable ones, by deflation."""
+    known = [np.asarray(state.x) for state in states]
+    starts = [(1 - share) * known[0] + share * known[1] for share in SHARES]
+    return [_accepted(analysis, state) for state in deflated(analysis.problem, value, known, starts)]
 
 
-def _kicked(problem, state) -> Sequence[Float[np.ndarray, "n 2"]]:
-    """Positions next to a state, moved along its second mode."""
-    mode = np.asarray(scatter(state.modes[:, 1], state.x.shape, problem.free))
-    size = problem.model.cloud.spacing / np.abs(mode).max()
-    return [np.asarray(state.x) + sign * kick * size * mode for kick in KICKS for sign in (1.0, -1.0)]
+def _saddles(analysis, value, found, stable):
+    """The saddles among equilibria, and those that others reach along their second mode."""
+    saddles = []
+    for start in found:
+        state = start
+        while state is not None and state.negative_pivots > 1:
+            state = _lower(analysis, value, state, stable)
+        saddles += [state] if state is not None else []
+    return saddles
+
+
+def _lower(analysis, value, state, stable):
+    """An equilibrium next to an unstable one, along its second mode, that has fewer negative eigenvalues, though some; None without one."""
+    problem, mode = analysis.problem, state.modes[:, 1]
+    reached = [across(problem, state, mode)]
+    if reached[0] is None:
+        step = np.asarray(scatter(mode, state.x.shape, problem.free)) * problem.model.cloud.spacing / np.abs(mode).max()
+        starts = [np.asarray(state.x) + kick * step for kick in KICKS]
+        reached = deflated(problem, value, [np.asarray(one.x) for one in (*stable, state)], starts)
+    more = [_accepted(analysis, one) for one in reached]
+    return next((one for one in more if 0 < one.negative_pivots < state.negative_pivots), None)
 
 
 def _change_of_height(point, _, of, dots):

@@ -111,8 +111,7 @@ def followed(
     It goes to the value ``mu_end``, to the first state of which ``until`` says so, or to ``max_states`` states.
     """
     problem = analysis.problem
-    free, spacing = problem.free, problem.model.cloud.spacing
-    weight, slack = 1 / (len(states[0].x) * spacing**2), 1 / scale_of(problem.control) ** 2
+    free, (weight, slack) = problem.free, _weights(problem)
     nothing, stop, length = np.zeros((len(free), 0)), Status.TOO_MANY_STEPS, None
     while len(states) - given < max_states:
         old, last = states[-2], states[-1]
@@ -141,6 +140,18 @@ def followed(
             break
         length *= 1.6 if state.newton_iterations <= 4 else 1.0 if state.newton_iterations <= 6 else 0.6
     return _path(problem, states[given:], stop)
+
+
+def arc_length(problem: Problem, start: tuple[Float[Array, "n 2"], float], end: tuple[Float[Array, "n 2"], float]) -> float:
+    """Arc length of the straight line between two pairs of positions (n, 2) and value."""
+    dx, change = restrict(np.asarray(end[0]) - np.asarray(start[0]), problem.free), float(end[1]) - float(start[1])
+    weight, slack = _weights(problem)
+    return float(np.sqrt(weight * dx @ dx + slack * change**2))
+
+
+def _weights(problem):
+    """Weights of the squares of displacements and of the change of the control in an arc length."""
+    return 1 / (problem.model.n_nodes * problem.model.cloud.spacing**2), 1 / scale_of(problem.control) ** 2
 
 
 def _turned(state, last, direction, weights, free):

@@ -53,8 +53,8 @@ def limits_of(searches: Searches, states: Sequence[State]) -> list[Limit]:
         shared = searches.next_to(before)
         if after.switched:
             points = _bifurcations(shared, earlier, before, after) or _folds(shared, earlier, before, after)
-            limits = [point for point in points if _ends(point, after.value - before.value)]
-            passed = bool(points) and not limits
+            limits = [point for point in points if point.kind == "fold" or point.subcritical]
+            passed = bool(points) and not limits  # supercritical ones
             found += [] if passed else [Limit(k, limits[0] if limits else None)]
         elif earlier is not None and heads_for_fold(earlier, before, after.value):
             found += [Limit(k, point) for point in _folds(shared, earlier, before, after)]
@@ -84,8 +84,3 @@ def _bifurcations(shared, earlier, before, after):
         start = [here + share * (here - there) for here, there in zip(start, (earlier.x, earlier.pressure), strict=True)]
     beyond = solve(shared.problem, after.value, *start, own_factor=True)
     return crossings(shared, earlier, before, counted(beyond)) if beyond.status.ok else []
-
-
-def _ends(point, forward):
-    """Whether a stable branch followed in the direction ``forward`` of the control ends with a jump at a point."""
-    return point.kind == "fold" or not point.curvature * forward > 0

@@ -13,14 +13,16 @@ from ..discretisation import Model
 from ..equilibrium import Stability, State, accepted, solve
 from ..materials import AnyGel, check_gel
 from ..mechanics import Problem, check_room, localised, prepare, restrict, with_contact
-from .branches import MAX_STATES, followed, leaving
+from .branches import MAX_STATES, arc_length, followed, leaving
 from .critical import ends_of, located
 from .limits import Searches, limits_of
 from .points import CriticalPoint
 from .search import inside
 
 MAX_STEPS = 400  # accepted states of both ways together
-LONGEST = 0.1  # step along the unstable branch, in its arc length
+LONGEST = 0.1  # step along the unstable branch, in its arc length, or
+FEWEST = 30  # of its steps from one end to the other, if these are farther apart
+NEAR = 0.05  # of the range: how far a state next to a bifurcation is from its value
 SAME = 1e-3  # of the spacing: how far two states of one branch at one value may be from each other
 BEYOND = 0.25  # of the range: how far past its ends the unstable branch is followed
 
@@ -200,36 +202,54 @@ def _with_limits(problem, states, ends, stop, unstable):
 
 def _with_unstable(made, before, after):
     """The loop with the unstable branch from ``fold_up``, between the states ``before`` and ``after`` it."""
-    analysis, point, values = made._analysis, made.fold_up, made.up.value
-    low, high = sorted(values[[0, -1]])
-    free, spacing = analysis.problem.free, made.up.model.cloud.spacing
-
-    def until(state):
-        if not low - BEYOND * (high - low) < state.value < high + BEYOND * (high - low):
-            return True
-        return state.negative_pivots == 0 and inside(state.value, low, high) and same(state)
-
-    def same(state):
-        if made.down is None:
-            return False
-        other = _state_at(analysis, made.down, state.value, made.jumps_down)
-        return float(np.abs(np.asarray(other.x) - np.asarray(state.x)).max()) < SAME * spacing
-
+    analysis, point, end = made._analysis, made.fold_up, made.fold_down
     if point.kind == "fold":
         stability = Stability(np.asarray(point.eigenvalues), None, point.unstable)
-        at = State(float(point.mu), point.x, point.pressure, control=before.control and float(point.value), stability=stability)
+        at = State(float(point.mu), point.x, point.pressure, control=None if before.control is None else float(point.value))
         start = [before, accepted(analysis.problem, at, stability)]
     else:
-        along = analysis.stiffness @ restrict(np.asarray(after.x) - point.x, free)
-        sign = 1.0 if along @ restrict(point.modes[0], free) >= 0 else -1.0
-        start, stop = leaving(analysis, point, sign * point.modes[0])
+        start, stop = leaving(analysis, point, np.copysign(1.0, _along(analysis, point, after.x)) * point.modes[0])
         if not stop.ok:
             return made
-    path = followed(analysis, start, None, LONGEST, MAX_STATES, given=1, until=until)
-    last = path[len(path) - 1]
-    joined = inside(last.value, low, high) and last.negative_pivots == 0 and same(last)
+    search = _End(analysis, made)
+    far = point if end is None else end
+    longest = max(LONGEST, arc_length(analysis.problem, (after.x, point.value), (far.x, far.value)) / FEWEST)
+    path = followed(analysis, start, None, longest, MAX_STATES, given=1, until=search)
     between = np.flatnonzero(path.negative_pivots > 0)
-    return dataclasses.replace(made, unstable=path.chosen(between) if len(between) else None, joined=joined)
+    between = between[:-1] if search.joined and end.kind != "fold" else between  # the last one lies behind the end
+    return dataclasses.replace(made, unstable=path.chosen(between) if len(between) else None, joined=search.joined)
+
+
+def _along(analysis, point, x):
+    """Amplitude of the first mode of a point at the positions ``x``."""
+    free = analysis.problem.free
+    return restrict(np.asarray(x) - np.asarray(point.x), free) @ (analysis.stiffness @ restrict(point.modes[0], free))
+
+
+class _End:
+    """Whether a state is the last one of the unstable branch of a loop: where it joins the way down, or leaves the range of the control."""
+
+    def __init__(self, analysis, made):
+        self.analysis, self.made, self.joined, self.amplitude = analysis, made, False, 0.0
+        self.low, self.high = sorted(made.up.value[[0, -1]])
+
+    def __call__(self, state):
+        room, end = BEYOND * (self.high - self.low), self.made.fold_down
+        if not inside(state.value, self.low, self.high, room):
+            return True
+        if end is None:
+            return False
+        if end.kind == "fold":
+            self.joined = state.negative_pivots == 0 and inside(state.value, self.low, self.high) and self._is_stable_one(state)
+            return self.joined
+        before, self.amplitude = self.amplitude, _along(self.analysis, end, state.x)
+        self.joined = before * self.amplitude < 0 and abs(state.value - end.value) < NEAR * (self.high - self.low)
+        return self.joined
+
+    def _is_stable_one(self, state):
+        """Whether a stable state is that of the way down."""
+        other, spacing = _state_at(self.analysis, self.made.down, state.value, self.made.jumps_down), self.made.up.model.cloud.spacing
+        return float(np.abs(np.asarray(other.x) - np.asarray(state.x)).max()) < SAME * spacing
 
 
 def _state_at(analysis, path, value, jumps):

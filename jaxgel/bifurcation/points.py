@@ -67,11 +67,16 @@ class CriticalPoint:
         return representation_of(self.symmetries)
 
     @property
+    def subcritical(self) -> bool:
+        """Whether the branch that leaves a simple bifurcation lies where the one that it leaves has fewer negative eigenvalues."""
+        return self.curvature * self.slope > 0
+
+    @property
     def text(self) -> str:
         """One line that says what it is."""
         if self.kind == "fold":
             return "fold: the branch turns back"
-        side = "" if np.isnan(self.curvature) else ", supercritical" if self.curvature > 0 else ", subcritical"
+        side = "" if np.isnan(self.curvature) else ", subcritical" if self.subcritical else ", supercritical"
         kept = [name for name, character in self.symmetries.items() if self.multiplicity == 1 and character > KEPT]
         broken = [name for name, character in self.symmetries.items() if self.multiplicity == 1 and character < -KEPT]
         said = "; ".join(f"{word} {', '.join(names)}" for word, names in (("keeps", kept), ("breaks", broken)) if names)

@@ -7,6 +7,7 @@ from .options import BRANCHES, CONTACT, SweepOptions
 from .path import Path
 from .stability import ACCURACY, StabilityAnalysis, oriented
 from .sweeps import sweep, values_of
+from .switching import across
 
 __all__ = [
     "ACCURACY",
@@ -19,6 +20,7 @@ __all__ = [
     "StabilityAnalysis",
     "SweepFailed",
     "SweepOptions",
+    "across",
     "first_state_failed",
     "is_traced",
     "lowest_eigenvalue",

@@ -22,17 +22,15 @@ def stable_state(
 ) -> tuple[State, Stability] | None:
     """`State` without negative eigenvalues and its `Stability`, reached from an unstable state at the same value; None if none is found.
 
-    Along ``sign`` times the mode of the lowest eigenvalue the state is pinned at growing amplitudes, with the symmetries that the mode
-    leaves. The force that holds it points outwards at first; where it changes sign lies an equilibrium of another branch, and Newton's
-    method without the pin finds it. Loads that push choose the side, and before them the positions ``expected`` (n, 2), mm, of the branch
-    that a sweep came along, where these lean to one.
+    Along ``sign`` times the mode of the lowest eigenvalue the way leads `across`, with the symmetries that the mode leaves. Loads that push
+    choose the side, and before them the positions ``expected`` (n, 2), mm, of the branch that a sweep came along, where these lean to one.
     """
     for _ in range(MAX_SWITCHES):
         mode = sign * oriented(stability.vectors[:, :1], frames.problem)[:, 0]
         frame = frames.along_mode(state, mode)
         mode, problem = frame.along(mode), frame.problem
         push = _lean(frame, mode, expected, state) or np.asarray(gather(problem.loads, problem.free)) @ mode
-        found = _across(problem, frame.part(state), -mode if push < 0 else mode)
+        found = across(problem, frame.part(state), -mode if push < 0 else mode)
         if found is None:
             return None
         try:
@@ -54,8 +52,12 @@ def _lean(frame, mode, expected, state):
     return along if along**2 > LEANING * (apart @ (frame.stiffness @ apart)) else 0.0
 
 
-def _across(problem: Problem, state: State, mode: Float[Array, " f"]) -> State | None:
-    """The next `State` along ``mode``, with a factor of its own tangent, or None."""
+def across(problem: Problem, state: State, mode: Float[Array, " f"]) -> State | None:
+    """The next `State` that an unstable one reaches along a ``mode`` (f,), at its value, with a factor of its own tangent, or None.
+
+    The state is pinned at growing amplitudes of the mode. The force that holds it points outwards at first; where it changes sign lies an
+    equilibrium of another branch, and Newton's method without the pin finds it.
+    """
     mode = mode / np.linalg.norm(mode)
     start, pressure = jnp.asarray(state.x), state.pressure
     amplitude, force_before = FIRST_AMPLITUDE * problem.model.cloud.spacing / np.abs(mode).max(), None
