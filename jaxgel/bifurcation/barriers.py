@@ -16,14 +16,15 @@ from .._types import Array, Float, Scalar
 from ..continuation import StabilityAnalysis, across, values_of
 from ..controls import Control, control_name
 from ..discretisation import Model
-from ..equilibrium import State, accepted, solve
+from ..equilibrium import State, accepted, solve, solve_pinned
 from ..materials import AnyGel
-from ..mechanics import Problem, localised, prepare, scatter, total_energy, with_contact
+from ..mechanics import Problem, localised, prepare, restrict, scatter, total_energy, with_contact
 from .critical import located, with_float_parameters
 from .deflation import deflated
 from .loops import Loop
 
 SHARES = (0.5, 0.45, 0.55, 0.35, 0.65)  # of the way between two states: where their saddle is looked for
+PULLS = 20  # states on the way along which a force pulls the gel from one to the other
 KICKS = (0.5, 1.5)  # of the spacing: how far along a mode, too
 APART = 1e-3  # of the spacing: equilibria nearer to each other are the same
 
@@ -124,10 +125,31 @@ def _on_unstable_branch(analysis, value, loop):
 
 
 def _by_deflation(analysis, value, states):
-    """Equilibria at a value between two stable ones, by deflation."""
-    known = [np.asarray(state.x) for state in states]
-    starts = [(1 - share) * known[0] + share * known[1] for share in SHARES]
-    return [_accepted(analysis, state) for state in deflated(analysis.problem, value, known, starts)]
+    """Equilibria at a value between two stable ones, by deflation: from a good start, else from points of a straight line."""
+    problem, known = analysis.problem, [np.asarray(state.x) for state in states]
+    for starts in (_turn_of_force(problem, value, *states), [(1 - share) * known[0] + share * known[1] for share in SHARES]):
+        found = [_accepted(analysis, state) for state in deflated(problem, value, known, starts)]
+        if any(state.negative_pivots for state in found):
+            return found
+    return []
+
+
+def _turn_of_force(problem, value, first, second):
+    """[x] next to an equilibrium between two stable ones, where the force that pulls from one to the other turns; [] without one."""
+    at, pressure = np.asarray(first.x), np.asarray(first.pressure)
+    way = restrict(np.asarray(second.x) - at, problem.free)
+    length = np.linalg.norm(way)
+    x, before, force = at + np.asarray(scatter(way / PULLS, at.shape, problem.free)), (at, pressure), np.inf
+    for number in range(1, PULLS):
+        pulled, after = solve_pinned(problem, value, x, pressure, way / length, first.x, length * number / PULLS)
+        if not pulled.status.ok:
+            return []
+        now, last = (np.asarray(pulled.x), np.asarray(pulled.pressure)), before
+        if after <= 0 < force:
+            return [now[0] if not np.isfinite(force) else last[0] + force / (force - after) * (now[0] - last[0])]
+        x, pressure = (2 * new - old for new, old in zip(now, last, strict=True))
+        before, force = now, after
+    return []
 
 
 def _saddles(analysis, value, found, stable):
