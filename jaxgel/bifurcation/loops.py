@@ -22,7 +22,6 @@ from .search import inside
 MAX_STEPS = 400  # accepted states of both ways together
 LONGEST = 0.1  # step along the unstable branch, in its arc length, or
 FEWEST = 30  # of its steps from one end to the other, if these are farther apart
-NEAR = 0.05  # of the range: how far a state next to a bifurcation is from its value
 SAME = 1e-3  # of the spacing: how far two states of one branch at one value may be from each other
 BEYOND = 0.25  # of the range: how far past its ends the unstable branch is followed
 
@@ -211,12 +210,12 @@ def _with_unstable(made, before, after):
         start, stop = leaving(analysis, point, np.copysign(1.0, _along(analysis, point, after.x)) * point.modes[0])
         if not stop.ok:
             return made
-    search = _End(analysis, made)
     far = point if end is None else end
     longest = max(LONGEST, arc_length(analysis.problem, (after.x, point.value), (far.x, far.value)) / FEWEST)
+    search = _End(analysis, made, longest)
     path = followed(analysis, start, None, longest, MAX_STATES, given=1, until=search)
     between = np.flatnonzero(path.negative_pivots > 0)
-    between = between[:-1] if search.joined and end.kind != "fold" else between  # the last one lies behind the end
+    between = between[:-1] if search.joined and end.kind != "fold" else between  # the last one may lie behind the end
     return dataclasses.replace(made, unstable=path.chosen(between) if len(between) else None, joined=search.joined)
 
 
@@ -229,8 +228,8 @@ def _along(analysis, point, x):
 class _End:
     """Whether a state is the last one of the unstable branch of a loop: where it joins the way down, or leaves the range of the control."""
 
-    def __init__(self, analysis, made):
-        self.analysis, self.made, self.joined, self.amplitude = analysis, made, False, 0.0
+    def __init__(self, analysis, made, longest):
+        self.analysis, self.made, self.longest, self.joined = analysis, made, longest, False
         self.low, self.high = sorted(made.up.value[[0, -1]])
 
     def __call__(self, state):
@@ -241,9 +240,8 @@ class _End:
             return False
         if end.kind == "fold":
             self.joined = state.negative_pivots == 0 and inside(state.value, self.low, self.high) and self._is_stable_one(state)
-            return self.joined
-        before, self.amplitude = self.amplitude, _along(self.analysis, end, state.x)
-        self.joined = before * self.amplitude < 0 and abs(state.value - end.value) < NEAR * (self.high - self.low)
+        else:
+            self.joined = arc_length(self.analysis.problem, (state.x, state.value), (end.x, end.value)) < self.longest
         return self.joined
 
     def _is_stable_one(self, state):

@@ -22,6 +22,7 @@ from .points import KEPT, CriticalPoint, Expansion, expand
 
 ITERATIONS = 15
 TOLERANCE = 1e-9  # of a critical value, in scales of the control
+LAST_STEP = 1e-4  # of the distance between two states: a fold's value is stationary, so that its mode needs more steps than its value
 TOGETHER = 5e-3  # crossings closer than this, in scales of the control, are searched as one multiple eigenvalue
 
 
@@ -220,7 +221,7 @@ def fold_next_to(shared: Shared, before: State, last: State) -> list[CriticalPoi
         if not state.status.ok:
             return []
         dx, slope = rise(state)
-        if abs(slope * step) < shared.tolerance:
+        if abs(slope * step) < shared.tolerance and abs(step) < LAST_STEP * between:
             mode = dx[:, None] / np.sqrt(dx @ (shared.stiffness @ dx))
             force = control_force(problem, state)
             local = Expansion(-float(mode[:, 0] @ force), 0.0, float("nan"), np.zeros(len(free)))

@@ -1,0 +1,312 @@
+"""Loops of a beam that snaps through under a transverse load, and of plates that come back the way they went."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.continuation import StabilityAnalysis
+from jaxgel.controls import Driven, Load, Setting
+from jaxgel.mechanics import prepare, restrict
+
+MU = -1.4  # kT: the beam has buckled, and its limits of stability are folds; it buckles at -1.72
+STEEP = -0.6  # it loses its stability to a mode that turns its middle, before the fold
+AT = 0.02  # of the load, inside the loop
+
+
+class Beam:
+    """A gel of 10 x 1 mm between two walls, free above and below, with a force across its middle; 63 nodes."""
+
+    def __init__(self):
+        plate = jaxgel.Plate(10, 1, [], edges={"left": "fixed", "right": "fixed", "top": "free", "bottom": "free"}, spacing=0.5)
+        self.model = jaxgel.discretise(jaxgel.make_cloud(plate))
+        nodes = np.asarray(self.model.cloud.nodes)
+        middle = np.abs(nodes[:, 0]) < 1e-9
+        self.loads = np.stack([np.zeros(len(nodes)), middle / middle.sum() * 1e-3], axis=1)
+        self.middle = int(np.flatnonzero(np.abs(nodes).max(axis=1) < 1e-9)[0])
+        self.gel = jaxgel.Gel(Nv=1e-2, chi=0.1)
+
+    def control(self, mu=MU):
+        """By the force."""
+        return Load(self.loads, mu=mu, scale=0.1)
+
+    def loop(self, gel=None, mu=MU, values=(-0.5, 0.5), **options):
+        """Up and down."""
+        return jaxgel.loop(self.model, self.gel if gel is None else gel, control=self.control(mu), values=values, **options)
+
+    def height(self, state):
+        """Of the middle above its dry place, mm."""
+        return float(state.x[self.middle, 1])
+
+
+@pytest.fixture(scope="module")
+def beam():
+    return Beam()
+
+
+@pytest.fixture(scope="module")
+def loop(beam):
+    return beam.loop()
+
+
+def test_a_beam_snaps_at_two_folds_that_mirror_each_other(beam, loop):
+    """Both are located to 1e-9 of the control's scale."""
+    assert (loop.fold_up.kind, loop.fold_down.kind) == ("fold", "fold")
+    assert loop.fold_up.value == pytest.approx(-loop.fold_down.value, abs=1e-9)
+    assert loop.width == pytest.approx(2 * loop.fold_up.value, abs=1e-9)
+    assert np.sum(loop.up.switched) == np.sum(loop.down.switched) == 1
+    assert not loop.up.negative_pivots.any() and not loop.down.negative_pivots.any()
+    heights = [beam.height(path[k]) for path in (loop.up, loop.down) for k in (0, -1)]
+    assert np.sign(heights).tolist() == [-1, 1, 1, -1]
+    assert str(loop) == (
+        "Loop over load = -0.5 ... 0.5 ... -0.5: width 0.199341, jumps up load = 0.0996703 (fold), down load = -0.0996703 (fold); "
+        f"unstable branch of {len(loop.unstable)} states, joined; converged"
+    )
+
+
+def test_the_unstable_branch_joins_both_folds(beam, loop):
+    """Its states have one negative eigenvalue and lie between those of the folds; in the middle the beam is straight."""
+    assert loop.joined and set(loop.unstable.negative_pivots.tolist()) == {1}
+    values, heights = loop.unstable.value, [beam.height(loop.unstable[k]) for k in range(len(loop.unstable))]
+    assert np.all(np.diff(values) < 0) and np.all(np.diff(heights) > 0)
+    assert loop.fold_down.value < values[-1] < values[0] < loop.fold_up.value
+    straight = np.interp(0.0, -values, heights)
+    assert straight == pytest.approx(0.0, abs=1e-2)  # read off a chord
+
+
+def test_states_on_either_side_are_distinct_inside_the_loop_only(beam, loop):
+    up, down = loop.states_at(AT)
+    assert beam.height(up) < 0 < beam.height(down) and up.negative_pivots == down.negative_pivots == 0
+    mirrored, _ = loop.states_at(-AT)
+    assert beam.height(mirrored) == pytest.approx(-beam.height(down), rel=1e-9)
+    for outside in (-0.3, 0.3):
+        np.testing.assert_allclose(*(state.x for state in loop.states_at(outside)), atol=1e-9)
+    with pytest.raises(ValueError, match=r"^load: 0.6 is outside of the loop, which goes from -0.5 to 0.5$"):
+        loop.states_at(0.6)
+
+
+def relocated(beam, v):
+    """Folds and width of the beam with Nv, chi and mu."""
+    found = beam.loop(jaxgel.Gel(v[0], v[1]), v[2], values=(-0.3, 0.3), unstable=False)
+    return jnp.array([found.fold_up.value, found.fold_down.value, found.width])
+
+
+def extrapolated(function, at, direction, step):
+    """Derivative of a function by differences of two steps."""
+    at, e = np.asarray(at), np.asarray(direction)
+    near, far = ((np.asarray(function(at + s * e)) - np.asarray(function(at - s * e))) / (2 * s) for s in (step / 2, step))
+    return (4 * near - far) / 3
+
+
+PARAMETERS = [
+    pytest.param(0, 2e-5, marks=pytest.mark.slow),
+    pytest.param(1, 1e-3, marks=pytest.mark.slow),
+    pytest.param(2, 1e-3, marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("of", "step"), PARAMETERS, ids=["Nv", "chi", "mu"])
+def test_derivatives_of_folds_and_width_are_differences_of_relocated_ones(beam, of, step):
+    """Measured 3e-7 and less."""
+    at, e = np.array([1e-2, 0.1, MU]), np.eye(3)[of]
+    _, slope = jax.jvp(lambda v: relocated(beam, v), (jnp.asarray(at),), (jnp.asarray(e),))
+    np.testing.assert_allclose(slope, extrapolated(lambda v: relocated(beam, v), at, e, step), rtol=1e-5)
+
+
+def test_the_derivative_of_a_fold_by_the_load_itself_is_exact(beam):
+    """With all forces twice as large the folds lie at half the load."""
+
+    def located(size):
+        found = jaxgel.loop(beam.model, beam.gel, control=Load(size * beam.loads, mu=MU, scale=0.1), values=(-0.2, 0.2), unstable=False)
+        return jnp.stack([found.fold_up.value, found.fold_down.value])
+
+    values, slopes = jax.jvp(located, (1.0,), (1.0,))
+    np.testing.assert_allclose(slopes, -values, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_forward_equals_reverse(beam):
+    at, direction = jnp.array([1e-2, 0.1, MU]), jnp.array([1e-3, 0.1, 0.3])
+
+    def width(v):
+        return relocated(beam, v)[2]
+
+    _, forward = jax.jvp(width, (at,), (direction,))
+    assert float(forward) == pytest.approx(float(jax.grad(width)(at) @ direction), rel=1e-9)  # the same sum in another order
+
+
+# --- barriers ----------------------------------------------------------------------------------------------------------------
+
+
+def test_the_barrier_is_that_of_one_saddle_by_arc_length_and_by_deflation(beam, loop):
+    """The saddle has exactly one negative eigenvalue; without a load both sides are as high."""
+    by_loop = jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=AT, between=loop)
+    by_states = jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=AT, between=loop.states_at(AT))
+    for one, other in zip(by_loop, by_states, strict=True):
+        assert one.saddle.negative_pivots == other.saddle.negative_pivots == 1 and one.state.negative_pivots == 0
+        assert one.height == pytest.approx(other.height, rel=1e-8)  # energies of 1e-2 that differ by 4e-5
+    difference = by_loop[0].height - by_loop[1].height
+    assert difference == pytest.approx(by_loop[1].state.energy - by_loop[0].state.energy, rel=1e-9)
+    first, second = jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=0.0, between=loop)
+    assert first.height == pytest.approx(second.height, rel=1e-8) and first.height > 0
+
+
+def barriers(beam, states, v):
+    """Both heights at Nv, chi, mu and load."""
+    gel, control = jaxgel.Gel(v[0], v[1]), beam.control(v[2])
+    return jnp.stack([one.height for one in jaxgel.barrier(beam.model, gel, control=control, value=v[3], between=states)])
+
+
+@pytest.mark.slow
+def test_derivatives_of_a_barrier_are_differences_in_reverse(beam, loop):
+    """Along four directions at once in reverse; measured 3e-9."""
+    at, states, steps = np.array([1e-2, 0.1, MU, AT]), loop.states_at(AT), [2e-5, 1e-3, 1e-3, 1e-3]
+    slopes = jax.jacrev(lambda v: barriers(beam, states, v))(jnp.asarray(at))
+    for slope, e, step in zip(slopes.T, np.eye(4), steps, strict=True):
+        np.testing.assert_allclose(slope, extrapolated(lambda v: barriers(beam, states, v), at, e, step), rtol=1e-6)
+
+
+def test_the_derivative_of_a_barrier_by_the_control_is_a_difference(beam, loop):
+    """Measured 8e-10."""
+    at, states, e = np.array([1e-2, 0.1, MU, AT]), loop.states_at(AT), np.eye(4)[3]
+    _, slope = jax.jvp(lambda v: barriers(beam, states, v), (jnp.asarray(at),), (jnp.asarray(e),))
+    np.testing.assert_allclose(slope, extrapolated(lambda v: barriers(beam, states, v), at, e, 1e-3), rtol=1e-6)
+
+
+def test_a_barrier_has_first_derivatives_only(beam, loop):
+    states = loop.states_at(AT)
+
+    def slope(v):
+        return jax.jvp(lambda v: barriers(beam, states, v), (v,), (jnp.eye(4)[3],))[1]
+
+    with pytest.raises(ValueError, match=r"^barrier: has first derivatives only"):
+        jax.jvp(slope, (jnp.array([1e-2, 0.1, MU, AT]),), (jnp.eye(4)[3],))
+
+
+def pushed_and_stretched(value, gel, mu, rate, loads):
+    """A force across the gel while its walls move apart."""
+    return Setting(mu, gel, deformation=jnp.diag(jnp.array([1.0 + rate * value, 1.0])), loads=value * loads)
+
+
+@pytest.mark.slow
+def test_a_control_may_move_the_edges_and_a_design_the_hole(beam):
+    """A beam with a hole: derivatives of folds and barriers by its semi-axis, the rate at which the walls move, and the control."""
+    plate = dataclasses.replace(beam.model.cloud.plate, holes=(jaxgel.Ellipse((1.5, 0.05), (0.3, 0.2)),), nodes_per_hole=8)
+    cloud = jaxgel.make_cloud(plate)
+    middle = np.abs(np.asarray(cloud.nodes)[:, 0]) < 0.3
+    loads = np.stack([np.zeros(len(middle)), middle / middle.sum() * 1e-3], axis=1)
+
+    def control(rate):
+        return Driven(pushed_and_stretched, (MU, rate, jnp.asarray(loads)), scale=0.1)
+
+    states = jaxgel.loop(jaxgel.discretise(cloud), beam.gel, control=control(0.05), values=(-0.4, 0.4), unstable=False).states_at(AT)
+
+    def all_of(v):
+        model = jaxgel.discretise(cloud.at(plate.at([{"semi_axes": jnp.array([v[0], 0.2])}])))
+        found = jaxgel.loop(model, beam.gel, control=control(v[1]), values=(-0.4, 0.4), unstable=False)
+        heights = [one.height for one in jaxgel.barrier(model, beam.gel, control=control(v[1]), value=v[2], between=states)]
+        return jnp.stack([found.fold_up.value, found.fold_down.value, *heights])
+
+    at = np.array([0.3, 0.05, AT])
+    slopes = np.asarray(jax.jacrev(all_of)(jnp.asarray(at)))
+    for slope, e, step in zip(slopes.T, np.eye(3), (2e-4, 1e-3, 1e-3), strict=True):
+        np.testing.assert_allclose(slope, extrapolated(all_of, at, e, step), rtol=1e-5, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_saddle_off_the_unstable_branch_is_found(beam):
+    """The steep beam loses its stability at a subcritical bifurcation; deflation finds a straight state with two negative eigenvalues
+    first, from which the saddle is reached along the second mode."""
+    loop = beam.loop(mu=STEEP, values=(-2.0, 2.0))
+    assert [point.kind for point in (loop.fold_up, loop.fold_down)] == ["bifurcation"] * 2
+    assert loop.fold_up.subcritical and loop.fold_down.subcritical and loop.joined
+    assert loop.fold_up.value == pytest.approx(-loop.fold_down.value, abs=1e-8)
+    assert set(loop.unstable.negative_pivots.tolist()) == {1}
+    heights = [
+        jaxgel.barrier(beam.model, beam.gel, control=beam.control(STEEP), value=AT, between=between)[0].height
+        for between in (loop, loop.states_at(AT))
+    ]
+    assert heights[0] == pytest.approx(heights[1], rel=1e-8)
+
+
+def test_one_state_twice_has_no_barrier(beam, loop):
+    with pytest.raises(ArithmeticError, match=r"^barrier: both states are the same at load = 0.4$"):
+        jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=0.4, between=loop)
+
+
+def test_a_saddle_needs_exactly_one_negative_eigenvalue(beam, loop, monkeypatch):
+    """Where deflation finds nothing, and on the unstable branch as if it had two."""
+    monkeypatch.setattr("jaxgel.bifurcation.barriers.deflated", lambda *_: [])
+    with pytest.raises(ArithmeticError, match=r"^barrier: no equilibrium with exactly one negative eigenvalue was found at load = 0.02$"):
+        jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=AT, between=loop.states_at(AT))
+
+
+# --- without a loop ----------------------------------------------------------------------------------------------------------
+
+
+def test_up_and_down_are_the_same_branch_where_there_is_no_fold(beam):
+    """Far below its buckling the beam only bends: states at the same loads to 1e-9 mm."""
+    loop = beam.loop(mu=-3.0)
+    assert (loop.fold_up, loop.fold_down, loop.width, loop.unstable) == (None, None, 0.0, None)
+    assert loop.text == "no loop: up and down the same branch, width 0"
+    for value in (-0.3, 0.1, 0.45):
+        np.testing.assert_allclose(*(state.x for state in loop.states_at(value)), atol=1e-9)
+
+
+def test_a_buckled_plate_comes_back_through_its_bifurcation(buckling_model, buckling_point):
+    """Sample 4: the way down has the rotations of the way up and is straight below the critical mu."""
+    mu = [-2.2, -1.7, -1.55, -1.45]
+    path = jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[*mu, *mu[-2::-1]])
+    assert mu[1] < buckling_point.value < mu[2]
+    rotation = np.asarray(jaxgel.core_rotation(path))
+    np.testing.assert_allclose(rotation, rotation[::-1], atol=1e-9)
+    assert np.abs(rotation[:2]).max() < 1e-9 < 5 < np.abs(rotation[2])
+
+
+@pytest.mark.slow
+def test_a_supercritical_bifurcation_is_no_jump(buckling_model):
+    loop = jaxgel.loop(buckling_model, buckling_model.cloud.plate.gel, mu=(-2.2, -1.45))
+    assert loop.width == 0.0 and loop.fold_up is None and loop.up.switched.any()
+
+
+def test_with_an_imperfection_the_departure_grows_by_its_cube_root(buckling_model, buckling_point):
+    """At the critical mu, along the mode, on the way up and down: 0.332 to 0.328 for loads of 1e-3 to 1.6e-2 spacings."""
+    gel, sizes, departures = buckling_model.cloud.plate.gel, [1e-3, 4e-3, 1.6e-2], {"up": [], "down": []}
+    analysis = StabilityAnalysis(prepare(buckling_model, gel))
+    free = analysis.problem.free
+    weighted, critical = analysis.stiffness @ restrict(buckling_point.modes[0], free), float(buckling_point.value)
+    for size in sizes:
+        loads = jaxgel.imperfection(buckling_model, gel, buckling_point, size)
+        path = jaxgel.sweep(buckling_model, gel, mu=[-2.2, -1.85, -1.7, critical, -1.5, -1.55, critical], loads=loads, contact="off")
+        assert not path.negative_pivots.any() and not path.switched.any()
+        for way, k in (("up", 3), ("down", 6)):
+            departures[way].append(abs(weighted @ restrict(np.asarray(path.x[k]) - buckling_point.x, free)))
+    np.testing.assert_allclose(departures["up"], departures["down"], rtol=1e-7)
+    for departure in departures.values():
+        exponents = np.diff(np.log(departure)) / np.diff(np.log(sizes))
+        np.testing.assert_allclose(exponents, 1 / 3, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((0.1, 0.1), r"load: 0.1 is followed by 0.1, the values must differ from one to the next"),
+        ([-0.5, 0.5], r"load: \[-0.5, 0.5\] is not accepted, it must be a tuple \(first, last\)"),
+        ((-0.5, 0.1, 0.5), r"load: \(-0.5, 0.1, 0.5\) is not accepted, it must be a tuple \(first, last\)"),
+    ],
+)
+def test_ends_that_are_no_ends_are_refused(beam, values, message):
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        beam.loop(values=values)
+
+
+def test_a_loop_that_cannot_go_on_says_why(beam):
+    """After three states of both ways together."""
+    loop = beam.loop(max_steps=3)
+    assert loop.down is None and np.isnan(loop.width)
+    assert loop.stop_text.startswith("stopped after load = ") and "raise max_steps" in loop.stop_text
+    with pytest.raises(ValueError, match=r"^load: the loop has no way down, stopped after"):
+        loop.states_at(0.0)
