@@ -45,14 +45,14 @@ def _resume_run(args):
 
 
 def outline(args: Namespace) -> int:
-    """``jaxgel outline``: write the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``.
+    """``jaxgel outline``: write the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``, its control.
 
     Beside a dry outline it writes the masks of a printed gel.
     """
     case, regions = None, []
     if args.mu is not None:
         path = load_path(args.source)
-        name, gel = File(args.source).name, swollen_gel(path, int(np.abs(np.asarray(path.mu) - args.mu).argmin()))
+        name, gel = File(args.source).name, swollen_gel(path, int(np.abs(np.asarray(path.value) - args.mu).argmin()))
     else:
         summary = load_run(args.source).summary if File(args.source).is_dir() else None
         case = from_table(summary["options"], summary["case"]) if summary else load_case(args.source)

@@ -125,7 +125,8 @@ def _folder_commands(add):
     )
     p.add_argument("source", metavar="DIR|CASE", help="folder written by jaxgel run, a built-in name or the path of a TOML file")
     p.add_argument("--format", default="dxf", metavar="dxf|svg|stl|png", help="kind of file (default: dxf)")
-    p.add_argument("--mu", type=_real, metavar="MU", help="the state of the run nearest to this mu in kT (default: the dry plate)")
+    near = "the state of the run nearest to this value of mu in kT, or of its other control, the first of several (default: the dry plate)"
+    p.add_argument("--mu", "--at", type=_real, metavar="V", help=near)
     p.add_argument("--height", type=_real, default=1.0, metavar="H", help="height in mm of the extruded STL (default: 1)")
     p.add_argument(
         "--pixels-per-mm", type=_real, metavar="P", help="scale of PNG files (default: a round number, at most 2000 pixels along a side)"
@@ -138,7 +139,7 @@ def _folder_commands(add):
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
     p.add_argument("--out", metavar="FILE", help="the file (default: DIR/run.nc)")
 
-    p = _cache_option(add("folders.view", "view", "write one HTML page of a run's folder, with a slider for mu"))
+    p = _cache_option(add("folders.view", "view", "write one HTML page of a run's folder, with a slider for its states"))
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run")
     p.add_argument("--out", metavar="FILE", help="the page (default: DIR/view.html)")
 

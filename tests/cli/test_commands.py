@@ -107,7 +107,7 @@ def test_unusable_arguments_are_one_line_and_exit_code_2(arguments, message, cap
         (CASE + hole(-4.6, 0, 5) + hole(5.6, 0, 5) + "[discretisation]\nspacing = 2.2\n", "ligament"),
         (CASE + hole(0, 0, 4) + "[gel]\nNv = -1.0\n", "Nv"),
         (CASE + hole(0, 0, 4) + "[gel]\nchi = 2.0\n", "chi"),
-        (CASE + hole(0, 0, 4) + "[sweep]\nmu = [-2.0, -3.0]\n", "mu"),
+        (CASE + hole(0, 0, 4) + "[sweep]\nmu = [-2.0, -2.0]\n", "mu"),
         (CASE + "[[holes]\n", "is not TOML"),
     ],
 )

@@ -12,7 +12,7 @@ import pytest
 from jaxgel.cases import load_case, load_path
 from jaxgel.cases.page import page
 from jaxgel.cli import command_line as cli
-from jaxgel.io import Progress, Recorder, export, load_run, write_series
+from jaxgel.io import Progress, Recorder, export, load_run, swollen_gel, write_outline, write_series
 from jaxgel.observables import COLUMNS, events, history
 from jaxgel.plotting import plot_curve, plot_curves, plot_pattern, plot_patterns, show_path
 
@@ -140,6 +140,13 @@ def test_events_say_where_the_control_was_and_which_way_it_went(turned):
     (event,) = events(table | {"negative_pivots": pivots})
     assert (event["state"], event["chi"], event["chi_before"]) == (len(turned) - 1, 0.5, turned.value[-2])
     assert event["text"].endswith(f"between chi = {turned.value[-2]:.4f} and 0.5000")
+
+
+def test_an_outline_is_that_at_a_value_of_the_control(folder, tmp_path):
+    assert cli.main(["outline", str(folder), "--at", "0.31", "--format", "svg", "--out", str(tmp_path / "gel.svg")]) == 0
+    turning = int(load_run(folder).value.argmin())
+    write_outline(swollen_gel(load_path(folder), turning), tmp_path / "turning.svg")
+    assert (tmp_path / "gel.svg").read_bytes() == (tmp_path / "turning.svg").read_bytes()
 
 
 def test_progress_goes_on_where_the_control_turns():
