@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from jaxgel.cases import case_text, from_table, load_case
+from jaxgel.cases import case_text, from_table, load_case, load_map, load_study, study_from_table
 from jaxgel.continuation import SweepOptions
 from jaxgel.controls import DrivenParameter, Load, Stretch
 from jaxgel.materials import Pnipam, Polyelectrolyte
@@ -114,3 +114,52 @@ def test_another_control_takes_the_place_of_the_values_of_the_former(tmp_path):
     (tmp_path / "case.toml").write_text('[plate]\nwidth = 4.0\nheight = 4.0\n[sweep]\ncontrol = "chi"\nvalues = [0.1, 0.2]\n')
     with pytest.raises(ValueError, match=r"^sweep\.to: 0\.3 has no effect, as the case lists its values of chi; change that list"):
         load_case(tmp_path / "case.toml", {"sweep": {"to": 0.3}})
+
+
+STUDY = """
+[plate]
+width = 8.0
+height = 8.0
+[[holes]]
+kind = "circle"
+centre = [0.0, -0.2]
+radius = 2.0
+[sweep]
+control = "chi"
+values = {values}
+at_mu = -2.0
+[[parameters]]
+of = "radius"
+lower = 1.9
+upper = 2.1
+[[objective]]
+of = "area_reduction"
+goal = "maximise"
+at = {at}
+"""
+
+
+def test_a_study_counts_at_values_of_its_control(tmp_path):
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY.format(values=[0.5, 0.3], at=0.3))
+    study = load_study(file)
+    assert study.problem.mu == [0.5, 0.3] and study.problem.sweep.values == [0.5, 0.3]
+    assert study_from_table(study.table, "again").problem.sweep == study.problem.sweep
+    for values, at, message in (
+        ([0.5, 0.3], 0.4, r"objective[0].at: 0.4 is not one of the sweep's values (0.5, 0.3)"),
+        ([0.5, 0.3, 0.5], 0.3, "chi: 0.5 is there twice, the values of a design must differ"),
+    ):
+        file.write_text(STUDY.format(values=values, at=at))
+        with pytest.raises(ValueError, match=re.escape(message)):
+            load_study(file)
+
+
+def test_a_map_varies_the_parameters_of_a_gel_that_are_not_driven(tmp_path):
+    base = '[plate]\nwidth = 4.0\nheight = 4.0\n[gel]\nkind = "pnipam"\n[sweep]\ncontrol = "{}"\nvalues = [1.0, 1.1]\n'
+    file = tmp_path / "map.toml"
+    file.write_text(base.format("stretch") + '[[parameters]]\nof = "temperature"\nvalues = [40.0, 45.0]\n')
+    study = load_map(file)
+    assert [study.at(point).gel.temperature for point in study.points] == [40.0, 45.0]
+    file.write_text(base.format("temperature") + '[[parameters]]\nof = "temperature"\nvalues = [40.0, 45.0]\n')
+    with pytest.raises(ValueError, match=r"^parameters\[0\]\.of: 'temperature' is unknown; accepted: Nv"):
+        load_map(file)
