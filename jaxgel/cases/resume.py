@@ -28,8 +28,6 @@ def resumed(folder: File | str) -> Recorder:
     if not _are_of([step.value for step in steps], case.sweep):
         name = case.sweep.control
         raise ValueError(f"folder: the {name} in {str(folder)!r} are not those of the case in its summary.json; run the case again")
-    if not case.sweep.given and len(steps) == 1 and len(case.sweep.turns) > 2:
-        steps = []  # at the turning sweep's first value, which may be its last as well
     return Recorder(folder, case, model, case.gel, steps=steps, seconds=summary["wall_seconds"])
 
 

@@ -56,21 +56,21 @@ def adaptive(attempt: Callable, ends: list[float], before: list[State], max_step
 
     The number of Newton iterations of a state sets the next step.
     """
-    states, legs = list(before), list(itertools.pairwise(ends))
-    for first, last in legs[_legs_done(legs, before) :]:
+    states = list(before)
+    for first, last in legs_left(ends, before):
         status, value = yield from _leg(attempt, first, last, states, max_steps)
         if status is not Status.CONVERGED:
             break
     return status, value
 
 
-def _legs_done(legs, before):
-    """Number of legs that the states ``before``, those of an interrupted sweep or one from elsewhere, have behind them."""
-    done = 0
+def legs_left(ends: list[float], before: list[State]) -> list[tuple[float, float]]:
+    """The ways between the ``ends`` that are left, after states ``before`` of an interrupted sweep, or one from elsewhere."""
+    legs = list(itertools.pairwise(ends))
     for state in before:
-        if done < len(legs) - 1 and state.value == legs[done][1]:
-            done += 1
-    return done
+        if len(legs) > 1 and state.value == legs[0][1]:
+            del legs[0]
+    return legs
 
 
 def _leg(attempt, first, last, states, max_steps):

@@ -14,6 +14,7 @@ from .autodiff import first_state_failed, is_traced, traced_sweep
 from .follow import Followed, Following
 from .options import MAX_STEPS
 from .path import Path
+from .steps import legs_left
 
 Values = list[float] | tuple[float, ...] | Float[Array, " k"]
 
@@ -68,7 +69,8 @@ def sweep(
     check_control(control, gel, numbers)
     check_room(model.cloud.plate)
     before = [] if start is None else [start] if isinstance(start, State) else list(start)
-    if before and numbers[-1 if options.adaptive else 0] == before[-1].value:
+    goal = legs_left(numbers.tolist(), before)[0][1] if options.adaptive else numbers[0]
+    if before and goal == before[-1].value:
         raise ValueError(f"{control_name(control)}: {before[-1].value:g} is the value of the start, the sweep must leave it")
     states = [] if isinstance(start, State) else list(before)
     with few_threads(2 * model.n_nodes):
