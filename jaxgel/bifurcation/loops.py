@@ -67,6 +67,12 @@ class Loop:
         rising = float(self.up.value[-1]) > float(self.up.value[0])
         return (self.fold_up.value - self.fold_down.value) * (1.0 if rising else -1.0)
 
+    @property
+    def critical(self) -> Path | None:
+        """The states at the jumps, those of the way up first; without energies, None where there is none."""
+        states = [_state_of(point, self.up.problem) for point in (*self.jumps_up, *self.jumps_down)]
+        return Path.from_states(self.up.model, self.up.gel, states, control=self.up.control) if states else None
+
     def states_at(self, value: float) -> tuple[State, State]:
         """The stable states at a ``value`` of the control on the way up and down; the same one where there is only one.
 
@@ -203,9 +209,8 @@ def _with_unstable(made, before, after):
     """The loop with the unstable branch from ``fold_up``, between the states ``before`` and ``after`` it."""
     analysis, point, end = made._analysis, made.fold_up, made.fold_down
     if point.kind == "fold":
-        stability = Stability(np.asarray(point.eigenvalues), None, point.unstable)
-        at = State(float(point.mu), point.x, point.pressure, control=None if before.control is None else float(point.value))
-        start = [before, accepted(analysis.problem, at, stability)]
+        at = _state_of(point, analysis.problem)
+        start = [before, accepted(analysis.problem, at, at.stability)]
     else:
         start, stop = leaving(analysis, point, np.copysign(1.0, _along(analysis, point, after.x)) * point.modes[0])
         if not stop.ok:
@@ -223,6 +228,14 @@ def _along(analysis, point, x):
     """Amplitude of the first mode of a point at the positions ``x``."""
     free = analysis.problem.free
     return restrict(np.asarray(x) - np.asarray(point.x), free) @ (analysis.stiffness @ restrict(point.modes[0], free))
+
+
+def _state_of(point, problem):
+    """The `State` of a critical point, whose mode counts as stable."""
+    stability = Stability(np.asarray(point.eigenvalues), None, point.unstable)
+    return State(
+        float(point.mu), point.x, point.pressure, control=None if problem.control is None else float(point.value), stability=stability
+    )
 
 
 class _End:

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from .._validation import check, did_you_mean, entry_of, with_changes
-from ..bifurcation import CriticalPoint, points_by_options, sweep_by_options
+from ..bifurcation import CriticalPoint, Loop, loop, points_by_options, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions
 from ..controls import Control
@@ -114,6 +114,18 @@ class Case:
         if self.sweep.contact != "on":
             raise ValueError(f"sweep.contact: {self.sweep.contact!r} is not accepted here, critical points are searched with contact 'on'")
         return points_by_options(model, self.gel, self.sweep, most=most, loads=self.loads.of(model))
+
+    def loop(self, model: Model, *, on_step: Callable[[State], object] | None = None) -> Loop:
+        """`Loop` between the ends of the case's sweep, up and down, with steps of its own.
+
+        ValueError for an imperfection, whose load is that of one branch.
+        """
+        if self.sweep.imperfection:
+            raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} is not accepted here, it belongs to one branch; set it to 0")
+        control, loads = self.control(model), None if self.sweep.control == "load" else self.loads.of(model)
+        between = {"mu": self.sweep.ends} if control is None else {"control": control, "values": self.sweep.ends}
+        options = {"contact": self.sweep.contact, "symmetry": self.sweep.symmetry, "loads": loads, "on_step": on_step}
+        return loop(model, self.gel, **between, **options)
 
     def pictures(self) -> dict[str, tuple[PixelField | WithHoles, float, float]]:
         """The entries of the gel that are pictures, by name: the field, its value where the picture is black and where it is white."""

@@ -78,6 +78,11 @@ def _case_commands(add):
     p.add_argument("--most", type=_whole, default=4, metavar="N", help="number of points after which the search ends (default: 4)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure of the modes")
 
+    p = add("runs.loop", "loop", "sweep a case up and down: where it jumps, the width of the loop, the unstable branch")
+    _case_options(p, "out/CASE-loop")
+    p.add_argument("--quantity", default="core_rotation", metavar="NAME", help="of the figure, such as J_mean (default: core_rotation)")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figure")
+
     p = add("wave_runs.waves", "waves", "find the onset of an infinite lattice from one periodic cell, and its bands")
     _case_options(p, "out/CASE-waves")
     p.add_argument("--mu", type=_real, metavar="MU", help="state of the bands in kT (default: just before the onset, or the last)")

@@ -1,4 +1,4 @@
-"""Commands on a case: run, critical and check-grad."""
+"""Commands on a case: run, critical, loop and check-grad."""
 
 import collections
 import dataclasses
@@ -9,12 +9,13 @@ from pathlib import Path as File
 
 import numpy as np
 
+from .._validation import one_of
 from ..cases import OutputOptions, load_case
 from ..continuation import Path
 from ..controls import control_name, unit_of
-from ..io import Progress, Recorder, interruptible, open_folder, write_points
+from ..io import Progress, Recorder, interruptible, open_folder, write_loop, write_points
 from ..materials import varies
-from ..observables import events
+from ..observables import QUANTITIES, events
 from ..symmetry import NAMES
 from .environment import DONE, INTERRUPTED, STOPPED
 from .inputs import changes
@@ -136,6 +137,41 @@ def _draw_modes(model, points, control, folder):
     from ..plotting import plot_modes, save_figure
 
     save_figure(plot_modes(model, points, control=control)[0].figure, folder / "modes.png")
+
+
+def loop(args: Namespace) -> int:
+    """``jaxgel loop``: a case's stable branch up and down, its jumps, and the unstable branch between them."""
+    case, say = load_case(args.case, changes(args)), printer(args)
+    one_of("quantity", args.quantity, [name for name, quantity in QUANTITIES.items() if quantity.kind is not str])
+    folder = open_folder(args.out or File("out") / f"{case.name}-loop")
+    model, (first, last) = case.model(), case.sweep.ends
+    control = case.control(model)
+    driven = {"name": control_name(control), "unit": unit_of(control)}
+    with Progress((first, last, first), args.quiet, **driven) as progress, interruptible() as stop_if_asked:
+
+        def on_step(step):
+            progress.show(step.value, step.newton_iterations)
+            stop_if_asked()
+
+        found = case.loop(model, on_step=on_step)
+    write_loop(found, folder, case.table())
+    if case.output.figures:
+        _draw_loop(found, args.quantity, folder)
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, {found}")
+    say(f"{len(found.jumps_up)} jumps up and {len(found.jumps_down)} down in {folder}")
+    if not found.up.stop.ok or found.down is None or not found.down.stop.ok:
+        print(f"jaxgel: the loop stopped early: {found.stop_text}", file=sys.stderr)
+        return STOPPED
+    return DONE
+
+
+def _draw_loop(found, quantity, folder):
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from ..plotting import plot_loop, save_figure
+
+    save_figure(plot_loop(found, quantity).figure, folder / "loop.png")
 
 
 def check_grad(args: Namespace) -> int:

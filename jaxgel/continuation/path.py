@@ -114,6 +114,7 @@ class Path:
     def chosen(self, states: Sequence[int] | Int[Array, " m"]) -> "Path":
         """The path of the states with these numbers alone."""
         columns = {name: np.asarray(getattr(self, name))[list(states)] for name in ("x", "pressure", *_SCALARS)}
+        columns["status"] = [Status(int(one)) for one in columns["status"]]
         return dataclasses.replace(self, symmetry=tuple(self.symmetry[k] for k in states) if self.symmetry else (), **columns)
 
     def __repr__(self) -> str:

@@ -6,6 +6,7 @@ from .optimisers import METHODS, MOST_DENSE
 from .printing import PIXELS, REACH, DesignField, filtered
 from .problem import DesignProblem
 from .search import FEASIBLE, read_log
+from .switches import SWITCHES, barrier_height, fold_down, fold_up, loop_width, onset
 from .verification import intervals, verify
 
 __all__ = [
@@ -16,15 +17,21 @@ __all__ = [
     "OF_GEL",
     "PIXELS",
     "REACH",
+    "SWITCHES",
     "Constraint",
     "Design",
     "DesignField",
     "DesignProblem",
     "Outcome",
+    "barrier_height",
     "bound",
     "filtered",
+    "fold_down",
+    "fold_up",
     "intervals",
+    "loop_width",
     "misfit",
+    "onset",
     "optimise",
     "porosity",
     "read_log",

@@ -4,6 +4,7 @@ from .._validation import read_toml
 from .drawings import FORMATS, OUTLINE, dry_gel, dry_regions, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
 from .files import one_line, open_folder, read_record, write_atomically, write_csv, write_json
 from .hole_pictures import IMAGE, hole_tables
+from .loop_files import write_loop
 from .masks import MASK, mask_table, mask_values, write_grey, write_mask
 from .netcdf import export
 from .recorder import NUMERICAL, Recorder, write_points
@@ -50,6 +51,7 @@ __all__ = [
     "write_csv",
     "write_grey",
     "write_json",
+    "write_loop",
     "write_mask",
     "write_outline",
     "write_points",

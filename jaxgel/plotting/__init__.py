@@ -3,6 +3,7 @@
 from .animation import animate_pattern
 from .curves import CURVES, plot_curve, plot_curves
 from .design import draw_study
+from .loops import plot_loop
 from .notebook import PathView, show_path
 from .patterns import plot_gel, plot_modes, plot_pattern, plot_patterns
 from .style import STYLE, colour_scale, save_figure
@@ -20,6 +21,7 @@ __all__ = [
     "plot_curves",
     "plot_gel",
     "plot_lattice",
+    "plot_loop",
     "plot_modes",
     "plot_pattern",
     "plot_patterns",

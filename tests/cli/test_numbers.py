@@ -68,7 +68,7 @@ def leaves(tree, path=()):
 
 
 ENTRIES = [(name, path) for name, table in CASES.items() for path in leaves(table) if not (name.startswith("hole") and path[0] == "plate")]
-COMMANDS = dict.fromkeys(("run", "critical", "check-grad", "outline"), "square") | {
+COMMANDS = dict.fromkeys(("run", "critical", "loop", "check-grad", "outline"), "square") | {
     "waves": "cell.toml",
     "design": "no.toml",
     "map": "no.toml",

@@ -1,0 +1,45 @@
+"""Files of a loop."""
+
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+
+from ..bifurcation import Loop
+from ..controls import control_name, unit_of
+from ..observables import history
+from .files import write_csv, write_json
+
+
+def write_loop(loop: Loop, folder: File, options: dict[str, Any]) -> None:
+    """``loop.json`` with the jumps of a loop, and ``loop.csv`` with its states, in a folder.
+
+    The table has the way, "up", "down" or "unstable", the value of the control, and the columns of `history`.
+    """
+    control, width = loop.up.control, float(loop.width)
+    record = {
+        "options": options,
+        "control": control_name(control),
+        "unit": unit_of(control),
+        "width": width if np.isfinite(width) else None,
+        "fold_up": _entry(loop.fold_up),
+        "fold_down": _entry(loop.fold_down),
+        "jumps_up": [_entry(point) for point in loop.jumps_up],
+        "jumps_down": [_entry(point) for point in loop.jumps_down],
+        "unlocated": list(loop.unlocated),
+        "joined": bool(loop.joined),
+        "stop": loop.stop_text,
+        "text": loop.text,
+    }
+    write_json(folder / "loop.json", record)
+    columns, rows = [], []
+    for way, path in (("up", loop.up), ("down", loop.down), ("unstable", loop.unstable)):
+        if path is not None:
+            table = {name: column for name, column in history(path).items() if name != control_name(control)}
+            columns = ["way", control_name(control), *table]
+            rows += [[way, *row] for row in zip(np.asarray(path.value), *table.values(), strict=True)]
+    write_csv(folder / "loop.csv", columns, rows)
+
+
+def _entry(point):
+    return None if point is None else {"value": float(point.value), "kind": point.kind, "text": point.text}
