@@ -43,7 +43,7 @@ def plot_loop(loop: Loop, quantity: str | Callable[[Path], Float[Array, " k"]], 
         ends = [0] + ([len(critical) - 1] if loop.joined else [])
         x, y = (np.concatenate([inner[:1], of, inner[1:]]) for inner, of in ((at[ends], x), (critical[ends], y)))
         ax.plot(x, y, color=LINE, linestyle="--", label="unstable")
-    ax.plot(at, critical, color=WALL, linestyle="none", marker="o", markersize=4.0, label="limit of stability" if len(at) else None)
+    ax.plot(at, critical, color=WALL, linestyle="none", marker="o", markersize=4.0)
     unit = unit_of(loop.up.control)
     name = QUANTITIES["mu"].axis_label() if loop.up.control is None else control_name(loop.up.control) + (f" ({unit})" if unit else "")
     ax.set(xlabel=name, ylabel=label if own is None else own.axis_label(length_unit(loop.up.model.cloud)))

@@ -1,16 +1,21 @@
 """Loops of a beam that snaps through under a transverse load, and of plates that come back the way they went."""
 
 import dataclasses
+import json
 
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 import jaxgel
 from jaxgel.continuation import StabilityAnalysis
 from jaxgel.controls import Driven, Load, Setting
+from jaxgel.design import SWITCHES
+from jaxgel.io import write_loop
 from jaxgel.mechanics import prepare, restrict
+from jaxgel.plotting import plot_loop
 
 MU = -1.4  # kT: the beam has buckled, and its limits of stability are folds; it buckles at -1.72
 STEEP = -0.6  # it loses its stability to a mode that turns its middle, before the fold
@@ -202,17 +207,19 @@ def test_a_control_may_move_the_edges_and_a_design_the_hole(beam):
     def control(rate):
         return Driven(pushed_and_stretched, (MU, rate, jnp.asarray(loads)), scale=0.1)
 
-    states = jaxgel.loop(jaxgel.discretise(cloud), beam.gel, control=control(0.05), values=(-0.4, 0.4), unstable=False).states_at(AT)
+    states = jaxgel.loop(
+        jaxgel.discretise(cloud), beam.gel, control=control(0.05), values=(-0.4, 0.4), unstable=False, contact="off"
+    ).states_at(AT)
 
     def all_of(v):
         model = jaxgel.discretise(cloud.at(plate.at([{"semi_axes": jnp.array([v[0], 0.2])}])))
-        found = jaxgel.loop(model, beam.gel, control=control(v[1]), values=(-0.4, 0.4), unstable=False)
-        heights = [one.height for one in jaxgel.barrier(model, beam.gel, control=control(v[1]), value=v[2], between=states)]
+        found = jaxgel.loop(model, beam.gel, control=control(v[1]), values=(-0.4, 0.4), unstable=False, contact="off")
+        heights = [one.height for one in jaxgel.barrier(model, beam.gel, control=control(v[1]), value=v[2], between=states, contact="off")]
         return jnp.stack([found.fold_up.value, found.fold_down.value, *heights])
 
     at = np.array([0.3, 0.05, AT])
     slopes = np.asarray(jax.jacrev(all_of)(jnp.asarray(at)))
-    for slope, e, step in zip(slopes.T, np.eye(3), (4e-4, 1e-3, 1e-3), strict=True):
+    for slope, e, step in zip(slopes.T, np.eye(3), (2e-4, 1e-3, 1e-3), strict=True):
         np.testing.assert_allclose(slope, extrapolated(all_of, at, e, step), rtol=1e-5, atol=1e-12)
 
 
@@ -242,6 +249,64 @@ def test_a_saddle_needs_exactly_one_negative_eigenvalue(beam, loop, monkeypatch)
     monkeypatch.setattr("jaxgel.bifurcation.barriers.deflated", lambda *_: [])
     with pytest.raises(ArithmeticError, match=r"^barrier: no equilibrium with exactly one negative eigenvalue was found at load = 0.02$"):
         jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=AT, between=loop.states_at(AT))
+
+
+# --- what is made of a loop --------------------------------------------------------------------------------------------------
+
+
+def test_a_figure_shows_both_ways_and_the_branch_between_them(beam, loop):
+    """The dashed line goes from one dot to the other, and an arrow leads from each to the other branch."""
+    ax = plot_loop(loop, lambda path: path.x[:, beam.middle, 1], label="height (mm)")
+    lines = {line.get_label(): line.get_xydata() for line in ax.lines}
+    dots = ax.lines[-1].get_xydata()
+    np.testing.assert_allclose(dots[:, 0], [loop.fold_up.value, loop.fold_down.value])
+    np.testing.assert_allclose(lines["unstable"][[0, -1]], dots)
+    for way, dot, arrow in zip(("up", "down"), dots, ax.texts, strict=True):
+        assert dot in lines[way] and np.isnan(lines[way][:, 1]).sum() == 1
+        assert arrow.xy[0] == dot[0] and np.sign(arrow.xy[1]) == -np.sign(dot[1])
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("load", "height (mm)")
+    plt.close(ax.figure)
+
+
+def test_files_hold_the_jumps_and_all_states(loop, tmp_path):
+    write_loop(loop, tmp_path, {"a": 1})
+    record = json.loads((tmp_path / "loop.json").read_text())
+    assert (record["control"], record["width"], record["joined"]) == ("load", loop.width, True)
+    assert record["fold_up"] == record["jumps_up"][0] and record["fold_up"]["value"] == loop.fold_up.value
+    header, *rows = [line.split(",") for line in (tmp_path / "loop.csv").read_text().splitlines()]
+    assert header[:3] == ["way", "load", "mu"]
+    assert [way for way, *_ in rows].count("unstable") == len(loop.unstable) and len(rows) == sum(
+        map(len, (loop.up, loop.down, loop.unstable))
+    )
+
+
+@pytest.mark.slow
+def test_switches_are_objectives_of_a_path(beam, loop):
+    """Of a path that comes nowhere near the switch; a gel that does not switch has no fold."""
+    path, of = jaxgel.sweep(beam.model, beam.gel, mu=[-3.0]), ((-0.2, 0.2), beam.control())
+    assert SWITCHES["loop_width"](*of)(path) == pytest.approx(loop.width, abs=1e-9)
+    assert SWITCHES["barrier"](AT, *of)(path) == pytest.approx(
+        jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=AT, between=loop)[0].height, rel=1e-8
+    )
+    tame = (-0.2, 0.2), beam.control(-3.0)
+    assert np.isnan(SWITCHES["fold_up"](*tame)(path)) and np.isnan(SWITCHES["barrier"](AT, *tame)(path))
+    assert SWITCHES["loop_width"](*tame)(path) == 0
+
+
+def test_an_onset_is_an_objective_of_a_path(beam):
+    path = jaxgel.sweep(beam.model, beam.gel, mu=[-3.0])
+    (point,) = jaxgel.critical_points(beam.model, beam.gel, mu=(-3.0, -1.5), most=1)
+    assert SWITCHES["onset"]((-3.0, -1.5))(path) == point.value
+    assert np.isnan(SWITCHES["onset"]((-3.0, -2.5))(path))
+
+
+@pytest.mark.slow
+def test_an_objective_has_the_gradient_of_the_loop(beam):
+    def width(chi):
+        path = jaxgel.sweep(beam.model, jaxgel.Gel(1e-2, chi), mu=[-3.0])
+        return SWITCHES["loop_width"]((-0.2, 0.2), beam.control())(path)
+
+    assert float(jax.grad(width)(0.1)) == pytest.approx(-0.949083, rel=1e-5)  # that of the differences above
 
 
 # --- without a loop ----------------------------------------------------------------------------------------------------------

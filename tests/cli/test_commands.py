@@ -237,3 +237,20 @@ def test_ctrl_c_is_not_lost_with_its_exception():
         with pytest.raises(KeyboardInterrupt):
             stop_if_asked()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_loop_writes_what_it_found(tmp_path, capsys):
+    """A plate that swells with a free edge comes back the way it went."""
+    case = tmp_path / "free.toml"
+    case.write_text(
+        'plate = { width = 4.0, height = 4.0, spacing = 0.8, nodes_per_hole = 12, edges = { top = "free" } }\n'
+        'holes = [{ kind = "circle", centre = [0.1, -0.2], radius = 1.1 }]\nsweep = { mu_start = -4.9, mu_end = -4.0 }\n'
+    )
+    folder = tmp_path / "loop"
+    assert cli.main(["loop", str(case), "--quantity", "J_mean", "--out", str(folder)]) == 0
+    assert "no loop: up and down the same branch, width 0" in capsys.readouterr().out
+    assert {file.name for file in folder.iterdir()} == {"loop.json", "loop.csv", "loop.png"}
+    record = json.loads((folder / "loop.json").read_text())
+    assert (record["control"], record["unit"], record["width"], record["fold_up"], record["stop"]) == ("mu", "kT", 0.0, None, "converged")
+    assert cli.main(["loop", str(case), "--quantity", "status", "--out", str(folder)]) == 2
+    assert capsys.readouterr().err.startswith("jaxgel: error: quantity: 'status' is not one of mu, ")
