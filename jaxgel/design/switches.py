@@ -57,10 +57,6 @@ def onset(values: Ends, control: Control | None = None, loads: Loads | None = No
     return first
 
 
-SWITCHES = {"fold_up": fold_up, "fold_down": fold_down, "loop_width": loop_width, "barrier": barrier_height, "onset": onset}
-"""By the names that studies give them."""
-
-
 def _loop(path, values, control, loads, unstable=False):
     return loop(path.model, path.gel, **_driven(values, control), loads=_of(loads, path), unstable=unstable)
 

@@ -12,7 +12,7 @@ import pytest
 import jaxgel
 from jaxgel.continuation import StabilityAnalysis
 from jaxgel.controls import Driven, Load, Setting
-from jaxgel.design import SWITCHES
+from jaxgel.design import barrier_height, fold_up, loop_width, onset
 from jaxgel.io import write_loop
 from jaxgel.mechanics import prepare, restrict
 from jaxgel.plotting import plot_loop
@@ -284,27 +284,27 @@ def test_files_hold_the_jumps_and_all_states(loop, tmp_path):
 def test_switches_are_objectives_of_a_path(beam, loop):
     """Of a path that comes nowhere near the switch; a gel that does not switch has no fold."""
     path, of = jaxgel.sweep(beam.model, beam.gel, mu=[-3.0]), ((-0.2, 0.2), beam.control())
-    assert SWITCHES["loop_width"](*of)(path) == pytest.approx(loop.width, abs=1e-9)
-    assert SWITCHES["barrier"](AT, *of)(path) == pytest.approx(
+    assert loop_width(*of)(path) == pytest.approx(loop.width, abs=1e-9)
+    assert barrier_height(AT, *of)(path) == pytest.approx(
         jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=AT, between=loop)[0].height, rel=1e-8
     )
     tame = (-0.2, 0.2), beam.control(-3.0)
-    assert np.isnan(SWITCHES["fold_up"](*tame)(path)) and np.isnan(SWITCHES["barrier"](AT, *tame)(path))
-    assert SWITCHES["loop_width"](*tame)(path) == 0
+    assert np.isnan(fold_up(*tame)(path)) and np.isnan(barrier_height(AT, *tame)(path))
+    assert loop_width(*tame)(path) == 0
 
 
 def test_an_onset_is_an_objective_of_a_path(beam):
     path = jaxgel.sweep(beam.model, beam.gel, mu=[-3.0])
     (point,) = jaxgel.critical_points(beam.model, beam.gel, mu=(-3.0, -1.5), most=1)
-    assert SWITCHES["onset"]((-3.0, -1.5))(path) == point.value
-    assert np.isnan(SWITCHES["onset"]((-3.0, -2.5))(path))
+    assert onset((-3.0, -1.5))(path) == point.value
+    assert np.isnan(onset((-3.0, -2.5))(path))
 
 
 @pytest.mark.slow
 def test_an_objective_has_the_gradient_of_the_loop(beam):
     def width(chi):
         path = jaxgel.sweep(beam.model, jaxgel.Gel(1e-2, chi), mu=[-3.0])
-        return SWITCHES["loop_width"]((-0.2, 0.2), beam.control())(path)
+        return loop_width((-0.2, 0.2), beam.control())(path)
 
     assert float(jax.grad(width)(0.1)) == pytest.approx(-0.949083, rel=1e-5)  # that of the differences above
 
