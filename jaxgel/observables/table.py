@@ -12,6 +12,8 @@ from .gaps import IN_CONTACT, SWITCHED
 from .quantities import BY_COLUMN, columns_of, control_quantity
 from .surface import CREASE_RATIO, WRINKLE_RATIO
 
+LEAP = 0.2  # of ln J: where a path that goes over to another branch changes the volume by more, the gel has changed its phase
+
 
 def history(path: Path) -> dict[str, Any]:
     """The columns of ``history.csv`` for every state of a path: name -> (k,) values, a list of texts for ``status``.
@@ -38,8 +40,8 @@ def driven_column(table: Mapping[str, Any]) -> str:
 def events(table: dict[str, Any]) -> list[dict[str, Any]]:
     """Events along a path with the columns ``table`` of `history`: dictionaries in the order of the states.
 
-    Each holds ``event`` ("bifurcation", "crease", "wrinkle", "contact" or "self-contact"), ``state``, the number of the first state that
-    shows it, its value of the control and that of the state before (None where it is the first) by the control's name, as ``mu`` and
+    Each holds ``event`` ("bifurcation", "leap", "crease", "wrinkle", "contact" or "self-contact"), ``state``, the number of the first state
+    that shows it, its value of the control and that of the state before (None where it is the first) by the control's name, as ``mu`` and
     ``mu_before``, and ``text``. A bifurcation, or fold, is a change of the negative pivots, or where the path left an unstable branch.
     """
     control, pivots = driven_column(table), np.asarray(table["negative_pivots"])
@@ -52,7 +54,11 @@ def events(table: dict[str, Any]) -> list[dict[str, Any]]:
         found.append({"event": event, "state": int(k), **driven, "text": f"{text} {where}"})
 
     for k in [k for k, text in enumerate(table.get("status", ())) if SWITCHED in text]:
-        add(k, "bifurcation", "the branch became unstable and the path went over to the stable one")
+        volume = np.asarray(table.get("J_mean", np.ones(len(values))))[max(k - 1, 0) : k + 1]
+        if abs(np.log(volume[-1] / volume[0])) > LEAP:
+            add(k, "leap", f"the gel changes its phase, mean J from {volume[0]:.3f} to {volume[-1]:.3f},")
+        else:
+            add(k, "bifurcation", "the branch became unstable and the path went over to the stable one")
     for k in range(1, len(values)):
         if pivots[k] != pivots[k - 1]:
             add(k, "bifurcation", f"negative pivots of the tangent go from {pivots[k - 1]} to {pivots[k]}")

@@ -25,7 +25,7 @@ CURVES = {
 """Figure of curves -> name in ``QUANTITIES`` of each curve, and its words in the legend; the first one labels the axis."""
 AGAINST = ("mu", "free_stretch")  # besides another control
 RISES, FALLS = ">", "<"  # markers of states where the control turns: the way that it goes
-MARKS = {"bifurcation": ":", "crease": "-.", "wrinkle": (0, (5, 1, 1, 1, 1, 1)), "contact": "--", "self-contact": "-"}
+MARKS = {"bifurcation": ":", "leap": (0, (1, 3)), "crease": "-.", "wrinkle": (0, (5, 1, 1, 1, 1, 1)), "contact": "--", "self-contact": "-"}
 
 
 @styled

@@ -141,6 +141,15 @@ def test_crease_and_self_contact_are_reported_once_where_they_first_show():
     assert events(table(min_gap=[-0.1]))[0]["mu_before"] is None
 
 
+def test_a_branch_that_is_left_for_another_volume_is_a_leap_and_no_bifurcation():
+    """ln J by 0.9 and by 0.1: the volume of a gel that buckles changes little."""
+    status = ["converged", "switched to the stable branch", "switched to the stable branch"]
+    for volume, kinds in (([3.7, 1.5, 1.5], ["leap", "bifurcation"]), ([3.7, 3.4, 3.4], ["bifurcation", "bifurcation"])):
+        found = events(table(status=status, J_mean=volume, negative_pivots=[0, 0, 0]))
+        assert [event["event"] for event in found] == kinds
+    assert "mean J from 3.700 to 1.500, between mu = " in events(table(status=status, J_mean=[3.7, 1.5, 1.5]))[0]["text"]
+
+
 def test_plates_without_holes_have_no_events():
     assert events(table(surface_ratio=[np.nan] * 3, min_gap=[np.inf] * 3)) == []
 
