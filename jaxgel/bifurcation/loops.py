@@ -12,7 +12,7 @@ from ..controls import Control, check_control, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import Stability, State, accepted, solve
 from ..materials import AnyGel, check_gel
-from ..mechanics import Problem, check_room, localised, prepare, restrict, with_contact
+from ..mechanics import Problem, check_driven, check_room, localised, prepare, restrict, with_contact
 from .branches import MAX_STATES, arc_length, followed, leaving
 from .critical import ends_of, located
 from .limits import Searches, limits_of
@@ -162,9 +162,11 @@ def _loop(problem, ends, options, unstable, on_step):
     """`Loop` of a problem without tracers."""
     check_gel(problem.gel)
     check_control(problem.control, problem.gel, np.array([*ends, ends[0]]))
-    check_room(problem.model.cloud.plate)
+    if not problem.moves_edges:
+        check_room(problem.model.cloud.plate)
     with few_threads(2 * problem.model.n_nodes):
         prepared, states = prepare(problem.model, problem.gel, problem.loads, control=problem.control), []
+        check_driven(prepared, np.array(ends))
         way = Followed(prepared, [*ends, ends[0]], options)
         for state in way:
             if on_step is not None:
@@ -259,7 +261,11 @@ class _End:
 
     def _is_stable_one(self, state):
         """Whether a stable state is that of the way down."""
-        other, spacing = _state_at(self.analysis, self.made.down, state.value, self.made.jumps_down), self.made.up.model.cloud.spacing
+        spacing = self.made.up.model.cloud.spacing
+        try:
+            other = _state_at(self.analysis, self.made.down, state.value, self.made.jumps_down)
+        except (ArithmeticError, ValueError):  # the way down ended before, or no state was found
+            return False
         return float(np.abs(np.asarray(other.x) - np.asarray(state.x)).max()) < SAME * spacing
 
 

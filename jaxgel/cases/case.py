@@ -83,7 +83,8 @@ class Case:
         one where it is not; ``cloud`` is that former one where it was made already.
         """
         check_edges(self.plate)
-        check_room(self.plate)
+        if self.sweep.control != "stretch":
+            check_room(self.plate)
         options = self.discretisation
         if self.plate.reference is not None and options.quadrature == "paper":  # its cells do not follow moving holes
             cloud = options.cloud(dataclasses.replace(self.plate, reference=None))
@@ -122,6 +123,8 @@ class Case:
         """
         if self.sweep.imperfection:
             raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} is not accepted here, it belongs to one branch; set it to 0")
+        if self.sweep.branch != "stable":
+            raise ValueError(f"sweep.branch: {self.sweep.branch!r} is not accepted here, a loop follows the stable branch")
         control, loads = self.control(model), None if self.sweep.control == "load" else self.loads.of(model)
         between = {"mu": self.sweep.ends} if control is None else {"control": control, "values": self.sweep.ends}
         options = {"contact": self.sweep.contact, "symmetry": self.sweep.symmetry, "loads": loads, "on_step": on_step}
@@ -175,7 +178,7 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
     options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
     material = _materials(material, regions, found)
     check_gel(material)
-    options["sweep"].check(material, found.edges, loaded=bool(options["loads"].body_force or options["loads"].traction))
+    options["sweep"].check(material, found, loaded=bool(options["loads"].body_force or options["loads"].traction))
     return Case(name, found, material, source=source, **options)
 
 

@@ -15,7 +15,7 @@ from ..continuation import Path
 from ..controls import control_name, unit_of
 from ..io import Progress, Recorder, interruptible, open_folder, write_loop, write_points
 from ..materials import varies
-from ..observables import QUANTITIES, events
+from ..observables import OF_POSITIONS, events
 from ..symmetry import NAMES
 from .environment import DONE, INTERRUPTED, STOPPED
 from .inputs import changes
@@ -142,7 +142,7 @@ def _draw_modes(model, points, control, folder):
 def loop(args: Namespace) -> int:
     """``jaxgel loop``: a case's stable branch up and down, its jumps, and the unstable branch between them."""
     case, say = load_case(args.case, changes(args)), printer(args)
-    one_of("quantity", args.quantity, [name for name, quantity in QUANTITIES.items() if quantity.kind is not str])
+    one_of("quantity", args.quantity, OF_POSITIONS)
     folder = open_folder(args.out or File("out") / f"{case.name}-loop")
     model, (first, last) = case.model(), case.sweep.ends
     control = case.control(model)

@@ -15,7 +15,7 @@ from jax.custom_derivatives import SymbolicZero
 
 from .._threads import few_threads
 from .._types import Array, Float
-from ..controls import Control, check_control, check_values, control_name, unit_of
+from ..controls import Control, check_control, check_values, control_name, moves_edges, unit_of
 from ..discretisation import Model
 from ..equilibrium import Status, dry_state, for_derivatives, remedy, solve_traced, state_tangents, with_derivatives_of
 from ..linalg import SingularTangent, extreme_eigenvalues, factor, network_matrix, remember
@@ -23,6 +23,7 @@ from ..materials import LocalGel, check_gel
 from ..mechanics import (
     Problem,
     border,
+    check_driven,
     check_room,
     crosses,
     held_stretch,
@@ -114,8 +115,10 @@ def _states(static, floats, rest):
     values = check_values(static.ends or list(np.asarray(values)), control_name(control), unit_of(control)).numbers
     check_gel(gel)
     check_control(control, gel, values)
-    check_room(model.cloud.plate)
+    if not moves_edges(control, gel):
+        check_room(model.cloud.plate)
     problem, states = prepare(model, gel, loads, control=control), []
+    check_driven(problem, values)
     with few_threads(2 * model.n_nodes):
         followed = Followed(problem, values.tolist(), static.options)
         for state in followed:
@@ -247,13 +250,14 @@ def _scanned(model, gel, control, values, loads, options):
 
 def _examined(problem, value, x, p, status, contact):
     """Status, negative_pivots and lowest_eigenvalue of one traced state (n, 2), by a factor of its own tangent on the host."""
+    network = problem.operators.network
     problem, mu = problem.at(value)
     now = linearise(problem, x, p, mu)
     patterns = problem.pattern, problem.without_contact.pattern
     examine = functools.partial(_examine, patterns, contact)
     shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))
     system = tangent(problem, x, p, now), border(problem, now)
-    arrays = status, x, system, problem.operators.network, outline_loops(x, problem.model), walls(x, problem.model.lists.topology)
+    arrays = status, x, system, network, outline_loops(x, problem.model), walls(x, problem.model.lists.topology)
     found = jax.pure_callback(examine, shapes, *arrays, vmap_method="sequential")
     return dict(zip(("status", "negative_pivots", "lowest_eigenvalue"), found, strict=True))
 

@@ -60,12 +60,12 @@ def _change(modes, inputs, dots):
     def quotients(x, problem, values):
         def one(x, v, at):
             now, mu = problem.at(at)
-            model, gel = now.model, now.gel
+            model, gel = now.model, problem.gel  # eigenvalues are over the stiffness of the gel that is given, whatever the control
             densities = [
                 value(gel_at_points(gel, k).Nv) * jnp.sum(deformation_gradients(v, b) ** 2, (2, 3)) for k, b in enumerate(model.blocks)
             ]
             network = sum(jnp.sum(block.weight * density) for block, density in zip(model.blocks, densities, strict=True))
-            return curvature(x, v, model, gel, mu, jnp.zeros_like(x)) / network
+            return curvature(x, v, model, now.gel, mu, jnp.zeros_like(x)) / network
 
         return jax.vmap(one)(x, modes, values)
 

@@ -1,13 +1,14 @@
 """Options of a sweep."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from .._types import Array, Float
 from .._validation import FLAG, NUMBER, check_options, entry_of, listed, option, whole, word
 from ..controls import DIRECTIONS, Control, Load, Stretch, check_control, check_values, driven, turning_points, unit_of
+from ..geometry import Plate
 from ..materials import AnyGel
 
 BRANCHES = ("stable", "symmetric")
@@ -141,10 +142,13 @@ class SweepOptions:
             goals = goals[1:] if goals and value == goals[0] else goals
         return self.values if goals else ()
 
-    def check(self, gel: AnyGel, edges: Mapping[str, str], *, loaded: bool) -> None:
-        """ValueError, one line, for a control that the gel, the ``edges`` of the plate or its loads do not know."""
-        if self.control == "stretch" and set(edges.values()) == {"free"}:
+    def check(self, gel: AnyGel, plate: Plate, *, loaded: bool) -> None:
+        """ValueError, one line, for a control that the gel, the edges of the ``plate`` or its loads do not know."""
+        if self.control == "stretch" and set(plate.edges.values()) == {"free"}:
             raise ValueError("sweep.control: 'stretch' moves edges that are fixed, roller or periodic, and all edges of the plate are free")
+        along = {"x": {(0, 0)}, "y": {(1, 1)}, "both": {(0, 0), (1, 1)}}[self.direction]
+        if self.control == "stretch" and along & set(plate.free_strains):
+            raise ValueError(f"sweep.direction: the stretch along {self.direction!r} is free in this periodic cell, and cannot be driven")
         driver = self.driver(np.zeros((1, 2)) if loaded else None)
         try:
             check_control(driver, gel, np.array(self.values))

@@ -24,7 +24,7 @@ class Path:
     model: Model
     """The discretised plate."""
     gel: LocalGel
-    """Material; a control may drive its parameters, see ``setting``."""
+    """Material; a control may drive its parameters, see ``problem``."""
     mu: Float[Array, " k"]
     """Chemical potentials, kT."""
     x: Float[Array, "k n 2"]
@@ -54,7 +54,7 @@ class Path:
     stop: Status | None = None
     """``CONVERGED`` where the sweep reached its end, otherwise why it stopped; None inside JAX's transformations."""
     stop_text: str = ""
-    """The reason in one line, with mu."""
+    """The reason in one line, with the value of the control."""
 
     @classmethod
     def from_states(

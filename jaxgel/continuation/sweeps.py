@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 from .._threads import few_threads
 from .._types import Array, Float
-from ..controls import Control, check_control, check_values, control_name, unit_of
+from ..controls import Control, check_control, check_values, control_name, moves_edges, unit_of
 from ..discretisation import Model
 from ..equilibrium import State
 from ..materials import AnyGel, check_gel, varies
-from ..mechanics import check_room, localised, prepare, with_contact
+from ..mechanics import check_driven, check_room, localised, prepare, with_contact
 from .autodiff import first_state_failed, is_traced, traced_sweep
 from .follow import Followed, Following
 from .options import MAX_STEPS
@@ -67,14 +67,19 @@ def sweep(
     numbers = check_values(values, control_name(control), unit_of(control)).numbers
     check_gel(gel)
     check_control(control, gel, numbers)
-    check_room(model.cloud.plate)
+    if not moves_edges(control, gel):
+        check_room(model.cloud.plate)
     before = [] if start is None else [start] if isinstance(start, State) else list(start)
+    if any((state.control is None) != (control is None) for state in before):
+        raise ValueError(f"start: is no state of a sweep along {control_name(control)}; leave it out, the first state is looked for")
     goal = legs_left(numbers.tolist(), before)[0][1] if options.adaptive else numbers[0]
     if before and goal == before[-1].value:
         raise ValueError(f"{control_name(control)}: {before[-1].value:g} is the value of the start, the sweep must leave it")
     states = [] if isinstance(start, State) else list(before)
     with few_threads(2 * model.n_nodes):
-        followed = Followed(prepare(model, gel, loads, control=control, operators=False), numbers.tolist(), options, before)
+        problem = prepare(model, gel, loads, control=control, operators=False)
+        check_driven(problem, numbers)
+        followed = Followed(problem, numbers.tolist(), options, before)
         for state in followed:
             if on_step is not None:
                 on_step(state)

@@ -33,6 +33,12 @@ class DrivenParameter:
 
     def _with(self, value, gel):
         if isinstance(gel, Composite):
+            for k, one in enumerate(gel.regions):
+                if not isinstance(getattr(one, self.name, 0.0), jax.Array) and getattr(one, self.name, None) not in (
+                    None,
+                    getattr(gel.matrix, self.name, None),
+                ):
+                    raise ValueError(f"control: regions[{k}] has a {self.name!r} of its own, only one number of all gels can be driven")
             own = [self._with(value, one) if hasattr(one, self.name) else one for one in gel.regions]
             return Composite(self._with(value, gel.matrix), tuple(own))
         if isinstance(gel, Filled):

@@ -14,7 +14,8 @@ import numpy as np
 from jax.core import Tracer
 
 from .._types import Array, Float, Scalar
-from ..materials import check_gel
+from ..geometry import Plate
+from ..materials import check_gel, named_parameters, varies
 
 SIDES = ("left", "right", "bottom", "top")
 
@@ -31,7 +32,7 @@ class Setting:
     deformation: Float[Array, "2 2"] | None = None
     """Macroscopic deformation that the edges follow, dimensionless; None for the plate's own."""
     displacement: Mapping[str, Float[Array, " 2"]] | None = None
-    """Displacement of held edges by name, mm; None for the plate's own."""
+    """Displacement of held edges by name, mm; the plate's own for those that are not named."""
     loads: Float[Array, "n 2"] | None = None
     """Dead nodal loads besides those of the sweep, kT/v mm."""
 
@@ -121,6 +122,23 @@ def drives_stiffness(control: Control | None, gel: Any) -> bool:
     return not kept[0]
 
 
+def check_fields(control: Control | None, gel: Any) -> None:
+    """Raise ValueError, one line, for a control that changes a parameter of the gel which varies over the plate, or makes one vary."""
+    if control is None:
+        return
+    kept = [part for part in named_parameters(gel).values() if varies(part)]
+    wrong = []
+
+    def find(value):
+        driven = named_parameters(control(value, gel).gel)
+        wrong.extend(name for name, part in driven.items() if varies(part) and not any(part is one for one in kept))
+        wrong.extend(name for name, part in named_parameters(gel).items() if varies(part) and driven.get(name) is not part)
+
+    jax.eval_shape(find, 0.0)
+    if wrong:
+        raise ValueError(f"control: {wrong[0]!r} varies over the plate, only a parameter that is one number can be driven")
+
+
 def check_control(control: Control | None, gel: Any, values: Float[np.ndarray, " k"]) -> None:
     """Raise ValueError, one line, for a control that gives no `Setting`, numbers that cannot be used at one of the ``values``, or a jump.
 
@@ -171,10 +189,12 @@ def _check_continuous(control, gel, between, numbers, name):
         raise ValueError(f"{name}: what acts jumps at {0.5 * (low + high):.6g}, the path must be continuous")
 
 
-def edge_motion(setting: Setting) -> tuple[Float[Array, "2 2"], dict[str, Float[Array, " 2"]]] | None:
-    """Deformation (2, 2) and displacements by edge, mm, of a setting that moves the edges; None where these move as the plate says."""
+def edge_motion(setting: Setting, plate: Plate) -> tuple[Float[Array, "2 2"], dict[str, Any]] | None:
+    """Deformation (2, 2) and displacements by edge, mm, of a setting that moves the edges; None where these move as the plate says.
+
+    What the setting does not say of an edge the ``plate`` does.
+    """
     if setting.deformation is None and setting.displacement is None:
         return None
-    F = jnp.eye(2) if setting.deformation is None else jnp.asarray(setting.deformation, float)
-    moves = {} if setting.displacement is None else setting.displacement
-    return F, {side: jnp.asarray(moves.get(side, (0.0, 0.0)), float) for side in SIDES}
+    F = plate.dry_deformation if setting.deformation is None else setting.deformation
+    return jnp.asarray(F, float), plate.displacement | dict(setting.displacement or {})

@@ -26,17 +26,27 @@ NEWTON_STEPS = 4  # from there to the nearest points themselves
 
 
 def value_at(quantity: Callable[[Path], Float[Array, " k"]], mu: float) -> Callable[[Path], Float[Array, ""]]:
-    """Function of a path: ``quantity(path)`` (k,), such as ``rotation_angle``, at one ``mu``, linear between the states of the path."""
-    return lambda path: jnp.interp(mu, jnp.asarray(path.mu), quantity(path))
+    """Function of a path: ``quantity(path)`` (k,), such as ``rotation_angle``, at one ``mu``, linear between the states of the path.
+
+    Under another control than the chemical potential ``mu`` is a value of that; all states then have different values.
+    """
+    return lambda path: _read(path, quantity, mu)
 
 
 def misfit(
     quantity: Callable[[Path], Float[Array, " k"]], mu: Sequence[float], curve: Sequence[float] | Float[Array, " k"]
 ) -> Callable[[Path], Float[Array, ""]]:
-    """Function of a path: mean square () of ``quantity(path)``, read at ``mu`` (k,), less ``curve`` (k,); nan in it are left out."""
+    """Function of a path: mean square () of ``quantity(path)``, at ``mu`` (k,) as by `value_at`, less ``curve`` (k,), nan left out."""
     at, wanted = np.asarray(mu, dtype=float), np.asarray(curve, dtype=float)
     given = np.isfinite(wanted)
-    return lambda path: jnp.mean((jnp.interp(at[given], jnp.asarray(path.mu), quantity(path)) - wanted[given]) ** 2)
+    return lambda path: jnp.mean((_read(path, quantity, at[given]) - wanted[given]) ** 2)
+
+
+def _read(path, quantity, at):
+    """The quantity at values of the path's control, which may fall, linear between its states."""
+    values = jnp.asarray(path.value)
+    order = jnp.argsort(values)
+    return jnp.interp(at, values[order], jnp.asarray(quantity(path))[order])
 
 
 def weighted_sum(weights: Sequence[float], functions: Sequence[Callable[..., Any]]) -> Callable[[Path], Float[Array, ""]]:

@@ -39,6 +39,8 @@ def barrier_height(at: float, values: Ends, control: Control | None = None, load
     def height(path):
         driven = {"mu": at} if control is None else {"control": control, "value": at}
         between = _loop(path, values, control, loads, unstable=True)
+        if between.down is None:
+            return jnp.asarray(jnp.nan)
         try:
             return barrier(path.model, path.gel, between=between, loads=_of(loads, path), **driven)[0].height
         except ArithmeticError:  # one stable state, or no saddle
@@ -58,7 +60,8 @@ def onset(values: Ends, control: Control | None = None, loads: Loads | None = No
 
 
 def _loop(path, values, control, loads, unstable=False):
-    return loop(path.model, path.gel, **_driven(values, control), loads=_of(loads, path), unstable=unstable)
+    contact = "off" if path.model.contact is None else "on"
+    return loop(path.model, path.gel, **_driven(values, control), contact=contact, loads=_of(loads, path), unstable=unstable)
 
 
 def _driven(values, control):

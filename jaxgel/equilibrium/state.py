@@ -1,4 +1,4 @@
-"""The state of a gel at one chemical potential: from Newton's method to a path."""
+"""The state of a gel at one value of a control: from Newton's method to a path."""
 
 import dataclasses
 
@@ -68,11 +68,11 @@ class State:
     contact_active: bool | None = None
     """Whether an outline is so near itself that contact acts; None where that was not looked at."""
     stride: float = float("nan")
-    """Step in mu that an adaptive sweep tries next, kT; nan for given values."""
+    """Step of the control that an adaptive sweep tries next, in its unit; nan for given values."""
     symmetry: str = ""
     """Name of the group of symmetries with which it was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
     rate: Float[Array, "n 2"] | None = None
-    """dx/dmu, mm/kT, from which a sweep's second state is predicted; of its first state only."""
+    """dx/dvalue, mm over the control's unit, from which a sweep's second state is predicted; of its first state only."""
     factor: Factor | Kept | None = None
     """Factor of a tangent near the state, its own by blocks where it was found on a region; None once a sweep goes on, where a
     factorisation failed, and for a state read from a file."""

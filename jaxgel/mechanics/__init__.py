@@ -36,7 +36,7 @@ from .mixed import (
 from .operators import Operators, precomputed_operators
 from .outlines import crosses, outline_loops, overlaps, walls
 from .pairs import contact_pairs, node_pairs, tangent_pattern
-from .problem import Problem, prepare
+from .problem import Problem, check_driven, prepare
 from .volumes import (
     SOFT,
     all_volumes,
@@ -75,6 +75,7 @@ __all__ = [
     "border",
     "by_block",
     "carries_volume",
+    "check_driven",
     "check_edges",
     "check_room",
     "closest",

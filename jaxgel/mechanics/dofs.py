@@ -169,12 +169,12 @@ def _period(topology, axis):
     return int(topology.wall_nodes[edge][0]), int(topology.wall_nodes[opposite][0])
 
 
-def deformation_of(x: Float[Array, "n 2"], topology: Topology) -> Float[Array, "2 2"]:
+def deformation_of(x: Float[Array, "n 2"], topology: Topology, held: Float[Array, "2 2"] | None = None) -> Float[Array, "2 2"]:
     """Macroscopic deformation gradient (2, 2) of a plate with the nodal positions ``x`` (n, 2): between the sides of a periodic cell that
-    of the positions, elsewhere that of the plate, free components included.
+    of the positions, free components included, elsewhere the one that is ``held``, by default that of the plate.
     """
     plate = topology.plate
-    columns = list(jnp.array(plate.dry_deformation).T)
+    columns = list(jnp.asarray(np.array(plate.dry_deformation) if held is None else held).T)
     for axis, (edge, length) in enumerate((("right", plate.width), ("top", plate.height))):
         if plate.edges[edge] == "periodic":
             far, near = _period(topology, axis)

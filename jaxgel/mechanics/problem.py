@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
-from ..controls import Control, drives_stiffness, edge_motion, moves_edges, setting_of
+from ..controls import Control, check_fields, drives_stiffness, edge_motion, moves_edges, setting_of
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import AnyGel, LocalGel
@@ -53,13 +53,16 @@ class Problem:
 
     def dry_positions(self, value: Scalar) -> Float[Array, "n 2"]:
         """The dry nodes, moved as the edges are at a ``value`` of the control, mm."""
-        motion = edge_motion(setting_of(self.control, value, self.gel)) if self.moves_edges else None
-        return start_positions(self.model.lists.topology, self.model.cloud.nodes, motion)
+        return start_positions(self.model.lists.topology, self.model.cloud.nodes, self._edge_motion(value))
 
     def edge_deformation(self, value: Scalar) -> Float[Array, "2 2"]:
         """The macroscopic deformation that the edges follow at a ``value`` of the control."""
-        motion = edge_motion(setting_of(self.control, value, self.gel)) if self.moves_edges else None
+        motion = self._edge_motion(value)
         return np.array(self.model.lists.topology.plate.dry_deformation) if motion is None else motion[0]
+
+    def _edge_motion(self, value):
+        plate = self.model.lists.topology.plate
+        return edge_motion(setting_of(self.control, value, self.gel), plate) if self.moves_edges else None
 
     def carried(self, motion: Float[Array, "n 2"], value: Scalar) -> Float[Array, "n 2"]:
         """What a ``motion`` (n, 2) of the dry nodes prescribes of the deformed ones at a ``value`` of the control, the unknowns at rest."""
@@ -97,6 +100,26 @@ def _placed(problem, x, value):
     return x + constrained_part(problem.dry_positions(value) - x, problem.free)
 
 
+def check_driven(problem: Problem, values: Float[np.ndarray, " k"]) -> None:
+    """Raise ValueError, one line, where what a control says at one of the ``values`` does not fit the plate; traced values pass."""
+    control, plate = problem.control, problem.model.lists.topology.plate
+    if control is None or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(problem)):
+        return
+    settings = [setting_of(control, float(value), problem.gel) for value in values]
+    if settings[0].loads is not None and jnp.shape(settings[0].loads) != (problem.model.n_nodes, 2):
+        shape, needed = jnp.shape(settings[0].loads), (problem.model.n_nodes, 2)
+        raise ValueError(f"{control.name}: loads have the shape {shape}, they must have that of the nodes, {needed}")
+    for edge in settings[0].displacement or {}:
+        if plate.edges[edge] in ("free", "periodic"):
+            raise ValueError(f"{control.name}: the {edge} edge is {plate.edges[edge]}, only one that is held can be displaced")
+    F = np.array([np.eye(2) if setting.deformation is None else setting.deformation for setting in settings])
+    if (np.linalg.det(F) <= 0).any():
+        k = int(np.argmax(np.linalg.det(F) <= 0))
+        raise ValueError(f"{control.name}: {values[k]:g} is not accepted, it would turn the plate inside out")
+    if any(np.ptp(F[:, i, j]) > 0 for i, j in plate.free_strains):
+        raise ValueError(f"{control.name}: a component of the macroscopic deformation that it drives is free in this plate")
+
+
 def prepare(
     model: Model, gel: AnyGel, loads: Float[Array, "n 2"] | None = None, *, control: Control | None = None, operators: bool = True
 ) -> Problem:
@@ -107,6 +130,7 @@ def prepare(
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), localised(model, gel))
     control = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), control)
+    check_fields(control, gel)
     if moves_edges(control, gel):
         check_moving(model.lists.topology)
     return Problem(model, gel, loads, precomputed_operators(model, gel) if operators else None, control)

@@ -17,7 +17,7 @@ from .fields import (
     volume_ratio,
 )
 from .gaps import SELF_CONTACT, gap, min_gap
-from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, QUANTITIES, Quantity, columns_of, control_quantity
+from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, OF_POSITIONS, QUANTITIES, Quantity, columns_of, control_quantity
 from .rotation import core_rotation, is_flat, rotation_angle
 from .states import States
 from .surface import CREASE_RATIO, WRINKLE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
@@ -32,6 +32,7 @@ __all__ = [
     "FIELDS",
     "NO_GEL",
     "OF_CELLS",
+    "OF_POSITIONS",
     "QUANTITIES",
     "SELF_CONTACT",
     "WRINKLE_RATIO",

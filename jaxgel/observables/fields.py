@@ -81,15 +81,17 @@ def _axial_stretch(x, p, at, problem):
     return jnp.asarray(axial_stretch_at(x, problem.model, problem.gel, mu, jax.lax.stop_gradient(p)), dtype=float)
 
 
-def macroscopic_deformation(path: States) -> Float[Array, "k 2 2"]:
+def macroscopic_deformation(path: Path) -> Float[Array, "k 2 2"]:
     """Macroscopic deformation gradient F (k, 2, 2) of every state, rows first: in a periodic cell what the sides of the cell became, the
-    free components of its `Plate.deformation` included; that of the plate where its edges hold it.
+    free components of its `Plate.deformation` included; where edges hold it that of the plate, or of the control.
     """
-    return over_states(_macroscopic_deformation, path)
+    return _macroscopic_deformation(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
 
 
-def _macroscopic_deformation(x, model):
-    return deformation_of(x, model.lists.topology)
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, 0, None))
+def _macroscopic_deformation(x, at, problem):
+    return deformation_of(x, problem.model.lists.topology, problem.edge_deformation(at))
 
 
 def membrane_stress(path: Path) -> Float[Array, " k"]:

@@ -205,6 +205,9 @@ COLUMNS = tuple(column for column, quantity in BY_COLUMN.items() if not quantity
 """Columns of ``history.csv`` of every plate, in order."""
 OF_CELLS = tuple(column for column, quantity in BY_COLUMN.items() if quantity.of_cells)
 """Those that follow for a periodic cell with a free macroscopic deformation."""
+_SOLVED = ("mu", "energy", "residual", "newton_iterations", "negative_pivots", "lowest_eigenvalue")
+OF_POSITIONS = tuple(name for name, quantity in QUANTITIES.items() if quantity.kind is not str and name not in _SOLVED)
+"""Quantities that need nothing of a state but its positions, pressures and control: limits of stability have them, too."""
 _STUDIED = ("rotation", "core_rotation", "area_reduction", "surface_ratio", "crease_indicator", "gap", "axial_stretch", "lowest_eigenvalue")
 
 

@@ -136,4 +136,4 @@ def _mark_events(ax: Axes, table: dict[str, Any], against: str) -> None:
         at = x[event["state"]]
         ax.axvline(at, color=WALL, linewidth=0.9, linestyle=MARKS[event["event"]], zorder=0.5)
         if event["event"] == "self-contact":
-            ax.axvspan(at, x[-1], color=SHADE, linewidth=0, zorder=0)
+            ax.axvspan(np.min(x[event["state"] :]), np.max(x[event["state"] :]), color=SHADE, linewidth=0, zorder=0)

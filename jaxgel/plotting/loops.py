@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from .._types import Array, Float
+from .._validation import one_of
 from ..bifurcation import Loop
 from ..continuation import Path
-from ..controls import control_name, unit_of
-from ..observables import QUANTITIES
-from .style import COLOURS, LINE, WALL, length_unit, styled
+from ..observables import OF_POSITIONS, QUANTITIES
+from .style import COLOURS, LINE, WALL, length_unit, quantity_of, styled
 
 
 @styled
@@ -21,6 +21,8 @@ def plot_loop(loop: Loop, quantity: str | Callable[[Path], Float[Array, " k"]], 
     Stable states are solid, the unstable branch is dashed, dots are the limits of stability, and arrows the jumps from there.
     """
     ax = plt.subplots(figsize=(3.6, 2.6), layout="constrained")[1] if ax is None else ax
+    if isinstance(quantity, str):
+        one_of("quantity", quantity, OF_POSITIONS)
     own = QUANTITIES[quantity] if isinstance(quantity, str) else None
 
     def values(path):
@@ -44,9 +46,9 @@ def plot_loop(loop: Loop, quantity: str | Callable[[Path], Float[Array, " k"]], 
         x, y = (np.concatenate([inner[:1], of, inner[1:]]) for inner, of in ((at[ends], x), (critical[ends], y)))
         ax.plot(x, y, color=LINE, linestyle="--", label="unstable")
     ax.plot(at, critical, color=WALL, linestyle="none", marker="o", markersize=4.0)
-    unit = unit_of(loop.up.control)
-    name = QUANTITIES["mu"].axis_label() if loop.up.control is None else control_name(loop.up.control) + (f" ({unit})" if unit else "")
-    ax.set(xlabel=name, ylabel=label if own is None else own.axis_label(length_unit(loop.up.model.cloud)))
+    ax.set(
+        xlabel=quantity_of(loop.up.control).axis_label(), ylabel=label if own is None else own.axis_label(length_unit(loop.up.model.cloud))
+    )
     ax.legend(frameon=False, fontsize=7.5)
     return ax
 

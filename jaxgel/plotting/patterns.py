@@ -24,7 +24,6 @@ from ..continuation import Path
 from ..controls import Control
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
-from ..mechanics import deformation_of
 from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values
 from .style import COLOURS, GEL, LINE, WALL, length_unit, state_text, styled
 
@@ -216,20 +215,21 @@ def _by_region(cloud: Cloud) -> tuple[Int[np.ndarray, " w"], Int[np.ndarray, "t 
 
 def _draw_edges(ax: Axes, cloud: Cloud, vertices: Float[np.ndarray, "k v 2"]) -> None:
     """Hatched bars along the supported edges of the plate, and limits that hold all states (k, v, 2)."""
-    plate = cloud.plate
-    w, h, thick = plate.width, plate.height, 0.025 * max(plate.width, plate.height)
-    deformation = np.asarray(deformation_of(vertices[-1, cloud.topology.node_vertices], cloud.topology))
+    plate, topology, thick = cloud.plate, cloud.topology, 0.025 * max(cloud.plate.width, cloud.plate.height)
+    dry, x = np.asarray(cloud.nodes), vertices[-1, topology.node_vertices]
     for edge, (axis, coordinate) in edge_lines(plate).items():
-        if not held_components(plate.edges, edge):
+        wall = topology.wall_nodes[edge]
+        if not held_components(plate.edges, edge) or len(wall) < 2:
             continue
-        inner = 0.5 * np.array([[-w, -h], [w, h]])
-        inner[:, axis] = coordinate
-        inner = inner @ deformation.T + plate.displacement[edge]
+        ends = wall[np.argsort(dry[wall, 1 - axis])[[0, -1]]]
+        half = 0.5 * (plate.height, plate.width)[axis]
+        share = (np.array([-half, half]) - dry[ends[0], 1 - axis]) / np.ptp(dry[ends, 1 - axis])  # from corner to corner
+        inner = x[ends[0]] + share[:, None] * (x[ends[1]] - x[ends[0]])
         outer = inner + np.sign(coordinate) * thick * np.eye(2)[axis]
         corners = np.concatenate([inner, outer[::-1]])
         hatch = "/////" if plate.edges[edge] == "roller" else "xxxxx"
         ax.add_patch(Polygon(corners, facecolor="white", edgecolor=WALL, linewidth=0.0, hatch=hatch))
     gel = vertices[:, np.unique(np.asarray(cloud.triangles))]
-    low = np.minimum(gel.min(axis=(0, 1)), [-w / 2, -h / 2]) - 1.5 * thick
-    high = np.maximum(gel.max(axis=(0, 1)), [w / 2, h / 2]) + 1.5 * thick
+    low = np.minimum(gel.min(axis=(0, 1)), [-plate.width / 2, -plate.height / 2]) - 1.5 * thick
+    high = np.maximum(gel.max(axis=(0, 1)), [plate.width / 2, plate.height / 2]) + 1.5 * thick
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))

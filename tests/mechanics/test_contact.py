@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 import jaxgel
-from jaxgel.continuation.follow import _Attempt
+from jaxgel.continuation.follow import SNAP, _Attempt
 from jaxgel.continuation.frames import Frames
 from jaxgel.equilibrium import Status
 from jaxgel.mechanics import (
@@ -180,7 +180,7 @@ def test_a_leap_into_contact_is_refused(slit):
     jaxgel.sweep(model, GEL, mu=MU[:1], on_step=steps.append)
     problem = prepare(model, GEL)
     frames = Frames(problem, symmetry=False)
-    found, _ = _Attempt(frames, True)._reach(frames.of(()), MU[-1], steps)
+    found, _ = _Attempt(frames, True, False, SNAP)._reach(frames.of(()), MU[-1], steps)
     assert found.status is Status.NOT_CONVERGED
     assert np.abs(found.x - steps[0].x).max() > float(model.contact.range) and not touches(steps[0].x, model)
 
