@@ -146,7 +146,7 @@ class SweepOptions:
         """ValueError, one line, for a control that the gel, the edges of the ``plate`` or its loads do not know."""
         if self.control == "stretch" and set(plate.edges.values()) == {"free"}:
             raise ValueError("sweep.control: 'stretch' moves edges that are fixed, roller or periodic, and all edges of the plate are free")
-        along = {"x": {(0, 0)}, "y": {(1, 1)}, "both": {(0, 0), (1, 1)}}[self.direction]
+        along = {"x": {(0, 0)}, "y": {(1, 1)}}.get(self.direction or "", {(0, 0), (1, 1)})
         if self.control == "stretch" and along & set(plate.free_strains):
             raise ValueError(f"sweep.direction: the stretch along {self.direction!r} is free in this periodic cell, and cannot be driven")
         driver = self.driver(np.zeros((1, 2)) if loaded else None)

@@ -58,7 +58,8 @@ def adaptive(attempt: Callable, ends: list[float], before: list[State], max_step
     """
     states = list(before)
     for first, last in legs_left(ends, before):
-        status, value = yield from _leg(attempt, first, last, states, max_steps)
+        turned = bool(states) and states[-1].value == first != ends[0]
+        status, value = yield from _leg(attempt, first, last, states, max_steps, turned)
         if status is not Status.CONVERGED:
             break
     return status, value
@@ -73,10 +74,13 @@ def legs_left(ends: list[float], before: list[State]) -> list[tuple[float, float
     return legs
 
 
-def _leg(attempt, first, last, states, max_steps):
-    """States between two values, the first of which is found if there are no ``states`` yet; these are added to."""
+def _leg(attempt, first, last, states, max_steps, turned):
+    """States between two values, the first of which is found if there are no ``states`` yet; these are added to.
+
+    Where the control has just ``turned`` the first step is a short one again.
+    """
     least, spent, begun = 1e-5 * abs(last - first), 0, bool(states)
-    kept = states[-1].stride if begun and states[-1].value != first else np.nan  # the first step back is a short one again
+    kept = states[-1].stride if begun and not turned else np.nan
     step = kept if np.isfinite(kept) else abs(last - first) / 8
     goal = _ahead(states[-1].value, step, last) if begun else first
     while len(states) < max_steps:

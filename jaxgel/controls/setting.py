@@ -197,4 +197,4 @@ def edge_motion(setting: Setting, plate: Plate) -> tuple[Float[Array, "2 2"], di
     if setting.deformation is None and setting.displacement is None:
         return None
     F = plate.dry_deformation if setting.deformation is None else setting.deformation
-    return jnp.asarray(F, float), plate.displacement | dict(setting.displacement or {})
+    return jnp.asarray(F, float), dict(plate.displacement) | dict(setting.displacement or {})

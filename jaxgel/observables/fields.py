@@ -71,7 +71,7 @@ def axial_stretch(path: Path) -> Float[Array, " k"]:
     """Axial stretch (k,) of the plate, held or free; 1 in plane strain. ValueError for a film, whose thickness is not one number."""
     if is_film(path.model):
         raise ValueError("axial_stretch: the plate is in plane stress; take thickness_stretch")
-    return _axial_stretch(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value), path.problem)
+    return _axial_stretch(*map(jnp.asarray, (path.x, path.pressure, path.value)), path.problem)
 
 
 @jax.jit
@@ -82,9 +82,7 @@ def _axial_stretch(x, p, at, problem):
 
 
 def macroscopic_deformation(path: Path) -> Float[Array, "k 2 2"]:
-    """Macroscopic deformation gradient F (k, 2, 2) of every state, rows first: in a periodic cell what the sides of the cell became, the
-    free components of its `Plate.deformation` included; where edges hold it that of the plate, or of the control.
-    """
+    """Macroscopic deformation gradient F (k, 2, 2) of every state, rows first: of a periodic cell that of its sides, else the held one."""
     return _macroscopic_deformation(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
 
 

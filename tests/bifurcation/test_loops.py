@@ -263,7 +263,7 @@ def test_a_figure_shows_both_ways_and_the_branch_between_them(beam, loop):
     for way, dot, arrow in zip(("up", "down"), dots, ax.texts, strict=True):
         assert dot in lines[way] and np.isnan(lines[way][:, 1]).sum() == 1
         assert arrow.xy[0] == dot[0] and np.sign(arrow.xy[1]) == -np.sign(dot[1])
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("load", "height (mm)")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("load factor", "height (mm)")
     plt.close(ax.figure)
 
 

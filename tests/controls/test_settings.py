@@ -24,9 +24,11 @@ from jaxgel.controls import (
     temperature,
     unit_of,
 )
+from jaxgel.geometry import Plate
 from jaxgel.materials import Composite, Elastomer, Filled, Gel, LocalValues
 
 GEL = Gel(1e-3, 0.1)
+PLATE = Plate(4.0, 4.0, displacement={"top": (0.0, 0.1)})
 
 
 def test_without_a_control_the_value_is_the_chemical_potential():
@@ -35,7 +37,7 @@ def test_without_a_control_the_value_is_the_chemical_potential():
     assert (control_name(None), unit_of(None)) == ("mu", "kT")
     assert not moves_edges(None, GEL)
     assert not adds_loads(None, GEL)
-    assert edge_motion(setting) is None
+    assert edge_motion(setting, PLATE) is None
 
 
 def test_a_driven_parameter_replaces_that_of_the_gel_and_of_no_elastomer():
@@ -44,9 +46,11 @@ def test_a_driven_parameter_replaces_that_of_the_gel_and_of_no_elastomer():
     assert (control.name, control.unit, temperature().unit) == ("chi", "", "°C")
     setting = control(0.4, GEL)
     assert (float(setting.mu), setting.gel.Nv, setting.gel.chi) == (-0.3, 1e-3, 0.4)
-    both = control(0.4, Composite(GEL, (Gel(2e-3, 0.2), Elastomer(1.0, 10.0)))).gel
+    both = control(0.4, Composite(GEL, (Gel(2e-3, 0.1), Elastomer(1.0, 10.0)))).gel
     assert (both.matrix.chi, both.regions[0].chi, both.regions[0].Nv) == (0.4, 0.4, 2e-3)
     assert both.regions[1] == Elastomer(1.0, 10.0)
+    with pytest.raises(ValueError, match=r"^control: regions\[0\] has a 'chi' of its own, only one number of all gels can be driven"):
+        control(0.4, Composite(GEL, (Gel(1e-3, 0.2),)))
     local = LocalValues((), jnp.ones(2), jnp.ones(0))
     assert control(0.4, Filled(dataclasses.replace(GEL, Nv=local), local)).gel.gel.chi == 0.4
 
@@ -54,9 +58,9 @@ def test_a_driven_parameter_replaces_that_of_the_gel_and_of_no_elastomer():
 def test_a_stretch_moves_the_edges_along_its_direction():
     for direction, expected in (("x", [1.2, 1.0]), ("y", [1.0, 1.2]), ("both", [1.2, 1.2])):
         control = Stretch(direction, mu=-1.0)
-        F, displacement = edge_motion(control(1.2, GEL))
+        F, displacement = edge_motion(control(1.2, GEL), PLATE)
         np.testing.assert_allclose(F, np.diag(expected))
-        assert all(not np.any(by) for by in displacement.values())
+        assert displacement == dict(PLATE.displacement)  # what the control does not say of an edge the plate does
         assert moves_edges(control, GEL)
         assert not adds_loads(control, GEL)
     with pytest.raises(ValueError, match="direction: 'z' is not one of x, y, both"):
@@ -78,9 +82,10 @@ def test_an_own_path_is_differentiable_in_its_parameters():
     control = Driven(_ramp, (jnp.asarray(2.0),), name="ramp", unit="s")
     assert isinstance(control, Control)
     assert jax.grad(lambda control: control(3.0, GEL).mu)(control).parameters[0] == 3.0
-    F, displacement = edge_motion(control(0.25, GEL))
+    F, displacement = edge_motion(control(0.25, GEL), PLATE)
     np.testing.assert_array_equal(F, np.eye(2))
     np.testing.assert_array_equal(displacement["right"], [0.25, 0.0])
+    assert displacement["top"] == (0.0, 0.1)
     check_control(control, GEL, np.array([0.0, 1.0, 0.0]))
 
 
