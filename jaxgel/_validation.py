@@ -211,8 +211,8 @@ LISTS = {"mu": ("mu_start", "mu_end"), "values": ("from", "to")}  # lists of a s
 def with_changes(table: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     """A case's table in which ``changes``, section -> entries, replace its own; a list takes the place of the case's own.
 
-    Another control of the sweep replaces the former one's values. ValueError for ends, steps or a way back that change nothing, because
-    the case lists its values.
+    Another control of the sweep replaces the former one's values, a list of values its ends and way back, and two ends its list.
+    ValueError for one end, steps or a way back that change nothing, because the case lists its values.
     """
     changed = dict(table)
     for section, entries in changes.items():
@@ -233,9 +233,14 @@ def _of_control(sweep, entries):
             {"at_mu"} if control == "mu" else set()
         )
         return {key: value for key, value in sweep.items() if key not in of_values}
-    for name, ends in LISTS.items():
-        for key in (*ends, "steps", "back"):
-            if key in entries and name in sweep and name not in entries:
-                text = f"{entries[key]!r} has no effect, as the case lists its values of {sweep.get('control', 'mu')}; change that list"
-                raise ValueError(f"sweep.{key}: {text}")
+    name = "mu" if control == "mu" else "values"
+    ends = LISTS[name]
+    if name in entries:
+        return {key: value for key, value in sweep.items() if key not in (*ends, "back")}
+    if all(end in entries for end in ends):
+        return {key: value for key, value in sweep.items() if key != name}
+    for key in (*ends, "steps", "back"):
+        if key in entries and name in sweep:
+            text = f"{entries[key]!r} has no effect, as the case lists its values of {control}; change that list"
+            raise ValueError(f"sweep.{key}: {text}")
     return sweep

@@ -66,7 +66,7 @@ from .parameters import (
 
 AIMS, LIMITS = ("goal", "target", "curve", "line", "outline"), ("above", "below", "within")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
-AT = NUMBER | {"$comment": "give the mu at which the quantity counts"}
+AT = NUMBER | {"$comment": "give the value of the sweep at which the quantity counts"}
 SHARE = NUMBER | {"exclusiveMinimum": 0.0, "maximum": 1.0}
 FREE_EDGE = "free_edge"  # what an outline is given for
 OBJECTIVE = {
@@ -155,7 +155,7 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
     mu = list(case.sweep.values)
     parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(table["parameters"])])
     table = table | {"objective": [_with_points(f"objective[{i}]", entry) for i, entry in enumerate(table["objective"])]}
-    terms = [_term(i, entry, mu) for i, entry in enumerate(table["objective"])]
+    terms = [_term(i, entry, mu, case.sweep.control) for i, entry in enumerate(table["objective"])]
     alone = len(terms) == 1 and terms[0][0] < 0
     problem = DesignProblem(
         start={p["name"]: p["start"] for p in parameters},
@@ -177,7 +177,7 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
     pictured = {i: p["start"].tolist() for i, p in enumerate(parameters) if isinstance(table["parameters"][i].get("start"), dict)}
     entries = [entry | ({"start": pictured[i]} if i in pictured else {}) for i, entry in enumerate(table["parameters"])]
     table = {key: table[key] for key in SECTIONS if key in table} | {"parameters": entries} | case.table()
-    verification, aim = _verification(table, case), _aim(table["objective"][0], mu)
+    verification, aim = _verification(table, case), _aim(table["objective"][0], mu, case.sweep.control)
     return Study(name, case, problem, search, verification=verification, aim=aim, fields=fields, table=table, **several)
 
 
@@ -191,14 +191,14 @@ def _parameter(i, entry, case):
     return varied | {key: numbers(f"{where}.{key}", entry.get(key, own), np.shape(own)) for key in ("start", "lower", "upper")}
 
 
-def _term(i, entry, mu):
+def _term(i, entry, mu, control):
     """(weight, function of the path) of an entry of the objective, to be minimised; a negative weight maximises."""
     where, weight = f"objective[{i}]", float(entry.get("weight", 1.0))
     if "outline" in entry:
         return weight, value_at(functools.partial(free_edge_misfit, outline=np.array(entry["outline"], dtype=float)), _at(where, entry, mu))
     quantity = CURVES[entry["of"]]
     if "curve" in entry or "line" in entry:
-        return weight, misfit(quantity, mu, _aim(entry, mu, where)["values"])
+        return weight, misfit(quantity, mu, _aim(entry, mu, control, where)["values"])
     value = value_at(quantity, _at(where, entry, mu))
     if "target" in entry:
         return weight, lambda path: (value(path) - entry["target"]) ** 2
@@ -223,22 +223,23 @@ def _at(where, entry, mu):
     return at
 
 
-def _aim(entry, mu, where="objective[0]"):
-    """The entry with its target at every mu, nan where there is none."""
+def _aim(entry, mu, control, where="objective[0]"):
+    """The entry with its target at every value ``mu`` of the ``control``, nan where there is none."""
     at = np.array(mu)
     values = np.full(len(mu), np.nan)
     if "line" in entry:
         values = entry["line"]["slope"] * (at - entry["line"]["mu0"])
     elif "curve" in entry:
         if len(entry["curve"]) != len(mu):
-            raise ValueError(f"{where}.curve: it is not a list of {len(mu)} numbers, one for each mu of the sweep")
+            raise ValueError(f"{where}.curve: it is not a list of {len(mu)} numbers, one for each value of the sweep")
         values = np.array(entry["curve"], dtype=float)
     elif "target" in entry:
         values = np.where(np.abs(at - _at(where, entry, mu)) < 1e-9, float(entry["target"]), np.nan)
-    first, last = entry.get("from", mu[0]), entry.get("to", mu[-1])
-    values = np.where((at >= first - 1e-9) & (at <= last + 1e-9), values, np.nan)
-    if ("line" in entry or "curve" in entry) and not np.any(np.isfinite(values)):
-        raise ValueError(f"{where}.from, to: no mu of the sweep lies in {first:g} ... {last:g}")
+    if entry.keys() & {"from", "to"}:
+        low, high = sorted((entry.get("from", mu[0]), entry.get("to", mu[-1])))
+        values = np.where((at >= low - 1e-9) & (at <= high + 1e-9), values, np.nan)
+        if ("line" in entry or "curve" in entry) and not np.any(np.isfinite(values)):
+            raise ValueError(f"{where}.from, to: no {control} of the sweep lies in {low:g} ... {high:g}")
     return dict(entry, values=values)
 
 

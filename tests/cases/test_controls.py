@@ -1,9 +1,11 @@
 """The control of a sweep in a case file: its values, and what is refused."""
 
+import math
 import re
 
 import pytest
 
+from jaxgel._validation import with_changes
 from jaxgel.cases import case_text, from_table, load_case, load_map, load_study, study_from_table
 from jaxgel.continuation import SweepOptions
 from jaxgel.controls import DrivenParameter, Load, Stretch
@@ -116,6 +118,19 @@ def test_another_control_takes_the_place_of_the_values_of_the_former(tmp_path):
         load_case(tmp_path / "case.toml", {"sweep": {"to": 0.3}})
 
 
+@pytest.mark.parametrize(
+    ("own", "changes", "values"),
+    [
+        (CHI | {"back": True, "steps": 2}, {"values": [0.1, 0.3]}, [0.1, 0.3]),
+        ({"mu_start": -3.0, "mu_end": -2.0, "back": True}, {"mu": [-2.5, -1.5]}, [-2.5, -1.5]),
+        ({"control": "chi", "values": [0.1, 0.3]}, {"from": 0.2, "to": 0.4, "steps": 2, "back": True}, [0.2, 0.4, 0.2]),
+        ({"mu": [-3.0, -2.0]}, {"mu_start": -4.0, "mu_end": -1.0, "steps": 2}, [-4.0, -1.0]),
+    ],
+)
+def test_a_list_takes_the_place_of_ends_and_ends_that_of_a_list(own, changes, values):
+    assert from_table(with_changes(PLATE | {"sweep": own}, {"sweep": changes}), "driven").sweep.values == values
+
+
 STUDY = """
 [plate]
 width = 8.0
@@ -152,6 +167,23 @@ def test_a_study_counts_at_values_of_its_control(tmp_path):
         file.write_text(STUDY.format(values=values, at=at))
         with pytest.raises(ValueError, match=re.escape(message)):
             load_study(file)
+
+
+@pytest.mark.parametrize(
+    ("aim", "expected"),
+    [
+        ("curve = [1.0, 2.0, 3.0]", [1.0, 2.0, 3.0]),
+        ("line = { slope = 10.0, mu0 = 0.1 }", [4.0, 5.0, 2.0]),
+        ("curve = [1.0, 2.0, 3.0]\nfrom = 0.5\nto = 0.2", [1.0, math.nan, 3.0]),
+    ],
+)
+def test_a_curve_counts_whichever_way_the_control_goes(aim, expected, tmp_path):
+    text = STUDY.format(values=[0.5, 0.6, 0.3], at=0.3).replace('goal = "maximise"\nat = 0.3', "{}")
+    (tmp_path / "study.toml").write_text(text.format(aim))
+    assert load_study(tmp_path / "study.toml").aim["values"] == pytest.approx(expected, nan_ok=True)
+    (tmp_path / "study.toml").write_text(text.format("curve = [1.0, 2.0, 3.0]\nfrom = 0.9\nto = 0.8"))
+    with pytest.raises(ValueError, match=r"^objective\[0\]\.from, to: no chi of the sweep lies in 0\.8 \.\.\. 0\.9$"):
+        load_study(tmp_path / "study.toml")
 
 
 def test_a_map_varies_the_parameters_of_a_gel_that_are_not_driven(tmp_path):
