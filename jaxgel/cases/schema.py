@@ -146,7 +146,7 @@ def _array(shape, item):
 def _gel():
     """The kind decides about the other entries; without an energy of one's own only its parameters are known."""
     kind = {"kind": word(GELS) | {"description": "Gel that follows Flory and Rehner, PNIPAM or a polyelectrolyte."}}
-    own = {"type": "object", "properties": GEL | {"energy": ENERGY}, "additionalProperties": NUMBER}
+    own = {"type": "object", "properties": kind | GEL | {"energy": ENERGY}, "additionalProperties": NUMBER}
     rule = {"type": "object", "if": {"required": ["energy"]}, "then": own, "else": tabled(kind | GEL | {"energy": ENERGY})}
     for name, cls in GELS.items():
         if cls is not Gel:
@@ -171,7 +171,7 @@ def _or_free(kind, rule):
 
 
 MATERIAL = {
-    "gel": {"type": "object", "properties": GEL, "additionalProperties": NUMBER}
+    "gel": {"type": "object", "properties": PARAMETERS, "additionalProperties": NUMBER}
     | {"description": "The gel of a region: what differs from that of the plate."},
     "elastomer": tabled(ELASTOMER, list(ELASTOMER)) | {"description": "A passive material in place of a gel; it takes no solvent."},
 }

@@ -24,6 +24,14 @@ def test_a_region_has_what_it_says_and_else_the_gel_of_the_plate():
     assert [float(region.area()) for region in case.plate.regions] == pytest.approx([np.pi / 4, 6.4])
 
 
+def test_a_region_has_every_parameter_of_its_gel_as_a_picture(tmp_path):
+    Image.fromarray(np.array([[0, 255], [255, 0]], dtype=np.uint8)).save(tmp_path / "warm.png")
+    warm = {"temperature": {"file": "warm.png", "low": 25.0, "high": 40.0}}
+    case = from_table({"plate": PLATE, "regions": [LAYER | {"gel": warm}], "gel": {"kind": "pnipam"}}, "regions", tmp_path)
+    temperature = case.gel.regions[0].temperature
+    assert [float(temperature(np.array(point))) for point in ((-0.5, -0.5), (0.5, -0.5))] == pytest.approx([40.0, 25.0])
+
+
 @pytest.mark.parametrize("case", [from_table(TABLE, "regions"), example(regions=True)], ids=["own", "example"])
 def test_the_text_of_a_case_with_regions_is_that_case(case, tmp_path):
     file = tmp_path / "case.toml"

@@ -209,7 +209,7 @@ def test_an_energy_of_ones_own_is_used(with_energy, tmp_path):
     assert case.gel == jaxgel.Gel(1e-3, 0.3, network=jaxgel.Gent(20.0))
     assert case.table()["gel"] == {"energy": "mine:gent", "Jm": 20.0, "Nv": 1e-3, "chi": 0.3}
     again = cases.from_table(tomllib.loads(case_text(case)), "again", tmp_path)
-    assert again.gel == case.gel
+    assert again.gel == case.gel == cases.load_case(with_energy('kind = "gel"\nenergy = "mine:gent"\nJm = 20.0\nchi = 0.3')).gel
 
 
 def test_the_functions_of_a_module_stay_the_same_objects(with_energy):
