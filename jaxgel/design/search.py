@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from .._types import Array, Float
 from ..continuation import Path, SweepFailed
+from ..controls import control_name
 from ..discretisation import SPENT, cell_sizes
 from ..equilibrium import Status
 from ..geometry import check_plate
@@ -32,7 +33,10 @@ from .problem import DesignProblem
 LOG = "design.json"
 FORMAT = 3  # of the log
 FEASIBLE = 1e-4  # violation of a scaled constraint that still counts as met
-_STATES = ("x", "pressure", "mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
+_STATES = (
+    *("x", "pressure", "mu", "value", "status", "newton_iterations"),
+    *("residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched", "control"),
+)  # fields of a path that a design is checked by
 
 
 class Search:
@@ -257,16 +261,16 @@ class Evaluation:
 
 def check_path(path: Path, allow_unstable: bool = False) -> None:
     """Raise `Invalid`, in one line, for a path with a state that was not reached, is unstable, or touches itself."""
-    status = np.asarray(path.status)
+    status, name = np.asarray(path.status), control_name(path.control)
     if np.any(status != Status.CONVERGED):
         k = int(np.argmax(status != Status.CONVERGED))
-        raise Invalid(f"no state at mu = {float(path.mu[k]):.4f}: {Status(int(status[k])).text}")
+        raise Invalid(f"no state at {name} = {float(path.value[k]):.4f}: {Status(int(status[k])).text}")
     if np.any(np.asarray(path.negative_pivots) > 0) and not allow_unstable:
         k = int(np.argmax(np.asarray(path.negative_pivots) > 0))
-        raise Invalid(f"unstable at mu = {float(path.mu[k]):.4f}")
+        raise Invalid(f"unstable at {name} = {float(path.value[k]):.4f}")
     touching = np.asarray(min_gap(path)) <= 0
     if touching.any():
-        raise Invalid(f"self-contact at mu = {float(path.mu[int(np.argmax(touching))]):.4f}")
+        raise Invalid(f"self-contact at {name} = {float(path.value[int(np.argmax(touching))]):.4f}")
 
 
 def read_log(folder: pathlib.Path | str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import optax
 import pytest
 
 import jaxgel
-from jaxgel.continuation import SweepFailed
+from jaxgel.continuation import SweepFailed, SweepOptions
 from jaxgel.design import DesignProblem, Outcome, criteria, intervals, optimise, optimisers, read_log, search, verify
 from jaxgel.observables import gaps
 
@@ -312,6 +312,15 @@ def test_a_start_that_fails_is_refused_in_one_line(problem, monkeypatch):
     monkeypatch.setattr(inverse, "sweep_by_options", failing)
     with pytest.raises(ValueError, match=r"^start: the first design is not valid: sweep: planted failure$"):
         optimise(problem)
+
+
+def test_a_design_that_is_not_valid_names_the_value_of_its_control(problem, path, monkeypatch):
+    chi, k = jaxgel.controls.chi(-2.0), len(path)
+    unstable = dataclasses.replace(path, control=chi, value=np.linspace(0.5, 0.3, k), negative_pivots=np.ones(k), status=np.zeros(k))
+    monkeypatch.setattr(DesignProblem, "path", lambda *_: unstable)
+    driven = dataclasses.replace(problem, mu=[0.5, 0.3], sweep=SweepOptions(control="chi", value_list=(0.5, 0.3), at_mu=-2.0))
+    with pytest.raises(ValueError, match=r"^start: the first design is not valid: unstable at chi = 0\.5000$"):
+        search.Search(driven, 1).first()
 
 
 @pytest.mark.parametrize(
