@@ -84,13 +84,13 @@ def _check_outline(args):
     if args.pixels_per_mm is not None and not (math.isfinite(args.pixels_per_mm) and args.pixels_per_mm > 0):
         raise ValueError(f"--pixels-per-mm: {args.pixels_per_mm:g} is not a number of pixels above 0")
     if args.mu is not None and not math.isfinite(args.mu):
-        raise ValueError(f"--mu: {args.mu:g} is not a finite number")
+        raise ValueError(f"--mu/--at: {args.mu:g} is not a finite number")
     if args.format not in FORMATS:
         raise ValueError(f"--format: {args.format!r} is unknown; {did_you_mean(args.format, FORMATS)}")
     if Path(args.source).is_dir():
         _has_run(args.source)
     elif args.mu is not None:
-        raise ValueError(f"--mu: {args.source!r} is a case; the states at some mu are in a run's folder")
+        raise ValueError(f"--mu/--at: {args.source!r} is a case; the states at some mu are in a run's folder")
     else:
         table = case_table(args.source)
         check_case(table, {})

@@ -90,6 +90,8 @@ def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
         (["run", "sample-1", "--spacing", "-1"], r"spacing: -1\.0"),
         (["run", "sample-1", "--dmax", "0.5"], r"dmax|support"),
         (["run", "missing.toml"], "cannot read 'missing.toml'"),
+        (["outline", "sample-1", "--at", "0.3"], "--mu/--at: 'sample-1' is a case"),
+        (["outline", "sample-1", "--at", "nan"], "--mu/--at: nan is not a finite number"),
         (["plot", "nowhere"], r"'nowhere' holds no summary\.json"),
         (["plot"], "DIR"),
         ([], "COMMAND"),
