@@ -255,4 +255,4 @@ def test_loop_writes_what_it_found(tmp_path, capsys):
     record = json.loads((folder / "loop.json").read_text())
     assert (record["control"], record["unit"], record["width"], record["fold_up"], record["stop"]) == ("mu", "kT", 0.0, None, "converged")
     assert cli.main(["loop", str(case), "--quantity", "status", "--out", str(folder)]) == 2
-    assert capsys.readouterr().err.startswith("jaxgel: error: quantity: 'status' is not one of mu, ")
+    assert capsys.readouterr().err.startswith("jaxgel: error: quantity: 'status' is not one of free_stretch, ")
