@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
-from ..equilibrium import State, first_order_only, with_own_factor
-from ..linalg import lowest_mode
+from ..equilibrium import first_order_only
+from ..linalg import SingularTangent, lowest_mode
 from ..materials import gel_at_points, value
-from ..mechanics import curvature, deformation_gradients, prepare, scatter, state_pressure
+from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, prepare, scatter, touches
 from .autodiff import is_traced
 from .path import Path
 from .stability import StabilityAnalysis
@@ -24,7 +24,7 @@ def lowest_eigenvalue(path: Path) -> Float[Array, " k"]:
     eigenvalue it has no derivative, and gets that of one of them. nan for a state that was not reached. ValueError inside ``jax.jit`` and
     ``jax.vmap``, and where a second derivative is asked for.
     """
-    leaves, structure = jax.tree.flatten((path.x, path.problem, jnp.asarray(path.value)))
+    leaves, structure = jax.tree.flatten((path.x, path.pressure, path.problem, jnp.asarray(path.value)))
     return _lowest(structure, leaves)[0]
 
 
@@ -33,17 +33,25 @@ def _lowest(structure, leaves):
     """Eigenvalues (k,), and their modes (k, n, 2) with v . N v = 1."""
     if is_traced(leaves):
         raise ValueError("lowest_eigenvalue: is not available inside jit or vmap")
-    x, unloaded, at = jax.tree.unflatten(structure, leaves)
+    x, pressure, unloaded, at = jax.tree.unflatten(structure, leaves)
     problem, values, modes = prepare(unloaded.model, unloaded.gel, control=unloaded.control), [], []
     stiffness = StabilityAnalysis(problem).stiffness
-    for x_k, there in zip(x, at, strict=True):
-        now, mu = problem.at(there)
-        state = State(float(mu), x_k, state_pressure(x_k, now.model, now.gel, mu))
-        factor = with_own_factor(now, state).factor
-        lowest, mode = (np.nan, np.zeros(len(problem.free))) if factor is None else lowest_mode(factor, stiffness)
+    for state in zip(x, pressure, at, strict=True):
+        lowest, mode = _lowest_of_state(problem, stiffness, *state)
         values.append(lowest)
-        modes.append(scatter(mode, x_k.shape, problem.free))
+        modes.append(scatter(mode, x.shape[1:], problem.free))
     return jnp.array(values), jnp.stack(modes)
+
+
+def _lowest_of_state(problem, stiffness, x, pressure, value):
+    """Lowest eigenvalue and its mode (f,) of the tangent at one state, nan and 0 without one; dead loads have no part in it."""
+    now, mu = problem.at(value)
+    now = now if now.has_contact and touches(x, now.model) else now.without_contact
+    try:
+        factor = factorised_tangent(now, x, pressure, linearise(now, x, pressure, mu)) if np.isfinite(x).all() else None
+    except SingularTangent:
+        factor = None
+    return (np.nan, np.zeros(len(problem.free))) if factor is None else lowest_mode(factor, stiffness)
 
 
 @_lowest.defjvp
@@ -57,7 +65,7 @@ def _lowest_jvp(structure, primals, tangents):
 def _change(modes, inputs, dots):
     """Tangents (k,) of the quotients of energy and network stiffness along ``modes`` (k, n, 2)."""
 
-    def quotients(x, problem, values):
+    def quotients(x, _, problem, values):
         def one(x, v, at):
             now, mu = problem.at(at)
             model, gel = now.model, problem.gel  # eigenvalues are over the stiffness of the gel that is given, whatever the control

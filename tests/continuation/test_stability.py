@@ -157,3 +157,13 @@ def test_a_state_that_was_not_reached_has_no_lowest_eigenvalue(tiny_path):
     found = lowest_eigenvalue(dataclasses.replace(tiny_path, x=x))
     assert np.isnan(found[-1])
     np.testing.assert_allclose(found[:-1], tiny_path.lowest_eigenvalue[:-1], rtol=ACCURACY)
+
+
+def test_the_lowest_eigenvalue_of_a_path_under_loads_is_that_of_its_states(tiny_model):
+    """Dead loads have no stiffness, but the states are others: a tenth and more of the eigenvalue."""
+    gel = tiny_model.cloud.plate.gel
+    loads = np.where(np.asarray(tiny_model.cloud.nodes) == np.asarray(tiny_model.cloud.nodes).max(axis=0), [0.0, -2e-5], 0.0)
+    path, unloaded = (jaxgel.sweep(tiny_model, gel, mu=[-3.0, -2.0], loads=force) for force in (loads, None))
+    found = np.asarray(lowest_eigenvalue(path))
+    np.testing.assert_allclose(found, path.lowest_eigenvalue, rtol=ACCURACY)
+    assert np.all(np.abs(found / unloaded.lowest_eigenvalue - 1) > 1e-2)
