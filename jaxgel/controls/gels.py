@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 import jax
+from jax.core import Tracer
 
 from .._types import Scalar
 from ..materials import Composite, Filled, named_parameters, varies
@@ -33,14 +34,8 @@ class DrivenParameter:
 
     def _with(self, value, gel):
         if isinstance(gel, Composite):
-            for k, one in enumerate(gel.regions):
-                if not isinstance(getattr(one, self.name, 0.0), jax.Array) and getattr(one, self.name, None) not in (
-                    None,
-                    getattr(gel.matrix, self.name, None),
-                ):
-                    raise ValueError(f"control: regions[{k}] has a {self.name!r} of its own, only one number of all gels can be driven")
-            own = [self._with(value, one) if hasattr(one, self.name) else one for one in gel.regions]
-            return Composite(self._with(value, gel.matrix), tuple(own))
+            matrix = self._with(value, gel.matrix)
+            return Composite(matrix, tuple(self._in_region(value, k, gel) for k in range(len(gel.regions))))
         if isinstance(gel, Filled):
             return dataclasses.replace(gel, gel=self._with(value, gel.gel))
         known = named_parameters(gel)
@@ -49,6 +44,14 @@ class DrivenParameter:
         if varies(known[self.name]):
             raise ValueError(f"control: {self.name!r} varies over the plate, only a parameter that is one number can be driven")
         return dataclasses.replace(gel, **{self.name: value})
+
+    def _in_region(self, value, k, gel):
+        own, common = (named_parameters(one).get(self.name) for one in (gel.regions[k], gel.matrix))
+        if own is None:
+            return gel.regions[k]
+        if own is not common and (isinstance(own, Tracer) or isinstance(common, Tracer) or own != common):
+            raise ValueError(f"control: regions[{k}] has a {self.name!r} of its own, only one number of all gels can be driven")
+        return self._with(value, gel.regions[k])
 
 
 def driven(name: str, mu: Scalar = 0.0) -> DrivenParameter:

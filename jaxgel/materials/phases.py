@@ -248,7 +248,7 @@ def _solution(problem, given):
             step = jnp.linalg.solve(jax.jacfwd(residual)(y, given), residual(y, given))
             y = y - step
         if not jnp.max(jnp.abs(step) / (1 + jnp.abs(y))) < CONVERGED:
-            raise ValueError(f"gel: its phases at the control {float(row[-1]):.6g} are too close to a critical point to be told apart")
+            raise ValueError(f"gel: at the control {float(row[-1]):.6g} two phases are nearer to a critical point than the search resolves")
         unknowns.append(y)
     return jnp.stack(unknowns) if unknowns else jnp.zeros((0, problem.count))
 
