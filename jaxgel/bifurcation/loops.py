@@ -7,12 +7,12 @@ import numpy as np
 
 from .._threads import few_threads
 from .._types import Array, Float, Scalar
-from ..continuation import Followed, Following, Path, StabilityAnalysis, first_state_failed
-from ..controls import Control, check_control, control_name, unit_of
+from ..continuation import Followed, Following, Path, StabilityAnalysis, check_sweep, first_state_failed
+from ..controls import Control, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import Stability, State, accepted, solve
-from ..materials import AnyGel, check_gel
-from ..mechanics import Problem, check_driven, check_room, localised, prepare, restrict, with_contact
+from ..materials import AnyGel
+from ..mechanics import Problem, localised, prepare, restrict, with_contact
 from .branches import MAX_STATES, arc_length, followed, leaving
 from .critical import ends_of, located
 from .limits import Searches, limits_of
@@ -160,19 +160,11 @@ def loop(
 
 def _loop(problem, ends, options, unstable, on_step):
     """`Loop` of a problem without tracers."""
-    check_gel(problem.gel)
-    check_control(problem.control, problem.gel, np.array([*ends, ends[0]]))
-    if not problem.moves_edges:
-        check_room(problem.model.cloud.plate)
+    prepared = prepare(problem.model, problem.gel, problem.loads, control=problem.control)
+    check_sweep(prepared, np.array([*ends, ends[0]]))
     with few_threads(2 * problem.model.n_nodes):
-        prepared, states = prepare(problem.model, problem.gel, problem.loads, control=problem.control), []
-        check_driven(prepared, np.array(ends))
         way = Followed(prepared, [*ends, ends[0]], options)
-        for state in way:
-            if on_step is not None:
-                on_step(state)
-            states.append(state.light)
-            del state  # its factor is freed before the next factorisation
+        states = way.light_states(on_step)
         if not states:
             raise first_state_failed(problem.model, problem.control, ends[0], way.stop)
         return _with_limits(prepared, states, ends, way.stop, unstable)

@@ -3,7 +3,7 @@
 from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed, is_traced
 from .eigenvalue import lowest_eigenvalue
 from .follow import Followed, Following
-from .options import BRANCHES, CONTACT, SweepOptions
+from .options import BRANCHES, CONTACT, SweepOptions, check_sweep
 from .path import Path
 from .stability import ACCURACY, StabilityAnalysis, oriented
 from .sweeps import sweep, values_of
@@ -21,6 +21,7 @@ __all__ = [
     "SweepFailed",
     "SweepOptions",
     "across",
+    "check_sweep",
     "first_state_failed",
     "is_traced",
     "lowest_eigenvalue",

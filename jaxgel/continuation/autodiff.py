@@ -15,16 +15,14 @@ from jax.custom_derivatives import SymbolicZero
 
 from .._threads import few_threads
 from .._types import Array, Float
-from ..controls import Control, check_control, check_values, control_name, moves_edges, unit_of
+from ..controls import Control, check_values, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import Status, dry_state, for_derivatives, remedy, solve_traced, state_tangents, with_derivatives_of
 from ..linalg import SingularTangent, extreme_eigenvalues, factor, network_matrix, remember
-from ..materials import LocalGel, check_gel
+from ..materials import LocalGel
 from ..mechanics import (
     Problem,
     border,
-    check_driven,
-    check_room,
     crosses,
     held_stretch,
     linearise,
@@ -38,6 +36,7 @@ from ..mechanics import (
 )
 from ..symmetry import NAMES
 from .follow import Followed, Following
+from .options import check_sweep
 from .path import Path
 
 
@@ -113,18 +112,11 @@ def _states(static, floats, rest):
         return _scanned(*inputs, static.options)
     model, gel, control, values, loads = inputs
     values = check_values(static.ends or list(np.asarray(values)), control_name(control), unit_of(control)).numbers
-    check_gel(gel)
-    check_control(control, gel, values)
-    if not moves_edges(control, gel):
-        check_room(model.cloud.plate)
-    problem, states = prepare(model, gel, loads, control=control), []
-    check_driven(problem, values)
+    problem = prepare(model, gel, loads, control=control)
+    check_sweep(problem, values)
     with few_threads(2 * model.n_nodes):
         followed = Followed(problem, values.tolist(), static.options)
-        for state in followed:
-            remember(state.factor, state.x)
-            states.append(state.light)
-            del state
+        states = followed.light_states(lambda state: remember(state.factor, state.x))
     if not states:
         raise first_state_failed(model, control, values[0], followed.stop)
     values = np.array([state.value for state in states]) if static.ends else values

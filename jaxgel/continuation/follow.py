@@ -81,6 +81,16 @@ class Followed:
     def __iter__(self) -> Iterator[State]:
         self.stop, self.value = yield from self._steps
 
+    def light_states(self, seen: Callable[[State], object] | None = None) -> list[State]:
+        """All states without their factors; ``seen`` is called with each while it has one."""
+        states = []
+        for state in self:
+            if seen is not None:
+                seen(state)
+            states.append(state.light)
+            del state  # its factor is freed before the next factorisation
+        return states
+
 
 def follow(problem: Problem, values: list[float], options: Following, before: list[State] | tuple = ()) -> Steps:
     """Yield the accepted states at the ``values`` after those ``before``, each with its factor; returns how it ended, see `steps`."""

@@ -9,7 +9,8 @@ from .._types import Array, Float
 from .._validation import FLAG, NUMBER, check_options, entry_of, listed, option, whole, word
 from ..controls import DIRECTIONS, Control, Load, Stretch, check_control, check_values, driven, turning_points, unit_of
 from ..geometry import Plate
-from ..materials import AnyGel
+from ..materials import AnyGel, check_gel
+from ..mechanics import Problem, check_driven, check_room
 
 BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
@@ -169,3 +170,12 @@ class SweepOptions:
         if loads is None:
             raise ValueError("sweep.control: 'load' multiplies the loads of a case, and there are none; give a body_force or traction")
         return Load(loads, self.at_mu)
+
+
+def check_sweep(problem: Problem, values: Float[np.ndarray, " k"]) -> None:
+    """Raise ValueError, one line, for a gel, a control with these ``values`` or edges of the plate that no sweep can use."""
+    check_gel(problem.gel)
+    check_control(problem.control, problem.gel, values)
+    if not problem.moves_edges:
+        check_room(problem.model.cloud.plate)
+    check_driven(problem, values)

@@ -5,14 +5,14 @@ from collections.abc import Callable
 
 from .._threads import few_threads
 from .._types import Array, Float
-from ..controls import Control, check_control, check_values, control_name, moves_edges, unit_of
+from ..controls import Control, check_values, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import State
-from ..materials import AnyGel, check_gel, varies
-from ..mechanics import check_driven, check_room, localised, prepare, with_contact
+from ..materials import AnyGel, varies
+from ..mechanics import localised, prepare, with_contact
 from .autodiff import first_state_failed, is_traced, traced_sweep
 from .follow import Followed, Following
-from .options import MAX_STEPS
+from .options import MAX_STEPS, check_sweep
 from .path import Path
 from .steps import legs_left
 
@@ -65,10 +65,8 @@ def sweep(
     if traced:
         return traced_sweep(model, gel, control, values, loads, options)
     numbers = check_values(values, control_name(control), unit_of(control)).numbers
-    check_gel(gel)
-    check_control(control, gel, numbers)
-    if not moves_edges(control, gel):
-        check_room(model.cloud.plate)
+    problem = prepare(model, gel, loads, control=control, operators=False)
+    check_sweep(problem, numbers)
     before = [] if start is None else [start] if isinstance(start, State) else list(start)
     if any((state.control is None) != (control is None) for state in before):
         raise ValueError(f"start: is no state of a sweep along {control_name(control)}; leave it out, the first state is looked for")
@@ -77,14 +75,8 @@ def sweep(
         raise ValueError(f"{control_name(control)}: {before[-1].value:g} is the value of the start, the sweep must leave it")
     states = [] if isinstance(start, State) else list(before)
     with few_threads(2 * model.n_nodes):
-        problem = prepare(model, gel, loads, control=control, operators=False)
-        check_driven(problem, numbers)
         followed = Followed(problem, numbers.tolist(), options, before)
-        for state in followed:
-            if on_step is not None:
-                on_step(state)
-            states.append(state.light)
-            del state  # its factor is freed before the next factorisation
+        states += followed.light_states(on_step)
     if not states:
         raise first_state_failed(model, control, numbers[0], followed.stop)
     text = "" if followed.stop.ok else f"stopped after {control_name(control)} = {followed.value:.6g}: {followed.stop.text}"
