@@ -56,9 +56,9 @@ def adaptive(attempt: Callable, ends: list[float], before: list[State], max_step
 
     The number of Newton iterations of a state sets the next step.
     """
-    states = list(before)
-    for first, last in legs_left(ends, before):
-        turned = bool(states) and states[-1].value == first != ends[0]
+    states, left = list(before), legs_left(ends, before)
+    for number, (first, last) in enumerate(left, len(ends) - 1 - len(left)):
+        turned = number > 0 and states[-1].value == first
         status, value = yield from _leg(attempt, first, last, states, max_steps, turned)
         if status is not Status.CONVERGED:
             break
