@@ -174,7 +174,7 @@ class _Attempt:
             return _first(problem, value, solve(problem, value, x, pressure)), False
         last, x = history[-1], frame.onto(x, value)
         if not problem.has_contact:
-            found, leapt = _leapt(problem, self._as_predicted(frame, solve(problem, value, x, pressure), x, last), x, last)
+            found, leapt = _leapt(problem, _as_predicted(frame, solve(problem, value, x, pressure), x, last, self.snap), x, last)
             return self._relaxed(problem, found, leapt, last) if self.jumps else (found, leapt)
         most = float(problem.model.contact.range)
         far = not np.abs(x - last.x).max() < most
@@ -182,24 +182,10 @@ class _Attempt:
         near = bool((was_active or far) and touches(x, problem.model))
         if far and (was_active or near):
             return of_control(problem, State(float(problem.at(value)[1]), x, pressure), value), False
-        found = self._as_predicted(frame, solve(problem, value, x, pressure, near_contact=near), x, last)
+        found = _as_predicted(frame, solve(problem, value, x, pressure, near_contact=near), x, last, self.snap)
         if found.status.ok and found.contact_active and not np.abs(found.x - last.x).max() < most:
             found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
         return self._relaxed(problem, *_leapt(problem, found, x, last), last)
-
-    def _as_predicted(self, frame, found, predicted, last):
-        """The `State` found, refused after a step that is not short and is mostly the softest mode, against what was predicted of it.
-
-        Next to an imperfect bifurcation Newton's method may end on the branch that turns the other way.
-        """
-        if not found.status.ok or last.modes is None or abs(found.value - last.value) <= self.snap:
-            return found
-        step, expected = (restrict(np.asarray(x) - np.asarray(last.x), frame.problem.free) for x in (found.x, predicted))
-        weighted = frame.stiffness @ frame.along(last.modes[:, 0])  # a mode v has v . N v = 1
-        moved, foreseen = weighted @ step, weighted @ expected
-        against = moved * foreseen < 0 and abs(foreseen) > SAYS_NOTHING * abs(moved)
-        mostly = moved**2 > MOSTLY * (step @ (frame.stiffness @ step))
-        return dataclasses.replace(found, status=Status.NOT_CONVERGED) if against and mostly else found
 
     def _relaxed(self, problem, found, leapt, last):
         """The `State` found after the ``last`` one and whether it ``leapt``; where a short step failed, that to which the last relaxes."""
@@ -224,6 +210,21 @@ class _Attempt:
                 stability, state = frame.check(state, None)
                 other = (frame.whole(state), stability) if stability.negative == 0 else None
         return other
+
+
+def _as_predicted(frame, found, predicted, last, short):
+    """The `State` found, refused after a step longer than ``short`` if it is mostly the softest mode, against what was predicted of it.
+
+    Next to an imperfect bifurcation Newton's method may end on the branch that turns the other way.
+    """
+    if not found.status.ok or last.modes is None or abs(found.value - last.value) <= short:
+        return found
+    step, expected = (restrict(np.asarray(x) - np.asarray(last.x), frame.problem.free) for x in (found.x, predicted))
+    weighted = frame.stiffness @ frame.along(last.modes[:, 0])  # a mode v has v . N v = 1
+    moved, foreseen = weighted @ step, weighted @ expected
+    against = moved * foreseen < 0 and abs(foreseen) > SAYS_NOTHING * abs(moved)
+    mostly = moved**2 > MOSTLY * (step @ (frame.stiffness @ step))
+    return dataclasses.replace(found, status=Status.NOT_CONVERGED) if against and mostly else found
 
 
 def _leapt(problem, found, predicted, last):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.continuation.follow import Followed, Following, _as_predicted
+from jaxgel.continuation.follow import SNAP, Followed, Following, _as_predicted
 from jaxgel.continuation.frames import Frames
 from jaxgel.mechanics import prepare, scatter
 
@@ -40,4 +40,4 @@ def test_only_a_prediction_that_says_something_refuses_a_step(share, ok, twisted
     step = np.asarray(scatter(last.modes[:, 0], last.x.shape, problem.free))
     found, predicted = (dataclasses.replace(last, mu=-1.9, x=np.asarray(last.x) + part * step) for part in (1.0, share))
     frame = Frames(problem, symmetry=False).of(())
-    assert _as_predicted(frame, found, predicted.x, last).status.ok == ok
+    assert _as_predicted(frame, found, predicted.x, last, SNAP).status.ok == ok
