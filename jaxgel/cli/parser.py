@@ -80,6 +80,7 @@ def _case_commands(add):
 
     p = add("runs.loop", "loop", "sweep a case up and down: where it jumps, the width of the loop, the unstable branch")
     _case_options(p, "out/CASE-loop")
+    _control_options(p)
     p.add_argument("--quantity", default="core_rotation", metavar="NAME", help="of the figure, such as J_mean (default: core_rotation)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from .model import Model
 
 BATCH = 64  # points whose shape functions are evaluated together
-LARGE, SMALL = 4096, 512  # points of one call of the program that evaluates them: two sizes, so two programs serve every cloud
-NEIGHBOURS = 16  # the program's neighbours are padded to a multiple of this
+GROUP = 1024  # points of one call of the program that evaluates them: one size, so that it serves every cloud
+NEIGHBOURS = 32  # the program's neighbours are padded to a multiple of this
 LARGEST_SUM = 10.0  # of absolute values of shape functions: below 3 in the gel, and more away from it, where they extrapolate
 MIDLINE_POINTS = 401  # samples of the plate's midline, those in holes included
 
@@ -180,8 +180,7 @@ def evaluate_points(
     """
     count, width = len(points), lists.shape[1]
     lists, supports = (np.pad(part, ((0, 0), (0, -width % NEIGHBOURS))) for part in (lists, supports))
-    sizes = [LARGE] * (count // LARGE) + [SMALL] * -(-(count % LARGE) // SMALL)
-    numbers = np.split(np.minimum(np.arange(sum(sizes)), count - 1), np.cumsum(sizes)[:-1])
+    numbers = np.minimum(np.arange(count + -count % GROUP), count - 1).reshape(-1, GROUP)
     own = [owner[some] for some in numbers]
     at = zip(_rows(points, numbers), _rows(nodes, [lists[some] for some in own]), own, strict=True)
     groups = [_evaluated(*some, supports[of], basis=basis, kind=kind, gradients=gradients) for *some, of in at]

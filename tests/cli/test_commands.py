@@ -242,17 +242,17 @@ def test_ctrl_c_is_not_lost_with_its_exception():
 
 
 def test_loop_writes_what_it_found(tmp_path, capsys):
-    """A plate that swells with a free edge comes back the way it went."""
+    """A plate with a free edge, swollen less and less as the options say, comes back the way it went."""
     case = tmp_path / "free.toml"
     case.write_text(
         'plate = { width = 4.0, height = 4.0, spacing = 0.8, nodes_per_hole = 12, edges = { top = "free" } }\n'
-        'holes = [{ kind = "circle", centre = [0.1, -0.2], radius = 1.1 }]\nsweep = { mu_start = -4.9, mu_end = -4.0 }\n'
+        'holes = [{ kind = "circle", centre = [0.1, -0.2], radius = 1.1 }]\n'
     )
-    folder = tmp_path / "loop"
-    assert cli.main(["loop", str(case), "--quantity", "J_mean", "--out", str(folder)]) == 0
+    folder, driven = tmp_path / "loop", ["--control=chi", "--from=0.1", "--to=0.2", "--at-mu=-4.0"]
+    assert cli.main(["loop", str(case), *driven, "--quantity", "J_mean", "--out", str(folder)]) == 0
     assert "no loop: up and down the same branch, width 0" in capsys.readouterr().out
     assert {file.name for file in folder.iterdir()} == {"loop.json", "loop.csv", "loop.png"}
     record = json.loads((folder / "loop.json").read_text())
-    assert (record["control"], record["unit"], record["width"], record["fold_up"], record["stop"]) == ("mu", "kT", 0.0, None, "converged")
+    assert (record["control"], record["unit"], record["width"], record["fold_up"], record["stop"]) == ("chi", "", 0.0, None, "converged")
     assert cli.main(["loop", str(case), "--quantity", "status", "--out", str(folder)]) == 2
     assert capsys.readouterr().err.startswith("jaxgel: error: quantity: 'status' is not one of free_stretch, ")
