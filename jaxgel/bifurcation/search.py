@@ -22,6 +22,7 @@ from .points import KEPT, CriticalPoint, Expansion, expand
 
 ITERATIONS = 15
 TOLERANCE = 1e-9  # of a critical value, in scales of the control
+ROUND_OFF = 1e-6  # below this a step that is no longer half the one before is round-off, large where the gel is nearly incompressible
 LAST_STEP = 1e-4  # of the distance between two states: a fold's value is stationary, so that its mode needs more steps than its value
 TOGETHER = 5e-3  # crossings closer than this, in scales of the control, are searched as one multiple eigenvalue
 
@@ -90,6 +91,11 @@ class Shared:
         return TOLERANCE * scale_of(self.problem.control)
 
     @property
+    def round_off(self) -> float:
+        """Largest step, in the control's unit, that may be round-off."""
+        return ROUND_OFF * scale_of(self.problem.control)
+
+    @property
     def together(self) -> float:
         """Distance, in the control's unit, within which crossings are searched as one."""
         return TOGETHER * scale_of(self.problem.control)
@@ -136,6 +142,7 @@ def _bifurcation(shared, low, high, multiplicity):
         return (1 - t) * low.x + t * high.x, (1 - t) * low.pressure + t * high.pressure
 
     value, modes, amplitude, limit = 0.5 * (low.value + high.value), None, np.zeros(multiplicity), 0.1 * problem.model.cloud.spacing
+    before = np.inf
     for _ in range(ITERATIONS):
         x, pressure = between(value)
         if modes is None:
@@ -157,9 +164,9 @@ def _bifurcation(shared, low, high, multiplicity):
         if multiplicity == 1:  # to where the third derivative vanishes
             most = limit / np.abs(modes).max()
             amplitude = amplitude - np.clip(local.cubic / local.quartic, -most, most)
-        if abs(step) < shared.tolerance:
+        if abs(step) < shared.tolerance or before / 2 < abs(step) < shared.round_off:
             return _point(shared, state, value + step, modes, eigenvalues, local, forces, low.negative_pivots)
-        value += step
+        value, before = value + step, abs(step)
         if not inside(value, low.value, high.value, shared.together):
             return None
     return None
