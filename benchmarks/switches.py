@@ -8,7 +8,7 @@ finite elements are displacements alone, J = det F, and are led to either phase 
 
 ``cells``: the stretch at which periodic cells of a nearly incompressible neo-Hookean solid lose their stability, shortened along x, with
 the stretch along y and the shear free. One hole: the lattice shears. 2 x 2 holes: they become ellipses that lie and stand in turn. In
-jaxgel the gel is so dry, mu = `DRY`, that it keeps its volume to 2e-4. The finite elements have a bulk modulus of `BULK` shear moduli.
+jaxgel the gel is so dry, mu = `DRY`, that it keeps its volume to 2e-5. The finite elements have a bulk modulus of `BULK` shear moduli.
 
 Each row: jaxgel, finite elements on the first of two meshes, the difference in %, and in % what the second mesh changes.
 """  # fmt: skip
@@ -37,7 +37,7 @@ STRIP_MESHES = (Mesh(5, 0.6, 0.2), Mesh(4, 0.8, 0.3))
 LEAD = 8  # steps in which the load that holds the strip without a hole is taken away
 WIDTH, DRY, BULK = 2.0, -10.0, 1e5  # of a cell, mm; kT; over the shear modulus
 CELLS = {1: (0.8, 0.75, (1 / 8, 1 / 12)), 2: (0.7, 0.83, (1 / 6, 1 / 8))}  # along a side -> radius, mm, last stretch, spacings, mm
-CELL_MESHES = ((6, 1 / 8), (5, 1 / 6))  # order of the displacements, longest edges over the side of a cell
+CELL_MESHES = ((6, 1 / 8), (5, 1 / 10))  # order of the displacements, longest edges over the side of a cell
 STEP, CLOSE = 0.04, 1e-3  # largest step of the stretch; how close to its onset the last state is
 TOLERANCE = 1e-7  # mm, of the last correction of Newton's method
 

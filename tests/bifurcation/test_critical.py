@@ -223,3 +223,17 @@ def test_the_command_writes_points_and_modes(tmp_path, capsys, point):
     assert (tmp_path / "modes.png").stat().st_size > 1e4
     assert (tmp_path / "critical.csv").read_text().startswith("mu,kind,multiplicity")
     assert np.load(tmp_path / "critical.npz")["modes_0"].shape == point.modes.shape
+
+
+@pytest.mark.slow
+def test_the_onset_of_a_gel_that_keeps_its_volume_is_found():
+    """Where the bulk modulus is 4e8 of the network's, eigenvalues have so much round-off that the last steps do not shrink any more."""
+    holes = [jaxgel.Circle((x, y), 0.8) for x in (-1, 1) for y in (-1, 1)]
+    cells = jaxgel.Plate(4, 4, holes, edges="periodic", deformation=((1.0, "free"), ("free", "free")))
+    model = jaxgel.discretise(jaxgel.make_cloud(cells, spacing=0.25, nodes_per_hole=16))
+    softer, stiffer = (
+        jaxgel.critical_points(model, jaxgel.Gel(), control=jaxgel.controls.Stretch("x", mu=mu), values=(1.0, 0.9), most=1)
+        for mu in (-8.0, -12.0)
+    )
+    # at -8 the gel has swollen by J - 1 = exp(mu - 1), by half of it along x, and is shortened from there
+    assert stiffer[0].value == pytest.approx(softer[0].value / (1 + np.exp(-9) / 2), abs=5e-6)  # 2e-6 measured; the shift is 6e-5
