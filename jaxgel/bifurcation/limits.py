@@ -6,12 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..continuation import predict
 from ..equilibrium import State, control_force, solve
 from ..mechanics import Problem, restrict
 from .points import CriticalPoint
 from .search import Shared, counted, crossings, fold_next_to, heads_for_fold, inside
 
 WORK = 1e-6  # of the control's force along the mode, relative: less is that of a bifurcation
+PERFECT = 1e-9  # imperfection of a bifurcation, which is round-off: with a larger one the branch ends at a fold
+HALVES = 12  # of the way from the last state on a branch to the first on another, in search of its end
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,7 +55,9 @@ def limits_of(searches: Searches, states: Sequence[State]) -> list[Limit]:
             earlier = None  # of another branch, or on the other side
         shared = searches.next_to(before)
         if after.switched:
-            points = _bifurcations(shared, earlier, before, after) or _folds(shared, earlier, before, after)
+            points = _bifurcations(shared, earlier, before, after)
+            if not points or any(map(_is_upheld, points)):
+                points = _folds(shared, earlier, before, after) or _last_folds(shared, before, after) or points
             limits = [point for point in points if point.kind == "fold" or point.subcritical]
             passed = bool(points) and not limits  # supercritical ones
             found += [] if passed else [Limit(k, limits[0] if limits else None)]
@@ -84,3 +89,22 @@ def _bifurcations(shared, earlier, before, after):
         start = [here + share * (here - there) for here, there in zip(start, (earlier.x, earlier.pressure), strict=True)]
     beyond = solve(shared.problem, after.value, *start, own_factor=True)
     return crossings(shared, earlier, before, counted(beyond)) if beyond.status.ok else []
+
+
+def _is_upheld(point):
+    """Whether only a force holds a state at a subcritical bifurcation: the branch of an imperfect plate folds back before it."""
+    return point.kind == "bifurcation" and point.subcritical and point.imperfection > PERFECT
+
+
+def _last_folds(shared, before, after):
+    """[fold] at which the branch of ``before`` ends before the value of ``after``, from states ever nearer to it; [] without one."""
+    states, beyond = [before], after.value
+    for _ in range(HALVES):
+        value = 0.5 * (states[-1].value + beyond)
+        found = solve(shared.problem, value, *predict(shared.problem, value, states[-2:]), own_factor=True)
+        near = found.status.ok and np.abs(found.x - states[-1].x).max() < np.abs(found.x - after.x).max()
+        if near and found.factor.negative_pivots == before.negative_pivots:
+            states.append(counted(found))
+        else:
+            beyond = value
+    return _folds(shared, *states[-2:], after) if len(states) > 1 else []

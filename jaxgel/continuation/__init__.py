@@ -5,6 +5,7 @@ from .eigenvalue import lowest_eigenvalue
 from .follow import Followed, Following
 from .options import BRANCHES, CONTACT, SweepOptions, check_sweep
 from .path import Path
+from .predictor import predict
 from .stability import ACCURACY, StabilityAnalysis, oriented
 from .sweeps import sweep, values_of
 from .switching import across
@@ -26,6 +27,7 @@ __all__ = [
     "is_traced",
     "lowest_eigenvalue",
     "oriented",
+    "predict",
     "sweep",
     "values_of",
 ]

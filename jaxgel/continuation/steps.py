@@ -14,6 +14,7 @@ from ..equilibrium import State, Status
 
 NAMED = (Status.SELF_CONTACT, Status.LEAPT)  # failures that say more than that the step has become too small
 MAX_CUTS = 8  # halvings of a step before the sweep gives up
+SHORT = 5e-3  # of the way: shorter steps are not tried where the gel relaxes to no stable state from the unstable one at their end
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of an adaptive step after so many corrections; 0.6 after more
 Steps = Generator[State, None, tuple[Status, float]]
 
@@ -93,12 +94,12 @@ def _leg(attempt, first, last, states, max_steps, turned):
             yield found
             if goal == last:
                 return Status.CONVERGED, last
-        elif not states or found.status in (Status.SELF_CONTACT, Status.UNSTABLE):
+        elif not states or found.status is Status.SELF_CONTACT:
             return found.status, states[-1].value if states else goal
         else:
-            step = 0.4 * abs(goal - states[-1].value)
-            if step < least:
-                return Status.STEP_TOO_SMALL, states[-1].value
+            step, ended = 0.4 * abs(goal - states[-1].value), found.status is Status.UNSTABLE
+            if step < (SHORT * abs(last - first) if ended else least):
+                return Status.UNSTABLE if ended else Status.STEP_TOO_SMALL, states[-1].value
         del found  # its factor is freed before the next factorisation
         goal = _ahead(states[-1].value, step, last)
     return Status.TOO_MANY_STEPS, states[-1].value
