@@ -7,12 +7,13 @@ from .deflation import find_states_by_deflation
 from .imperfections import imperfection, imperfection_load, points_by_options, sweep_by_options
 from .loops import Loop, loop
 from .points import CriticalPoint
-from .search import folds
+from .search import PointNotLocated, folds
 
 __all__ = [
     "Barrier",
     "CriticalPoint",
     "Loop",
+    "PointNotLocated",
     "barrier",
     "continue_branch",
     "critical_points",

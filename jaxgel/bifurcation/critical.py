@@ -43,7 +43,8 @@ def critical_points(
     ``search.TOLERANCE``; a fold where the branch turns back, if it does (on other branches: see ``folds``). ``point.value``, which is
     ``point.mu`` without another control, is differentiable once in everything the model, the gel and the control depend on, forward and
     reverse; derivatives for designs that break the symmetry are those of the perfect branch, for a double eigenvalue those of the mean.
-    ValueError inside jit or vmap and for second derivatives.
+    A change of stability whose point is not located is warned of (`PointNotLocated`). ValueError inside jit or vmap and for second
+    derivatives.
     """
     ends = ends_of(mu, control, values)
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads

@@ -7,13 +7,14 @@ critical value is free of the cloud's imperfection to first order. At a fold v .
 
 import dataclasses
 import itertools
+import warnings
 
 import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float
 from ..continuation import Path, StabilityAnalysis, oriented, sweep
-from ..controls import scale_of
+from ..controls import control_name, scale_of
 from ..equilibrium import Conditions, Stability, State, control_force, solve, solve_bordered
 from ..linalg import Bordered, nearest_modes
 from ..mechanics import Problem, prepare, restrict, scatter
@@ -25,6 +26,10 @@ TOLERANCE = 1e-9  # of a critical value, in scales of the control
 ROUND_OFF = 1e-6  # below this a step that is no longer half the one before is round-off, large where the gel is nearly incompressible
 LAST_STEP = 1e-4  # of the distance between two states: a fold's value is stationary, so that its mode needs more steps than its value
 TOGETHER = 5e-3  # crossings closer than this, in scales of the control, are searched as one multiple eigenvalue
+
+
+class PointNotLocated(UserWarning):
+    """The number of negative eigenvalues changes between two states of a branch, and the critical point between them was not located."""
 
 
 def locate(problem: Problem, ends: tuple[float, float], most: int) -> list[CriticalPoint]:
@@ -40,7 +45,13 @@ def locate(problem: Problem, ends: tuple[float, float], most: int) -> list[Criti
         if len(points) == most:
             break
         if before.negative_pivots != after.negative_pivots:
-            for point in crossings(shared, earlier, before, after):
+            found = crossings(shared, earlier, before, after)
+            if not found:
+                where = f"{control_name(control)} = {before.value:.6g} and {after.value:.6g}"
+                counts = f"{before.negative_pivots} to {after.negative_pivots}"
+                text = f"critical_points: between {where} the negative eigenvalues change from {counts}, and no point was located"
+                warnings.warn(text, PointNotLocated, stacklevel=2)
+            for point in found:
                 again = point.multiplicity > 1 and any(abs(point.value - other.value) < shared.together for other in points)
                 points += [] if again else [point]  # an unsymmetric cloud splits a double one
         elif earlier is not None and heads_for_fold(earlier, before, after.value):

@@ -237,3 +237,10 @@ def test_the_onset_of_a_gel_that_keeps_its_volume_is_found():
     )
     # at -8 the gel has swollen by J - 1 = exp(mu - 1), by half of it along x, and is shortened from there
     assert stiffer[0].value == pytest.approx(softer[0].value / (1 + np.exp(-9) / 2), abs=5e-6)  # 2e-6 measured; the shift is 6e-5
+
+
+def test_a_point_that_is_not_located_is_warned_of(buckling_model, monkeypatch):
+    monkeypatch.setattr("jaxgel.bifurcation.search.crossings", lambda *_: [])
+    text = r"^critical_points: between mu = -\d.\d+ and -\d.\d+ the negative eigenvalues change from 0 to 1, and no point was located$"
+    with pytest.warns(jaxgel.bifurcation.PointNotLocated, match=text):
+        assert jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=(-2.2, -1.4), most=1) == []
