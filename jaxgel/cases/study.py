@@ -10,7 +10,9 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
                      curve = [one value per mu], line = {slope, mu0}; optional: weight; from, to, the window of mu of curve or line;
                      or of = "free_edge" with at and outline, the line that the free edges are to follow, [[x, y], ...] in mm or a file,
                      see `io.read_outlines`
+                     or of = "fold_up", "fold_down", "loop_width", "onset" or "barrier" (with at) and goal or target; optional: weight
     [[constraints]]  of (a quantity, see `CURVES`, `DRY` and `OF_GEL`) and one of above, below, within (magnitude); optional: at
+                     or one of these ``SWITCHES`` and one of above, below, within
     [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of searches (1), each from other start values
                      within the bounds, and seed (0) by which those are drawn, see `study_runs`
     [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
@@ -19,6 +21,9 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
 A study takes all of its case, loads and moved edges too, but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu
 a list. Under another control ``at``, ``from``, ``to`` and ``mu`` are its values, which must all be
 different. Nodal loads follow the cloud that the holes move, with derivatives.
+
+The switches are of the gel driven from the first value of the sweep to the last and back: its folds, the width of its loop and the first
+critical point in the control's unit, and the barrier (kT/v mm^2) that keeps it in its state on the way up at a value between these ends.
 """
 
 import dataclasses
@@ -35,6 +40,7 @@ from ..design import (
     METHODS,
     MOST_DENSE,
     OF_GEL,
+    SWITCHES,
     Design,
     DesignField,
     DesignProblem,
@@ -69,8 +75,9 @@ BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
 AT = NUMBER | {"$comment": "give the value of the sweep at which the quantity counts"}
 SHARE = NUMBER | {"exclusiveMinimum": 0.0, "maximum": 1.0}
 FREE_EDGE = "free_edge"  # what an outline is given for
+BARRIER = "barrier"  # the switch at a value of its own
 OBJECTIVE = {
-    "of": word([*CURVES, FREE_EDGE]) | OF,
+    "of": word([*CURVES, FREE_EDGE, *SWITCHES]) | OF,
     "goal": word(("maximise", "minimise")),
     "target": NUMBER,
     "curve": listed(NUMBER),
@@ -81,7 +88,7 @@ OBJECTIVE = {
     "from": NUMBER,
     "to": NUMBER,
 }
-CONSTRAINT = {"of": word([*CURVES, *DRY, *OF_GEL]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": AT}
+CONSTRAINT = {"of": word([*CURVES, *DRY, *OF_GEL, *SWITCHES]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": AT}
 SEARCH = {
     "method": word(METHODS),
     "evaluations": whole(1),
@@ -90,7 +97,9 @@ SEARCH = {
     "starts": whole(1, 999),
     "seed": whole(0, None),
 }
-NEEDS = {"dependentRequired": {"goal": ["at"], "target": ["at"], "outline": ["at"]}}
+SWITCH = {"if": {"properties": {"of": {"enum": list(SWITCHES)}}, "required": ["of"]}}
+NEEDS = {"dependentRequired": {"goal": ["at"], "target": ["at"], "outline": ["at"]}, "properties": OBJECTIVE}
+JUDGED = tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS) | SWITCH | {"else": NEEDS}
 VARIED = {
     "type": "object",
     "if": {"properties": {"of": {"enum": list(FIELDS)}}, "required": ["of"]},
@@ -99,7 +108,7 @@ VARIED = {
 }
 SECTIONS = {
     "parameters": listed(VARIED, least=1),
-    "objective": listed(tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS) | NEEDS, least=1),
+    "objective": listed(JUDGED, least=1),
     "constraints": listed(tabled(CONSTRAINT, ["of"]) | exactly_one(LIMITS)),
     "search": tabled(SEARCH) | {"dependentRequired": {"seed": ["starts"]}},
     "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1)}),
@@ -125,7 +134,8 @@ class Study:
     verification: dict
     """Options of `verify`: spacing, mu."""
     aim: dict
-    """First entry of the objective, with ``values`` (k,), its target at every mu (nan where there is none), for the figure."""
+    """First entry of the objective for the figure, with ``values`` (k,), its target at every mu, and ``targets``, those of switches, by
+    name; nan where there is none."""
     fields: dict[str, tuple[str, DesignField]]
     """Parameters that are fields: name -> Nv or chi, and how its pixels follow."""
     table: dict
@@ -155,7 +165,9 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
     mu = list(case.sweep.values)
     parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(table["parameters"])])
     table = table | {"objective": [_with_points(f"objective[{i}]", entry) for i, entry in enumerate(table["objective"])]}
-    terms = [_term(i, entry, mu, case.sweep.control) for i, entry in enumerate(table["objective"])]
+    judged = [(f"{key}[{i}]", entry) for key in ("objective", "constraints") for i, entry in enumerate(table.get(key, []))]
+    switches = {where: _switch(where, entry, case) for where, entry in judged if entry["of"] in SWITCHES}
+    terms = [_term(f"objective[{i}]", entry, mu, case.sweep.control, switches) for i, entry in enumerate(table["objective"])]
     alone = len(terms) == 1 and terms[0][0] < 0
     problem = DesignProblem(
         start={p["name"]: p["start"] for p in parameters},
@@ -165,7 +177,8 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
         mu=mu,
         objective=weighted_sum([abs(w) for w, _ in terms] if alone else [w for w, _ in terms], [f for _, f in terms]),
         maximise=alone,
-        constraints=tuple(_constraint(i, entry, mu) for i, entry in enumerate(table.get("constraints", []))),
+        constraints=tuple(_constraint(f"constraints[{i}]", entry, mu, switches) for i, entry in enumerate(table.get("constraints", []))),
+        reported=dict(switches.values()),
         options=case.discretisation,
         sweep=case.sweep,
         loads=case.loads,
@@ -178,6 +191,8 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
     entries = [entry | ({"start": pictured[i]} if i in pictured else {}) for i, entry in enumerate(table["parameters"])]
     table = {key: table[key] for key in SECTIONS if key in table} | {"parameters": entries} | case.table()
     verification, aim = _verification(table, case), _aim(table["objective"][0], mu, case.sweep.control)
+    aims = [(entry, *switches[f"objective[{i}]"][:1]) for i, entry in enumerate(table["objective"]) if f"objective[{i}]" in switches]
+    aim["targets"] = {name: entry.get("target", np.nan) for entry, name in aims if (entry["of"] == BARRIER) == (aim["of"] == BARRIER)}
     return Study(name, case, problem, search, verification=verification, aim=aim, fields=fields, table=table, **several)
 
 
@@ -191,18 +206,44 @@ def _parameter(i, entry, case):
     return varied | {key: numbers(f"{where}.{key}", entry.get(key, own), np.shape(own)) for key in ("start", "lower", "upper")}
 
 
-def _term(i, entry, mu, control):
+def _term(where, entry, mu, control, switches):
     """(weight, function of the path) of an entry of the objective, to be minimised; a negative weight maximises."""
-    where, weight = f"objective[{i}]", float(entry.get("weight", 1.0))
+    weight = float(entry.get("weight", 1.0))
     if "outline" in entry:
         return weight, value_at(functools.partial(free_edge_misfit, outline=np.array(entry["outline"], dtype=float)), _at(where, entry, mu))
-    quantity = CURVES[entry["of"]]
     if "curve" in entry or "line" in entry:
-        return weight, misfit(quantity, mu, _aim(entry, mu, control, where)["values"])
-    value = value_at(quantity, _at(where, entry, mu))
+        return weight, misfit(CURVES[entry["of"]], mu, _aim(entry, mu, control, where)["values"])
+    value = switches[where][1] if where in switches else value_at(CURVES[entry["of"]], _at(where, entry, mu))
     if "target" in entry:
         return weight, lambda path: (value(path) - entry["target"]) ** 2
     return (-weight if entry["goal"] == "maximise" else weight), value
+
+
+def _switch(where, entry, case):
+    """(name, function of the path) of an entry of the objective or the constraints that is a switch; ValueError for a wrong one."""
+    of, sweep = entry["of"], case.sweep
+    foreign = next((key for key in ("curve", "line", "from", "to", *["at"] * (of != BARRIER)) if key in entry), None)
+    if foreign is not None:
+        raise ValueError(f"{where}.{foreign}: does not go with {of!r}, a number of the whole sweep; give goal or target, or a limit")
+    first, last = sweep.ends
+    if first == last:
+        raise ValueError(f"{where}.of: {of!r} needs a sweep from one value to another, and this one has {first:g} only")
+    if of != "onset" and sweep.branch != "stable":
+        raise ValueError(f"sweep.branch: {sweep.branch!r} is not accepted with {of!r}, a loop follows the stable branch")
+    driven = sweep.ends, _own_control, None if sweep.control == "load" else case.loads
+    if of != BARRIER:
+        return of, SWITCHES[of](*driven)
+    if "at" not in entry:
+        raise ValueError(f"{where}: at is missing; give the value of the sweep's control at which the barrier counts")
+    at = float(entry["at"])
+    if not min(first, last) < at < max(first, last):
+        raise ValueError(f"{where}.at: {at:g} is not between the ends of the sweep, {first:g} and {last:g}")
+    return f"{of} at {at:g}", SWITCHES[of](at, *driven)
+
+
+def _own_control(path):
+    """The control of a path, whose loads are those of its model; None for the chemical potential."""
+    return path.control
 
 
 def _with_points(where, entry):
@@ -233,7 +274,7 @@ def _aim(entry, mu, control, where="objective[0]"):
         if len(entry["curve"]) != len(mu):
             raise ValueError(f"{where}.curve: it is not a list of {len(mu)} numbers, one for each value of the sweep")
         values = np.array(entry["curve"], dtype=float)
-    elif "target" in entry:
+    elif "target" in entry and entry["of"] not in SWITCHES:
         values = np.where(np.abs(at - _at(where, entry, mu)) < 1e-9, float(entry["target"]), np.nan)
     if entry.keys() & {"from", "to"}:
         low, high = sorted((entry.get("from", mu[0]), entry.get("to", mu[-1])))
@@ -243,9 +284,12 @@ def _aim(entry, mu, control, where="objective[0]"):
     return dict(entry, values=values)
 
 
-def _constraint(i, entry, mu):
+def _constraint(where, entry, mu, switches):
     limits = {key: float(entry[key]) for key in LIMITS if key in entry}
-    at = _at(f"constraints[{i}]", entry, mu) if "at" in entry else None
+    if where in switches:
+        name, function = switches[where]
+        return bound(name, of=function, **limits)
+    at = _at(where, entry, mu) if "at" in entry else None
     return bound(entry["of"], at=at, **limits)
 
 

@@ -195,7 +195,8 @@ def _verified(study, design, folder):
     verified = dict(
         study=study.name,
         parameters={name: np.asarray(v).tolist() for name, v in design.parameters.items() if name not in study.fields},
-        search=dict(value=design.value, feasible=design.feasible, outcome=str(design.outcome), evaluations=len(design.history)),
+        search=dict(value=design.value, feasible=design.feasible, outcome=str(design.outcome), evaluations=len(design.history))
+        | ({"reported": design.reported} if design.reported else {}),
         start=start,
         best=best,
     )

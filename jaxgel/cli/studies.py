@@ -53,6 +53,10 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
     for name in ("start", "best"):
         v = verified[name]
         say(f"{name} on a fresh cloud of {v['nodes']} nodes: objective {v['value']:.6g}; {v['reason']}")
+    for name, value in found.reported.items():
+        own = {key: verified[key]["reported"][name] for key in ("start", "best")}
+        start, best = ("none" if number is None else f"{number:.6g}" for number in own.values())
+        say(f"{name:<12} {value:.6g} in the search; on a fresh cloud {best}, at the start {start}")
     say(f"results in {folder}")
     valid = found.feasible and verified["best"]["valid"]
     if not valid:

@@ -6,7 +6,7 @@ from .optimisers import METHODS, MOST_DENSE
 from .printing import PIXELS, REACH, DesignField, filtered
 from .problem import DesignProblem
 from .search import FEASIBLE, read_log
-from .switches import barrier_height, fold_down, fold_up, loop_width, onset
+from .switches import SWITCHES, barrier_height, fold_down, fold_up, loop_width, onset
 from .verification import intervals, verify
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "OF_GEL",
     "PIXELS",
     "REACH",
+    "SWITCHES",
     "Constraint",
     "Design",
     "DesignField",

@@ -124,17 +124,24 @@ OF_GEL = {f"{name}_mean": parameter_mean(name) for name in ("Nv", "chi")}
 
 
 def bound(
-    name: str, *, above: float | None = None, below: float | None = None, within: float | None = None, at: float | None = None
+    name: str,
+    *,
+    above: float | None = None,
+    below: float | None = None,
+    within: float | None = None,
+    at: float | None = None,
+    of: Callable[[Path], Array] | None = None,
 ) -> Constraint:
     """`Constraint` that keeps a quantity of ``CURVES``, ``DRY`` or ``OF_GEL`` above or below a value, or its magnitude within one.
 
-    On a path it holds at every state (the worst one counts), or at the one mu ``at``. Raises ValueError unless one limit is given.
+    On a path it holds at every state (the worst one counts), or at the one mu ``at``. A function ``of`` a path, such as those of
+    `switches`, is bounded in place of the quantity of that name. Raises ValueError unless one limit is given.
     """
     given = {key: value for key, value in dict(above=above, below=below, within=within).items() if value is not None}
     if len(given) != 1:
         raise ValueError(f"bound: {name} has {len(given)} limits; give one of above, below and within")
     (kind, value), dry, of_gel = next(iter(given.items())), name in DRY, name in OF_GEL
-    quantity = (CURVES | DRY | OF_GEL)[name]
+    quantity = (CURVES | DRY | OF_GEL)[name] if of is None else of
 
     def room(*source):
         values = quantity(*source) if dry or of_gel or at is None else value_at(quantity, at)(*source)

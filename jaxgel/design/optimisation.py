@@ -50,7 +50,10 @@ class Design:
     outcome: Outcome
     """How the search ended."""
     history: list
-    """One dict per evaluation: value, violation (largest, scaled), feasible, invalid (text, empty if valid), cloud (its number)."""
+    """One dict per evaluation: value, violation (largest, scaled), feasible, invalid (text, empty if valid), cloud (its number) and
+    reported, as below."""
+    reported: dict = dataclasses.field(default_factory=dict)
+    """Name -> number of the best design, of what its problem reports."""
 
     @property
     def text(self) -> str:
@@ -117,11 +120,14 @@ def _design(search, outcome):
         feasible=violation(best) <= FEASIBLE,
         outcome=outcome,
         history=[_row(search, entry) for entry in search.log],
+        reported=best.get("reported", {}),
     )
 
 
 def _row(search, entry):
-    row = dict(value=None, violation=None, feasible=False, invalid=entry["invalid"], cloud=entry["cloud"])
+    row = dict(
+        value=None, violation=None, feasible=False, invalid=entry["invalid"], cloud=entry["cloud"], reported=entry.get("reported", {})
+    )
     if not entry["invalid"]:
         row |= dict(value=search.value(entry), violation=violation(entry), feasible=violation(entry) <= FEASIBLE)
     return row

@@ -1,7 +1,7 @@
 """A design problem: parameters, bounds, plate, objective and constraints."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -47,6 +47,8 @@ class DesignProblem:
     """Control, branch and contact of the sweeps; ``mu`` takes the place of their values."""
     loads: Loads = dataclasses.field(default_factory=Loads)
     """Body force and tractions."""
+    reported: Mapping[str, Callable] = dataclasses.field(default_factory=dict)
+    """Name -> function of the path: numbers beside the objective that a search logs and a verification gives."""
     allow_unstable: bool = False
     """Whether states with negative pivots count as valid."""
 

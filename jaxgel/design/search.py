@@ -187,7 +187,7 @@ class Search:
         began = time.perf_counter()
         entry = dict(vector=vector.tolist(), invalid="", values=None, gradients=[], cloud=self.number)
         try:
-            values, pullback = self._forward(vector)
+            values, pullback, entry["reported"] = self._forward(vector)
             self.unit = (abs(float(values[0])) or 1.0) if self.unit is None else self.unit
             entry["values"] = [float(values[0]) / self.unit, *map(float, values[1:]), *map(float, self.dry_values(vector))]
             self.live = entry, self._scaled(pullback)
@@ -204,7 +204,7 @@ class Search:
         return lambda weights: pullback(weights.at[0].divide(unit))
 
     def _forward(self, vector):
-        """Objective and scaled path constraints (1 + w,) at a design, and their pullback; raises `Invalid`."""
+        """Objective and scaled path constraints (1 + w,) at a design, their pullback, and what is reported; raises `Invalid`."""
         problem = self.problem
         plate = self._plate(vector)
         check_plate(plate)
@@ -216,13 +216,17 @@ class Search:
             path = problem.path(problem.parameters(vector), self.cloud)
             values = [jnp.asarray(problem.objective(path)) * (-1.0 if problem.maximise else 1.0)]
             values += [jnp.asarray(c.function(path)) / c.scale for c in self.of_path]
-            return jnp.stack(values), (path.model, path.gel, {name: getattr(path, name) for name in _STATES})
+            reported = {name: function(path) for name, function in problem.reported.items()}
+            return jnp.stack(values), (path.model, path.gel, {name: getattr(path, name) for name in _STATES}, reported)
 
-        values, pullback, (model, gel, states) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
+        values, pullback, (model, gel, states, reported) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
         check_path(Path(model=model, gel=gel, stop=None, stop_text="", **states), problem.allow_unstable)
+        missing = [name for name, value in reported.items() if not np.isfinite(value)]
+        if missing:
+            raise Invalid(f"it has no {missing[0]}")
         if not np.all(np.isfinite(values)):
             raise Invalid("its objective or a constraint is not a number")
-        return values, pullback
+        return values, pullback, {name: float(value) for name, value in reported.items()}
 
     def _plate(self, vector):
         return self.problem.plate(self.problem.parameters(vector))

@@ -1,13 +1,16 @@
 """What a gel that switches is judged by: functions of a path's model and gel that drive it up and down by a control of their own.
 
 Each is an objective, or the function of a `criteria.Constraint`, of a `DesignProblem`; its path need not come near the switch. Where there
-is no such point the value is nan, and the design invalid. Every function drives the gel anew.
+is no such point the value is nan, and the design invalid. A control may be a function of the path, as one whose loads are those of the
+path's model. Functions with the same values, control and loads share one loop for each path.
 """
 
+import dataclasses
 from collections.abc import Callable
 
 import jax.numpy as jnp
 
+from .._memo import once_per_owner
 from .._types import Array, Float
 from ..bifurcation import barrier, critical_points, loop
 from ..continuation import Path
@@ -16,60 +19,104 @@ from ..mechanics import Loads
 
 Ends = tuple[float, float]
 OfPath = Callable[[Path], Float[Array, ""]]
+Driver = Control | Callable[[Path], Control | None] | None
 
 
-def fold_up(values: Ends, control: Control | None = None, loads: Loads | None = None) -> OfPath:
+def fold_up(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
     """Function of a path: the value of ``loop.fold_up`` of its model and gel under a ``control``, mu in kT without one, see `loop`."""
-    return lambda path: _value(_loop(path, values, control, loads).fold_up)
+    drive = _Drive(values, control, loads)
+    return lambda path: _value(_loop(path, drive).fold_up)
 
 
-def fold_down(values: Ends, control: Control | None = None, loads: Loads | None = None) -> OfPath:
+def fold_down(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
     """Function of a path: the value of ``loop.fold_down``, as `fold_up`."""
-    return lambda path: _value(_loop(path, values, control, loads).fold_down)
+    drive = _Drive(values, control, loads)
+    return lambda path: _value(_loop(path, drive).fold_down)
 
 
-def loop_width(values: Ends, control: Control | None = None, loads: Loads | None = None) -> OfPath:
+def loop_width(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
     """Function of a path: ``loop.width``, in the unit of the control, as `fold_up`; 0 without jumps."""
-    return lambda path: jnp.asarray(_loop(path, values, control, loads).width)
+    drive = _Drive(values, control, loads)
+    return lambda path: jnp.asarray(_loop(path, drive).width)
 
 
-def barrier_height(at: float, values: Ends, control: Control | None = None, loads: Loads | None = None) -> OfPath:
+def barrier_height(at: float, values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
     """Function of a path: the barrier, kT/v mm^2, that keeps the gel at the value ``at`` in its state on the way up, see `barrier`."""
+    drive = _Drive(values, control, loads)
 
+    @once_per_owner
     def height(path):
-        driven = {"mu": at} if control is None else {"control": control, "value": at}
-        between = _loop(path, values, control, loads, unstable=True)
+        between, driver = _loop(path, drive, True), drive.control_of(path)
         if between.down is None:
             return jnp.asarray(jnp.nan)
+        driven = {"mu": at} if driver is None else {"control": driver, "value": at}
         try:
-            return barrier(path.model, path.gel, between=between, loads=_of(loads, path), **driven)[0].height
+            found = barrier(path.model, path.gel, between=between, contact=_contact(path), loads=drive.loads_of(path), **driven)
         except ArithmeticError:  # one stable state, or no saddle
             return jnp.asarray(jnp.nan)
+        return found[0].height
 
     return height
 
 
-def onset(values: Ends, control: Control | None = None, loads: Loads | None = None) -> OfPath:
+def onset(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
     """Function of a path: the value of the first of the `critical_points` between the ``values``, as `fold_up`."""
+    drive = _Drive(values, control, loads)
 
+    @once_per_owner
     def first(path):
-        points = critical_points(path.model, path.gel, **_driven(values, control), loads=_of(loads, path), most=1)
+        points = critical_points(path.model, path.gel, **drive.between(path), loads=drive.loads_of(path), most=1)
         return _value(points[0] if points else None)
 
     return first
 
 
-def _loop(path, values, control, loads, unstable=False):
-    contact = "off" if path.model.contact is None else "on"
-    return loop(path.model, path.gel, **_driven(values, control), contact=contact, loads=_of(loads, path), unstable=unstable)
+SWITCHES: dict[str, Callable[..., OfPath]] = {
+    "fold_up": fold_up,
+    "fold_down": fold_down,
+    "loop_width": loop_width,
+    "onset": onset,
+    "barrier": barrier_height,
+}
+"""What makes the functions, by the name that study files have for it."""
 
 
-def _driven(values, control):
-    return {"mu": values} if control is None else {"control": control, "values": values}
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Drive:
+    """What drives the gel of a path; equal where values, control and loads are the same objects."""
+
+    values: Ends
+    control: Driver
+    loads: Loads | None
+
+    def __eq__(self, other):
+        return self.values == other.values and self.control is other.control and self.loads is other.loads
+
+    def __hash__(self):
+        return hash((self.values, id(self.control), id(self.loads)))
+
+    def control_of(self, path):
+        """The control on the model of a path."""
+        return self.control if self.control is None or isinstance(self.control, Control) else self.control(path)
+
+    def loads_of(self, path):
+        """The nodal loads on the model of a path."""
+        return None if self.loads is None else self.loads.of(path.model)
+
+    def between(self, path):
+        """The control and its ends, as `loop` takes them."""
+        control = self.control_of(path)
+        return {"mu": self.values} if control is None else {"control": control, "values": self.values}
 
 
-def _of(loads, path):
-    return None if loads is None else loads.of(path.model)
+@once_per_owner
+def _loop(path, drive, unstable=False):
+    """The loop of a path; with its unstable branch it is another one."""
+    return loop(path.model, path.gel, **drive.between(path), contact=_contact(path), loads=drive.loads_of(path), unstable=unstable)
+
+
+def _contact(path):
+    return "off" if path.model.contact is None else "on"
 
 
 def _value(point):

@@ -25,17 +25,22 @@ def verify(
 
     ``spacing`` in mm; ``mu`` (k,) defaults to the problem's own with a value between every two. The dict holds value, constraints
     (name -> smallest value, in its unit), valid (bool), reason (one line), nodes, spacing, the worst negative_pivots, min_gap and
-    surface_ratio of the path, and ``last``, the quantities of `objectives.CURVES` at its last mu; None where there is no value.
+    surface_ratio of the path, ``last``, the quantities of `objectives.CURVES` at its last mu, and ``reported``, the numbers that the
+    problem reports; None where there is no value.
     """
     parameters = {name: jnp.asarray(value) for name, value in parameters.items()}
     plate, count = problem.plate(parameters), len(problem.mu)
     between = np.interp(np.arange(2 * count - 1) / 2, np.arange(count), problem.mu).tolist()
     path = problem.path(parameters, problem.make_cloud(plate, spacing), between if mu is None else mu)
+    reported = {name: float(function(path)) for name, function in problem.reported.items()}
+    missing = [name for name, value in reported.items() if not np.isfinite(value)]
     reason = "valid: stable, no self-contact"
     try:
         if not path.stop.ok:
             raise Invalid(path.stop_text)
         check_path(path, problem.allow_unstable)
+        if missing:
+            raise Invalid(f"it has no {missing[0]}")
     except Invalid as invalid:
         reason = str(invalid)
     last = {name: np.nan if name == "axial_stretch" and is_film(path.model) else quantity(path)[-1] for name, quantity in CURVES.items()}
@@ -52,6 +57,7 @@ def verify(
         min_gap=_number(np.min(min_gap(path))),
         surface_ratio=_number(np.max(surface_ratio(path))),
         last={name: _number(value) for name, value in last.items()},
+        reported={name: _number(value) for name, value in reported.items()},
     )
     return found, path
 

@@ -1,5 +1,6 @@
-"""The figure of a design: start and optimum swollen, the quantity of the objective, and the history of the search."""
+"""The figure of a design: start and optimum swollen, the quantity or the switches of the objective, and the history of the search."""
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -32,7 +33,10 @@ def draw_study(study: Any, design: Design, start: Path, best: Path) -> Figure:
             draw_target(ax, np.array(study.aim["outline"]))
     for row, name in zip(axes[1:-1], names, strict=True):
         draw_fields(row, name, start, best)
-    draw_curve(axes[-1, 0], study, start, best)
+    if study.aim["of"] in QUANTITIES or "outline" in study.aim:
+        draw_curve(axes[-1, 0], study, start, best)
+    else:
+        draw_reported(axes[-1, 0], study, design, best)
     draw_history(axes[-1, 1], design)
     return figure
 
@@ -75,6 +79,22 @@ def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
         )
     ax.set(xlabel=quantity_of(start.control).axis_label(), ylabel=quantity.axis_label(length_unit(start.model.cloud)))
     ax.legend(frameon=False, fontsize=7.5)
+    return ax
+
+
+def draw_reported(ax: Axes, study: Any, design: Design, best: Path) -> Axes:
+    """Axes with the switches of the study's objective at every evaluation, their targets dashed; squares on the optimum's fresh cloud."""
+    k = np.arange(1, len(design.history) + 1)
+    for (name, target), colour in zip(study.aim["targets"].items(), itertools.cycle(COLOURS), strict=False):
+        values = [row["reported"].get(name, np.nan) for row in design.history]
+        ax.plot(k, values, marker="o", ms=3.0, color=colour, label=name.replace("_", " "))
+        ax.plot(k[-1] + 1, float(study.problem.reported[name](best)), "s", ms=5.0, mfc="none", color=colour)
+        if np.isfinite(target):
+            ax.axhline(target, color=colour, linewidth=0.8, linestyle="--")
+    of_energy = study.aim["of"] == "barrier"
+    ax.set(xlabel="evaluation (square: fresh cloud)")
+    ax.set(ylabel=r"barrier ($kT/v\,$mm$^2$)" if of_energy else quantity_of(best.control).axis_label())
+    ax.legend(frameon=False, fontsize=7.5, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return ax
 
 

@@ -1,0 +1,207 @@
+"""Studies of gels that switch: a strip with a hole, buckled between two walls, that a traction snaps through and back."""
+
+import json
+import tomllib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.cases import VERIFIED, load_study, study_from_table
+from jaxgel.cli import command_line as cli
+from jaxgel.controls import Load
+from jaxgel.design import SWITCHES, DesignProblem, switches
+
+SMALL = """
+[plate]
+width = 10.0
+height = 1.0
+edges = { left = "fixed", right = "fixed", top = "free", bottom = "free" }
+
+[[holes]]
+kind = "circle"
+centre = [0.8, 0.1]
+radius = 0.2
+
+[gel]
+Nv = 1e-2
+chi = 0.1
+
+[loads]
+traction = { top = [0.0, 1e-4] }
+
+[sweep]
+control = "load"
+values = [-0.3, 0.3]
+at_mu = -1.4
+
+[discretisation]
+spacing = 0.5
+nodes_per_hole = 8
+
+[[parameters]]
+of = "radius"
+lower = 0.15
+upper = 0.25
+
+[[parameters]]
+of = "Nv"
+lower = 0.005
+upper = 0.02
+
+[[objective]]
+of = "fold_up"
+target = 0.2
+
+[[objective]]
+of = "fold_down"
+target = -0.15
+weight = 2.0
+
+[[constraints]]
+of = "loop_width"
+above = 0.1
+
+[search]
+evaluations = 2
+
+[verification]
+spacing = 0.5
+mu = [-0.3, 0.3]
+"""
+BARRIER = 'of = "barrier"\nat = 0.02\ntarget = 1e-4\n'
+
+
+@pytest.fixture(scope="module")
+def strip():
+    """Path at the start of the small study, and the loop of its gel as `jaxgel.loop` finds it."""
+    problem = study_from_table(tomllib.loads(SMALL), "small").problem
+    path = problem.path(problem.start, problem.make_cloud(problem.plate(problem.start)))
+    loads = jaxgel.load_vector(path.model, traction={"top": (0.0, 1e-4)})
+    control = Load(loads, mu=-1.4)
+    return path, control, jaxgel.loop(path.model, path.gel, control=control, values=(-0.3, 0.3))
+
+
+def problem_of(*replaced):
+    text = SMALL
+    for old, new in replaced:
+        assert old in text
+        text = text.replace(old, new)
+    return study_from_table(tomllib.loads(text), "small").problem
+
+
+def test_terms_and_constraints_are_those_of_the_loop_between_the_ends_of_the_sweep_which_runs_once(strip, monkeypatch):
+    path, _, loop = strip
+    calls, found = [], switches.loop
+    monkeypatch.setattr(switches, "loop", lambda *args, **options: calls.append(options) or found(*args, **options))
+    problem = problem_of()
+    up, down, width = float(loop.fold_up.value), float(loop.fold_down.value), float(loop.width)
+    assert float(problem.objective(path)) == pytest.approx((up - 0.2) ** 2 + 2 * (down + 0.15) ** 2, rel=1e-6)
+    (constraint,) = problem.constraints
+    assert constraint.name == "loop_width >= 0.1" and float(constraint.function(path)) == pytest.approx(width - 0.1, abs=1e-8)
+    reported = {name: float(function(path)) for name, function in problem.reported.items()}
+    assert reported == pytest.approx({"fold_up": up, "fold_down": down, "loop_width": width}, abs=1e-8)
+    assert len(calls) == 1 and calls[0]["values"] == (-0.3, 0.3)
+
+
+@pytest.mark.slow
+def test_a_barrier_is_that_of_the_state_on_the_way_up(strip):
+    path, control, loop = strip
+    problem = problem_of(('of = "fold_up"\ntarget = 0.2\n', BARRIER))
+    height = jaxgel.barrier(path.model, path.gel, control=control, value=0.02, between=loop)[0].height
+    assert float(problem.reported["barrier at 0.02"](path)) == pytest.approx(float(height), rel=1e-7)
+
+
+@pytest.mark.slow
+def test_an_onset_is_that_of_the_chemical_potential_where_that_is_swept(strip):
+    mu = [('control = "load"\nvalues = [-0.3, 0.3]\nat_mu = -1.4', "mu = [-3.0, -1.4]"), ("[0.0, 1e-4]", "[0.0, 0.0]")]
+    problem = problem_of(*mu, ('of = "fold_up"\ntarget = 0.2\n', 'of = "onset"\ngoal = "minimise"\n'))
+    model = strip[0].model
+    (point,) = jaxgel.critical_points(model, strip[0].gel, mu=(-3.0, -1.4), most=1)
+    path = jaxgel.sweep(model, strip[0].gel, mu=[-3.0])
+    assert float(problem.reported["onset"](path)) == pytest.approx(float(point.value), abs=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of", ["folds", "barrier"])
+def test_the_gradient_is_a_difference_of_loops_run_anew(of):
+    """By radius and Nv, the loads' nodes moving with the hole; folds lie within 1e-9, so differences over 2e-4 of the bounds within 1e-5."""
+    problem = problem_of(*[('of = "fold_up"\ntarget = 0.2\n', 'of = "barrier"\nat = 0.02\ngoal = "maximise"\nweight = 1e3\n')][: of == "barrier"])
+    cloud, at = problem.make_cloud(problem.plate(problem.start)), jnp.asarray(problem.vector)
+
+    def objective(vector):
+        return problem.objective(problem.path(problem.parameters(vector), cloud))
+
+    way = jnp.array([0.6, -0.8])
+    slope = jax.grad(objective)(at) @ way
+    difference = (objective(at + 1e-4 * way) - objective(at - 1e-4 * way)) / 2e-4
+    assert float(slope) == pytest.approx(float(difference), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_the_command_reports_the_switches_of_the_search_and_of_the_fresh_cloud(tmp_path, capsys):
+    """One cloud for both, so that the programs are compiled once, and both numbers of the best design agree."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    make, made = DesignProblem.make_cloud, []
+
+    def once(self, plate, spacing=None):
+        made.extend([] if made else [make(self, plate, spacing)])
+        return made[0]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DesignProblem, "make_cloud", once)
+        cli.main(["design", str(tmp_path / "small.toml"), "--out", str(tmp_path / "out")])
+    said = capsys.readouterr().out
+    verified = json.loads((tmp_path / "out" / VERIFIED).read_text())
+    for name in ("fold_up", "fold_down", "loop_width"):
+        start, best, sought = (part["reported"][name] for part in (verified["start"], verified["best"], verified["search"]))
+        assert best == pytest.approx(sought, abs=1e-7)
+        assert f"{name:<12} {sought:.6g} in the search; on a fresh cloud {best:.6g}, at the start {start:.6g}" in said
+    rows = json.loads((tmp_path / "out" / "design.json").read_text())["evaluations"]
+    assert all(set(row["reported"]) == {"fold_up", "fold_down", "loop_width"} for row in rows)
+    assert (tmp_path / "out" / "design.png").exists()
+
+
+def test_a_gel_that_does_not_switch_is_no_valid_design():
+    """Too far from its buckling the strip has no fold: the search refuses it, and a verification calls it invalid."""
+    problem = problem_of(("at_mu = -1.4", "at_mu = -3.0"))
+    with pytest.raises(ValueError, match=r"^start: the first design is not valid: it has no fold_up$"):
+        jaxgel.design.optimise(problem, evaluations=1)
+
+
+FOLD = 'of = "fold_up"\ntarget = 0.2\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (FOLD, FOLD + "at = 0.3\n", "objective[0].at: does not go with 'fold_up', a number of the whole sweep; give goal or target, or a limit"),
+        (FOLD, FOLD + "from = 0.1\n", "objective[0].from: does not go with 'fold_up'"),
+        (FOLD, 'of = "onset"\nline = { slope = 1.0, mu0 = 0.0 }\n', "objective[0].line: does not go with 'onset'"),
+        (FOLD, 'of = "loop_width"\n', "objective[0]: give one of goal, target, curve, line and outline (found none)"),
+        (FOLD, 'of = "fold_upp"\ntarget = 0.2\n', "objective[0].of: 'fold_upp' is unknown; did you mean 'fold_up'?"),
+        (FOLD, 'of = "fold_up"\noutline = [[0, 0], [1, 1]]\n', "objective[0].of: 'fold_up' does not fit; 'free_edge' and outline belong"),
+        (FOLD, 'of = "barrier"\ntarget = 1e-4\n', "objective[0]: at is missing; give the value of the sweep's control at which the barrier"),
+        (FOLD, BARRIER.replace("0.02", "0.3"), "objective[0].at: 0.3 is not between the ends of the sweep, -0.3 and 0.3"),
+        ("above = 0.1", "above = 0.1\nat = 0.3", "constraints[0].at: does not go with 'loop_width'"),
+        ("values = [-0.3, 0.3]", "values = [0.3]", "objective[0].of: 'fold_up' needs a sweep from one value to another, and this one has 0.3"),
+        ("at_mu = -1.4", 'at_mu = -1.4\nbranch = "symmetric"', "sweep.branch: 'symmetric' is not accepted with 'fold_up'"),
+    ],
+)
+def test_wrong_entries_are_one_line(old, new, message, tmp_path, capsys):
+    (tmp_path / "small.toml").write_text(SMALL.replace(old, new, 1))
+    assert cli.main(["design", str(tmp_path / "small.toml"), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+
+
+def test_other_quantities_still_need_the_value_at_which_they_count(tmp_path):
+    (tmp_path / "small.toml").write_text(SMALL.replace(FOLD, 'of = "area_reduction"\ntarget = 0.2\n'))
+    with pytest.raises(ValueError, match=r"^objective\[0\]: at is missing; give the value of the sweep at which the quantity counts$"):
+        load_study(tmp_path / "small.toml")
+
+
+def test_every_switch_has_a_name_in_study_files():
+    assert set(SWITCHES) == {"fold_up", "fold_down", "loop_width", "onset", "barrier"}
