@@ -19,7 +19,7 @@ from jaxgel.design import DesignProblem, Outcome, porosity, search
 from jaxgel.observables import CURVES, QUANTITIES
 
 DESIGN = Path(__file__).parents[2] / "design"
-NAMES = ("rotation", "valve", "closing", "linear", "identification", "cushion", "printed")
+NAMES = ("rotation", "valve", "closing", "linear", "identification", "cushion", "printed", "relief")
 SMALL = """
 [plate]
 width = 8.0

@@ -1,0 +1,55 @@
+"""The barrier of design/bistable.py beside finite elements (NGSolve, extra ``[bench]``), two meshes, in a few minutes.
+
+    python benchmarks/bistable.py
+
+The straight state is the symmetric branch of a mesh with the plate's mirror lines, the turned one is entered where that branch loses its
+stability; the barrier is the difference of their energies, beside the values of design/verified.json.
+"""  # fmt: skip
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+from finite_elements import PAST, START, Mesh, critical, enter, stops
+from ngsolve_gel import MixedGel, plate_mesh
+
+STUDIES = Path(__file__).parents[1] / "design"
+MESHES = (Mesh(4, 2.0, 0.5), Mesh(5, 1.5, 0.4))
+
+
+def main():
+    sys.path.insert(0, str(STUDIES))
+    import bistable
+
+    record = json.loads((STUDIES / "verified.json").read_text(encoding="utf-8"))["bistable"]
+    found = record["parameters"]
+    plate = dataclasses.replace(bistable.plate(found), gel=bistable.gel(found))
+    for mesh in MESHES:
+        height, unstable = barrier(plate, bistable.MU, mesh)
+        print(f"P{mesh.order}, {mesh.plate} mm: barrier {height:.6f} kT/v mm^2, the saddle has {unstable} negative eigenvalues")
+        for key in ("search", "best"):
+            own = record[key]["reported"]["barrier"]
+            print(f"  jaxgel, {key}: {own:.6f}, difference {100 * (own / height - 1):.2f} %")
+
+
+def barrier(plate, mu, mesh):
+    """Energy of the straight state less that of the turned one, kT/v mm^2, and the number of the straight one's negative eigenvalues."""
+    gel = MixedGel(plate, plate_mesh(plate, mesh.order, mesh.plate, mesh.hole, folds=1), mesh.order, steps=4)
+    at = critical(gel)["critical_mu"]
+    enter(gel, at)
+    turned = energy(gel, stops(at + PAST[-1], (mu,)))
+    gel.state.vec[:] = 0
+    straight = energy(gel, stops(START, (mu,)))
+    return straight - turned, gel.modes()[0]
+
+
+def energy(gel, values):
+    """At the last of the ``values`` of mu, followed from the present state."""
+    for _ in gel.follow(values):
+        pass
+    return gel.energy()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""A bistable plate: four round holes whose pattern turns left or right at mu = -0.9 kT, with a prescribed barrier between the two.
+
+Problem: radius of the holes and Nv of the gel, so that the barrier from either pattern over the straight one is 0.0025 kT/v mm^2, with
+ligaments of at least 1.4 mm. Each pattern is entered under a torque on the middle and kept when that is taken away; both are certified
+stable there, and the saddle has one negative eigenvalue. The result is checked on a fresh, finer cloud.
+
+    python design/bistable.py            # writes out/bistable: design.json, verified.json and design.png
+"""
+
+import dataclasses
+import functools
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxgel
+from jaxgel.continuation import SweepOptions
+from jaxgel.design import DesignProblem, bound, optimise, verify
+from jaxgel.discretisation import DiscretisationOptions
+from jaxgel.mechanics import Loads, load_vector
+
+MU = -0.9  # kT
+WANTED = 0.0025  # kT/v mm^2
+DISTANCE = 5.0  # of the centres from the midlines, mm
+SPACING, FINER = 0.55, 0.4  # of the clouds of the search and of the verification, mm
+TORQUE, REACH = 1e-4, 3.0  # greatest body force over the distance from the middle, kT/v mm^2, and how far it reaches, mm
+
+
+class Torque(Loads):
+    """Loads that turn the middle of a plate: body forces, so that they converge with the cloud."""
+
+    def of(self, model):
+        """Nodal loads (n, 2)."""
+        return load_vector(model, body_force=_around)
+
+
+def _around(x):
+    return TORQUE * jnp.exp(-(x @ x) / REACH**2) * jnp.array([-x[1], x[0]])
+
+
+def plate(parameters):
+    """The plate of a dict of parameters."""
+    centres = [(x, y) for x in (DISTANCE, -DISTANCE) for y in (DISTANCE, -DISTANCE)]
+    return jaxgel.Plate(22.0, 22.0, [jaxgel.Circle(centre, parameters["radius"]) for centre in centres], name="bistable")
+
+
+def gel(parameters):
+    """The gel of a dict of parameters."""
+    return jaxgel.Gel(parameters["Nv"], 1e-4)
+
+
+def patterns(path):
+    """The `State`s to either side without a torque: that in which a ``path`` ends, and that of a torque the other way."""
+    model, gel, control, x, pressure = jax.lax.stop_gradient((path.model, path.gel, path.control, path.x[-1], path.pressure[-1]))
+    other = jaxgel.sweep(model, gel, control=control, values=[-1.0, 0.0], contact="off")
+    return dataclasses.replace(other[-1], x=x, pressure=pressure), other[-1]
+
+
+@functools.lru_cache(maxsize=1)  # for objective and report of one design
+def barriers(path):
+    """Both `Barrier`s between the `patterns`; their states may be constants, as a barrier is stationary in them."""
+    driven = dict(control=path.control, value=0.0, contact="off")
+    return jaxgel.barrier(path.model, path.gel, between=patterns(path), **driven)
+
+
+def height(path):
+    """Height () of the first barrier, kT/v mm^2."""
+    return barriers(path)[0].height
+
+
+problem = DesignProblem(
+    start={"radius": 4.2, "Nv": 1e-3},
+    bounds={"radius": (4.0, 4.4), "Nv": (8e-4, 2e-3)},
+    plate=plate,
+    gel=gel,
+    mu=[1.0, 0.0],  # of the torque
+    objective=lambda path: (height(path) / WANTED - 1.0) ** 2,
+    constraints=(bound("ligament", above=1.4),),
+    options=DiscretisationOptions(spacing=SPACING),
+    sweep=SweepOptions(control="load", value_list=(1.0, 0.0), at_mu=MU, contact="off"),
+    loads=Torque(),
+    reported={"barrier": height},
+)
+
+
+def draw(design, path, file):
+    """Both patterns and the straight state between them, and the barrier over the evaluations of the search."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    from jaxgel.plotting import STYLE, plot_pattern
+
+    first, second = barriers(path)
+    states = {"turned left": first.state, "saddle": first.saddle, "turned right": second.state}
+    with mpl.rc_context(STYLE):
+        figure, axes = plt.subplots(1, 4, figsize=(10.6, 2.7), layout="constrained")
+        for ax, (name, state) in zip(axes, states.items(), strict=False):
+            shown = jaxgel.Path.from_states(path.model, path.gel, [state], control=path.control)
+            plot_pattern(shown, ax=ax, field=None)
+            ax.set_title(f"{name}, {state.negative_pivots} negative")
+        found = [1e3 * row["reported"].get("barrier", np.nan) for row in design.history]
+        axes[3].plot(range(1, len(found) + 1), found, marker="o", color="#0072b2", label="search")
+        axes[3].plot(len(found) + 1, 1e3 * float(height(path)), "s", mfc="none", color="#0072b2", label="fresh cloud")
+        axes[3].axhline(1e3 * WANTED, color="#d55e00", linestyle="--", label="wanted")
+        axes[3].set(xlabel="evaluation", ylabel=r"barrier ($10^{-3}\,kT/v\,$mm$^2$)")
+        axes[3].legend(frameon=False, fontsize=7.5)
+        figure.savefig(file)
+
+
+def main(folder=Path("out/bistable")):
+    """Search, verify on a finer cloud, write the folder."""
+    design = optimise(problem, method="slsqp", evaluations=15, step=0.3, folder=folder, quiet=False)
+    verified = {"study": "bistable", "parameters": {name: float(value) for name, value in design.parameters.items()}}
+    verified["search"] = dict(
+        value=design.value,
+        feasible=design.feasible,
+        outcome=str(design.outcome),
+        evaluations=len(design.history),
+        reported=design.reported,
+    )
+    for name, parameters in (("start", problem.start), ("best", design.parameters)):
+        verified[name], path = verify(problem, parameters, spacing=FINER, mu=problem.mu)
+        found = barriers(path)
+        verified[name]["negative"] = [*(barrier.state.negative_pivots for barrier in found), found[0].saddle.negative_pivots]
+        own = verified[name]["reported"]["barrier"]
+        print(f"{name}: barrier {own:.6f} kT/v mm^2 on {path.model.n_nodes} nodes; {verified[name]['reason']}")
+    (folder / "verified.json").write_text(json.dumps(verified, indent=1))
+    print(f"{design.text}: {verified['parameters']}, barrier {design.reported['barrier']:.6f} in the search")
+    draw(design, path, folder / "design.png")
+
+
+if __name__ == "__main__":
+    main()
