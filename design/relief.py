@@ -1,4 +1,4 @@
-"""Relief valve: a buckled strip that snaps open at the load 0.25 and shut at -0.25.
+"""Relief valve: a buckled strip that snaps open at the load 0.25 and shut at -0.26.
 
 Problem: radius of a hole above the middle line and Nv of the gel, so that both folds of the loop lie at prescribed loads. The strip swells
 between two walls, buckles, and snaps through under a traction on its top edge.

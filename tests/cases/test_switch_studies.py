@@ -265,7 +265,7 @@ def bistable():
 
 def test_recorded_switches_meet_their_targets_on_both_clouds(verified):
     """To 1e-3 on the cloud of the search and 2 % on the finer one, relative to the target; all states are certified stable."""
-    wanted = {"relief": dict(fold_up=0.25, fold_down=-0.25), "bistable": dict(barrier=bistable().WANTED)}
+    wanted = {"relief": dict(fold_up=0.25, fold_down=-0.26), "bistable": dict(barrier=bistable().WANTED)}
     targets = {entry["of"]: entry["target"] for entry in load_study(DESIGN / "relief.toml").table["objective"]}
     assert targets == wanted["relief"]
     for study, targets in wanted.items():

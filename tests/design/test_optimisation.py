@@ -362,7 +362,7 @@ def wide(problem, plate):
 def test_a_new_cloud_is_made_where_the_old_one_is_poor(wide, monkeypatch):
     """Values that need no sweep: what is looked at are the clouds."""
     judge = search.Search._forward
-    monkeypatch.setattr(search.Search, "_forward", lambda _, vector: jax.vjp(lambda v: 1 + v[:1] ** 2, jnp.asarray(vector)))
+    monkeypatch.setattr(search.Search, "_forward", lambda _, vector: (*jax.vjp(lambda v: 1 + v[:1] ** 2, jnp.asarray(vector)), {}))
     looked = search.Search(wide, 10)
     looked.first()
     assert looked.settle(wide.vector - 0.03).entry["cloud"] == looked.number == 0

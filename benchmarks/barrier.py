@@ -1,6 +1,6 @@
 """The barrier of design/bistable.py beside finite elements (NGSolve, extra ``[bench]``), two meshes, in a few minutes.
 
-    python benchmarks/bistable.py
+    python benchmarks/barrier.py
 
 The straight state is the symmetric branch of a mesh with the plate's mirror lines, the turned one is entered where that branch loses its
 stability; the barrier is the difference of their energies, beside the values of design/verified.json.
