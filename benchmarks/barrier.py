@@ -11,11 +11,13 @@ import json
 import sys
 from pathlib import Path
 
-from finite_elements import PAST, START, Mesh, critical, enter, stops
+import numpy as np
+from finite_elements import PAST, START, Mesh, critical, enter
 from ngsolve_gel import MixedGel, plate_mesh
 
 STUDIES = Path(__file__).parents[1] / "design"
 MESHES = (Mesh(4, 2.0, 0.5), Mesh(5, 1.5, 0.4))
+STEP = 0.04  # of mu between states, kT
 
 
 def main():
@@ -38,15 +40,15 @@ def barrier(plate, mu, mesh):
     gel = MixedGel(plate, plate_mesh(plate, mesh.order, mesh.plate, mesh.hole, folds=1), mesh.order, steps=4)
     at = critical(gel)["critical_mu"]
     enter(gel, at)
-    turned = energy(gel, stops(at + PAST[-1], (mu,)))
+    turned = energy(gel, at + PAST[-1], mu)
     gel.state.vec[:] = 0
-    straight = energy(gel, stops(START, (mu,)))
+    straight = energy(gel, START, mu)
     return straight - turned, gel.modes()[0]
 
 
-def energy(gel, values):
-    """At the last of the ``values`` of mu, followed from the present state."""
-    for _ in gel.follow(values):
+def energy(gel, first, last):
+    """At the ``last`` mu, followed from the present state by way of the ``first``."""
+    for _ in gel.follow(np.linspace(first, last, int(np.ceil((last - first) / STEP)) + 1)):
         pass
     return gel.energy()
 
