@@ -2,7 +2,8 @@
 
 Problem: radius of the holes and Nv of the gel, so that the barrier from either pattern over the straight one is 0.0025 kT/v mm^2, with
 ligaments of at least 1.4 mm. Each pattern is entered under a torque on the middle and kept when that is taken away; both are certified
-stable there, and the saddle has one negative eigenvalue. The result is checked on a fresh, finer cloud.
+stable there, and the saddle has one negative eigenvalue. The result is checked on a fresh, finer cloud. The tips of the turned holes are
+compressed past the ratio of stretches at which a surface creases: the barrier is that of the smooth state.
 
     python design/bistable.py            # writes out/bistable: design.json, verified.json and design.png
 """
