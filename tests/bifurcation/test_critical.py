@@ -171,16 +171,22 @@ def end(subcritical):
     return lambda chi: jaxgel.critical_points(model, jaxgel.Gel(gel.Nv, chi), mu=(-1.3, -1.1), loads=loads)[0].mu
 
 
+@pytest.fixture(scope="module")
+def at_another(end):
+    """Fold of the gel with chi = 0.01 and its derivative."""
+    return jax.jvp(end, (0.01,), (1.0,))
+
+
 @pytest.mark.slow
-def test_derivative_of_a_fold_leads_to_that_of_another_gel(fold, subcritical, end):
-    value, slope = jax.jvp(end, (0.01,), (1.0,))
+def test_derivative_of_a_fold_leads_to_that_of_another_gel(fold, subcritical, at_another):
+    value, slope = at_another
     assert float(value) == pytest.approx(fold.mu + float(slope) * (0.01 - subcritical[1].chi), abs=1e-4)  # near chi = 1e-4: linear
 
 
 @pytest.mark.slow
-def test_derivative_of_a_fold_is_the_difference_of_relocated_ones(end):
+def test_derivative_of_a_fold_is_the_difference_of_relocated_ones(end, at_another):
     difference = (end(0.011) - end(0.009)) / 2e-3
-    assert float(jax.jvp(end, (0.01,), (1.0,))[1]) == pytest.approx(difference, rel=1e-5)
+    assert float(at_another[1]) == pytest.approx(difference, rel=1e-5)
 
 
 @pytest.mark.slow

@@ -2,8 +2,6 @@
 
 import dataclasses
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -109,23 +107,6 @@ def test_path_that_goes_on_from_its_states(buckling):
     assert again.symmetry == whole.symmetry
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("parameter", ["symmetric", "one hole"])
-def test_derivatives_are_those_of_the_whole_problem(turned, parameter):
-    """With respect to all holes alike and to one alone, of a quantity without symmetry."""
-    cloud = turned.cloud
-
-    def value(t, symmetry):
-        moved = [{"semi_axes": jnp.array([0.8, 0.6]) + t * (parameter == "symmetric" or k == 1)} for k in range(4)]
-        model = jaxgel.discretise(cloud.at(cloud.plate.at(moved)))
-        path = jaxgel.sweep(model, GEL, mu=MU[:5], symmetry=symmetry)
-        return jnp.sum(path.x[..., 0] ** 3 + path.x[..., 1]) + jnp.sum(jaxgel.core_rotation(path))
-
-    off, auto = (jax.value_and_grad(value)(0.0, symmetry) for symmetry in ("off", "auto"))
-    assert auto[0] == pytest.approx(float(off[0]), rel=1e-11)  # parts cancel
-    assert auto[1] == pytest.approx(float(off[1]), rel=1e-9)
-
-
 def test_factor_by_blocks_is_that_of_the_whole_tangent(turned):
     """For any right-hand side, and its inertia; a symmetric one excites one block alone."""
     found = []
@@ -178,10 +159,10 @@ def test_edges_stay_in_their_places(symmetry):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "branch"),
-    [(f"sample-{k}", "stable") for k in range(1, 10)] + [("lattice", "stable")] + [("sample-4", "symmetric")],
+    [("sample-1", "stable"), ("sample-4", "stable"), ("sample-4", "symmetric"), ("sample-7", "stable"), ("lattice", "stable")],
 )
 def test_samples(name, branch):
-    """States to 1e-10 where they are stable; next to where an unstable one is nearly singular round-off grows more."""
+    """Ellipses, circles, squares; 1e-10 where states are stable; next to where an unstable one is nearly singular round-off grows more."""
     plate = jaxgel.sample(name)
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
     off, auto = both(model, plate.gel, mu=np.linspace(-4.9678, -1.2, 13), branch=branch)

@@ -27,19 +27,10 @@ OPTIONS = {"cells": dict(method="cells"), "displacement": dict(method="displacem
 NAMED = ["D4", "C4", "D2 (axes)", "D2 (diagonals)", "C2", "D1 (x -> -x)", "D1 (x <-> -y)"]
 
 
-def of_whole_and_region(problem):
-    """The whole problem with a state of its own, its region and a state of that."""
-    group = symmetries_of(problem)
-    reduced = region(problem, group)
-    found = [solve(one, MU, *dry_state(one), own_factor=True) for one in (problem, reduced.problem)]
-    assert all(state.status.ok for state in found)
-    return found[0], reduced, found[1]
-
-
 ALL = [*NAMED, *OTHERS, *OPTIONS, "field", "network"]
 
 
-@pytest.fixture(params=[name if name == "D4" else pytest.param(name, marks=pytest.mark.slow) for name in ALL])
+@pytest.fixture(scope="module", params=[name if name == "D4" else pytest.param(name, marks=pytest.mark.slow) for name in ALL])
 def problem(request, plates, problem_of):
     """Plates, edges, discretisations, a film, a field and another network, all with symmetries."""
     name, circle = request.param, Circle((0, 0), 1)
@@ -52,8 +43,17 @@ def problem(request, plates, problem_of):
     return problem_of(plates["D4" if name in OPTIONS else name], **OPTIONS.get(name, {}))
 
 
-def test_state_and_energy_of_the_region_are_those_of_the_plate(problem):
-    whole, reduced, found = of_whole_and_region(problem)
+@pytest.fixture(scope="module")
+def whole_and_region(problem):
+    """A state of the whole problem, its region and a state of that."""
+    reduced = region(problem, symmetries_of(problem))
+    found = [solve(one, MU, *dry_state(one), own_factor=True) for one in (problem, reduced.problem)]
+    assert all(state.status.ok for state in found)
+    return found[0], reduced, found[1]
+
+
+def test_state_and_energy_of_the_region_are_those_of_the_plate(problem, whole_and_region):
+    whole, reduced, found = whole_and_region
     np.testing.assert_allclose(found.x, whole.x, atol=1e-11)
     spread = reduced.spread @ np.asarray(found.pressure)
     # Newton's method ends where J agrees to 1e-11 of the swelling: of the pressure that leaves 1e-8
@@ -65,9 +65,9 @@ def test_state_and_energy_of_the_region_are_those_of_the_plate(problem):
     assert at.residual_norm < 1e-9 and at.violation < 1e-9
 
 
-def test_blocks_are_those_of_the_whole_tangent(problem):
+def test_blocks_are_those_of_the_whole_tangent(problem, whole_and_region):
     """B^T K B = the block that the region gives; together they have all unknowns, all negative eigenvalues and no coupling."""
-    whole, reduced, found = of_whole_and_region(problem)
+    whole, reduced, found = whole_and_region
     K, group = whole.factor.matrix, reduced.group
     pairs = np.asarray(tangent(reduced.problem, found.x, found.pressure, found.linearisation))
     network = np.asarray(reduced.problem.operators.network)
