@@ -88,7 +88,7 @@ def test_exact_uniaxial_state_is_in_equilibrium_on_other_clouds(side, basis):
     for mu in (-4.9, -2.0, 0.0):
         stretch = jaxgel.uniaxial_swelling(mu, gel)
         x = stretched(model.cloud.nodes, stretch)
-        free_forces = np.asarray(residual(x, model, gel, mu, jnp.zeros_like(x))).ravel()[free]
+        free_forces = np.asarray(jax.jit(residual)(x, model, gel, mu, jnp.zeros_like(x))).ravel()[free]
         # round-off: in J, times the bulk stiffness, 400 near the dry state; and in the network's stress
         np.testing.assert_allclose(free_forces, 0.0, atol=2e-15 * float(bulk_stiffness(stretch, gel)) + 2e-14 * gel.Nv * float(stretch))
 
@@ -222,7 +222,9 @@ def test_moved_cloud_keeps_every_neighbour_that_it_needs(tiny_plate):
     cloud = jaxgel.make_cloud(tiny_plate)
     moved = cloud.at(tiny_plate.at(({"radius": jnp.asarray(1.15), "centre": jnp.asarray([0.15, -0.2])},)))
     x = moved.nodes + 0.02 * np.random.default_rng(3).normal(size=moved.nodes.shape)
-    energies = [float(network_energy(x, jaxgel.discretise(moved, basis="linear", skin=skin), tiny_plate.gel)) for skin in (None, 0.5)]
+    energies = [
+        float(jax.jit(network_energy)(x, jaxgel.discretise(moved, basis="linear", skin=skin), tiny_plate.gel)) for skin in (None, 0.5)
+    ]
     assert energies[0] == pytest.approx(energies[1], rel=1e-12)
 
 
@@ -232,7 +234,7 @@ def test_moved_cloud_passes_the_patch_test_of_a_linear_field(tiny_plate):
     model = jaxgel.discretise(cloud.at(plate), basis="linear")
     stretch = float(jaxgel.free_swelling(-1.0, tiny_plate.gel))
     x = stretch * model.cloud.nodes
-    forces = np.asarray(residual(x, model, tiny_plate.gel, -1.0, jnp.zeros_like(x)))
+    forces = np.asarray(jax.jit(residual)(x, model, tiny_plate.gel, -1.0, jnp.zeros_like(x)))
     # the freely swollen gel is free of stress, with any hole: 1e-12 of bulk stiffness ~ 1 times length ~ 1
     np.testing.assert_allclose(forces, 0.0, atol=1e-12)
 

@@ -122,7 +122,7 @@ def test_states_with_inclusions_are_stationary_points_of_the_total_energy(kinema
     path = sweep(model, Composite(GEL, (STIFF,)), mu=[-3.0, -0.8], contact="off")
     problem = prepare(model, path.gel)
     x, mu = jnp.asarray(path.x[-1]), path.mu[-1]
-    force = np.asarray(residual(x, model, path.gel, mu, problem.loads)).ravel()[np.asarray(problem.free)]
+    force = np.asarray(jax.jit(residual)(x, model, path.gel, mu, problem.loads)).ravel()[np.asarray(problem.free)]
     assert np.abs(force).max() < 1e-9
     v = np.zeros(2 * model.n_nodes)
     v[np.asarray(problem.free)] = np.random.default_rng(3).normal(size=len(force))
@@ -131,7 +131,7 @@ def test_states_with_inclusions_are_stationary_points_of_the_total_energy(kinema
     def work(t):
         """Energy at x + t v, and its slope by the residual."""
         at = x + t * v, model, path.gel, mu, problem.loads
-        return float(energy_at(*at)), float(np.sum(np.asarray(residual(*at)) * v))
+        return float(energy_at(*at)), float(np.sum(np.asarray(jax.jit(residual)(*at)) * v))
 
     (low, first), (_, middle), (high, last) = (work(t * h) for t in (0.5, 1.0, 1.5))
     assert high - low == pytest.approx(h * (first + 4 * middle + last) / 6, rel=1e-6)  # Simpson's rule

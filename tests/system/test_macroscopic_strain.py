@@ -114,7 +114,7 @@ def test_the_state_is_that_under_the_deformation_it_found(pulled):
 def test_no_mean_stress_acts_along_free_components(pulled):
     """Mean first Piola-Kirchhoff stress P = sum of nodal forces times dry positions: only P11 is left, which holds the cell pulled."""
     model, x = pulled.model, jnp.asarray(pulled.x[-1])
-    forces = residual(x, model, GEL, pulled.mu[-1], jnp.zeros_like(x), jnp.asarray(pulled.pressure[-1]))
+    forces = jax.jit(residual)(x, model, GEL, pulled.mu[-1], jnp.zeros_like(x), jnp.asarray(pulled.pressure[-1]))
     P = np.asarray(forces).T @ np.asarray(model.cloud.nodes) / 4.0
     assert P[0, 0] > 5e-5
     np.testing.assert_allclose([P[1, 1], P[0, 1] + P[1, 0]], 0, atol=1e-8 * P[0, 0])
