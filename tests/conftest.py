@@ -43,7 +43,7 @@ from jaxgel.cases import load_path
 from jaxgel.io import write_atomically
 
 ROOM = 4.5  # GiB that a test process may fill from one module to the next
-MAPPINGS = 25_000  # of its memory: compiled programs take some each, Linux allows 65530, and they slow down the next compilation
+MAPPINGS = 25_000  # of its memory: compiled programs take some each; Linux allows 65530, jaxgel lets go of its programs at half of them
 
 
 def pytest_xdist_auto_num_workers(config):
