@@ -131,7 +131,7 @@ def ends(monkeypatch, capsys, tmp_path):
     def stop(*_, **__):
         raise SweepFailed("sweep: reached")
 
-    for name in ("path", "critical_points"):
+    for name in ("path", "critical_points", "loop"):
         monkeypatch.setattr(f"jaxgel.cases.case.Case.{name}", stop)
     monkeypatch.setattr("jaxgel.cloud.checks.MAX_NODES", 2000)  # so that what is accepted is quick
     monkeypatch.setattr("jaxgel.cli.taylor_test.check_gradient", stop)
