@@ -19,9 +19,7 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
 
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
 A study takes all of its case, loads and moved edges too, but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu
-a list. Under another control ``at``, ``from``, ``to`` and ``mu`` are its values, which must all be
-different. Nodal loads follow the cloud that the holes move, with derivatives.
-
+a list. Under another control ``at``, ``from``, ``to`` and ``mu`` are its values, which must all be different. Nodal loads follow the cloud.
 The switches are of the gel driven from the first value of the sweep to the last and back: its folds, the width of its loop and the first
 critical point in the control's unit, and the barrier (kT/v mm^2) that keeps it in its state on the way up at a value between these ends.
 """
@@ -177,7 +175,9 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
         mu=mu,
         objective=weighted_sum([abs(w) for w, _ in terms] if alone else [w for w, _ in terms], [f for _, f in terms]),
         maximise=alone,
-        constraints=tuple(_constraint(f"constraints[{i}]", entry, mu, switches) for i, entry in enumerate(table.get("constraints", []))),
+        constraints=tuple(
+            _constraint(f"constraints[{i}]", entry, case.sweep, switches) for i, entry in enumerate(table.get("constraints", []))
+        ),
         reported=dict(switches.values()),
         options=case.discretisation,
         sweep=case.sweep,
@@ -284,13 +284,13 @@ def _aim(entry, mu, control, where="objective[0]"):
     return dict(entry, values=values)
 
 
-def _constraint(where, entry, mu, switches):
+def _constraint(where, entry, sweep, switches):
     limits = {key: float(entry[key]) for key in LIMITS if key in entry}
     if where in switches:
         name, function = switches[where]
         return bound(name, of=function, **limits)
-    at = _at(where, entry, mu) if "at" in entry else None
-    return bound(entry["of"], at=at, **limits)
+    at = _at(where, entry, sweep.values) if "at" in entry else None
+    return bound(entry["of"], at=at, control=sweep.control, **limits)
 
 
 def _verification(table, case):

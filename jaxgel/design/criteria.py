@@ -130,12 +130,13 @@ def bound(
     below: float | None = None,
     within: float | None = None,
     at: float | None = None,
+    control: str = "mu",
     of: Callable[[Path], Array] | None = None,
 ) -> Constraint:
     """`Constraint` that keeps a quantity of ``CURVES``, ``DRY`` or ``OF_GEL`` above or below a value, or its magnitude within one.
 
-    On a path it holds at every state (the worst one counts), or at the one mu ``at``. A function ``of`` a path, such as those of
-    `switches`, is bounded in place of the quantity of that name. Raises ValueError unless one limit is given.
+    On a path it holds at every state (the worst one counts), or at the one value ``at`` of the ``control`` of that name. A function ``of``
+    a path, such as those of `switches`, is bounded in place of the quantity of that name. Raises ValueError unless one limit is given.
     """
     given = {key: value for key, value in dict(above=above, below=below, within=within).items() if value is not None}
     if len(given) != 1:
@@ -149,7 +150,7 @@ def bound(
         return room if dry or of_gel else jnp.min(room)
 
     words = {"above": f"{name} >= {value:g}", "below": f"{name} <= {value:g}", "within": f"|{name}| <= {value:g}"}[kind]
-    return Constraint(words + (f" at mu = {at:g}" if at is not None else ""), room, abs(value) or 1.0, dry, of_gel)
+    return Constraint(words + (f" at {control} = {at:g}" if at is not None else ""), room, abs(value) or 1.0, dry, of_gel)
 
 
 @jax.jit
