@@ -127,7 +127,7 @@ def test_methods_take_thousands_of_pixels_and_keep_the_mean(method, many, monkey
 
     def formula(self, vector):
         values, pullback = jax.vjp(lambda v: self.problem.objective(self.problem.parameters(v)["Nv"])[None], jnp.asarray(vector))
-        return values, lambda weights: pullback(weights)
+        return values, lambda weights: pullback(weights), {}
 
     monkeypatch.setattr(search.Search, "_forward", formula)
     design = optimise(problem, method=method, evaluations=80, tolerance=1e-6, folder=tmp_path)
