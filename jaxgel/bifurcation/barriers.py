@@ -59,7 +59,7 @@ def barrier(
     gel, control and value depend on, forward and reverse. ArithmeticError where a state is not found or unstable, where both are the same,
     and where no equilibrium with exactly one negative eigenvalue is found between them; ValueError inside jit or vmap.
     """
-    at = values_of(mu, control, value)
+    at, between = values_of(mu, control, value), between.still if isinstance(between, Loop) else between
     model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads
     problem = with_float_parameters(Problem(model, localised(model, gel), loads, None, control))

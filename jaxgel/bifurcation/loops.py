@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from jax.lax import stop_gradient
 
 from .._threads import few_threads
 from .._types import Array, Float, Scalar
@@ -80,8 +81,14 @@ class Loop:
         """
         if self.down is None:
             raise ValueError(f"{self._name}: the loop has no way down, {self.stop_text}")
-        analysis = self._analysis
-        return _state_at(analysis, self.up, value, self.jumps_up), _state_at(analysis, self.down, value, self.jumps_down)
+        still, analysis = self.still, self._analysis
+        return _state_at(analysis, self.up, value, still.jumps_up), _state_at(analysis, self.down, value, still.jumps_down)
+
+    @property
+    def still(self) -> "Loop":
+        """The loop whose jumps have no derivatives: numbers also where the loop is differentiated."""
+        numbers = [[dataclasses.replace(p, value=float(stop_gradient(p.value))) for p in of] for of in (self.jumps_up, self.jumps_down)]
+        return dataclasses.replace(self, jumps_up=tuple(numbers[0]), jumps_down=tuple(numbers[1]))
 
     @property
     def stop_text(self) -> str:

@@ -221,12 +221,13 @@ class Search:
 
         values, pullback, (model, gel, states, reported) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
         check_path(Path(model=model, gel=gel, stop=None, stop_text="", **states), problem.allow_unstable)
+        reported = {name: float(reported[name]) for name in problem.reported}
         missing = [name for name, value in reported.items() if not np.isfinite(value)]
         if missing:
             raise Invalid(f"it has no {missing[0]}")
         if not np.all(np.isfinite(values)):
             raise Invalid("its objective or a constraint is not a number")
-        return values, pullback, {name: float(value) for name, value in reported.items()}
+        return values, pullback, reported
 
     def _plate(self, vector):
         return self.problem.plate(self.problem.parameters(vector))
