@@ -222,9 +222,7 @@ class Search:
         values, pullback, (model, gel, states, reported) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
         check_path(Path(model=model, gel=gel, stop=None, stop_text="", **states), problem.allow_unstable)
         reported = {name: float(reported[name]) for name in problem.reported}
-        missing = [name for name, value in reported.items() if not np.isfinite(value)]
-        if missing:
-            raise Invalid(f"it has no {missing[0]}")
+        check_reported(reported)
         if not np.all(np.isfinite(values)):
             raise Invalid("its objective or a constraint is not a number")
         return values, pullback, reported
@@ -276,6 +274,13 @@ def check_path(path: Path, allow_unstable: bool = False) -> None:
     touching = np.asarray(min_gap(path)) <= 0
     if touching.any():
         raise Invalid(f"self-contact at {name} = {float(path.value[int(np.argmax(touching))]):.4f}")
+
+
+def check_reported(reported: dict[str, float]) -> None:
+    """Raise `Invalid`, in one line, for the first number that a design does not have."""
+    missing = next((name for name, value in reported.items() if not np.isfinite(value)), None)
+    if missing is not None:
+        raise Invalid(f"it has no {missing}")
 
 
 def read_log(folder: pathlib.Path | str) -> dict[str, Any]:

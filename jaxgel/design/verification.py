@@ -15,7 +15,7 @@ from ..mechanics import is_film
 from ..observables import CURVES, min_gap, surface_ratio
 from .optimisers import Invalid
 from .problem import DesignProblem
-from .search import check_path
+from .search import check_path, check_reported
 
 
 def verify(
@@ -33,14 +33,12 @@ def verify(
     between = np.interp(np.arange(2 * count - 1) / 2, np.arange(count), problem.mu).tolist()
     path = problem.path(parameters, problem.make_cloud(plate, spacing), between if mu is None else mu)
     reported = {name: float(function(path)) for name, function in problem.reported.items()}
-    missing = [name for name, value in reported.items() if not np.isfinite(value)]
     reason = "valid: stable, no self-contact"
     try:
         if not path.stop.ok:
             raise Invalid(path.stop_text)
         check_path(path, problem.allow_unstable)
-        if missing:
-            raise Invalid(f"it has no {missing[0]}")
+        check_reported(reported)
     except Invalid as invalid:
         reason = str(invalid)
     last = {name: np.nan if name == "axial_stretch" and is_film(path.model) else quantity(path)[-1] for name, quantity in CURVES.items()}
