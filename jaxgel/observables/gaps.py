@@ -4,7 +4,6 @@ Two points of an outline face each other where the line between them leaves both
 closer than two node spacings on the dry plate are neighbours and do not count.
 """
 
-import functools
 from types import ModuleType
 
 import jax
@@ -16,10 +15,10 @@ from .._memo import once_per_owner
 from .._types import Array, Bool, Float
 from ..continuation import Path
 from ..discretisation import Model
-from ..mechanics import is_film
+from ..mechanics import is_film, outline_loops
 from .areas import dry_outlines, outlines
 from .fields import membrane_stress
-from .states import States
+from .states import States, over_states
 
 FACING = 0.5  # cosine of the largest angle between a gap and the normals at its ends
 SELF_CONTACT = "invalid: self-contact"
@@ -49,13 +48,7 @@ def gap(path: States) -> Float[Array, " k"]:
 
     It is the plate's shorter side where no points face each other. Unlike `min_gap` it does not notice an outline that crosses itself.
     """
-    plate = path.model.lists.topology.plate
-    largest = min(plate.width, plate.height)
-    gaps = [
-        jax.vmap(functools.partial(_nearest_gap, distant=_distant_pairs(jax.lax.stop_gradient(dry), path.model), largest=largest))(states)
-        for states, dry in zip(outlines(path), dry_outlines(path.model), strict=True)
-    ]
-    return jnp.min(jnp.stack(gaps), axis=0) if gaps else jnp.full(len(path.x), largest)
+    return over_states(_gap, path)
 
 
 min_gap_once = once_per_owner(min_gap)
@@ -80,6 +73,14 @@ def status_texts(path: Path) -> list[str]:
         found += [f"{WRINKLES} ({least:.2g} kT/v)"] if least < -ROUND_OFF else []
         texts.append(", ".join(found) or status.name.lower().replace("_", " "))
     return [SELF_CONTACT if c else text for text, c in zip(texts, crossed, strict=True)]
+
+
+def _gap(x: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
+    """`gap` of one state."""
+    plate = model.lists.topology.plate
+    largest = min(plate.width, plate.height)
+    pairs = zip(outline_loops(x, model), dry_outlines(jax.lax.stop_gradient(model)), strict=True)
+    return jnp.min(jnp.stack([jnp.asarray(largest), *(_nearest_gap(loop, _distant_pairs(dry, model), largest) for loop, dry in pairs)]))
 
 
 def _nearest_gap(loop: Float[Array, "m 2"], distant: Bool[Array, "m m"], largest: float) -> Float[Array, ""]:
