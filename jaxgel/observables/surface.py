@@ -25,6 +25,7 @@ from ..materials import (
 )
 from ..mechanics import SOFT, Problem, is_film, is_generalised
 
+VERTICES = 512  # to a multiple of which the places at which surface ratios are found are padded
 SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each reduces the error by Nv over the bulk stiffness
 CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
 WRINKLE_RATIO = 3.4  # the same for wrinkles, stretch 0.544 (Biot 1963)
@@ -44,7 +45,10 @@ def surface_ratio(path: Path) -> Float[Array, " k"]:
 
 def surface_ratios(path: Path) -> Float[Array, "k m"]:
     """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for other than plane strain, and without holes."""
-    return _surface_ratios(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
+    chords = _chords(path.model.lists.topology)
+    if len(chords) == 0 or not _has_surface_ratios(path.model):
+        return jnp.zeros((len(path.x), 0))
+    return _surface_ratio(*_chord_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem))[:, : len(chords)]
 
 
 def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
@@ -52,33 +56,41 @@ def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
 
     They converge as the cloud is refined; the ratio over one node spacing grows at every crease.
     """
-    return _mean_surface_ratios(jnp.asarray(path.x), jnp.asarray(path.value), path.problem, share)
+    _, ends = _arcs(path.model.lists.topology, share)
+    if len(ends) == 0 or not _has_surface_ratios(path.model):
+        return jnp.zeros((len(path.x), 0))
+    return _surface_ratio(*_arc_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem, share))[:, : len(ends)]
+
+
+def _has_surface_ratios(model):
+    return not (is_film(model) or is_generalised(model))
 
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
-def _surface_ratios(x: Any, at: Any, problem: Problem) -> Any:
-    problem, mu = problem.at(at)
-    model, gel = problem.model, problem.gel
-    chords = _chords(model.lists.topology)
-    if len(chords) == 0 or is_film(model) or is_generalised(model):
-        return jnp.zeros(0)
+def _chord_stretches(x: Any, at: Any, problem: Problem) -> Any:
+    """The arguments of `_surface_ratio` for chords, padded."""
+    model, chords = problem.model, _padded(_chords(problem.model.lists.topology))
     dry, deformed = (_lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
-    return _surface_ratio(deformed / dry, _near(x, model, chords), mu, gel_on_outline(gel, chords))
+    now, mu = problem.at(at)
+    return deformed / dry, _near(x, model, chords), mu, gel_on_outline(now.gel, chords)
 
 
 @functools.partial(jax.jit, static_argnums=3)
 @functools.partial(jax.vmap, in_axes=(0, 0, None, None))
-def _mean_surface_ratios(x: Any, at: Any, problem: Problem, share: float) -> Any:
-    problem, mu = problem.at(at)
-    model, gel = problem.model, problem.gel
-    segments, ends = _arcs(model.lists.topology, share)
-    if len(segments) == 0 or is_film(model) or is_generalised(model):
-        return jnp.zeros(0)
+def _arc_stretches(x: Any, at: Any, problem: Problem, share: float) -> Any:
+    """The arguments of `_surface_ratio` for arcs, padded."""
+    model, (segments, ends) = problem.model, _arcs(problem.model.lists.topology, share)
     sums = [jnp.append(0.0, jnp.cumsum(_lengths(model.outline.position(y), segments))) for y in (model.cloud.nodes, x)]
+    ends = _padded(ends)
     dry, deformed = (total[ends[:, 1]] - total[ends[:, 0]] for total in sums)
-    ends = np.stack([segments[ends[:, 0], 0], segments[ends[:, 1] - 1, 1]], axis=1)
-    return _surface_ratio(deformed / dry, _near(x, model, ends), mu, gel_on_outline(gel, ends))
+    ends, (now, mu) = np.stack([segments[ends[:, 0], 0], segments[ends[:, 1] - 1, 1]], axis=1), problem.at(at)
+    return deformed / dry, _near(x, model, ends), mu, gel_on_outline(now.gel, ends)
+
+
+def _padded(ends: Int[np.ndarray, "m 2"]) -> Int[np.ndarray, "p 2"]:
+    """Ends of chords or arcs, the last ones repeated: one program of `_surface_ratio`, which takes long to compile, serves many plates."""
+    return np.pad(ends, ((0, -len(ends) % VERTICES), (0, 0)), mode="edge")
 
 
 def _near(x, model, ends):
@@ -91,6 +103,8 @@ def _lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Ar
     return jnp.linalg.norm(points[chords[:, 1]] - points[chords[:, 0]], axis=1)
 
 
+@jax.jit
+@jax.vmap
 def _surface_ratio(tangential: Float[Array, " m"], near: Float[Array, " m"], mu: Scalar, gel: Any) -> Float[Array, " m"]:
     """Ratio of normal to ``tangential`` stretch of a surface without traction, in the phase of the volume ratio ``near`` it."""
 
