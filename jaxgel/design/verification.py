@@ -41,7 +41,8 @@ def verify(
         check_reported(reported)
     except Invalid as invalid:
         reason = str(invalid)
-    last = {name: np.nan if name == "axial_stretch" and is_film(path.model) else quantity(path)[-1] for name, quantity in CURVES.items()}
+    end = path.chosen([len(path) - 1])
+    last = {name: np.nan if name == "axial_stretch" and is_film(path.model) else quantity(end)[0] for name, quantity in CURVES.items()}
     dry = plate, path.model.cloud, problem.gel_at(parameters)
     without = {c.name: c.without_sweep(*dry) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(
