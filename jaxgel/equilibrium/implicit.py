@@ -22,6 +22,7 @@ from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
 
 ALIKE = 1e-11  # of a field: how far an adjoint field may be from its image; what that leaves out of a derivative is as small
+LARGE = 25_000  # nodes times states from which on a program for a region repays its compilation: it saves 2 us for each in every reverse
 
 
 def state_tangents(
@@ -169,9 +170,9 @@ def _by_orbits(map_, cotangents, others, groups, wanted):
     model = problem.model
     motion, fields = cotangents[0], _fields(cotangents[1], problem.free, x.shape)
     asked = np.any(np.asarray(motion) != 0, axis=(1, 2)) | np.any(np.asarray(fields) != 0, axis=(1, 2))
-    by_group = {(): []}
+    by_group, large = {(): []}, model.n_nodes * len(x) > LARGE
     for k in np.flatnonzero(asked):
-        by_group.setdefault(symmetries_of_field(fields[k], model, groups[k], ALIKE), []).append(k)
+        by_group.setdefault(symmetries_of_field(fields[k], model, groups[k], ALIKE) if large else (), []).append(k)
     size, found = states_together(len(x), model), None
     for group, states in by_group.items():
         if states or len(by_group) == 1:

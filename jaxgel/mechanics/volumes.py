@@ -256,8 +256,9 @@ def ratios_that_carry(
     Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,
     which mixed second derivatives would show. A group that is soft, see `linearised_about`, has its own volume ratio.
     """
-    stiffness, gel_there = stiffness_at(J, model, gel, mu, axial), gel_in_groups(gel)
+    fixed = lax.stop_gradient((J, model, gel, mu, axial))  # before, not after: what has no derivative is not differentiated
+    stiffness, gel_there = stiffness_at(*fixed), gel_in_groups(fixed[2])
     least = jnp.where(rises_always(gel_there), 0.0, SOFT * value(gel_there.Nv))
-    real = (all_volumes(model) > 0) & (stiffness > least)
-    away = pressure - pressure_at(J, model, gel, mu, axial)
-    return J + lax.stop_gradient(jnp.where(real, away / jnp.where(real, stiffness, 1.0), 0.0))
+    real = (all_volumes(fixed[1]) > 0) & (stiffness > least)
+    away = lax.stop_gradient(pressure) - pressure_at(*fixed)
+    return J + jnp.where(real, away / jnp.where(real, stiffness, 1.0), 0.0)
