@@ -53,6 +53,7 @@ def main():
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(scratch) / "cache"))
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA writes its machine's features for every program from the cache
         rows = measure(options, Path(scratch))
     machine = {"cores": os.cpu_count(), "processor": platform.machine(), "python": platform.python_version()}
     versions = {name: version(name) for name in ("jaxgel", "jax", "numpy", "scipy")}

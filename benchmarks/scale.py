@@ -9,7 +9,7 @@ after the sweep; below each column its exponent among the larger sizes, and that
 assembly adds up: a node has the more of them the fewer lie near an edge. A process that takes more than ``--limit`` GiB is stopped, and
 the table says so.
 
-1e5 nodes, one thread of a busy machine: setup 82 s, a Newton step 11 s (assembly 1.7 s, factor 8.4 s) in 6.2 GiB, the sweep in 7.0 GiB.
+1e5 nodes, one thread: setup 43 s, a Newton step 11 s (assembly 1.7 s, factor 8.2 s) in 5.9 GiB, the sweep in 6.9 GiB.
 """  # fmt: skip
 
 import argparse
