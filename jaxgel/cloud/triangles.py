@@ -38,16 +38,15 @@ def triangulate(
 
 def _alike(vertices, loops, images):
     """Triangles (t, 3) of the pieces, their pieces (t,) and the pairs (k, 2) that are quadrilaterals, alike for a piece and its images."""
-    centres = np.array([vertices[np.concatenate(loop)].mean(axis=0) for loop in loops])
     source, by, mirrors = np.arange(len(loops)), np.full(len(loops), -1), [[] for _ in loops]
-    moved = [np.array([vertices[image[np.concatenate(loop)]].mean(axis=0) for loop in loops]) for image in images]
-    there = [nearest_points(centres, centre)[0] for centre in moved]
-    for piece in range(len(loops)):
+    corners = [np.concatenate(loop) for loop in loops]
+    pieces = {frozenset(own.tolist()): piece for piece, own in enumerate(corners)}
+    for piece, own in enumerate(corners):
         for number, image in enumerate(images if source[piece] == piece else ()):
-            target = there[number][piece]
+            target = pieces.get(frozenset(image[own].tolist()), -1)  # none: round-off may cut a cell in other pieces than its images
             if target == piece:
                 mirrors[piece].append(image)
-            elif source[target] == target:
+            elif target > piece and source[target] == target:
                 source[target], by[target] = piece, number
     first = np.flatnonzero(source == np.arange(len(loops)))
     found, owner = _constrained_delaunay(vertices, [loops[i] for i in first])

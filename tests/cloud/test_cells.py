@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from jaxgel.cloud import SLIVER, make_cloud, partition
+from jaxgel.cloud import SLIVER, make_cloud, partition, triangles
 from jaxgel.geometry import Circle, Plate, Rectangle, edge_lines
 
 each_case = pytest.mark.parametrize("name", ["sample-1", "sample-7", "lattice", "square"])
@@ -145,3 +145,17 @@ def test_a_clipped_corner_off_every_outline_is_reported():
     gel = shapely.Polygon([(0, 0), (0.8, 0.0), (0.5, 1.0), (0, 1)])  # not along the outline
     with pytest.raises(RuntimeError, match=r"a clipped vertex lies 3\.0e-01 off every hole outline"):
         partition(grid, [np.arange(4)], np.array([[0, 1]]), outline, [gel])
+
+
+def test_a_piece_that_is_cut_in_two_leaves_its_images_whole():
+    """As round-off may do next to an outline: neither half is an image of the others, whose triangles are alike."""
+    turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    right = np.array([[1.0, -1.0], [2.0, -1.5], [2.0, 0.0], [2.0, 1.5], [1.0, 1.0], [1.0, 0.0]])
+    vertices = np.concatenate([right @ np.linalg.matrix_power(turn, k).T for k in range(4)])
+    images = [np.roll(np.arange(24), -6 * k) for k in (1, 2, 3)]
+    whole = [np.arange(6) + 6 * k for k in range(4)]
+    loops = [[whole[0]], [whole[1][[0, 1, 2, 5]]], [whole[1][[2, 3, 4, 5]]], [whole[2]], [whole[3]]]
+    found, piece, _ = triangles.triangulate(vertices, loops, images)
+    np.testing.assert_allclose(np.bincount(piece, triangles.signed_areas(vertices, found)), [2.5, 1.25, 1.25, 2.5, 2.5])
+    alike = [{frozenset(corners) for corners in (found[piece == k] % 6).tolist()} for k in (0, 3, 4)]
+    assert alike[0] == alike[1] == alike[2]
