@@ -78,9 +78,10 @@ def status_texts(path: Path) -> list[str]:
 def _gap(x: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
     """`gap` of one state."""
     plate = model.lists.topology.plate
-    largest = min(plate.width, plate.height)
+    largest = float(min(plate.width, plate.height))
     pairs = zip(outline_loops(x, model), dry_outlines(jax.lax.stop_gradient(model)), strict=True)
-    return jnp.min(jnp.stack([jnp.asarray(largest), *(_nearest_gap(loop, _distant_pairs(dry, model), largest) for loop, dry in pairs)]))
+    gaps = [_nearest_gap(loop, _distant_pairs(dry, model), largest) for loop, dry in pairs]
+    return jnp.min(jnp.stack([jnp.asarray(largest), *gaps]))
 
 
 def _nearest_gap(loop: Float[Array, "m 2"], distant: Bool[Array, "m m"], largest: float) -> Float[Array, ""]:

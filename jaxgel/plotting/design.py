@@ -93,6 +93,7 @@ def draw_reported(ax: Axes, study: Any, design: Design, best: Path) -> Axes:
             ax.axhline(target, color=colour, linewidth=0.8, linestyle="--")
     of_energy = study.aim["of"] == "barrier"
     ax.set(xlabel="evaluation (square: fresh cloud)")
+    ax.locator_params(axis="x", integer=True)
     ax.set(ylabel=r"barrier ($kT/v\,$mm$^2$)" if of_energy else quantity_of(best.control).axis_label())
     ax.legend(frameon=False, fontsize=7.5, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return ax
@@ -129,6 +130,7 @@ def draw_history(ax: Axes, design: Design) -> Axes:
     if positive.size and positive.min() > FEASIBLE * positive.max() and positive.max() > 30 * positive.min():
         ax.set_yscale("log")
     ax.set(xlabel="evaluation (dotted: new cloud)", ylabel="objective")
+    ax.locator_params(axis="x", integer=True)
     above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)  # inside the axes the legend would hide points
     ax.legend(frameon=False, fontsize=7.5, columnspacing=1.0, handletextpad=0.3, **above)
     return ax
