@@ -13,8 +13,9 @@ states, ``gradient`` the error's norm over the gradient's norm, both in % of wha
 the other one differs from it is printed above. Seconds are the processor's, medians after a first call, all peers in turn, for the value
 and for value and gradient together. ``ratio`` is the latter over that of jaxgel's first row: below 1 is faster than jaxgel.
 
-- jaxgel: defaults, reverse mode. Its sweeps also count negative pivots (stability) and look for contact; NGSolve's do neither, because
-  its factorisation does not show its pivots.
+- jaxgel: defaults, reverse mode. Its sweeps also count negative pivots, find the lowest eigenvalue and look for contact; NGSolve's do
+  neither, because its factorisation does not show its pivots. ``stability`` is what the first two take of ``both/s``;
+  ``bare ratio`` is the ratio with that left out of jaxgel's time: like beside like.
 - adjoint: one solve per state with the factor that Newton's method has left, then the shape derivative of the residual, written by hand;
   NGSolve's own ``DiffShape`` gives the same numbers and, not compiled, took twenty times as long.
 - morphed: differences on a mesh whose nodes follow the outlines. remeshed: differences between new meshes. Their seconds are those of
@@ -27,6 +28,7 @@ peer on top of it is not written.
 
 import argparse
 import dataclasses
+import functools
 import os
 import statistics
 import time
@@ -43,6 +45,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 import jaxgel
+from jaxgel.continuation.frames import RegionFrame, WholeFrame
 
 SPACINGS = (22 / 56, 0.55)  # mm
 ELEMENTS = (Row(5, 4, 2.5), Row(4, 2, 1.5))  # 0.12 % and 0.35 %: the fastest that were found within 0.35 % are quartic and quintic
@@ -52,7 +55,8 @@ PINNED = 1.0  # mm; elements with a vertex this near to the core stay where they
 TOLERANCE = 1e-6  # of an adjoint state, relative
 STEPS = {"morphed": 1e-4, "remeshed": 2e-2}  # mm, of differences to either side; new meshes scatter by more than the smaller one shows
 MEASURED = 4  # parameters up to which the errors of differences are measured
-HEADINGS = ("peer", "size", "value/%", "gradient/%", "value/s", "both/s", "ratio")
+HEADINGS = ("peer", "size", "value/%", "gradient/%", "value/s", "both/s", "stability", "ratio", "bare ratio")
+spent = 0.0  # processor seconds in which jaxgel's sweeps have examined the stability of states, by `_timed`
 
 
 class Problem(NamedTuple):
@@ -76,6 +80,8 @@ def main():
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
     os.environ["NPROC"] = "1"  # XLA's threads
     ng.SetNumThreads(1)
+    for frame in (RegionFrame, WholeFrame):
+        frame.check = _timed(frame.check)
     for number in options.parameters[:1] if options.quick else options.parameters:
         compare(PROBLEMS[number](), SPACINGS[1:] if options.quick else SPACINGS, 1 if options.quick else options.repeats)
 
@@ -92,13 +98,13 @@ def compare(problem, spacings, repeats):
     seconds = times_in_turn([*(peer.curve for peer in peers), *(peer.both for peer in peers), remeshed.curve], start, repeats)
     unit = seconds[len(peers)]
     for peer, value, both in zip(peers, seconds, seconds[len(peers) :], strict=False):
-        line(peer.label, peer.size, errors(peer.both(start), refined[0]), value, both, unit)
+        line(peer.label, peer.size, errors(peer.both(start), refined[0]), value[0], *both, unit)
     first = len(spacings)  # of the finite elements
-    for name, peer, value in (("morphed", peers[first], seconds[first]), ("remeshed", remeshed, seconds[-1])):
+    for name, peer, (value, _) in (("morphed", peers[first], seconds[first]), ("remeshed", remeshed, seconds[-1])):
         for side, sweeps in (("one-sided", 1 + len(start)), ("central", 1 + 2 * len(start))):
             gradient = differences(peer.curve, start, STEPS[name], side) if len(start) <= MEASURED else None
             label = f"NGSolve P{ELEMENTS[0].order} {name}, {side}"
-            line(label, peers[first].size, errors((peer.curve(start), gradient), refined[0]), value, sweeps * value, unit)
+            line(label, peers[first].size, errors((peer.curve(start), gradient), refined[0]), value, sweeps * value, 0.0, unit)
 
 
 def errors(found, exact):
@@ -108,21 +114,41 @@ def errors(found, exact):
     return np.abs(core / exact[0] - 1).max(), of_gradient
 
 
-def line(label, size, relative, value, both, unit):
+def line(label, size, relative, value, both, stability, unit):
     gradient = f"{100 * relative[1]:11.2f}" if np.isfinite(relative[1]) else f"{'-':>11}"
-    print(f"{label:34}{size:11}{100 * relative[0]:11.3f}{gradient}{value:11.3f}{both:11.3f}{both / unit:11.3f}", flush=True)
+    ratios = both / unit[0], (both - stability) / (unit[0] - unit[1])
+    seconds = "".join(f"{number:11.3f}" for number in (value, both, stability, *ratios))
+    print(f"{label:34}{size:11}{100 * relative[0]:11.3f}{gradient}{seconds}", flush=True)
 
 
 def times_in_turn(functions, start, repeats):
-    """Median processor seconds of each function, called ``repeats`` times in turn after a first time, at slightly other parameters."""
+    """Median processor seconds of each function, and those spent on stability, called ``repeats`` times in turn after a first time.
+
+    The parameters are slightly others each time.
+    """
     taken = []
     for k in range(repeats + 1):
         taken.append([])
         for function in functions:
-            begin = time.process_time()
+            begin, before = time.process_time(), spent
             function(start * (1 + 1e-6 * k))
-            taken[-1].append(time.process_time() - begin)
-    return [statistics.median(column) for column in zip(*taken[1:], strict=True)]
+            taken[-1].append((time.process_time() - begin, spent - before))
+    return [tuple(map(statistics.median, zip(*column, strict=True))) for column in zip(*taken[1:], strict=True)]
+
+
+def _timed(check):
+    """``check`` of a frame, whose processor seconds are added to ``spent``."""
+
+    @functools.wraps(check)
+    def call(*args):
+        global spent
+        begin = time.process_time()
+        try:
+            return check(*args)
+        finally:
+            spent += time.process_time() - begin
+
+    return call
 
 
 def differences(curve, start, step, side):
