@@ -1,17 +1,18 @@
 """Files: a run's folder, netCDF, ParaView, drawings of outlines; the terminal, and the processes that calls run on."""
 
 from .._validation import read_toml
-from .drawings import FORMATS, OUTLINE, dry_gel, dry_regions, fit_fourier, hole_table, read_outlines, swollen_gel, write_outline
+from .drawings import OUTLINE, hole_table, read_outlines
 from .files import one_line, open_folder, read_record, write_atomically, write_csv, write_json
 from .hole_pictures import IMAGE, hole_tables
-from .loop_files import write_loop
 from .masks import MASK, mask_table, mask_values, write_grey, write_mask
 from .netcdf import export
+from .outline_files import FORMATS, dry_gel, dry_regions, swollen_gel, write_outline
+from .outline_fits import fit_fourier
 from .recorder import NUMERICAL, Recorder, write_points
+from .result_files import write_loop, write_waves
 from .run import STEP_ARRAYS, Run, load_run, read_summary
 from .terminal import Progress, interruptible
 from .vtk import point_fields, write_series
-from .wave_files import write_waves
 from .workers import TRIES, InThisProcess, Workers, dask_executor, run_calls
 
 __all__ = [

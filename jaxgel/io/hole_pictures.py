@@ -12,8 +12,8 @@ import shapely
 
 from .._types import Int
 from .._validation import POSITIVE, TEXT, tabled, word
-from .drawings import FITS, hole_entries
 from .masks import WHITE, check_cover, grey_pixels
+from .outline_fits import FITS, hole_entries
 
 SHADES = ("dark", "light")
 IMAGE: dict[str, Any] = tabled(

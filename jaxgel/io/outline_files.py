@@ -1,0 +1,128 @@
+"""Outlines of a dry plate and of a swollen gel, and their files: DXF, SVG, extruded STL or PNG. Lengths in mm.
+
+The y axis of SVG points down and is turned over. DXF is written by the library of the extra ``[outline]``.
+"""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path as File
+
+import numpy as np
+import shapely
+
+from .._types import Float
+from ..cloud import boundary_edges
+from ..continuation import Path
+from ..controls import control_name
+from ..geometry import Plate
+from ..observables import deformed_vertices
+from .files import write_atomically
+from .masks import write_drawing
+from .outline_fits import hole_points
+
+FORMATS = ("dxf", "svg", "stl", "png")
+
+
+def dry_gel(plate: Plate) -> shapely.Geometry:
+    """The dry gel of a plate as a shapely polygon, mm."""
+    box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
+    return shapely.difference(box, shapely.union_all([shapely.Polygon(hole_points(hole)) for hole in plate.holes]))
+
+
+def dry_regions(plate: Plate) -> list[shapely.Polygon]:
+    """The parts of a dry plate's regions in the plate, shapely polygons, mm; holes in them are not cut out."""
+    box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
+    inside = [shapely.intersection(box, shapely.Polygon(hole_points(region))) for region in plate.regions]
+    return [part for part in shapely.get_parts(inside) if isinstance(part, shapely.Polygon)]
+
+
+def swollen_gel(path: Path, k: int) -> shapely.Geometry:
+    """The gel of state ``k`` of a path as a shapely polygon, mm; ValueError where its outline crosses itself."""
+    chosen = path.chosen([k])
+    vertices, edges = np.asarray(deformed_vertices(chosen))[0], boundary_edges(np.asarray(path.model.cloud.triangles))
+    faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(vertices[edges])))
+    gel = max(faces, key=lambda face: face.area, default=shapely.Polygon())
+    if not gel.is_valid or len(faces) == 0:
+        raise ValueError(f"state: the outline at {control_name(path.control)} = {float(path.value[k]):.6g} crosses itself")
+    return gel
+
+
+def write_outline(
+    gel: shapely.Geometry,
+    file: str | File,
+    height: float = 1.0,
+    pixels_per_mm: float | None = None,
+    regions: Sequence[shapely.Polygon] = (),
+) -> File:
+    """Write a polygon (shapely, mm) to a .dxf, .svg, .stl or .png ``file``; returns the file.
+
+    STL is extruded by ``height`` mm; for PNG and its ``pixels_per_mm`` see `write_drawing`. The outlines of ``regions`` have a layer of
+    their own in DXF and thin lines in SVG.
+    """
+    file = File(file)
+    kind = file.suffix.lower().lstrip(".")
+    if kind not in FORMATS:
+        raise ValueError(f"file: {str(file)!r} does not end in one of {', '.join('.' + name for name in FORMATS)}")
+    if not (np.isfinite(height) and height > 0):
+        raise ValueError(f"height: {height} is not a positive length in mm")
+    if kind == "png":
+        return write_drawing(gel, file, pixels_per_mm)
+    gel = shapely.orient_polygons(gel)
+    content = {"dxf": _dxf, "svg": _svg, "stl": lambda gel, _: _stl(gel, height)}[kind](gel, regions)
+    write_atomically(file, lambda stream: stream.write(content))
+    return file
+
+
+def _rings(gel: shapely.Polygon) -> list[np.ndarray]:
+    """Closed lines of a polygon, the outer one first, each (m, 2) without a repeated point."""
+    return [np.asarray(ring.coords)[:-1] for ring in (gel.exterior, *gel.interiors)]
+
+
+def _dxf(gel: shapely.Polygon, regions: Sequence[shapely.Polygon]) -> bytes:
+    try:
+        import ezdxf
+    except ImportError:
+        raise ValueError("format: dxf needs ezdxf; pip install 'jaxgel[outline]'") from None
+    document = ezdxf.new("R2010", units=ezdxf.units.MM)
+    lines = [("HOLES" if k else "PLATE", ring) for k, ring in enumerate(_rings(gel))]
+    for layer, ring in lines + [("REGIONS", _rings(region)[0]) for region in regions]:
+        document.modelspace().add_lwpolyline(ring.tolist(), close=True, dxfattribs={"layer": layer})
+    stream = io.StringIO()
+    document.write(stream)
+    return stream.getvalue().encode(document.output_encoding)
+
+
+def _svg(gel: shapely.Polygon, regions: Sequence[shapely.Polygon]) -> bytes:
+    left, low, right, high = gel.bounds
+    size = f'width="{right - left:.6f}mm" height="{high - low:.6f}mm" viewBox="{left:.6f} {-high:.6f} {right - left:.6f} {high - low:.6f}"'
+    drawn = [(0.002, _rings(gel)), *((0.001, _rings(region)[:1]) for region in regions)]
+    paths = "\n".join(
+        f'<path fill="none" stroke="black" stroke-width="{width * (right - left):.6f}" d="{" ".join(map(_svg_loop, rings))}"/>'
+        for width, rings in drawn
+    )
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{paths}\n</svg>\n'.encode()
+
+
+def _svg_loop(ring: Float[np.ndarray, "m 2"]) -> str:
+    return "M" + "L".join(f"{x:.6f},{-y:.6f}" for x, y in ring) + "Z"
+
+
+def _stl(gel: shapely.Polygon, height: float) -> bytes:
+    """Binary STL of the polygon between z = 0 and ``height``; every edge belongs to two triangles."""
+    flat = shapely.get_parts(shapely.constrained_delaunay_triangles(gel))
+    top = shapely.get_coordinates(shapely.orient_polygons(flat)).reshape(-1, 4, 2)[:, :3]
+    parts = [_raised(top, height), _raised(top[:, ::-1], 0.0)]
+    for ring in _rings(gel):
+        a, b = (_raised(line[:, None], z)[:, 0] for line, z in ((ring, 0.0), (np.roll(ring, -1, axis=0), 0.0)))
+        up = np.array([0.0, 0.0, height])
+        parts += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
+    corners = np.concatenate(parts)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    records = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    records["normal"], records["corners"] = normal / np.linalg.norm(normal, axis=1, keepdims=True), corners
+    return b"jaxgel".ljust(80) + np.uint32(len(records)).tobytes() + records.tobytes()
+
+
+def _raised(points: np.ndarray, z: float) -> np.ndarray:
+    """Points (..., 2) with a third coordinate."""
+    return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)

@@ -1,0 +1,70 @@
+"""Files of a loop and of ``jaxgel waves``."""
+
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+
+from ..bifurcation import Loop
+from ..controls import control_name, unit_of
+from ..observables import history
+from ..waves import Dispersion, LatticeOnset
+from .files import write_atomically, write_csv, write_json
+
+
+def write_loop(loop: Loop, folder: File, options: dict[str, Any]) -> None:
+    """``loop.json`` with the jumps of a loop, and ``loop.csv`` with its states, in a folder.
+
+    The table has the way, "up", "down" or "unstable", the value of the control, and the columns of `history`.
+    """
+    control, width = loop.up.control, float(loop.width)
+    record = {
+        "options": options,
+        "control": control_name(control),
+        "unit": unit_of(control),
+        "width": width if np.isfinite(width) else None,
+        "fold_up": _point_entry(loop.fold_up),
+        "fold_down": _point_entry(loop.fold_down),
+        "jumps_up": [_point_entry(point) for point in loop.jumps_up],
+        "jumps_down": [_point_entry(point) for point in loop.jumps_down],
+        "unlocated": list(loop.unlocated),
+        "joined": bool(loop.joined),
+        "stop": loop.stop_text,
+        "text": loop.text,
+    }
+    write_json(folder / "loop.json", record)
+    columns, rows = [], []
+    for way, path in (("up", loop.up), ("down", loop.down), ("unstable", loop.unstable)):
+        if path is not None:
+            table = {name: column for name, column in history(path).items() if name != control_name(control)}
+            columns = ["way", control_name(control), *table]
+            rows += [[way, *row] for row in zip(np.asarray(path.value), *table.values(), strict=True)]
+    write_csv(folder / "loop.csv", columns, rows)
+
+
+def _point_entry(point):
+    return None if point is None else {"value": float(point.value), "kind": point.kind, "text": point.text}
+
+
+def write_waves(onset: LatticeOnset | None, bands: Dispersion | None, folder: File, options: dict[str, Any]) -> None:
+    """``waves.json`` with the onset and the gaps of the bands, null where there are none, in a folder.
+
+    With an onset also ``zone.csv``, the lowest eigenvalue by wave vector, and ``onset.npz`` with state and wave; with bands ``bands.csv``,
+    the frequencies by wave vector.
+    """
+    gaps = None if bands is None else {"mu": bands.mu, "gaps": bands.gaps, "corners": bands.corners}
+    write_json(folder / "waves.json", {"options": options, "onset": _onset_entry(onset), "bands": gaps})
+    if bands is not None:
+        header = ["kx", "ky", "along", *(f"omega_{k + 1}" for k in range(bands.squares.shape[1]))]
+        write_csv(folder / "bands.csv", header, np.column_stack([bands.wave_vectors, bands.along, bands.frequencies]).tolist())
+    if onset is not None:
+        write_csv(folder / "zone.csv", ["kx", "ky", "eigenvalue"], np.column_stack([onset.zone, onset.eigenvalues]).tolist())
+        arrays = {"x": np.asarray(onset.x), "modes": onset.modes, "wave_vector": onset.wave_vector}
+        write_atomically(folder / "onset.npz", lambda stream: np.savez(stream, **arrays))
+
+
+def _onset_entry(onset):
+    if onset is None:
+        return None
+    names = ("kind", "periods", "slope", "text")
+    return {"mu": float(onset.mu), "wave_vector": onset.wave_vector.tolist()} | {name: getattr(onset, name) for name in names}
