@@ -1,7 +1,7 @@
 """Files: a run's folder, netCDF, ParaView, drawings of outlines; the terminal, and the processes that calls run on."""
 
 from .._validation import read_toml
-from .drawings import OUTLINE, hole_table, read_outlines
+from .drawings import OUTLINE, DrawingIncomplete, hole_table, read_outlines
 from .files import one_line, open_folder, read_record, write_atomically, write_csv, write_json
 from .hole_pictures import IMAGE, hole_tables
 from .masks import MASK, mask_table, mask_values, write_grey, write_mask
@@ -23,6 +23,7 @@ __all__ = [
     "OUTLINE",
     "STEP_ARRAYS",
     "TRIES",
+    "DrawingIncomplete",
     "InThisProcess",
     "Progress",
     "Recorder",

@@ -1,14 +1,23 @@
-"""A drawing that was read: its closed outlines, and what was left out of them."""
+"""A drawing that was read: its closed outlines and what was left out, and the joining of its loose lines."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from .._types import Float
 
-FLATNESS = 1e-3  # of an outline's size: distance of a curve's chords when a drawing is read
+FLATNESS = 1e-4  # of an outline's size: distance of a curve's chords when a drawing is read
+JOINT = 1e-3  # of the size of the smaller line: distance of ends that meet, less than a pixel on a screen
+TWIN = 5e-4  # of an outline's size: distance of outlines that are one on a screen; more than the chords of two readings of one curve
+REPEATED = 1e-6  # of an outline's size: distance of neighbouring points that are one, round-off of written coordinates
+THIN = 1e-9  # of the square of its size: area of the hull of a line without an inside
 
 
 class Omission(NamedTuple):
@@ -30,3 +39,86 @@ class Drawing:
     """Closed outlines, mm, y axis up; the first point may be repeated at the end."""
     omissions: Counter[Omission] = field(default_factory=Counter)
     """Number of entities left out, by kind, layer and reason."""
+
+
+def size_of(line: Float[np.ndarray, "m 2"]) -> float:
+    """The longer side of the box around the points (m, 2), mm."""
+    return float(np.max(np.ptp(line, axis=0)))
+
+
+def ends_meet(line: Float[np.ndarray, "m 2"]) -> bool:
+    """Whether the first and the last point of a line (m, 2) are one but for round-off, relative to its size."""
+    return len(line) > 2 and bool(np.linalg.norm(line[0] - line[-1]) <= JOINT * size_of(line))
+
+
+def without_repeats(line: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "_ 2"]:
+    """The closed outline (m, 2) without points that repeat the one before; empty if it is not finite or has no inside."""
+    if len(line) < 3 or not np.isfinite(line).all():
+        return np.empty((0, 2))
+    size = size_of(line)
+    line = line[np.linalg.norm(line - np.roll(line, 1, axis=0), axis=1) > REPEATED * size]
+    inside = len(line) > 2 and shapely.convex_hull(shapely.multipoints(line)).area > THIN * size**2
+    return line if inside else np.empty((0, 2))
+
+
+def distinct(outlines: Sequence[Float[np.ndarray, "_ 2"]]) -> list[Float[np.ndarray, "_ 2"]]:
+    """The closed outlines without those that repeat an earlier one, such as the border of a hatch or a circle drawn twice."""
+    if len(outlines) < 2:
+        return list(outlines)
+    shapes = np.array([shapely.Polygon(line) for line in outlines])
+    sizes, bounds, areas = np.array([size_of(line) for line in outlines]), shapely.bounds(shapes), shapely.area(shapes)
+    pairs = cKDTree(bounds).query_pairs(2 * TWIN * sizes.max(), output_type="ndarray")
+    near = TWIN * sizes[pairs].min(axis=1)
+    alike = (np.abs(np.diff(bounds[pairs], axis=1)).max(axis=(1, 2)) <= near) & (
+        np.abs(np.diff(areas[pairs]))[:, 0] <= 4 * near * sizes[pairs].min(axis=1)
+    )
+    repeated = set()
+    for (i, j), distance in sorted(zip(map(tuple, pairs[alike].tolist()), near[alike], strict=True)):
+        if i not in repeated and shapely.hausdorff_distance(shapes[i].exterior, shapes[j].exterior) <= distance:
+            repeated.add(j)
+    return [line for k, line in enumerate(outlines) if k not in repeated]
+
+
+def join(lines: Sequence[Float[np.ndarray, "_ 2"]]) -> list[tuple[Float[np.ndarray, "_ 2"], set[int]]]:
+    """The closed outlines that open lines form whose ends meet, each with the indices of its lines.
+
+    Where more than two ends meet, these are the faces between the lines; loose ends are left over. A line drawn twice counts once.
+    """
+    if not lines:
+        return []
+    ends = np.array([line[[0, -1]] for line in lines]).reshape(-1, 2)
+    reach = JOINT * np.repeat([size_of(line) for line in lines], 2)
+    pairs = cKDTree(ends).query_pairs(reach.max(), output_type="ndarray")
+    pairs = pairs[np.linalg.norm(np.diff(ends[pairs], axis=1)[:, 0], axis=1) <= reach[pairs].min(axis=1)]
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(ends), len(ends)))
+    _, first, node = np.unique(connected_components(links, directed=False)[1], return_index=True, return_inverse=True)
+    ends, node = ends[first][node].reshape(-1, 2, 2), node.reshape(-1, 2)
+    curves = {
+        k: shapely.LineString([ends[k, 0], *line[1:-1], ends[k, 1]])
+        for k, line in enumerate(lines)
+        if len(line) > 2 or node[k, 0] != node[k, 1]
+    }
+    twins = _twins(curves, node)
+    owner = {_segment(*curve.coords[:2]): k for k, curve in curves.items() if twins[k] == k}
+    outlines = []
+    for face in shapely.get_parts(shapely.polygonize([curves[k] for k in owner.values()])):
+        corners = list(face.exterior.coords)
+        parts = {owner[part] for part in map(_segment, corners, corners[1:]) if part in owner}
+        outlines.append((np.array(corners[:-1]), {k for k, twin in twins.items() if twin in parts}))
+    return outlines
+
+
+def _twins(curves, node):
+    """Index of the first of the curves that are one, for each curve."""
+    twins, between = {}, {}
+    for k, curve in curves.items():
+        others = between.setdefault(tuple(sorted(node[k])), [])
+        near = TWIN * max(np.ptp(curve.xy, axis=1))
+        twins[k] = next((i for i in others if shapely.hausdorff_distance(curve, curves[i]) <= near), k)
+        if twins[k] == k:
+            others.append(k)
+    return twins
+
+
+def _segment(start, end):
+    return (start, end) if start < end else (end, start)

@@ -6,6 +6,8 @@ SVG points down and is turned over. DXF and SVG drawings are read by the librari
 
 import csv
 import io
+import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path as File
 from typing import Any
@@ -15,7 +17,7 @@ import shapely
 
 from .._types import Float
 from .._validation import NUMBER, PAIR, POSITIVE, TEXT, is_number, tabled, whole, word
-from .drawing import FLATNESS, Drawing
+from .drawing import FLATNESS, Drawing, Omission, distinct, without_repeats
 from .dxf import read_dxf
 from .outline_fits import FITS, hole_entries
 
@@ -32,6 +34,10 @@ OUTLINE: dict[str, Any] = tabled(
     ["file"],
 )  # rule of an entry of kind "outline"
 TOLERANCE = 1e-2  # of the radius of a circle of the same area: default distance of the fit from the outline
+
+
+class DrawingIncomplete(UserWarning):
+    """A drawing holds more than its closed outlines; the text counts what was left out by kind, layer and reason."""
 
 
 def hole_table(entry: dict[str, Any], folder: str | File, where: str) -> dict[str, Any]:
@@ -60,23 +66,36 @@ def hole_table(entry: dict[str, Any], folder: str | File, where: str) -> dict[st
 
 
 def read_outlines(file: str | File) -> list[Float[np.ndarray, "_ 2"]]:
-    """The closed outlines of a CSV, DXF or SVG file, each (m, 2) in mm without a repeated point; ValueError, one line, without any."""
+    """The closed outlines of a CSV, DXF or SVG file, each (m, 2) in mm without a repeated point; an outline drawn twice counts once.
+
+    What is left out is counted in a `DrawingIncomplete` warning. ValueError, one line, for a file without a closed outline.
+    """
     file = File(file)
     if file.suffix.lower() not in READERS:
         raise ValueError(f"file: {str(file)!r} is not a .csv, .dxf or .svg file")
     try:
-        found = READERS[file.suffix.lower()](file).outlines
+        drawing = READERS[file.suffix.lower()](file)
     except OSError as problem:
         raise ValueError(f"file: cannot read {str(file)!r}: {problem.strerror or problem}") from None
     except ImportError as problem:
         raise ValueError(f"file: {str(file)!r} needs {problem.name}; pip install 'jaxgel[outline]'") from None
     except Exception as problem:  # the libraries raise exceptions of their own for a damaged file
         raise ValueError(f"file: {str(file)!r} is no drawing that can be read: {' '.join(str(problem).split())}") from None
-    found = [line[:-1] if len(line) > 1 and np.allclose(line[0], line[-1]) else line for line in found]
-    found = [line for line in found if len(line) >= 3 and np.isfinite(line).all()]
-    if not found:
-        raise ValueError(f"file: {str(file)!r} has no closed outline")
-    return found
+    outlines = [without_repeats(np.asarray(line, dtype=float)) for line in drawing.outlines]
+    omissions = drawing.omissions + Counter(Omission("outline", "", "no area") for line in outlines if not len(line))
+    outlines = distinct([line for line in outlines if len(line)])
+    if not outlines:
+        raise ValueError(f"file: {str(file)!r} has no closed outline" + (f"; left out: {_in_words(omissions)}" if omissions else ""))
+    if omissions:
+        warnings.warn(f"file: {str(file)!r} is read without {_in_words(omissions)}", DrawingIncomplete, stacklevel=2)
+    return outlines
+
+
+def _in_words(omissions):
+    """Omissions with their numbers, most frequent first."""
+    return ", ".join(
+        f"{number} {kind}{f' on layer {layer!r}' if layer else ''} ({reason})" for (kind, layer, reason), number in omissions.most_common()
+    )
 
 
 def _read_csv(file: File) -> Drawing:
