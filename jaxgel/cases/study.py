@@ -26,6 +26,8 @@ critical point in the control's unit, and the barrier (kT/v mm^2) that keeps it 
 
 import dataclasses
 import functools
+import operator
+import warnings
 from pathlib import Path as File
 from typing import Any
 
@@ -49,7 +51,7 @@ from ..design import (
     verify,
     weighted_sum,
 )
-from ..io import read_outlines
+from ..io import DrawingIncomplete, read_outlines
 from ..observables import CURVES, free_edge_misfit
 from .case import Case
 from .parameters import (
@@ -111,6 +113,7 @@ SECTIONS = {
     "search": tabled(SEARCH) | {"dependentRequired": {"seed": ["starts"]}},
     "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1)}),
 }  # rules of a study's own sections
+CONTROL_OF = operator.attrgetter("control")  # of a path, whose loads are those of its model; None for the chemical potential
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -230,7 +233,7 @@ def _switch(where, entry, case):
         raise ValueError(f"{where}.of: {of!r} needs a sweep from one value to another, and this one has {first:g} only")
     if of != "onset" and sweep.branch != "stable":
         raise ValueError(f"sweep.branch: {sweep.branch!r} is not accepted with {of!r}, a loop follows the stable branch")
-    driven = sweep.ends, _own_control, None if sweep.control == "load" else case.loads
+    driven = sweep.ends, CONTROL_OF, None if sweep.control == "load" else case.loads
     if of != BARRIER:
         return of, SWITCHES[of](*driven)
     if "at" not in entry:
@@ -241,18 +244,15 @@ def _switch(where, entry, case):
     return f"{of} at {at:g}", SWITCHES[of](at, *driven)
 
 
-def _own_control(path):
-    """The control of a path, whose loads are those of its model; None for the chemical potential."""
-    return path.control
-
-
 def _with_points(where, entry):
     """The entry of an objective with the points of its outline in place of a file; ValueError where it has no use for one."""
     if ("outline" in entry) != (entry["of"] == FREE_EDGE):
         raise ValueError(f"{where}.of: {entry['of']!r} does not fit; {FREE_EDGE!r} and outline belong together")
     if not isinstance(entry.get("outline"), str):
         return entry
-    points = read_outlines(entry["outline"])[0]
+    points, *others = read_outlines(entry["outline"])
+    if others:
+        warnings.warn(f"{where}.outline: the first of {len(others) + 1} outlines of {entry['outline']!r}", DrawingIncomplete, stacklevel=2)
     return entry | {"outline": [*points.tolist(), points[0].tolist()]}
 
 

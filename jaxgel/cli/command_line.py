@@ -4,9 +4,11 @@ Help texts, lists and refusals of unusable input come before JAX is imported, so
 What a run has finished is in its folder, however the command ends.
 """
 
+import functools
 import importlib
 import os
 import sys
+import warnings
 
 from .environment import STOPPED, UNREAD, UNUSABLE, check_jaxlib, collect_seldom, prepare_environment
 from .inputs import check_inputs
@@ -14,7 +16,13 @@ from .parser import parse
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line on ``argv`` (by default the process's own) and return its exit code."""
+    """Run the command line on ``argv`` (by default the process's own) and return its exit code; jaxgel's warnings are lines of stderr."""
+    with warnings.catch_warnings():
+        warnings.showwarning = functools.partial(_show_warning, warnings.showwarning)
+        return _exit_code(argv)
+
+
+def _exit_code(argv):
     try:
         try:
             args = parse(sys.argv[1:] if argv is None else list(argv))
@@ -41,6 +49,14 @@ def main(argv: list[str] | None = None) -> int:
             raise
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return STOPPED
+
+
+def _show_warning(show_others, message, category, *where, **options):
+    """Show a warning: one line without the place in the source if it is jaxgel's own."""
+    if category.__module__.split(".")[0] == "jaxgel":
+        print(f"jaxgel: warning: {message}", file=sys.stderr)
+    else:
+        show_others(message, category, *where, **options)
 
 
 def _is_failed_sweep(problem):

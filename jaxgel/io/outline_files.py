@@ -14,7 +14,7 @@ from .._types import Float
 from ..cloud import boundary_edges
 from ..continuation import Path
 from ..controls import control_name
-from ..geometry import Plate
+from ..geometry import Plate, check_plate
 from ..observables import deformed_vertices
 from .files import write_atomically
 from .masks import write_drawing
@@ -24,7 +24,8 @@ FORMATS = ("dxf", "svg", "stl", "png")
 
 
 def dry_gel(plate: Plate) -> shapely.Geometry:
-    """The dry gel of a plate as a shapely polygon, mm."""
+    """The dry gel of a plate as a shapely polygon, mm; ValueError for a plate that `check_plate` refuses, such as one in two parts."""
+    check_plate(plate)
     box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
     return shapely.difference(box, shapely.union_all([shapely.Polygon(hole_points(hole)) for hole in plate.holes]))
 
@@ -54,7 +55,7 @@ def write_outline(
     pixels_per_mm: float | None = None,
     regions: Sequence[shapely.Polygon] = (),
 ) -> File:
-    """Write a polygon (shapely, mm) to a .dxf, .svg, .stl or .png ``file``; returns the file.
+    """Write polygons (shapely, mm) to a .dxf, .svg, .stl or .png ``file``; returns the file.
 
     STL is extruded by ``height`` mm; for PNG and its ``pixels_per_mm`` see `write_drawing`. The outlines of ``regions`` have a layer of
     their own in DXF and thin lines in SVG.
@@ -73,18 +74,19 @@ def write_outline(
     return file
 
 
-def _rings(gel: shapely.Polygon) -> list[np.ndarray]:
-    """Closed lines of a polygon, the outer one first, each (m, 2) without a repeated point."""
-    return [np.asarray(ring.coords)[:-1] for ring in (gel.exterior, *gel.interiors)]
+def _rings(gel: shapely.Geometry) -> list[np.ndarray]:
+    """Closed lines of polygons, the outer one of each first, each (m, 2) without a repeated point."""
+    polygons = [part for part in shapely.get_parts(gel) if isinstance(part, shapely.Polygon)]
+    return [np.asarray(ring.coords)[:-1] for part in polygons for ring in (part.exterior, *part.interiors)]
 
 
-def _dxf(gel: shapely.Polygon, regions: Sequence[shapely.Polygon]) -> bytes:
+def _dxf(gel: shapely.Geometry, regions: Sequence[shapely.Polygon]) -> bytes:
     try:
         import ezdxf
     except ImportError:
         raise ValueError("format: dxf needs ezdxf; pip install 'jaxgel[outline]'") from None
     document = ezdxf.new("R2010", units=ezdxf.units.MM)
-    lines = [("HOLES" if k else "PLATE", ring) for k, ring in enumerate(_rings(gel))]
+    lines = [("HOLES" if k else "PLATE", ring) for part in shapely.get_parts(gel) for k, ring in enumerate(_rings(part))]
     for layer, ring in lines + [("REGIONS", _rings(region)[0]) for region in regions]:
         document.modelspace().add_lwpolyline(ring.tolist(), close=True, dxfattribs={"layer": layer})
     stream = io.StringIO()
@@ -92,7 +94,7 @@ def _dxf(gel: shapely.Polygon, regions: Sequence[shapely.Polygon]) -> bytes:
     return stream.getvalue().encode(document.output_encoding)
 
 
-def _svg(gel: shapely.Polygon, regions: Sequence[shapely.Polygon]) -> bytes:
+def _svg(gel: shapely.Geometry, regions: Sequence[shapely.Polygon]) -> bytes:
     left, low, right, high = gel.bounds
     size = f'width="{right - left:.6f}mm" height="{high - low:.6f}mm" viewBox="{left:.6f} {-high:.6f} {right - left:.6f} {high - low:.6f}"'
     drawn = [(0.002, _rings(gel)), *((0.001, _rings(region)[:1]) for region in regions)]
@@ -107,7 +109,7 @@ def _svg_loop(ring: Float[np.ndarray, "m 2"]) -> str:
     return "M" + "L".join(f"{x:.6f},{-y:.6f}" for x, y in ring) + "Z"
 
 
-def _stl(gel: shapely.Polygon, height: float) -> bytes:
+def _stl(gel: shapely.Geometry, height: float) -> bytes:
     """Binary STL of the polygon between z = 0 and ``height``; every edge belongs to two triangles."""
     flat = shapely.get_parts(shapely.constrained_delaunay_triangles(gel))
     top = shapely.get_coordinates(shapely.orient_polygons(flat)).reshape(-1, 4, 2)[:, :3]
