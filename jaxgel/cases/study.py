@@ -252,7 +252,7 @@ def _with_points(where, entry):
         return entry
     points, *others = read_outlines(entry["outline"])
     if others:
-        warnings.warn(f"{where}.outline: the first of {len(others) + 1} outlines of {entry['outline']!r}", DrawingIncomplete, stacklevel=2)
+        warnings.warn(f"{where}.outline: {entry['outline']!r} without {len(others)} other outlines", DrawingIncomplete, stacklevel=2)
     return entry | {"outline": [*points.tolist(), points[0].tolist()]}
 
 

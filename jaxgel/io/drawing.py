@@ -52,13 +52,16 @@ def ends_meet(line: Float[np.ndarray, "m 2"]) -> bool:
 
 
 def without_repeats(line: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "_ 2"]:
-    """The closed outline (m, 2) without points that repeat the one before; empty if it is not finite or has no inside."""
+    """The closed outline (m, 2) without points that the next one repeats; empty if it is not finite or has no inside."""
     if len(line) < 3 or not np.isfinite(line).all():
         return np.empty((0, 2))
     size = size_of(line)
-    line = line[np.linalg.norm(line - np.roll(line, 1, axis=0), axis=1) > REPEATED * size]
-    inside = len(line) > 2 and shapely.convex_hull(shapely.multipoints(line)).area > THIN * size**2
-    return line if inside else np.empty((0, 2))
+    line = line[np.linalg.norm(line - np.roll(line, -1, axis=0), axis=1) > REPEATED * size]
+    if len(line) < 3:
+        return np.empty((0, 2))
+    shape = shapely.Polygon(line)
+    has_inside = shape.area > THIN * size**2 or shape.convex_hull.area > THIN * size**2  # a figure of eight may have no area
+    return line if has_inside else np.empty((0, 2))
 
 
 def distinct(outlines: Sequence[Float[np.ndarray, "_ 2"]]) -> list[Float[np.ndarray, "_ 2"]]:
@@ -74,7 +77,8 @@ def distinct(outlines: Sequence[Float[np.ndarray, "_ 2"]]) -> list[Float[np.ndar
     )
     repeated = set()
     for (i, j), distance in sorted(zip(map(tuple, pairs[alike].tolist()), near[alike], strict=True)):
-        if i not in repeated and shapely.hausdorff_distance(shapes[i].exterior, shapes[j].exterior) <= distance:
+        rings = [shapely.simplify(shapes[k].exterior, distance / 8, preserve_topology=False) for k in (i, j)]  # of thousands of points
+        if i not in repeated and shapely.hausdorff_distance(*rings) <= distance:
             repeated.add(j)
     return [line for k, line in enumerate(outlines) if k not in repeated]
 

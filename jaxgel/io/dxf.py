@@ -23,6 +23,7 @@ UNITS = (  # mm, by the number of $INSUNITS
 ARCS = 24  # least number of Bezier curves of a circle: off by 1e-9 of the radius
 SPANS = 512  # least number of chords of a spline
 BAND = 256  # chords of a circle drawn with a wide pen
+ROUND_OFF = 1e-12  # of a coordinate: smallest distance of chords
 GAP = 1e-6  # of its size: width of the seams between the parts of a band
 CURVES = ("LINE", "ARC", "CIRCLE", "ELLIPSE", "LWPOLYLINE", "POLYLINE", "SPLINE", "HELIX", "SOLID", "TRACE", "3DFACE", "HATCH", "MPOLYGON")
 COMPOSED = ("MLINE", "ACAD_PROXY_ENTITY")  # of lines
@@ -166,21 +167,26 @@ def _curves(entity):
     """The curves of an entity, and why it has none; both are given if a viewer does not show some."""
     from ezdxf import DXFError
 
+    try:
+        curves, reason = _drawn(entity)
+    except (ValueError, ArithmeticError, DXFError):
+        return [], "damaged"
+    return (curves, reason) if all(np.isfinite(curve.points).all() for curve in curves) else ([], "damaged")
+
+
+def _drawn(entity):
     kind = entity.dxftype()
     if kind not in CURVES:
         return [], SOLIDS.get(kind, "no outline")
-    try:
-        if kind in ("HATCH", "MPOLYGON"):
-            return _boundaries(entity)
-        if kind in ("SPLINE", "HELIX"):
-            return [_spline(entity)], ""
-        if kind == "POLYLINE" and (entity.is_polygon_mesh or entity.is_poly_face_mesh):
-            return [], "mesh"
-        if (kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline)) and entity.has_width:
-            return _band(entity), ""
-        return [_path(entity)], ""
-    except (ValueError, ArithmeticError, DXFError):
-        return [], "damaged"
+    if kind in ("HATCH", "MPOLYGON"):
+        return _boundaries(entity)
+    if kind in ("SPLINE", "HELIX"):
+        return [_spline(entity)], ""
+    if kind == "POLYLINE" and (entity.is_polygon_mesh or entity.is_poly_face_mesh):
+        return [], "mesh"
+    if (kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline)) and entity.has_width:
+        return _band(entity), ""
+    return [_path(entity)], ""
 
 
 def _path(entity):
@@ -189,19 +195,22 @@ def _path(entity):
 
     kind = entity.dxftype()
     if kind == "POLYLINE":  # a polyline that was smoothed holds the vertices of its frame too
-        entity.vertices = [vertex for vertex in entity.vertices if not vertex.dxf.flags & vertex.SPLINE_FRAME_CONTROL_POINT]
+        entity.vertices[:] = [vertex for vertex in entity.vertices if not vertex.dxf.flags & vertex.SPLINE_FRAME_CONTROL_POINT]
     path = make_path(entity, segments=ARCS)
     if not len(path):
         return _Curve(np.zeros((2, 3)), True)
-    size = max(np.ptp(np.array(path.control_vertices()), axis=0))
+    vertices = np.array(path.control_vertices())
+    if not np.isfinite(vertices).all():  # flattening would not end
+        raise ValueError("a coordinate is not finite")
+    chord = max(FLATNESS * np.ptp(vertices, axis=0).max(), ROUND_OFF * np.abs(vertices).max())
     is_closed = kind in ("CIRCLE", "SOLID", "TRACE", "3DFACE") or getattr(entity, "is_closed", False)
-    return _Curve(np.array(list(path.flattening(FLATNESS * size))), bool(is_closed))
+    return _Curve(np.array(list(path.flattening(chord))), bool(is_closed))
 
 
 def _spline(entity):
     """The curve of a spline between the ends of its range, which of a periodic one are inside its knots."""
     spline = entity.construction_tool()
-    weights = np.array(spline.weights() or np.ones(spline.count))[:, None]
+    weights = np.array(spline.weights() if spline.is_rational else np.ones(spline.count))[:, None]
     curve = BSpline(spline.knots(), np.hstack([weights * np.array(spline.control_points), weights]), spline.degree)
     knots = np.unique(curve.t[spline.degree : spline.count + 1])
     chords = max(16, -(-SPANS // (len(knots) - 1)))
@@ -216,7 +225,7 @@ def _band(entity):
 
     elevation = entity.dxf.elevation if entity.dxftype() == "LWPOLYLINE" else entity.dxf.get("elevation", (0, 0, 0))[2]
     faces = TraceBuilder.from_polyline(entity, BAND).faces()
-    parts = shapely.make_valid([shapely.Polygon([corner.vec2 for corner in face]) for face in faces])
+    parts = shapely.make_valid([shapely.Polygon([(corner.x, corner.y) for corner in face]) for face in faces])
     width, height = np.ptp(shapely.total_bounds(parts).reshape(2, 2), axis=0)
     band = shapely.union_all(parts, grid_size=GAP * max(width, height))
     rings = [ring for part in shapely.get_parts(band) if part.area for ring in (part.exterior, *part.interiors)]
@@ -228,9 +237,14 @@ def _boundaries(entity):
     """The boundaries of a hatch that its style shows, and whether it hides some."""
     from ezdxf.explode import virtual_boundary_path_entities
 
-    shown = {id(path) for path in entity.paths.rendering_paths(entity.dxf.get("hatch_style", 0))}
-    curves = []
-    for k, (path, edges) in enumerate(zip(entity.paths, virtual_boundary_path_entities(entity), strict=True)):
-        if id(path) in shown:
-            curves += [(_spline(edge) if edge.dxftype() == "SPLINE" else _path(edge))._replace(boundary=k) for edge in edges]
-    return curves, "island ignored" if len(shown) < len(entity.paths) else ""
+    paths = entity.paths
+    shown = {id(path) for path in paths.rendering_paths(entity.dxf.get("hatch_style", 0))}
+    numbers = [k for k, path in enumerate(paths) if id(path) in shown]
+    for path in paths:
+        path.is_closed = True
+    paths.polyline_to_edge_paths(just_with_bulge=False)
+    boundaries, curves = virtual_boundary_path_entities(entity), []
+    for k in numbers:
+        edges = [_spline(edge) if edge.dxftype() == "SPLINE" else _path(edge) for edge in boundaries[k]]
+        curves += [edge._replace(boundary=k) for edge in edges if np.ptp(edge.points, axis=0).any()]
+    return curves, "island ignored" if len(numbers) < len(boundaries) else ""

@@ -1,5 +1,7 @@
 """Outlines from and to drawings: what is written is read back, and a hole from a file is the curve in it."""
 
+import warnings
+
 import numpy as np
 import pytest
 import shapely
@@ -8,7 +10,7 @@ import jaxgel
 from jaxgel.cases import from_table, load_case
 from jaxgel.cli import command_line as cli
 from jaxgel.geometry import outline_points
-from jaxgel.io import DrawingIncomplete, dry_gel, fit_fourier, read_outlines, swollen_gel, write_outline
+from jaxgel.io import FORMATS, DrawingIncomplete, dry_gel, fit_fourier, read_outlines, swollen_gel, write_outline
 
 CLOVER = jaxgel.Fourier((0.5, -0.3), 2.0, [0.1, 0.05], [-0.05, 0.02])
 
@@ -121,6 +123,56 @@ def test_drawing_that_cannot_be_used_is_refused_in_one_line(name, content, entri
 def test_outline_in_a_study_says_where_it_belongs():
     with pytest.raises(ValueError, match=r"^holes\[0\].kind: 'outline' belongs in a case file; name that file by case = "):
         from_table({"plate": {"width": 2.0, "height": 1.0}, "holes": [{"kind": "outline", "file": "a.csv"}]}, "study")
+
+
+CUT = "[plate]\nwidth = 4.0\nheight = 4.0\n[[holes]]\nkind = 'rectangle'\ncentre = [0.0, 0.0]\nsides = [5.0, 0.5]\n"
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_plate_in_two_parts_is_refused_by_the_command(kind, tmp_path, capsys):
+    """In the words of a run, and no file is written."""
+    (tmp_path / "cut.toml").write_text(CUT)
+    assert cli.main(["outline", str(tmp_path / "cut.toml"), "--format", kind, "--out", str(tmp_path / f"cut.{kind}")]) == 2
+    assert capsys.readouterr().err == "jaxgel: error: holes: they cut the plate into 2 parts; leave one connected piece\n"
+    assert not (tmp_path / f"cut.{kind}").exists()
+
+
+def test_polygons_of_several_parts_are_written_whole(tmp_path):
+    """Two squares, one with a hole: outlines, and the volume of the solid."""
+    gel = shapely.union_all([shapely.box(0, 0, 3, 3) - shapely.box(1, 1, 2, 2), shapely.box(5, 0, 6, 1)])
+    for kind in ("dxf", "svg"):
+        areas = sorted(shapely.Polygon(line).area for line in read_outlines(write_outline(gel, tmp_path / f"a.{kind}")))
+        assert areas == pytest.approx([1, 1, 9])
+    content = write_outline(gel, tmp_path / "a.stl", height=2.0).read_bytes()
+    records = np.frombuffer(content[84:], dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    a, b, c = np.moveaxis(records["corners"].astype(float), 1, 0)
+    assert np.einsum("ti,ti->", a, np.cross(b, c)) / 6 == pytest.approx(2.0 * gel.area)
+
+
+def test_command_tells_what_was_left_out_of_a_drawing_in_one_line(tmp_path, capsys):
+    """Once for two holes of one file, and without a place in the source."""
+    ezdxf = pytest.importorskip("ezdxf")
+    document = ezdxf.new(units=ezdxf.units.MM)
+    document.modelspace().add_circle((0, 0), 1)
+    document.modelspace().add_line((0, 0), (1, 0))
+    document.saveas(tmp_path / "a.dxf")
+    holes = "".join(f"[[holes]]\nkind = 'outline'\nfile = 'a.dxf'\ncentre = [{x}, 0.0]\n" for x in (-2.0, 2.0))
+    (tmp_path / "case.toml").write_text(f"[plate]\nwidth = 9.0\nheight = 9.0\n{holes}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        assert cli.main(["outline", str(tmp_path / "case.toml"), "--out", str(tmp_path / "plate.svg")]) == 0
+    text = f"file: {str(tmp_path / 'a.dxf')!r} is read without 1 LINE on layer '0' (not closed)"
+    assert capsys.readouterr().err == f"jaxgel: warning: {text}\n"
+
+
+@pytest.mark.parametrize("offset", [0.0, 4e5])
+def test_first_and_last_point_are_compared_relative_to_the_shape(offset, tmp_path):
+    """A square of 4 mm keeps its corners far from the origin, and loses a point that repeats the first one there too."""
+    square = np.array([(0, 0), (4, 0), (4, 4), (0, 4)]) + offset
+    for name, points in {"open": square, "closed": [*square, square[0]]}.items():
+        np.savetxt(tmp_path / f"{name}.csv", points, delimiter=",")
+        (outline,) = read_outlines(tmp_path / f"{name}.csv")
+        np.testing.assert_array_equal(outline, square)
 
 
 def test_command_writes_dry_and_swollen_outlines(path, run_folder, tmp_path, capsys):
