@@ -3,6 +3,7 @@
 Lengths in mm: files say their unit; 1 is 1 mm if they do not. The matrices are those of ezdxf, which take points of a block to the drawing.
 """
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path as File
@@ -20,6 +21,7 @@ UNITS = (  # mm, by the number of $INSUNITS
     *(1e-7, 1e-6, 1e-3, 1e2, 1e4, 1e5, 1e12, 1.495978707e14, 9.4607304725808e18, 3.0856775814913673e19),  # A, nm, um, dm, ... pc
     *(FOOT, FOOT / 12, 3 * FOOT, 5280 * FOOT),  # of the US survey: foot, inch, yard, mile
 )
+UNIT = re.compile(rb"^[ \t]*9[ \t]*\r?\n[ \t]*\$INSUNITS|\x09\0?\$INSUNITS\0", re.MULTILINE)  # in the header of a text or a binary file
 ARCS = 24  # least number of Bezier curves of a circle: off by 1e-9 of the radius
 SPANS = 512  # least number of chords of a spline
 BAND = 256  # chords of a circle drawn with a wide pen
@@ -61,7 +63,7 @@ def read_dxf(file: File) -> Drawing:
     import ezdxf
 
     document = ezdxf.readfile(file)
-    unit = document.units if b"$INSUNITS" in file.read_bytes() else 0  # without one ezdxf gives the default of new files, metres
+    unit = document.units if UNIT.search(file.read_bytes()) else 0  # without one ezdxf gives the default of new files, metres
     if unit not in range(len(UNITS)):
         raise ValueError(f"$INSUNITS: {unit} is no unit; 0 to {len(UNITS) - 1}")
     omissions, shown, outlines, lines, curves_of = Counter(), [], [], [], {}
@@ -125,7 +127,7 @@ def _shown(
             reason = "layer frozen"
         elif entry is not None and entry.is_off() and kind != "INSERT":
             reason = "layer off"
-        elif entity.dxf.get("invisible", 0):
+        elif entity.dxf.is_supported("invisible") and entity.dxf.get("invisible", 0):
             reason = "invisible"
         elif kind == "INSERT":
             reason = _obstacle(entity, blocks)
@@ -145,7 +147,9 @@ def _shown(
 
 def _layer(entity):
     """Name of the layer of an entity, also of one that ezdxf does not know."""
-    return entity.graphic_properties().get("layer", "0")
+    if entity.dxf.is_supported("layer"):
+        return entity.dxf.get("layer", "0")
+    return entity.graphic_properties().get("layer") or entity.base_class.get_first_value(8, "0")
 
 
 def _obstacle(insert, blocks):

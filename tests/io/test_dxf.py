@@ -159,6 +159,11 @@ SHOWN = {  # drawing: the areas that a viewer shows, mm2, and what is counted as
     "array in a stretched block": (sheared, [16, 16], ""),
     "block with an attribute": (with_attribute, [np.pi], "1 ATTRIB on layer '0' (no outline)"),
     "block that is missing": (lambda s: s.add_blockref("NONE", (0, 0)), [], "1 INSERT on layer '0' (block missing)"),
+    "block of another file": (
+        lambda s: (s.doc.add_xref_def("other.dxf", "OTHER"), s.add_blockref("OTHER", (0, 0))),
+        [],
+        "1 INSERT on layer '0' (external reference)",
+    ),
     "block in itself": (itself, [], "1 INSERT on layer '0' (block contains itself)"),
     "block that is clipped": (clipped, [], "1 INSERT on layer '0' (block clipped)"),
     "block whose layer is off": (
@@ -213,6 +218,12 @@ SHOWN = {  # drawing: the areas that a viewer shows, mm2, and what is counted as
         [16],
         "1 HATCH on layer '0' (island ignored)",
     ),
+    "hatch from below": (
+        lambda s: s.add_hatch(dxfattribs=DOWN).paths.add_polyline_path([(2, -1, 0), (6, -1, 1), (6, 1, 0), (2, 1, 1)], is_closed=True),
+        [8 + np.pi],
+        "",
+    ),
+    "coordinate that is no number": (lambda s: s.add_circle((float("nan"), 0), 1), [], "1 CIRCLE on layer '0' (damaged)"),
     "hatch of edges": (hatched_slot, [8 + np.pi], ""),
     "hatch of edges beside its border": (lambda s: (hatched_slot(s), slot(s)), [8 + np.pi], ""),
     "hatch beside its border": (hatched_circle, [9 * np.pi], ""),
@@ -275,14 +286,36 @@ LENGTHS = [  # mm, by $INSUNITS
 
 @pytest.mark.parametrize("unit", [None, *range(25)])
 def test_length_has_the_unit_of_the_file(unit, tmp_path):
-    """As text: without a header, or with no more than the unit. Long units to four digits, as they are known by; others to eight."""
-    header = [] if unit is None else [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1021"), (9, "$INSUNITS"), (70, unit)]
+    """As text: without a header, but with a comment that names the variable, or with no more than the unit.
+
+    Astronomical lengths to four digits, others to eight.
+    """
+    header = (
+        [(999, "no $INSUNITS")]
+        if unit is None
+        else [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1021"), (9, "$INSUNITS"), (70, unit)]
+    )
     circle = [(0, "SECTION"), (2, "ENTITIES"), (0, "CIRCLE"), (8, "0"), (10, 0.0), (20, 0.0), (40, 5.0), (0, "ENDSEC"), (0, "EOF")]
-    tags = [*header, *[(0, "ENDSEC")] * bool(header), *circle]
+    tags = [*header, *[(0, "ENDSEC")] * (unit is not None), *circle]
     (tmp_path / "a.dxf").write_text("".join(f"{code}\n{value}\n" for code, value in tags))
     (outline,) = read_outlines(tmp_path / "a.dxf")
     size = 1 if unit is None else LENGTHS[unit]
     assert np.linalg.norm(outline, axis=1) == pytest.approx(5 * size, rel=1e-4 if size > 1e13 else 1e-8)
+
+
+def test_entities_that_are_not_known_are_counted(tmp_path):
+    """Of any name and from any program, with and without subclasses; an ACIS body by its own reason."""
+    tags = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1015"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
+    tags += [(0, "WHEEL"), (8, "A"), (10, 0.0), (20, 0.0), (0, "REGION"), (5, "F1"), (100, "AcDbEntity"), (8, "C")]
+    tags += [(100, "AcDbModelerGeometry"), (70, 1), (1, "abc")]
+    tags += [(0, "GEAR"), (5, "F2"), (100, "AcDbEntity"), (8, "B"), (100, "AcDbGear"), (40, 1.0)]
+    tags += [(0, "CIRCLE"), (8, "0"), (10, 0.0), (20, 0.0), (40, 5.0), (0, "ENDSEC"), (0, "EOF")]
+    (tmp_path / "a.dxf").write_text("".join(f"{code}\n{value}\n" for code, value in tags))
+    areas, text = read(tmp_path / "a.dxf")
+    assert areas == pytest.approx([25 * np.pi], rel=AREA)
+    assert text.split(" is read without ")[1] == (
+        "1 WHEEL on layer 'A' (no outline), 1 REGION on layer 'C' (ACIS body), 1 GEAR on layer 'B' (no outline)"
+    )
 
 
 def test_unit_that_is_none_is_refused(tmp_path):
