@@ -105,8 +105,9 @@ def join(lines: Sequence[Float[np.ndarray, "_ 2"]]) -> list[tuple[Float[np.ndarr
     twins = _twins(curves, node)
     owner = {_segment(*curve.coords[:2]): k for k, curve in curves.items() if twins[k] == k}
     outlines = []
-    for face in shapely.get_parts(shapely.polygonize([curves[k] for k in owner.values()])):
-        corners = list(face.exterior.coords)
+    faces, _, _, crossing = map(shapely.get_parts, shapely.polygonize_full([curves[k] for k in owner.values()]))
+    for ring in [*shapely.get_exterior_ring(faces), *crossing]:
+        corners = list(ring.coords)
         parts = {owner[part] for part in map(_segment, corners, corners[1:]) if part in owner}
         outlines.append((np.array(corners[:-1]), {k for k, twin in twins.items() if twin in parts}))
     return outlines

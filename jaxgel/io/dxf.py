@@ -27,7 +27,7 @@ SPANS = 512  # least number of chords of a spline
 BAND = 256  # chords of a circle drawn with a wide pen
 ROUND_OFF = 1e-12  # of a coordinate: smallest distance of chords
 GAP = 1e-6  # of its size: width of the seams between the parts of a band
-CURVES = ("LINE", "ARC", "CIRCLE", "ELLIPSE", "LWPOLYLINE", "POLYLINE", "SPLINE", "HELIX", "SOLID", "TRACE", "3DFACE", "HATCH", "MPOLYGON")
+CURVES = ("LINE", "ARC", "CIRCLE", "ELLIPSE", "LWPOLYLINE", "POLYLINE", "SPLINE", "SOLID", "TRACE", "3DFACE", "HATCH", "MPOLYGON")
 COMPOSED = ("MLINE", "ACAD_PROXY_ENTITY")  # of lines
 SOLIDS = {"REGION": "ACIS body", "3DSOLID": "ACIS body", "BODY": "ACIS body", "SURFACE": "ACIS body", "MESH": "mesh"}
 
@@ -184,7 +184,7 @@ def _drawn(entity):
         return [], SOLIDS.get(kind, "no outline")
     if kind in ("HATCH", "MPOLYGON"):
         return _boundaries(entity)
-    if kind in ("SPLINE", "HELIX"):
+    if kind == "SPLINE":
         return [_spline(entity)], ""
     if kind == "POLYLINE" and (entity.is_polygon_mesh or entity.is_poly_face_mesh):
         return [], "mesh"

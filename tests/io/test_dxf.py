@@ -204,6 +204,8 @@ SHOWN = {  # drawing: the areas that a viewer shows, mm2, and what is counted as
         [16],
         "1 LINE on layer '0' (not closed)",
     ),
+    "crossing lines": (lambda s: lines(s, [(0, 0), (4, 4), (4, 0), (0, 2)]), [4], ""),  # 16/3 less 4/3
+    "helix": (lambda s: s.add_helix(2, 1, 3), [], "1 HELIX on layer '0' (no outline)"),
     "squares with a common side": (lambda s: (lines(s, SQUARE), s.add_lwpolyline([(4, 0), (8, 0), (8, 4), (4, 4)])), [16, 16], ""),
     "square of lines drawn twice": (lambda s: (lines(s, SQUARE), lines(s, SQUARE[::-1])), [16], ""),
     "square on two layers": (lambda s: (s.add_lwpolyline(SQUARE), s.add_line((0, 4), (0, 0), {"layer": "SIDE"})), [16], ""),
