@@ -10,12 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import shapely
 
 import jaxgel
 from jaxgel.cases import VERIFIED, load_study, study_from_table
 from jaxgel.cases import case as cases
 from jaxgel.cli import command_line as cli
 from jaxgel.design import DesignProblem, Outcome, porosity, search
+from jaxgel.io import DrawingIncomplete, write_outline
 from jaxgel.observables import CURVES, QUANTITIES
 
 DESIGN = Path(__file__).parents[2] / "design"
@@ -336,3 +338,13 @@ def test_missing_files_and_folders_are_one_line(tmp_path, capsys):
 
 def test_every_quantity_has_a_label_in_the_figure():
     assert all(QUANTITIES[name].differentiable and QUANTITIES[name].axis_label() for name in CURVES)
+
+
+def test_free_edge_follows_the_first_outline_of_a_file_and_the_others_are_counted(tmp_path):
+    gel = shapely.box(0, 0, 9, 9) - shapely.box(1, 1, 2, 2)
+    write_outline(gel, tmp_path / "target.svg")
+    objective = f'of = "free_edge"\noutline = {str(tmp_path / "target.svg")!r}'
+    (tmp_path / "small.toml").write_text(SMALL.replace('of = "area_reduction"\ngoal = "maximise"', objective))
+    with pytest.warns(DrawingIncomplete, match=r"^objective\[0\].outline: '.*target.svg' without 1 other outlines$"):
+        (entry,) = load_study(tmp_path / "small.toml").table["objective"]
+    assert shapely.Polygon(entry["outline"]).area == pytest.approx(81)
