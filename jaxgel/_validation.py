@@ -36,7 +36,7 @@ def read_toml(file: Path, field: str) -> dict[str, Any]:
     """The table of a TOML file; ValueError, one line that begins with ``field``, for a file that cannot be read or is not TOML."""
     try:
         content = file.read_bytes() if file.stat().st_size <= MAX_TOML else b"="
-        return tomllib.loads(content.decode())
+        return tomllib.loads(content.decode("utf-8-sig"))
     except OSError as problem:
         raise ValueError(f"{field}: cannot read {str(file)!r}: {problem.strerror}") from None
     except (ValueError, RecursionError) as problem:  # also for a number of thousands of digits, or brackets within brackets

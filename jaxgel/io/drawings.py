@@ -4,8 +4,6 @@ Lengths in mm. DXF files say their unit; where they do not, and in SVG files and
 SVG points down and is turned over. DXF and SVG drawings are read by the libraries of the extra ``[outline]``.
 """
 
-import csv
-import io
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -16,10 +14,11 @@ import numpy as np
 import shapely
 
 from .._types import Float
-from .._validation import NUMBER, PAIR, POSITIVE, TEXT, is_number, tabled, whole, word
+from .._validation import NUMBER, PAIR, POSITIVE, TEXT, tabled, whole, word
 from .drawing import FLATNESS, Drawing, Omission, distinct, without_repeats
 from .dxf import read_dxf
 from .outline_fits import FITS, hole_entries
+from .point_lists import read_points
 
 OUTLINE: dict[str, Any] = tabled(
     {
@@ -98,16 +97,6 @@ def _in_words(omissions):
     )
 
 
-def _read_csv(file: File) -> Drawing:
-    """One outline: two columns x, y; a first row of words is skipped."""
-    rows = [row for row in csv.reader(io.StringIO(file.read_text(encoding="utf-8"))) if row and not row[0].lstrip().startswith("#")]
-    if rows and not is_number(rows[0][0]):
-        rows = rows[1:]
-    if any(len(row) < 2 for row in rows):
-        raise ValueError("a row has no two columns")
-    return Drawing([np.array([(float(row[0]), float(row[1])) for row in rows])])
-
-
 def _read_svg(file: File) -> Drawing:
     from svgpathtools import Document, Line
 
@@ -122,5 +111,5 @@ def _read_svg(file: File) -> Drawing:
     return Drawing(lines)
 
 
-READERS: Mapping[str, Callable[[File], Drawing]] = {".csv": _read_csv, ".txt": _read_csv, ".dxf": read_dxf, ".svg": _read_svg}
+READERS: Mapping[str, Callable[[File], Drawing]] = {".csv": read_points, ".txt": read_points, ".dxf": read_dxf, ".svg": _read_svg}
 """Reader of a drawing by the suffix of its file."""

@@ -97,7 +97,7 @@ def test_hole_from_a_file_becomes_numbers_of_the_case(tmp_path):
     ("name", "content", "entries", "message"),
     [
         ("a.png", "", {}, r"^file: '.*a.png' is not a .csv, .dxf or .svg file$"),
-        ("a.csv", "1,2\n3\n", {}, "^file: .* is no drawing that can be read: a row has no two columns$"),
+        ("a.csv", "1,2\n3\n", {}, "^file: .* is no drawing that can be read: row 2: number of columns 1; give two columns x and y, .*$"),
         ("a.svg", "<svg", {}, "^file: .* is no drawing that can be read: "),
         ("a.dxf", "rubbish", {}, "^file: cannot read .*a.dxf.* is not a DXF file.$"),
         ("a.csv", "0,0\n2,0\n2,2\n0,2\n", {"number": 1}, r"^holes\[0\].number: 1 is not one of the 1 closed outlines of 'a.csv'"),
