@@ -18,7 +18,7 @@ PACKAGES = [
 ]
 INDEPENDENT = ("materials", "geometry", "linalg")  # know none of the others
 MODULE_LINES, FUNCTION_LINES = 300, 70
-FEWEST, MOST = 3, 17  # modules of a package besides its face
+FEWEST, MOST = 3, 18  # modules of a package besides its face
 CONTAINERS = {
     "list",
     "dict",
@@ -480,7 +480,7 @@ BAD = [
     (unannotated_arguments, {"cloud/a.py": "class A:\n    def f(self, *y): ..."}, "cloud.a:2 A.f(y)"),
     (long_modules, {"cloud/a.py": "x = 1\n" * 301}, "jaxgel.cloud.a has 301 lines"),
     (crowded_packages, {"cloud/__init__.py": FACE, "cloud/a.py": "", "cloud/cells.py": ""}, "jaxgel.cloud has 2 modules"),
-    (crowded_packages, {"cloud/__init__.py": FACE} | {f"cloud/m{k}.py": "" for k in range(18)}, "jaxgel.cloud has 18 modules"),
+    (crowded_packages, {"cloud/__init__.py": FACE} | {f"cloud/m{k}.py": "" for k in range(19)}, "jaxgel.cloud has 19 modules"),
     (long_functions, {"cloud/a.py": "def f():\n" + "    x = 1\n" * 70}, "cloud.a:1 f has 71 lines"),
 ]
 RULES = list(dict.fromkeys(rule for rule, _, _ in BAD))

@@ -26,7 +26,7 @@ class Omission(NamedTuple):
     kind: str
     """Name of the entity or element in its format, such as "LINE" or "text"."""
     layer: str
-    """Layer of a DXF entity; empty in formats without layers."""
+    """Layer of a DXF entity; label or id of the group of an SVG element; name of a column; else empty."""
     reason: str
     """Reason in a few words, such as "layer off"."""
 

@@ -1,7 +1,7 @@
 """Outlines and holes from files: a list of points, a DXF or an SVG drawing.
 
-Lengths in mm. DXF files say their unit; where they do not, and in SVG files and lists of points, a length of 1 is 1 mm. The y axis of
-SVG points down and is turned over. DXF and SVG drawings are read by the libraries of the extra ``[outline]``.
+Lengths in mm: DXF and SVG files and the names of columns may say their unit; if they do not, a length of 1 is 1 mm. The y axis of SVG
+points down and is turned over. DXF and SVG drawings are read by the libraries of the extra ``[outline]``.
 """
 
 import warnings
@@ -15,10 +15,11 @@ import shapely
 
 from .._types import Float
 from .._validation import NUMBER, PAIR, POSITIVE, TEXT, tabled, whole, word
-from .drawing import FLATNESS, Drawing, Omission, distinct, without_repeats
+from .drawing import Drawing, Omission, distinct, without_repeats
 from .dxf import read_dxf
 from .outline_fits import FITS, hole_entries
 from .point_lists import read_points
+from .svg import read_svg
 
 OUTLINE: dict[str, Any] = tabled(
     {
@@ -97,19 +98,5 @@ def _in_words(omissions):
     )
 
 
-def _read_svg(file: File) -> Drawing:
-    from svgpathtools import Document, Line
-
-    lines = []
-    for compound in Document(str(file)).paths():
-        for path in compound.continuous_subpaths():
-            if not path.isclosed():
-                continue
-            pieces = [1 if isinstance(part, Line) else int(np.ceil(np.pi / np.sqrt(FLATNESS))) for part in path]
-            z = np.concatenate([[part.point(k / n) for k in range(n)] for part, n in zip(path, pieces, strict=True)])
-            lines.append(np.stack([z.real, -z.imag], axis=1))
-    return Drawing(lines)
-
-
-READERS: Mapping[str, Callable[[File], Drawing]] = {".csv": read_points, ".txt": read_points, ".dxf": read_dxf, ".svg": _read_svg}
+READERS: Mapping[str, Callable[[File], Drawing]] = {".csv": read_points, ".txt": read_points, ".dxf": read_dxf, ".svg": read_svg}
 """Reader of a drawing by the suffix of its file."""
