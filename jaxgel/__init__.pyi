@@ -88,6 +88,7 @@ from .observables import min_gap as min_gap
 from .observables import outlines as outlines
 from .observables import rotation_angle as rotation_angle
 from .observables import surface_ratio as surface_ratio
+from .observables import surface_stability as surface_stability
 from .observables import volume_ratio as volume_ratio
 from .waves import Dispersion as Dispersion
 from .waves import LatticeOnset as LatticeOnset

@@ -127,10 +127,13 @@ def _lost(reason):
 
 
 def _write_table(study, rows, folder):
-    """points.csv, whole or not at all; the value reached of another control than mu comes before that of mu."""
+    """points.csv, whole or not at all; the value reached of another control than mu comes before that of mu.
+
+    Rows that an earlier version wrote have no value in a column that came later.
+    """
     driven = () if study.case.sweep.control == "mu" else ("value_reached",)
     columns = (*driven, "mu_reached", "states", "newton_iterations", *LAST, "seconds", "reason")
     varied = {k: components({p["name"]: study.points[k][p["name"]] for p in study.parameters}) for k in rows}
-    lines = [[k, row["status"], *varied[k].values(), *(row[name] for name in columns)] for k, row in sorted(rows.items())]
+    lines = [[k, row["status"], *varied[k].values(), *(row.get(name) for name in columns)] for k, row in sorted(rows.items())]
     names = components({p["name"]: p["own"] for p in study.parameters})
     write_csv(folder / TABLE, ["point", "status", *names, *columns], lines)

@@ -20,7 +20,17 @@ PAGE = "view.html"
 TEMPLATE = "page.html"
 RESOLUTION = 5000  # steps per plate width in which the page keeps positions
 COLOURS = 64
-CURVES = ("area_reduction", "rotation", "core_rotation", "J_mean", "energy", "lowest_eigenvalue", "surface_ratio", "min_gap")
+CURVES = (
+    "area_reduction",
+    "rotation",
+    "core_rotation",
+    "J_mean",
+    "energy",
+    "lowest_eigenvalue",
+    "surface_ratio",
+    "surface_stability",
+    "min_gap",
+)
 """Quantities that the page shows."""
 
 

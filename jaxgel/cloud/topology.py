@@ -66,6 +66,12 @@ class Topology:
         return self.edge_nodes
 
     @functools.cached_property
+    def free_edge_nodes(self) -> Int[np.ndarray, " e"]:
+        """Numbers of the nodes on the plate's free edges, ascending."""
+        free = [self.edge_nodes[edge] for edge, condition in self.plate.edges.items() if condition == "free"]
+        return np.unique(np.concatenate([np.zeros(0, dtype=int), *free]))
+
+    @functools.cached_property
     def quadrature(self) -> Quadrature:
         """Quadrature points of the cells, ``quadrature.Quadrature``."""
         return cell_quadrature(self.partition)

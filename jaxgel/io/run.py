@@ -29,6 +29,7 @@ STEP_ARRAYS = (
     "stride",
 )
 OF_LAST = ("modes", "rate")  # kept of the last step only
+ADDED = ("surface_stability",)  # columns that tables of earlier versions do not have: nan
 
 
 def kind_of(column: str) -> type:
@@ -144,10 +145,12 @@ def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
     lines = content.decode().splitlines(keepends=True)
     complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
     header, *rows = csv.reader(complete)
-    known = (*(() if control == "mu" else (control,)), *COLUMNS)
+    missing = [name for name in ADDED if name not in header]
+    known = (*(() if control == "mu" else (control,)), *(name for name in COLUMNS if name not in missing))
     if tuple(header) not in (known, (*known, *OF_CELLS)) or any(len(row) != len(header) for row in rows):
         raise ValueError(f"columns are not {', '.join(known)}")
-    table, kinds = {name: [row[i] for row in rows] for i, name in enumerate(header)}, {name: kind_of(name) for name in header}
+    table = {name: [row[i] for row in rows] for i, name in enumerate(header)} | {name: ["nan"] * len(rows) for name in missing}
+    kinds = {name: kind_of(name) for name in table}
     return {name: c if kinds[name] is str else np.array(c, dtype=float).astype(kinds[name]) for name, c in table.items()}
 
 

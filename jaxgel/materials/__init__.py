@@ -1,6 +1,5 @@
 """The gel: free energy, stress, free and uniaxial swelling, phases."""
 
-from .axial import balanced_stretch, stretch_near
 from .checks import ACCEPTED, check_gel, check_number, check_parameter
 from .composite import (
     Composite,
@@ -42,6 +41,7 @@ from .film import (
     film_energy,
     film_pressure,
     film_stiffness,
+    film_stiffness_at,
     film_stretch_at,
     film_volume_ratio,
 )
@@ -71,6 +71,7 @@ from .responsive import (
     pnipam_energy,
     polyelectrolyte_energy,
 )
+from .surface import balanced_stretch, film_edge_volume_ratio, stretch_near, surface_stability, surface_volume_ratio
 from .swelling import (
     free_swelling,
     isotropic_swelling,
@@ -124,9 +125,11 @@ __all__ = [
     "elastic_volume_ratio",
     "elementwise",
     "fields_of",
+    "film_edge_volume_ratio",
     "film_energy",
     "film_pressure",
     "film_stiffness",
+    "film_stiffness_at",
     "film_stretch_at",
     "film_volume_ratio",
     "flory_huggins",
@@ -159,6 +162,8 @@ __all__ = [
     "split",
     "stiff_until",
     "stretch_near",
+    "surface_stability",
+    "surface_volume_ratio",
     "takes_solvent",
     "uniaxial_swelling",
     "value",

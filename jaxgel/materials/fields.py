@@ -36,7 +36,7 @@ class LocalValues:
     groups: Float[Array, " g"]
     """In the volume groups."""
     outline: Float[Array, " p"]
-    """At the outline vertices of the model."""
+    """At the outline vertices of the model, and after them at the nodes of the plate's free edges."""
 
 
 Field = Callable[..., Any] | LocalValues | Varying
@@ -126,7 +126,7 @@ def gel_in_groups(gel: Any) -> Any:
 
 
 def gel_on_outline(gel: Any, ends: Int[Array, "m 2"]) -> Any:
-    """The gel on arcs between the outline vertices ``ends``: the mean of both."""
+    """The gel on arcs between ``ends``, outline vertices or nodes of free edges numbered after these: the mean of both."""
     return _taken(gel, lambda local: local.outline[ends].mean(axis=1))
 
 

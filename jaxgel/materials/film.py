@@ -64,7 +64,21 @@ def film_pressure(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
 def film_stiffness(A: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Stiffness d2w/dA2 (...), in kT/v, at the areal stretch ``A`` (...)."""
     A, mu = _together(A, mu)
-    return jax.jvp(lambda A: film_pressure(A, mu, gel), (A,), (jnp.ones_like(A),))[1]
+    return film_stiffness_at(A, film_volume_ratio(A, mu, gel), gel)
+
+
+def film_stiffness_at(A: Numbers, J: Float[Array, "..."], gel: Any) -> Float[Array, "..."]:
+    """`film_stiffness` where the volume ratio ``J`` (...) is known.
+
+    With k = d2 volumetric / dJ2, (k + Nv/A^2) dJ = 2 Nv J/A^3 dA leaves the pressure in equilibrium with mu.
+    """
+
+    def one(A, own):
+        J, gel = own
+        share = gel.Nv / (A**2 * jax.grad(jax.grad(gel.volumetric))(J, gel) + gel.Nv)
+        return gel.Nv * J**2 / A**4 * (3 - 4 * share)
+
+    return elementwise(one, jnp.asarray(A, float), (Varying(J), gel))
 
 
 @jax.jit

@@ -62,7 +62,7 @@ def _with_values(model, gel):
     if not fields:
         return gel
     with_material = [isinstance(field, WithHoles | NodalField) for field in fields.values()]
-    places = _places(model.blocks, model.outline.points)
+    places = _places(model.blocks, _surface_points(model))
     reference = _reference_places(model) if any(with_material) else places
     for (name, field), moves in zip(fields.items(), with_material, strict=True):
         local = _evaluated(name, field, reference if moves else places)
@@ -118,9 +118,19 @@ def _is_number(parameter):
 
 @once_per_owner
 def _outline_regions(topology: Topology) -> Int[np.ndarray, " p"]:
-    """The region of each outline vertex."""
-    numbers = np.concatenate([np.zeros(0, int), *(outline.vertices for outline in topology.outlines)])
-    return topology.regions_at(topology.partition.vertices[numbers])
+    """The region of each outline vertex, and of each node of a free edge."""
+    return topology.regions_at(_reference_surface(topology))
+
+
+def _reference_surface(topology):
+    """Outline vertices and nodes of free edges (p, 2), mm, of the cloud that was placed."""
+    numbers = [outline.vertices for outline in topology.outlines] + [topology.node_vertices[topology.free_edge_nodes]]
+    return topology.partition.vertices[np.concatenate(numbers)]
+
+
+def _surface_points(model):
+    """Outline vertices and nodes of free edges (p, 2), mm, on the dry plate."""
+    return jnp.concatenate([model.outline.points, model.cloud.nodes[model.lists.topology.free_edge_nodes]])
 
 
 def mean_stiffness(gel: LocalGel, model: Model) -> Scalar:
@@ -132,7 +142,7 @@ def mean_stiffness(gel: LocalGel, model: Model) -> Scalar:
 
 
 def _places(blocks, outline):
-    """Positions, mm, as the fields of `LocalValues`: of quadrature points and volume groups of the blocks, and of outline vertices."""
+    """Positions, mm, as the fields of `LocalValues`: of quadrature points and volume groups of the blocks, and of surfaces."""
     groups = [_group_positions(block).reshape(-1, 2) for block in blocks]
     return tuple(block.position for block in blocks), jnp.concatenate(groups), outline
 
@@ -140,7 +150,7 @@ def _places(blocks, outline):
 def _reference_places(model):
     """`_places` of the cloud that was placed, numbers, for a cloud that a design has moved."""
     if model.quadrature == "paper":  # it cannot be moved
-        return _places(model.blocks, model.outline.points)
+        return _places(model.blocks, _surface_points(model))
     with jax.ensure_compile_time_eval():  # numbers, also inside jit
         parts, outline = _reference_quadrature(model.lists, model.method == "mixed")
         blocks = [dataclasses.replace(block, **own) for block, own in zip(model.blocks, parts, strict=True)]
@@ -149,7 +159,7 @@ def _reference_places(model):
 
 @once_per_owner
 def _reference_quadrature(lists: Connectivity, mixed: bool):
-    """Per block the fields of `PatchBlock` that say where its points and groups were before holes moved; and outline vertices (p, 2)."""
+    """Per block the fields of `PatchBlock` that say where its points and groups were before holes moved; and `_reference_surface`."""
     topology, parts = lists.topology, []
     vertices = topology.partition.vertices
     points, weight = (jnp.asarray(read(vertices)) for read in (topology.quadrature.points, topology.quadrature.weights))
@@ -158,8 +168,7 @@ def _reference_quadrature(lists: Connectivity, mixed: bool):
         X, w = points[at], jnp.where(numbers >= 0, weight[at], 0.0)
         groups = group_weights(X, w, bool(lists.linear[patches[0]])) if mixed else None
         parts.append({"position": X, "weight": w, "group_weight": groups})
-    numbers = np.concatenate([np.zeros(0, int), *(outline.vertices for outline in topology.outlines)])
-    return parts, jnp.asarray(vertices[numbers])
+    return parts, jnp.asarray(_reference_surface(topology))
 
 
 def _group_positions(block):

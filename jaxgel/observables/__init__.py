@@ -20,9 +20,10 @@ from .gaps import SELF_CONTACT, gap, min_gap
 from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, OF_POSITIONS, QUANTITIES, Quantity, columns_of, control_quantity
 from .rotation import core_rotation, is_flat, rotation_angle
 from .states import States
-from .surface import CREASE_RATIO, WRINKLE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
+from .surface import CREASE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
 from .table import driven_column, events, history
 from .transitions import NO_GEL, phases, swollen_share
+from .wrinkling import surface_stability
 
 __all__ = [
     "BY_COLUMN",
@@ -35,7 +36,6 @@ __all__ = [
     "OF_POSITIONS",
     "QUANTITIES",
     "SELF_CONTACT",
-    "WRINKLE_RATIO",
     "Quantity",
     "States",
     "area_reduction",
@@ -69,6 +69,7 @@ __all__ = [
     "rotation_angle",
     "surface_ratio",
     "surface_ratios",
+    "surface_stability",
     "swollen_share",
     "thickness_stretch",
     "volume_ratio",

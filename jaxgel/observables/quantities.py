@@ -20,6 +20,7 @@ from .fields import (
 from .gaps import gap, min_gap_once, status_texts
 from .rotation import core_rotation, rotation_angle
 from .surface import crease_indicator, surface_ratio
+from .wrinkling import surface_stability
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,6 +178,15 @@ _TABLE = (
         column="surface_ratio",
     ),
     Quantity(
+        "surface_stability",
+        surface_stability,
+        unit="1",
+        label="surface stability",
+        text="least stability of the free surfaces to short waves: below 0 they wrinkle",
+        differentiable=True,
+        column="surface_stability",
+    ),
+    Quantity(
         "crease_indicator",
         crease_indicator,
         unit="1",
@@ -208,7 +218,17 @@ OF_CELLS = tuple(column for column, quantity in BY_COLUMN.items() if quantity.of
 _SOLVED = ("mu", "energy", "residual", "newton_iterations", "negative_pivots", "lowest_eigenvalue")
 OF_POSITIONS = tuple(name for name, quantity in QUANTITIES.items() if quantity.kind is not str and name not in _SOLVED)
 """Quantities that need nothing of a state but its positions, pressures and control: limits of stability have them, too."""
-_STUDIED = ("rotation", "core_rotation", "area_reduction", "surface_ratio", "crease_indicator", "gap", "axial_stretch", "lowest_eigenvalue")
+_STUDIED = (
+    "rotation",
+    "core_rotation",
+    "area_reduction",
+    "surface_ratio",
+    "crease_indicator",
+    "surface_stability",
+    "gap",
+    "axial_stretch",
+    "lowest_eigenvalue",
+)
 
 
 def columns_of(plate: Plate, control: str = "mu") -> tuple[str, ...]:

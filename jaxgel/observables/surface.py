@@ -1,4 +1,8 @@
-"""Stretch of the hole surfaces, and the limits at which they crease and wrinkle."""
+"""Stretch of the hole surfaces, and the limit at which they crease.
+
+A surface without traction has the tangential stretch of a chord or an arc; its normal stretch, and the stretch of the thickness of a film,
+follow from the gel there.
+"""
 
 import functools
 from typing import Any
@@ -11,24 +15,28 @@ from .._memo import once_per_owner
 from .._types import Array, Float, Int, Scalar
 from ..cloud import OUTLINE_SEGMENTS, Topology
 from ..continuation import Path
+from ..discretisation import Model
 from ..materials import (
     by_material,
     elastic_volume_ratio,
     elementwise,
+    film_edge_volume_ratio,
+    film_volume_ratio,
     gel_on_outline,
+    network_at,
     osmotic,
     rises_always,
     stiff_until,
+    surface_volume_ratio,
     takes_solvent,
     value,
-    volume_ratio_at,
 )
 from ..mechanics import SOFT, Problem, is_film, is_generalised
 
 VERTICES = 512  # to a multiple of which the places at which surface ratios are found are padded
-SURFACE_ITERATIONS = 6  # for the volume ratio at a free surface; each reduces the error by Nv over the bulk stiffness
+ELASTIC_ITERATIONS = 6  # for the volume ratio at the free surface of an elastomer; each reduces the error by Nv over the bulk stiffness
+PHASE_ITERATIONS = 6  # of Newton's method, for that at the free surface of a swollen gel in a poor solvent
 CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
-WRINKLE_RATIO = 3.4  # the same for wrinkles, stretch 0.544 (Biot 1963)
 SHARPNESS = 40.0  # of the softened maximum of the surface ratio
 CREASE_SHARE = 0.1  # of a hole's outline over which the stretch is averaged; sample 1 then has 1.66 with 568 to 2992 nodes
 
@@ -38,17 +46,17 @@ def surface_ratio(path: Path) -> Float[Array, " k"]:
 
     The tangential stretch is that of the chord over one node spacing, the finest that the cloud resolves; the normal stretch follows
     from zero traction. The surface of a nearly incompressible block in plane strain creases at 2.4 (stretch 0.647; Hong, Zhao & Suo
-    2009) and wrinkles at 3.4 (stretch 0.544; Biot 1963).
+    2009). Where a surface wrinkles depends on the gel, see `surface_stability`.
     """
     return jnp.max(surface_ratios(path), axis=1, initial=1.0)
 
 
 def surface_ratios(path: Path) -> Float[Array, "k m"]:
     """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for other than plane strain, and without holes."""
-    chords = _chords(path.model.lists.topology)
+    chords = chords_of(path.model.lists.topology)
     if len(chords) == 0 or not _has_surface_ratios(path.model):
         return jnp.zeros((len(path.x), 0))
-    return _surface_ratio(*_chord_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem))[:, : len(chords)]
+    return _ratio(*_chord_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem))[:, : len(chords)]
 
 
 def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
@@ -59,82 +67,114 @@ def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
     _, ends = _arcs(path.model.lists.topology, share)
     if len(ends) == 0 or not _has_surface_ratios(path.model):
         return jnp.zeros((len(path.x), 0))
-    return _surface_ratio(*_arc_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem, share))[:, : len(ends)]
+    return _ratio(*_arc_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem, share))[:, : len(ends)]
 
 
 def _has_surface_ratios(model):
     return not (is_film(model) or is_generalised(model))
 
 
+def _ratio(tangential, near, mu, gel):
+    return surface_swelling(tangential, near, mu, gel, None, False) / tangential**2
+
+
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
 def _chord_stretches(x: Any, at: Any, problem: Problem) -> Any:
-    """The arguments of `_surface_ratio` for chords, padded."""
-    model, chords = problem.model, _padded(_chords(problem.model.lists.topology))
-    dry, deformed = (_lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
+    """The arguments of `surface_swelling` for chords, padded."""
+    model, chords = problem.model, _padded(chords_of(problem.model.lists.topology))
+    dry, deformed = (lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
     now, mu = problem.at(at)
-    return deformed / dry, _near(x, model, chords), mu, gel_on_outline(now.gel, chords)
+    return deformed / dry, areal_stretches(x, model, chords), mu, gel_on_outline(now.gel, chords)
 
 
 @functools.partial(jax.jit, static_argnums=3)
 @functools.partial(jax.vmap, in_axes=(0, 0, None, None))
 def _arc_stretches(x: Any, at: Any, problem: Problem, share: float) -> Any:
-    """The arguments of `_surface_ratio` for arcs, padded."""
+    """The arguments of `surface_swelling` for arcs, padded."""
     model, (segments, ends) = problem.model, _arcs(problem.model.lists.topology, share)
-    sums = [jnp.append(0.0, jnp.cumsum(_lengths(model.outline.position(y), segments))) for y in (model.cloud.nodes, x)]
+    sums = [jnp.append(0.0, jnp.cumsum(lengths(model.outline.position(y), segments))) for y in (model.cloud.nodes, x)]
     ends = _padded(ends)
     dry, deformed = (total[ends[:, 1]] - total[ends[:, 0]] for total in sums)
     ends, (now, mu) = np.stack([segments[ends[:, 0], 0], segments[ends[:, 1] - 1, 1]], axis=1), problem.at(at)
-    return deformed / dry, _near(x, model, ends), mu, gel_on_outline(now.gel, ends)
+    return deformed / dry, areal_stretches(x, model, ends), mu, gel_on_outline(now.gel, ends)
 
 
 def _padded(ends: Int[np.ndarray, "m 2"]) -> Int[np.ndarray, "p 2"]:
-    """Ends of chords or arcs, the last ones repeated: one program of `_surface_ratio`, which takes long to compile, serves many plates."""
+    """Ends of chords or arcs, the last ones repeated: one program of `surface_swelling` serves many plates."""
     return np.pad(ends, ((0, -len(ends) % VERTICES), (0, 0)), mode="edge")
 
 
-def _near(x, model, ends):
-    """Volume ratios (m,) of the gel at the ``ends`` (m, 2) of arcs, the mean of both, without derivatives: near those of the surface."""
+def areal_stretches(x: Float[Array, "n 2"], model: Model, ends: Int[Array, "m 2"]) -> Float[Array, " m"]:
+    """Areal stretches (m,) of the gel at the ``ends`` (m, 2) of arcs, the mean of both, without derivatives: near those of the surface."""
     return jax.lax.stop_gradient(jnp.linalg.det(model.outline.deformation_gradient(x))[ends].mean(axis=1))
 
 
-def _lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Array, " m"]:
+def lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Array, " m"]:
     """Lengths of the ``chords`` between numbered ``points``."""
     return jnp.linalg.norm(points[chords[:, 1]] - points[chords[:, 0]], axis=1)
 
 
-@jax.jit
-@jax.vmap
-def _surface_ratio(tangential: Float[Array, " m"], near: Float[Array, " m"], mu: Scalar, gel: Any) -> Float[Array, " m"]:
-    """Ratio of normal to ``tangential`` stretch of a surface without traction, in the phase of the volume ratio ``near`` it."""
+@functools.partial(jax.jit, static_argnums=5)
+@functools.partial(jax.vmap, in_axes=(0, 0, 0, 0, 0, None))
+def surface_swelling(
+    tangential: Float[Array, " m"], near: Float[Array, " m"], mu: Scalar, gel: Any, axial: Scalar | None, film: bool
+) -> Float[Array, " m"]:
+    """Volume ratio at a surface without traction of the ``tangential`` stretch, in the phase of the areal stretch ``near`` it.
 
-    def carried(J):  # p = -(dnetwork/dstretch_n) / stretch_t with stretch_n = J / stretch_t
-        F = jnp.stack([tangential, J / tangential], axis=1)[:, :, None] * jnp.eye(2)
-        return -elementwise(lambda F, gel: jax.grad(gel.network)(F, gel)[1, 1], F, gel, "(i,j)->()") / tangential
+    ``axial`` is the stretch out of plane, None in plane strain and for a ``film``.
+    """
 
-    def improved(J, _):
-        return ratio_at(carried(J)), None
+    def of_gel(t, gel):
+        if film:
+            return film_edge_volume_ratio(t, mu, gel)
+        return surface_volume_ratio(t, mu, gel, 1.0 if axial is None else axial)
+
+    def carried(J):
+        normal, out_of_plane = normal_stretch(tangential, J, axial, film)
+        return traction_free_pressure(tangential, normal, gel, axial) / out_of_plane
+
+    def of_elastomer(t, Nv, K):
+        return jax.lax.fori_loop(0, ELASTIC_ITERATIONS, lambda _, J: elastic_volume_ratio(carried(J), Nv, K), jnp.ones_like(t))
 
     def newton(J, _):
         off, slope = jax.jvp(lambda J: osmotic(J, mu, gel) - carried(J), (J,), (jnp.ones_like(J),))
         return J - off / slope, None
 
-    def ratio_at(p):
-        return by_material(lambda p, gel: volume_ratio_at(p, mu, gel), elastic_volume_ratio, p, -1.0, gel)
-
-    start = ratio_at(jnp.broadcast_to(-value(gel.Nv), tangential.shape))
-    stiff, _ = jax.lax.scan(improved, start, length=SURFACE_ITERATIONS)  # a loop: unrolled it compiles five times as long
+    stiff = by_material(of_gel, of_elastomer, tangential, 1.0, gel)
 
     def in_its_phase():
-        soft = takes_solvent(gel) & (near >= stiff_until(SOFT * value(gel.Nv), gel))
-        return jnp.where(soft, jax.lax.scan(newton, jnp.where(soft, near, 2.0), length=SURFACE_ITERATIONS)[0], stiff)
+        J = near if axial is None else near * axial
+        if film:
+            J = by_material(lambda A, gel: film_volume_ratio(A, mu, gel), lambda A, *_: A, near, 2.0, gel)
+        soft = takes_solvent(gel) & (stiff_until(SOFT * value(gel.Nv), gel) <= J)
+        return jnp.where(soft, jax.lax.scan(newton, jnp.where(soft, J, 2.0), length=PHASE_ITERATIONS)[0], stiff)
 
     rises = rises_always(gel)
-    return (in_its_phase() if rises is False else jax.lax.cond(rises, lambda: stiff, in_its_phase)) / tangential**2
+    return in_its_phase() if rises is False else jax.lax.cond(rises, lambda: stiff, in_its_phase)
+
+
+def normal_stretch(
+    tangential: Float[Array, " m"], J: Float[Array, " m"], axial: Scalar | None, film: bool
+) -> tuple[Float[Array, " m"], Float[Array, " m"] | Scalar]:
+    """Stretches (m,) normal to the surface and out of plane; in a film, in uniaxial stress there, they are the same."""
+    if film:
+        return (jnp.sqrt(J / tangential),) * 2
+    out_of_plane = 1.0 if axial is None else axial
+    return J / (tangential * out_of_plane), out_of_plane
+
+
+def traction_free_pressure(
+    tangential: Float[Array, " m"], normal: Float[Array, " m"], gel: Any, axial: Scalar | None
+) -> Float[Array, " m"]:
+    """In-plane pressure (m,), the derivative by the areal stretch, that leaves no traction: -(dnetwork/dstretch_n) / stretch_t."""
+    network = network_at(gel, 1.0 if axial is None else axial)
+    F = jnp.stack([tangential, normal], axis=1)[:, :, None] * jnp.eye(2)
+    return -elementwise(lambda F, gel: jax.grad(network)(F, gel)[1, 1], F, gel, "(i,j)->()") / tangential
 
 
 @once_per_owner
-def _chords(topology: Topology) -> Int[np.ndarray, "m 2"]:
+def chords_of(topology: Topology) -> Int[np.ndarray, "m 2"]:
     """Outline vertices (m, 2), in the numbering of ``model.outline``, that lie half a node spacing to either side of each vertex."""
     half, first, chords = OUTLINE_SEGMENTS // 2, 0, []
     for outline in topology.outlines:

@@ -10,7 +10,7 @@ from ..continuation import Path
 from ..controls import control_name, unit_of
 from .gaps import IN_CONTACT, SWITCHED
 from .quantities import BY_COLUMN, columns_of, control_quantity
-from .surface import CREASE_RATIO, WRINKLE_RATIO
+from .surface import CREASE_RATIO
 
 LEAP = 0.2  # of ln J: where a path that goes over to another branch changes the volume by more, the gel has changed its phase
 
@@ -62,9 +62,10 @@ def events(table: dict[str, Any]) -> list[dict[str, Any]]:
     for k in range(1, len(values)):
         if pivots[k] != pivots[k - 1]:
             add(k, "bifurcation", f"negative pivots of the tangent go from {pivots[k - 1]} to {pivots[k]}")
-    for name, ratio in (("crease", CREASE_RATIO), ("wrinkle", WRINKLE_RATIO)):
-        for k in np.flatnonzero(np.asarray(table["surface_ratio"]) > ratio)[:1]:
-            add(k, name, f"a hole's surface is compressed past the {name} limit (stretch ratio {ratio})")
+    for k in np.flatnonzero(np.asarray(table["surface_ratio"]) > CREASE_RATIO)[:1]:
+        add(k, "crease", f"a hole's surface is compressed past the crease limit (stretch ratio {CREASE_RATIO})")
+    for k in np.flatnonzero(np.asarray(table["surface_stability"]) < 0)[:1]:
+        add(k, "wrinkle", "a free surface becomes unstable to short waves")
     for k in [k for k, text in enumerate(table.get("status", ())) if IN_CONTACT in text][:1]:
         add(k, "contact", "a hole's sides first touch")
     for k in np.flatnonzero(np.asarray(table["min_gap"]) <= 0)[:1]:

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from .._types import Array, Bool, Float
 from .._validation import one_of
 from ..continuation import Path
-from ..observables import CREASE_RATIO, QUANTITIES, SELF_CONTACT, WRINKLE_RATIO, events, history
+from ..observables import CREASE_RATIO, QUANTITIES, SELF_CONTACT, events, history
 from .style import COLOURS, LINE, SHADE, WALL, length_unit, quantity_of, styled
 
 CURVES = {
@@ -20,6 +20,7 @@ CURVES = {
     "area_reduction": {"area_reduction": "all holes"},
     "J": {"J_mean": "mean"},
     "surface_ratio": {"surface_ratio": "largest"},
+    "surface_stability": {"surface_stability": "least"},
     "min_gap": {"min_gap": "within a hole"},
 }
 """Figure of curves -> name in ``QUANTITIES`` of each curve, and its words in the legend; the first one labels the axis."""
@@ -32,7 +33,8 @@ MARKS = {"bifurcation": ":", "leap": (0, (1, 3)), "crease": "-.", "wrinkle": (0,
 def plot_curve(
     path: Path, quantity: str, *, ax: Axes | None = None, against: str | None = None, table: dict[str, Any] | None = None
 ) -> Axes:
-    """Axes with one quantity of ``CURVES`` ("rotation", "area_reduction", "J", "surface_ratio", "min_gap") of every state.
+    """Axes with one quantity of ``CURVES`` ("rotation", "area_reduction", "J", "surface_ratio", "surface_stability", "min_gap")
+    of every state.
 
     ``against`` is the name of the control, by default, "mu" or "free_stretch"; ``table`` saves computing `history` again. Where the control
     turns, markers point the way that it goes, and what comes after the first turn is paler. Raises ValueError for other names.
@@ -54,7 +56,8 @@ def plot_curve(
         ax.fill_between(table[against], table["J_min"], table["J_max"], color=COLOURS[0], alpha=0.25, linewidth=0, label="all cells")
     if quantity == "surface_ratio":
         ax.axhline(CREASE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (1, 1)), label="crease limit")
-        ax.axhline(WRINKLE_RATIO, color=WALL, linewidth=0.7, linestyle=(0, (3, 2)), label="wrinkle limit")
+    if quantity == "surface_stability":
+        ax.axhline(0.0, color=WALL, linewidth=0.7, linestyle=(0, (3, 2)), label="wrinkle limit")
     _mark_events(ax, table, against)
     ax.set(xlabel=axis[against].axis_label(unit), ylabel=next(iter(curves)).axis_label(unit))
     ax.margins(x=0.02)
@@ -65,7 +68,7 @@ def plot_curve(
 
 @styled
 def plot_curves(path: Path, *, axes: Any = None, table: dict[str, Any] | None = None) -> np.ndarray:
-    """A (5, 2) array of axes: every quantity of ``CURVES`` against the control on the left and the free-swelling stretch on the right.
+    """A (6, 2) array of axes: every quantity of ``CURVES`` against the control on the left and the free-swelling stretch on the right.
 
     One column where there is no such stretch, as for a gel that varies over the plate, or where it does not change. ``table`` saves
     computing `history` again.
@@ -75,7 +78,7 @@ def plot_curves(path: Path, *, axes: Any = None, table: dict[str, Any] | None = 
     known = np.isfinite(stretch).any() and (len(path) == 1 or np.ptp(stretch[np.isfinite(stretch)]) > 0)
     columns = [quantity_of(path.control).name, *["free_stretch"] * bool(known)]
     if axes is None:
-        size = (3.45 * len(columns), 8.8)
+        size = (3.45 * len(columns), 10.4)
         axes = plt.subplots(len(CURVES), len(columns), figsize=size, sharex="col", sharey="row", layout="constrained", squeeze=False)[1]
     for row, quantity in zip(axes, CURVES, strict=True):
         for ax, against in zip(row, columns, strict=True):

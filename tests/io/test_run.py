@@ -15,7 +15,7 @@ from jaxgel.observables import BY_COLUMN, COLUMNS, SELF_CONTACT, area_reduction,
 
 INTERFACE = (
     "mu, free_stretch, status, newton_iterations, residual, energy, J_min, J_max, J_mean, area_reduction, rotation_deg, "
-    "core_rotation_deg, negative_pivots, lowest_eigenvalue, min_gap, surface_ratio"
+    "core_rotation_deg, negative_pivots, lowest_eigenvalue, min_gap, surface_ratio, surface_stability"
 )
 
 
@@ -32,7 +32,8 @@ def copy(run_folder, tmp_path):
 def table(**columns):
     """Columns of a made-up history with nothing special in them, but for what is given."""
     k = len(next(iter(columns.values())))
-    plain = {"mu": np.arange(k) - 5.0, "negative_pivots": np.zeros(k, dtype=int), "surface_ratio": np.ones(k), "min_gap": np.ones(k)}
+    plain = {"mu": np.arange(k) - 5.0, "negative_pivots": np.zeros(k, dtype=int)}
+    plain |= {name: np.ones(k) for name in ("surface_ratio", "surface_stability", "min_gap")}
     return plain | {name: np.asarray(column) for name, column in columns.items()}
 
 

@@ -99,7 +99,7 @@ def test_events_are_marked_and_what_is_invalid_is_shaded(path, monkeypatch):
     monkeypatch.setitem(BY_COLUMN, "min_gap", gap)
     monkeypatch.setattr("jaxgel.observables.gaps.min_gap_once", gap.function)
     axes = plot_curves(path)
-    assert axes.shape == (5, 2)
+    assert axes.shape == (6, 2)
     for ax, against in zip(axes[0], ("mu", "free_stretch"), strict=True):
         left = history(path)[against][2]
         (shade,) = ax.patches

@@ -1,0 +1,172 @@
+"""Faces without load: the axial stretch of a plate with free ends; surfaces, their volume ratio and their stability to short waves.
+
+One axial stretch l3 belongs to a whole plate in generalised plane strain. It is where the derivative of an energy by it vanishes, of the
+energy of the plate and not of a material point.
+
+Waves are short if they are so beside all lengths of the plate. About a half-plane y < 0 with the principal stretches l1 along its surface
+and l2 normal to it, the nominal stress of a gradient H of displacements is A:H, where A_ijkl = d2W / dF_ij dF_kl. With the moduli
+
+    a1 = A1111, a2 = A2222, b = A1122,   c1 = A1212, c2 = A2121, d = A1221,   g = sqrt(a1 a2), h = sqrt(c1 c2),
+
+and displacements (u, i v) exp(ikx) that decay into the half-plane, the tractions of the surface are k Z (u, v). The symmetric Z obeys
+the Riccati equation (Z - R)^T T^-1 (Z - R) = Q with T = diag(c1, a2), Q = diag(a1, c2) and R = [[0, -d], [b, 0]]. So Z is
+R + T^1/2 O Q^1/2 with a rotation O, whose angle makes Z symmetric: sin = -(b + d) / (g + h), which exists if the material is strongly
+elliptic. That gives
+
+    Z11 Z22 = g h [(g + h)^2 - (b + d)^2] / (g + h)^2,   Z12 = (b h - d g) / (g + h),   det Z = [h (g^2 - b^2) + g (h^2 - d^2)] / (g + h).
+
+All short waves cost energy as long as Z is positive definite. Its end, det Z = 0, is Biot's surface instability; the condition is that of
+Dowaikh & Ogden (1991), Int. J. Eng. Sci. 29, and, for a gel, of Kang & Huang (2010), J. Mech. Phys. Solids 58.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from .._types import Array, Bool, Float, Scalar
+from .gel import neo_hookean, network_at
+from .swelling import LARGEST_SWELLING, Numbers, _volume_ratio, branch_ends, inverted, rises_always
+
+POLISHED = 3  # steps that take a stretch of Newton's accuracy to round-off
+MARGIN = 1e-9  # of a stretch at which an energy ends: how far from it the search stays
+
+
+def surface_volume_ratio(tangential: Float[Array, "..."], mu: Scalar, gel: Any, axial: Numbers = 1.0) -> Float[Array, "..."]:
+    """Volume ratio J (...) at a surface without traction that has the ``tangential`` stretch (...), held at ``axial`` out of plane.
+
+    The root of dW/dJ = 0 that is connected with the dry state, see `volume_ratio_at`; the normal stretch is J / (tangential axial).
+    """
+    plain = isinstance(axial, float) and axial == 1.0
+    energy, held = (_at_surface, ()) if plain else (_at_held_surface, (jnp.asarray(axial, float),))
+    return _first_root(energy, tangential, mu, gel, held)
+
+
+def film_edge_volume_ratio(tangential: Float[Array, "..."], mu: Scalar, gel: Any) -> Float[Array, "..."]:
+    """The same at the edge of a film, in uniaxial stress: normal stretch and stretch of the thickness are sqrt(J / tangential)."""
+    return _first_root(_at_film_edge, tangential, mu, gel, ())
+
+
+def _first_root(energy, tangential, mu, gel, held):
+    rises = rises_always(gel) if gel.network is neo_hookean else False  # other networks may lock, which ends the search
+    end = branch_ends(lambda t, own: (energy, (t, *own)), tangential, (gel, *held), rises)
+    return inverted(lambda t, own: (energy, own[0], (t, *own[1:])), tangential, (jnp.asarray(mu, float), gel, *held), end)
+
+
+def _at_surface(J, of):
+    tangential, gel = of
+    return gel.network(jnp.diag(jnp.stack([tangential, J / tangential])), gel) + gel.volumetric(J, gel)
+
+
+def _at_held_surface(J, of):
+    tangential, gel, axial = of
+    return gel.network(jnp.diag(jnp.stack([tangential, J / (tangential * axial)])), gel, axial) + gel.volumetric(J, gel)
+
+
+def _at_film_edge(J, of):
+    tangential, gel = of
+    return gel.Nv * J / tangential + gel.volumetric(J, gel)
+
+
+def surface_stability(
+    stretches: Float[Array, " 2"], pressure: Scalar, stiffness: Scalar, gel: Any, axial: Scalar = 1.0
+) -> Float[Array, ""]:
+    """Stability () of a surface to short waves, at the ``stretches`` (2,) along and normal to it: det Z / (Z11 Z22 + Z12^2).
+
+    1 if displacements along and normal to the surface do not couple, as in the dry state of a stiff gel; below 0 the surface wrinkles; -1
+    if the gel itself is unstable, not strongly elliptic, as within the miscibility gap of a poor solvent. The scale of energies does not
+    matter. ``pressure`` and ``stiffness`` (kT/v) are w' and w'' of the energy w(A) besides the network's, A being the areal stretch: of a
+    gel in plane strain `osmotic` and `bulk_stiffness`, of a film `film_pressure` and `film_stiffness`, of a gel held at the stretch
+    ``axial`` out of plane those at the volume ratio ``axial`` A, times ``axial`` and its square. The network must be isotropic.
+
+    >>> from jaxgel.materials import Gel, bulk_stiffness
+    >>> gel, J = Gel(Nv=1e-3, chi=0.1), 3.317  # a layer on a rigid base that has swollen to its onset; no traction: p = -Nv J
+    >>> print(f"{abs(surface_stability(jnp.array([1.0, J]), -gel.Nv * J, bulk_stiffness(J, gel), gel)):.3f}")
+    0.000
+    """
+    A = jax.hessian(lambda F: network_at(gel, axial)(F, gel))(jnp.diag(stretches))
+    along, normal = stretches
+    n1, n2, n12 = A[0, 0, 0, 0], A[1, 1, 1, 1], A[0, 0, 1, 1] + pressure
+    a1, a2, b = n1 + stiffness * normal**2, n2 + stiffness * along**2, n12 + stiffness * along * normal
+    c1, c2, d = A[0, 1, 0, 1], A[1, 0, 1, 0], A[0, 1, 1, 0] - pressure
+    convex = (jnp.stack([a1, a2, c1, c2]) > 0).all()
+    g, h = (jnp.sqrt(jnp.where(convex, square, 1.0)) for square in (a1 * a2, c1 * c2))
+    # g^2 - b^2, in which the square of the stiffness cancels: it is a million times the network's
+    normals = n1 * n2 - n12**2 + stiffness * (n1 * along**2 + n2 * normal**2 - 2 * along * normal * n12)
+    shears = c1 * c2 - d**2
+    product = g * h * (normals + shears + 2 * (g * h - b * d)) / (g + h) ** 2
+    elliptic = convex & (product > 0)
+    scale = jnp.where(elliptic, product + ((b * h - d * g) / (g + h)) ** 2, 1.0)
+    return jnp.where(elliptic, (h * normals + g * shears) / (g + h) / scale, -1.0)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def balanced_stretch(
+    energy: Callable, of: Any, low: Scalar, scale: Scalar, most: Scalar = math.inf, rises: Bool[Array, ""] | bool = True
+) -> Float[Array, ""]:
+    """The stretch l () > ``low`` at which d ``energy(l, of)``/dl vanishes, with all derivatives by ``of``, a pytree of numbers.
+
+    The slope comes from -inf at ``low`` and increases to the root, or ``rises`` is false: then its first increasing part is searched.
+    ``scale`` is a typical size of l - low, and ``most`` the stretch at which the energy ends. ``energy`` stands at the top of a module.
+    """
+    end = math.log(LARGEST_SWELLING)
+    if rises is not True:
+        end = branch_ends(lambda *_: (_Placed(energy), (of, low, scale)), jnp.zeros(()), (), rises)
+    end = jnp.minimum(end, jnp.log(((1 - MARGIN) * most - low) / scale))
+    return _balanced(energy, of, *jax.lax.stop_gradient((low, scale, end)))
+
+
+@functools.partial(jax.custom_jvp[Any], nondiff_argnums=(0,))
+def stretch_near(energy: Callable[..., Any], of: Any, near: Scalar) -> Float[Array, ""]:
+    """The stretch l () at which d ``energy(l, of)``/dl vanishes, by Newton's method from one ``near`` it. Derivatives by ``of``."""
+    slope = jax.value_and_grad(jax.grad(energy))
+
+    def step(_, stretch):
+        force, stiffness = slope(stretch, of)
+        return stretch - force / stiffness
+
+    return jax.lax.fori_loop(0, POLISHED, step, near)
+
+
+@stretch_near.defjvp
+def _stretch_near_jvp(energy, primals, tangents):
+    of, near = primals
+    l3 = stretch_near(energy, of, near)
+    return l3, _rate(energy, l3, of, tangents[0])
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _balanced(energy, of, low, scale, end):
+    return _Placed.stretch(_volume_ratio(_Placed(energy), 0.0, (of, low, scale), end)[0], low, scale)
+
+
+@_balanced.defjvp
+def _balanced_jvp(energy, primals, tangents):
+    l3 = _balanced(energy, *primals)
+    return l3, _rate(energy, l3, primals[0], tangents[0])
+
+
+def _rate(energy, l3, of, of_dot):
+    """E_l(l, of) = 0 gives E_ll dl = -d E_l at fixed l."""
+    slope = jax.grad(energy)
+    change = jax.jvp(lambda of: slope(l3, of), (of,), (of_dot,))[1]
+    return -change / jax.grad(slope)(l3, of)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Placed:
+    """The energy as a function of J > 1 with the stretch low + scale (J - 1): what the search for a volume ratio takes."""
+
+    energy: Callable
+
+    def __call__(self, J, at):
+        of, low, scale = at
+        return self.energy(self.stretch(J, low, scale), of)
+
+    @staticmethod
+    def stretch(J, low, scale):
+        return low + scale * (J - 1)

@@ -1,0 +1,97 @@
+"""Stability of the free surfaces, hole outlines and free edges of the plate, to short waves."""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._memo import once_per_owner
+from .._types import Array, Float, Int, Scalar
+from ..cloud import Topology
+from ..continuation import Path
+from ..geometry import inside_holes
+from ..materials import (
+    Varying,
+    bulk_stiffness,
+    by_material,
+    elastic_film_stiffness,
+    elastic_stiffness,
+    elementwise,
+    film_stiffness_at,
+    gel_on_outline,
+)
+from ..materials import surface_stability as stability_at
+from ..mechanics import Problem, gradients_by_block, is_film, is_generalised
+from .fields import axial_stretch
+from .surface import VERTICES, areal_stretches, chords_of, lengths, normal_stretch, surface_swelling, traction_free_pressure
+
+
+def surface_stability(path: Path) -> Float[Array, " k"]:
+    """Least stability (k,) of the free surfaces to short waves: of hole outlines and the plate's free edges; 1 for a plate without either.
+
+    Below 0 a surface wrinkles, at -1 the gel there is unstable, see `materials.surface_stability`. The stretches, the chemical potential
+    and the gel at each place decide, in plane strain, generalised plane strain and films; these waves of a film are in its plane, those
+    out of it are by `membrane_stress`. The tangential stretch is that of the chord over one node spacing, the finest that the cloud
+    resolves.
+    """
+    model = path.model
+    if not any(map(len, _free_surfaces(model.lists.topology))):
+        return jnp.ones(len(path.x))
+    axial = axial_stretch(path) if is_generalised(model) else None
+    tangential, near, mu, gel = _surface_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
+    J = surface_swelling(tangential, near, mu, gel, axial, is_film(model))
+    return jnp.min(_stability(tangential, J, gel, axial, is_film(model)), axis=1)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, 0, None))
+def _surface_stretches(x: Any, at: Any, problem: Problem) -> Any:
+    """The arguments of `surface_swelling` for the chords of all free surfaces, padded."""
+    model, (now, mu) = problem.model, problem.at(at)
+    chords, edges = _free_surfaces(model.lists.topology)
+    points = _nearest_points(model.cloud.nodes[edges].mean(axis=1), model)
+    F = jnp.concatenate([part.reshape(-1, 2, 2) for part in gradients_by_block(x, model)])[points]
+    near = jnp.concatenate([areal_stretches(x, model, chords), jax.lax.stop_gradient(jnp.linalg.det(F))])
+    dry, deformed = (jnp.concatenate([lengths(model.outline.position(y), chords), lengths(y, edges)]) for y in (model.cloud.nodes, x))
+    on_edges = len(model.outline.points) + np.searchsorted(model.lists.topology.free_edge_nodes, edges)
+    return deformed / dry, near, mu, gel_on_outline(now.gel, np.concatenate([chords, on_edges]))
+
+
+@once_per_owner
+def _free_surfaces(topology: Topology) -> tuple[Int[np.ndarray, "m 2"], Int[np.ndarray, "e 2"]]:
+    """`chords_of` the outlines, and nodes (e, 2) of the chords of the plate's free edges, together padded as by `_padded`."""
+    chords, edges, nodes = chords_of(topology), [np.zeros((0, 2), dtype=int)], topology.partition.vertices[topology.node_vertices]
+    for edge, condition in topology.plate.edges.items():
+        ends = np.stack([topology.edge_nodes[edge][:-1], topology.edge_nodes[edge][1:]], axis=1)
+        edges += [ends[~inside_holes(topology.plate, nodes[ends].mean(axis=1))]] if condition == "free" else []
+    edges = np.concatenate(edges)
+    missing = -(len(chords) + len(edges)) % VERTICES
+    pads = (0, missing) if len(edges) else (missing if len(chords) else 0, 0)
+    return tuple(np.pad(ends, ((0, more), (0, 0)), mode="edge") if more else ends for ends, more in zip((chords, edges), pads, strict=True))
+
+
+def _nearest_points(middles, model):
+    """Numbers (e,) of the quadrature points, block after block, that are nearest to the ``middles`` (e, 2) of chords on the dry plate."""
+    points = jax.lax.stop_gradient(jnp.concatenate([block.position.reshape(-1, 2) for block in model.blocks]))
+    return jax.lax.map(lambda at: jnp.argmin(jnp.sum((points - at) ** 2, axis=1)), jax.lax.stop_gradient(middles))
+
+
+@functools.partial(jax.jit, static_argnums=4)
+@functools.partial(jax.vmap, in_axes=(0, 0, 0, 0, None))
+def _stability(tangential: Float[Array, " m"], J: Float[Array, " m"], gel: Any, axial: Scalar | None, film: bool) -> Float[Array, " m"]:
+    """`materials.surface_stability` (m,) of surfaces without traction that have the volume ratio ``J`` (m,)."""
+    normal, out_of_plane = normal_stretch(tangential, J, axial, film)
+    if film:
+        stiffness = by_material(lambda A, gel: film_stiffness_at(A, J, gel), elastic_film_stiffness, tangential * normal, 2.0, gel)
+    else:
+        stiffness = out_of_plane**2 * by_material(bulk_stiffness, elastic_stiffness, J, 2.0, gel)
+    held = 1.0 if axial is None else axial
+
+    def at(stretches, gel_there):
+        gel, pressure, stiffness = gel_there
+        return stability_at(stretches, pressure, stiffness, gel, held)
+
+    gel_there = gel, Varying(traction_free_pressure(tangential, normal, gel, axial)), Varying(stiffness)
+    return elementwise(at, jnp.stack([tangential, normal], axis=1), gel_there, "(i)->()")
