@@ -1,6 +1,7 @@
 """The least stability of the free surfaces of a plate: outlines and free edges, films, printed gels, files of earlier versions."""
 
 import csv
+import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
@@ -130,3 +131,17 @@ def test_a_table_without_the_column_is_read_with_no_value(run_folder, tmp_path):
         writer.writerows(rows)
     read = jaxgel.io.load_run(tmp_path).history
     assert set(read) == set(rows[0]) and np.isnan(read["surface_stability"]).all()
+
+
+def test_a_skin_of_elastomer_has_the_stability_of_the_elastomer():
+    """Compressed to 0.6 along x: p = K (J - 1) - Nv/J = -Nv J / 0.6^2 at its surface without traction, with dp/dJ = K + Nv/J^2."""
+    Nv, K, t = 1e-2, 0.5, 0.6
+    plate = jaxgel.Plate(1.0, 0.5, edges=STRIP, regions=[jaxgel.Rectangle((0, 0.25), (4, 0.3))], spacing=0.125)
+    model = jaxgel.discretise(jaxgel.make_cloud(plate))
+    path = stretched(model, jaxgel.Composite(Gel(NV, CHI), (jaxgel.Elastomer(Nv, K),)), [-1.0], [1.0])
+    path = dataclasses.replace(path, x=path.x * np.array([t, 1.0]))
+    J = max(np.roots([K + Nv / t**2, -K, -Nv]).real)
+    exact = surface_stability(jnp.array([t, J / t]), -Nv * J / t**2, K + Nv / J**2, Gel(Nv, CHI))
+    np.testing.assert_allclose(
+        least_stability(path), [exact], atol=1e-6
+    )  # six steps, each with an error of Nv / (K t^2) = 0.06 of the last
