@@ -26,7 +26,7 @@ from ..mechanics import (
     crosses,
     held_stretch,
     linearise,
-    outline_loops,
+    outline_arcs,
     overlaps,
     prepare,
     state_pressure,
@@ -249,12 +249,12 @@ def _examined(problem, value, x, p, status, contact):
     examine = functools.partial(_examine, patterns, contact)
     shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))
     system = tangent(problem, x, p, now), border(problem, now)
-    arrays = status, x, system, network, outline_loops(x, problem.model), walls(x, problem.model.lists.topology)
+    arrays = status, x, system, network, outline_arcs(x, problem.model), walls(x, problem.model.lists.topology)
     found = jax.pure_callback(examine, shapes, *arrays, vmap_method="sequential")
     return dict(zip(("status", "negative_pivots", "lowest_eigenvalue"), found, strict=True))
 
 
-def _examine(patterns, contact, status, x, system, network, loops, held):
+def _examine(patterns, contact, status, x, system, network, arcs, held):
     """`_examined` on the host; the factor serves the derivatives of the state, see `linalg.solve_near`."""
     if status != Status.CONVERGED:
         return status, np.asarray(-1), np.asarray(np.nan)
@@ -265,6 +265,6 @@ def _examine(patterns, contact, status, x, system, network, loops, held):
         negative = made.negative_pivots
     except SingularTangent:
         negative, lowest, nearest = -1, 0.0, 0.0
-    crossing = crosses([np.asarray(loop) for loop in loops], np.asarray(held))
+    crossing = crosses([np.asarray(arc) for arc in arcs], np.asarray(held))
     flagged = for_derivatives(Status.CONVERGED, nearest, crossing=crossing, contact=contact == "on")
     return np.asarray(int(flagged), dtype=status.dtype), np.asarray(negative), np.asarray(lowest)

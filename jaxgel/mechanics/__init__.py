@@ -34,7 +34,7 @@ from .mixed import (
     state_pressure,
 )
 from .operators import Operators, precomputed_operators
-from .outlines import crosses, outline_loops, overlaps, walls
+from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps, walls
 from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, check_driven, prepare
 from .volumes import (
@@ -97,6 +97,7 @@ __all__ = [
     "held_dofs",
     "held_stretch",
     "hessian_product",
+    "holes_of_loops",
     "is_film",
     "is_generalised",
     "is_sparse",
@@ -108,6 +109,7 @@ __all__ = [
     "mu_force",
     "network_energy",
     "node_pairs",
+    "outline_arcs",
     "outline_loops",
     "overlaps",
     "pair_energy",

@@ -1,4 +1,12 @@
-"""Deformed outlines of the holes as closed loops."""
+"""Deformed outlines of the holes: arcs, which are surfaces of the gel, and closed loops around what the holes take of the plate.
+
+A hole that the plate's edge cuts is closed along the deformed edge, which is straight between the ends of the outline and the corners of
+the plate inside the hole. Such a corner is no material point. Where an edge prescribes a component of the displacement the corner
+follows that edge; other components are extrapolated from both ends of the outline with the deformation gradients there, weighted with the
+inverse of the dry distance. So a loop is exact along held edges and in every affine motion, and continuous where a corner enters a hole.
+"""
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
@@ -6,47 +14,105 @@ import numpy as np
 import shapely
 
 from .._memo import once_per_owner
-from .._types import Array, Float
+from .._types import Array, Float, Int
 from ..cloud import Topology
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
 
-_ANTICLOCKWISE = ("bottom", "right", "top", "left")
+
+@dataclasses.dataclass(frozen=True)
+class _Arc:
+    """An arc of a hole's outline and the corners of the plate between its end and its start, anticlockwise."""
+
+    points: slice
+    """Its points among those of ``model.outline``."""
+    closed: bool
+    """Whether it is a whole hole."""
+    corners: Float[np.ndarray, "j 2"]
+    """Dry corners of the plate inside the hole, mm."""
+    edges: list[dict[int, str]]
+    """Per corner: component of the displacement -> edge of the plate through it that prescribes it."""
 
 
 def outline_loops(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
-    """Outline of each hole at nodal positions ``x`` (n, 2): a list over holes of closed loops (m, 2), mm; along the plate's edge if cut."""
-    points = model.outline.position(x)
-    loops = []
-    for parts in _loop_layout(model.lists.topology):
-        loops.append(jnp.concatenate([points[part] if isinstance(part, slice) else jnp.asarray(part) for part in parts]))
+    """Closed loops (m, 2), mm, of the holes at nodal positions ``x`` (n, 2), along the plate's edge where it cuts a hole.
+
+    One for each hole, in their order; one for each part of a hole that the plate's edge cuts into several, see `holes_of_loops`.
+    """
+    points, loops = model.outline.position(x), []
+    for arc in _arcs(model.lists.topology):
+        loops.append(jnp.concatenate([points[arc.points], _deformed_corners(x, model, arc)]) if len(arc.corners) else points[arc.points])
     return loops
 
 
+def outline_arcs(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
+    """Surfaces of the holes at nodal positions ``x`` (n, 2): lines (m, 2), mm, without the plate's edge.
+
+    The line of a whole hole ends at its first point.
+    """
+    points = model.outline.position(x)
+    lines = [(points[arc.points], arc.closed) for arc in _arcs(model.lists.topology)]
+    return [jnp.concatenate([line, line[:1]]) if closed else line for line, closed in lines]
+
+
+def holes_of_loops(topology: Topology) -> Int[np.ndarray, " l"]:
+    """Number of the hole (l,) of each loop of `outline_loops`."""
+    return np.array([outline.arc.hole for outline in topology.outlines], dtype=int)
+
+
 @once_per_owner
-def _loop_layout(topology):
-    """Per hole the slices of outline points and the plate's corners (j, 2) that make its closed loop, anticlockwise."""
+def _arcs(topology: Topology) -> list[_Arc]:
     stops = np.cumsum([0] + [len(o.s) for o in topology.outlines])
-    layout = []
-    for k in range(len(topology.plate.holes)):
-        own = [i for i, o in enumerate(topology.outlines) if o.arc.hole == k]
-        parts = []
-        for i, following in zip(own, own[1:] + own[:1], strict=True):
-            parts.append(slice(int(stops[i]), int(stops[i + 1])))
-            if not topology.outlines[i].closed:
-                parts.append(_corners_between(topology, topology.outlines[i], topology.outlines[following]))
-        layout.append(parts)
-    return layout
+    return [
+        _Arc(slice(int(first), int(last)), o.closed, *_corners_inside(topology, o))
+        for o, first, last in zip(topology.outlines, stops, stops[1:], strict=False)
+    ]
 
 
-def _corners_between(topology, outline, following):
-    """Corners (j, 2) of the plate between the end of one arc and the start of the next, going round the plate anticlockwise."""
-    w, h = topology.plate.width / 2, topology.plate.height / 2
-    corner_after = {"bottom": (w, -h), "right": (w, h), "top": (-w, h), "left": (-w, -h)}
-    first = _ANTICLOCKWISE.index(outline.arc.end_edge)
-    last = _ANTICLOCKWISE.index(following.arc.start_edge)
-    passed = [_ANTICLOCKWISE[(first + j) % 4] for j in range((last - first) % 4)]
-    return np.array([corner_after[edge] for edge in passed]).reshape(-1, 2)
+def _corners_inside(topology, outline):
+    """The ``corners`` and ``edges`` of an `_Arc`. The gel is connected, so that the edge from its end to its start closes each arc."""
+    plate = topology.plate
+    if outline.closed:
+        return np.zeros((0, 2)), []
+    w, h = plate.width / 2, plate.height / 2
+    corners, edges = np.array([(w, -h), (w, h), (-w, h), (-w, -h)]), ("bottom", "right", "top", "left")  # each edge and the corner after it
+
+    def turns(edge, vertex):
+        """Way to a point of an edge anticlockwise round the plate, 1 for each edge."""
+        number, (x, y) = edges.index(edge), topology.partition.vertices[vertex]
+        return number + 0.5 + {"bottom": x / w, "right": y / h, "top": -x / w, "left": -y / h}[edge] / 2
+
+    end, start = turns(outline.arc.end_edge, outline.vertices[-1]), turns(outline.arc.start_edge, outline.vertices[0])
+    passed = np.arange(np.ceil(end), np.ceil(start if start > end else start + 4)).astype(int)  # numbers of the edges after the corners
+    around = [(edges[(k - 1) % 4], edges[k % 4]) for k in passed]
+    prescribed = [
+        {component: edge for edge in pair if len(topology.edge_nodes[edge]) > 1 for component in held_components(plate.edges, edge)}
+        for pair in around
+    ]
+    return corners[(passed - 1) % 4], prescribed
+
+
+def _deformed_corners(x: Float[Array, "n 2"], model: Model, arc: _Arc) -> Float[Array, "j 2"]:
+    """Deformed positions (j, 2) of the corners of the plate inside a hole, mm."""
+    ends = jax.tree.map(lambda part: part[np.array([arc.points.start, arc.points.stop - 1])], model.outline)
+    position, F = ends.position(x), ends.deformation_gradient(x)
+    found = []
+    for corner, edges in zip(arc.corners, arc.edges, strict=True):
+        away = corner - ends.points
+        distance = jnp.sqrt(jnp.sum(away**2, axis=1))
+        weight = distance[::-1] / jnp.sum(distance)
+        free = weight @ (position + jnp.einsum("eij,ej->ei", F, away))
+        components = [_along_edge(x, model, edges[i], corner)[i] if i in edges else free[i] for i in range(2)]
+        found.append(jnp.stack(components))
+    return jnp.stack(found)
+
+
+def _along_edge(x, model, edge, corner):
+    """Where an edge that moves as a straight line takes a ``corner`` (2,) of the dry plate, (2,) mm."""
+    nodes, along = model.lists.topology.edge_nodes[edge], 1 - edge_lines(model.lists.topology.plate)[edge][0]
+    first, last = nodes[0], nodes[-1]
+    dry = model.cloud.nodes
+    return x[first] + (x[last] - x[first]) * (corner[along] - dry[first, along]) / (dry[last, along] - dry[first, along])
 
 
 def walls(x: Float[Array, "n 2"], topology: Topology) -> Float[Array, "e 2 2"]:
@@ -60,24 +126,24 @@ def walls(x: Float[Array, "n 2"], topology: Topology) -> Float[Array, "e 2 2"]:
     return x[np.array(ends, dtype=int).reshape(-1, 2)]
 
 
-def crosses(loops: list[np.ndarray], held: Float[np.ndarray, "e 2 2"], tolerance: float = 1e-9) -> bool:
-    """Whether a hole's deformed outline, one of the closed ``loops`` (m, 2), crosses itself, another one or one of the `walls`; host."""
-    rings = [shapely.LinearRing(loop) for loop in loops]
-    if not all(ring.is_simple for ring in rings):
+def crosses(arcs: list[np.ndarray], held: Float[np.ndarray, "e 2 2"], tolerance: float = 1e-9) -> bool:
+    """Whether a hole's deformed outline, one of the `outline_arcs` (m, 2), crosses itself, another one or one of the `walls`; host."""
+    lines = [shapely.LineString(arc) for arc in arcs]
+    if not all(line.is_simple for line in lines):
         return True
     for start, end in np.asarray(held):
         (dx, dy), length = end - start, np.linalg.norm(end - start)
-        if any(np.max((loop - start) @ [dy, -dx]) > tolerance * length**2 for loop in loops):
+        if any(np.max((arc - start) @ [dy, -dx]) > tolerance * length**2 for arc in arcs):
             return True
-    if len(rings) < 2:
+    if len(lines) < 2:
         return False
-    first, second = shapely.STRtree(rings).query(rings, predicate="intersects")
+    first, second = shapely.STRtree(lines).query(lines, predicate="intersects")
     return bool(np.any(first != second))
 
 
-_compiled_loops = jax.jit(outline_loops)
+_compiled_arcs = jax.jit(outline_arcs)
 
 
 def overlaps(x: Float[Array, "n 2"], model: Model) -> bool:
     """Whether a hole's outline crosses itself, another one or an edge of the plate."""
-    return crosses([np.asarray(loop) for loop in _compiled_loops(x, model)], np.asarray(walls(x, model.lists.topology)))
+    return crosses([np.asarray(arc) for arc in _compiled_arcs(x, model)], np.asarray(walls(x, model.lists.topology)))

@@ -8,7 +8,7 @@ from .._memo import once_per_owner
 from .._types import Array, Float, Int
 from ..cloud import Topology
 from ..discretisation import Model
-from ..mechanics import outline_loops
+from ..mechanics import holes_of_loops, outline_loops
 from .states import States, over_states
 
 TINY = 1e-300  # mm^2: square of a side of an outline that has two equal points
@@ -33,15 +33,17 @@ def aspect_ratio(path: States) -> Float[Array, "k holes"]:
 
 
 def outlines(path: States) -> list[Float[Array, "k _ 2"]]:
-    """Deformed outline of each hole: a list over holes of closed loops (k, m, 2), mm, without repeating the first point.
+    """Deformed outlines of the holes: a list over holes of closed loops (k, m, 2), mm, without repeating the first point.
 
-    A hole cut by the plate's edge is closed along the edge.
+    A hole that the plate's edge cuts is closed along the deformed edge. Its corner inside a hole, which is no material point, follows the
+    edges that prescribe its motion and else continues the deformation at the two ends of the outline. A hole that the edge cuts into
+    several parts has a loop for each.
     """
     return over_states(outline_loops, path)
 
 
 def dry_outlines(model: Model) -> list[Float[Array, "_ 2"]]:
-    """Outline of each hole on the dry plate: a list over holes of closed loops (m, 2), mm."""
+    """Outlines of the holes on the dry plate, closed loops (m, 2), mm, in the order of `outlines`."""
     return outline_loops(model.cloud.nodes, model)
 
 
@@ -70,11 +72,12 @@ def _hole_areas(x: Float[Array, "n 2"], model: Model) -> Float[Array, " holes"]:
     loops, (start, end, hole) = outline_loops(x, model), _sides(model.lists.topology)
     if not loops:
         return jnp.zeros(0)
-    polygons = [0.5 * jnp.sum(_cross(loop, jnp.roll(loop, -1, axis=0))) for loop in loops]
+    polygons = jnp.stack([0.5 * jnp.sum(_cross(loop, jnp.roll(loop, -1, axis=0))) for loop in loops])
     y, F, dX = model.outline.position(x), model.outline.deformation_gradient(x), model.outline.points[end] - model.outline.points[start]
     first, last = (jnp.einsum("mij,mj->mi", F[at], dX) for at in (start, end))
     beyond = _cross(y[end] - y[start], last - first) / 10 - _cross(first, last) / 60
-    return jnp.stack(polygons) + jax.ops.segment_sum(beyond, hole, len(loops))
+    of_loops, holes = holes_of_loops(model.lists.topology), len(model.lists.topology.plate.holes)
+    return jax.ops.segment_sum(polygons, of_loops, holes) + jax.ops.segment_sum(beyond, hole, holes)
 
 
 def _cross(a: Float[Array, "m 2"], b: Float[Array, "m 2"]) -> Float[Array, " m"]:
@@ -102,12 +105,16 @@ def _area_reduction_per_hole(x: Float[Array, "n 2"], model: Model) -> Float[Arra
 
 
 def _aspect_ratio(x: Float[Array, "n 2"], model: Model) -> Float[Array, " holes"]:
-    return jnp.stack([_length_over_width(loop) for loop in outline_loops(x, model)])
+    loops, of_loops = outline_loops(x, model), holes_of_loops(model.lists.topology)
+    if not loops:
+        return jnp.zeros(0)
+    return jnp.stack([_length_over_width([loops[i] for i in np.flatnonzero(of_loops == k)]) for k in np.unique(of_loops)])
 
 
-def _length_over_width(loop: Float[Array, "m 2"]) -> Float[Array, ""]:
-    """Aspect ratio () of the ellipse with the second moments of a polygon (m, 2), by Green's theorem edge by edge."""
-    a, b = loop - jnp.mean(loop, axis=0), jnp.roll(loop - jnp.mean(loop, axis=0), -1, axis=0)
+def _length_over_width(loops: list[Array]) -> Float[Array, ""]:
+    """Aspect ratio () of the ellipse with the second moments of polygons (m, 2) together, by Green's theorem edge by edge."""
+    centre = jnp.mean(jnp.concatenate(loops), axis=0)
+    a, b = (jnp.concatenate([jnp.roll(loop, -turn, axis=0) for loop in loops]) - centre for turn in (0, 1))
     twice = _cross(a, b)
     area, first = jnp.sum(twice) / 2, twice @ (a + b) / 6
     total = a + b
