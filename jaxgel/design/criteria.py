@@ -17,18 +17,21 @@ import numpy as np
 from .._types import Array, Float
 from ..cloud import Cloud
 from ..continuation import Path
+from ..controls import control_name
 from ..geometry import Plate, arcs, edge_lines, outline_points, reference_plate
 from ..materials import AnyGel, WithHoles, matrix_of
 from ..observables import CURVES
 
 LIGAMENT_SAMPLES = 128  # points per outline among which the nearest pair is looked for
+ROUND_OFF = 1e-9  # of the control's values: beyond it a value lies outside the path
 NEWTON_STEPS = 4  # from there to the nearest points themselves
 
 
 def value_at(quantity: Callable[[Path], Float[Array, " k"]], mu: float) -> Callable[[Path], Float[Array, ""]]:
     """Function of a path: ``quantity(path)`` (k,), such as ``rotation_angle``, at one ``mu``, linear between the states of the path.
 
-    Under another control than the chemical potential ``mu`` is a value of that; all states then have different values.
+    Under another control than the chemical potential ``mu`` is a value of that; all states then have different values. Beyond the ends
+    of the path there is no value: ValueError, or nan for a path that stopped before.
     """
     return lambda path: _read(path, quantity, mu)
 
@@ -43,10 +46,16 @@ def misfit(
 
 
 def _read(path, quantity, at):
-    """The quantity at values of the path's control, which may fall, linear between its states."""
+    """The quantity at values of the path's control, which may fall, linear between its states; beyond a path that stopped nan."""
     values = jnp.asarray(path.value)
     order = jnp.argsort(values)
-    return jnp.interp(at, values[order], jnp.asarray(quantity(path))[order])
+    low, high = (jax.lax.stop_gradient(values)[order[end]] for end in (0, -1))
+    reach = ROUND_OFF * jnp.maximum(jnp.abs(low), jnp.abs(high))
+    beyond = (at < low - reach) | (at > high + reach)
+    if not isinstance(beyond, jax.core.Tracer) and path.stop.ok and np.any(beyond):
+        name, asked = control_name(path.control), float(np.atleast_1d(at)[np.atleast_1d(beyond)][0])
+        raise ValueError(f"{name}: {asked:g} is beyond the path, which runs from {float(low):g} to {float(high):g}; ask for a value within")
+    return jnp.interp(at, values[order], jnp.asarray(quantity(path))[order]) * jnp.where(beyond, jnp.nan, 1.0)
 
 
 def weighted_sum(weights: Sequence[float], functions: Sequence[Callable[..., Any]]) -> Callable[[Path], Float[Array, ""]]:

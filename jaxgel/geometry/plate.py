@@ -155,8 +155,6 @@ def check_plate(plate: Plate) -> None:
     touch = TOUCH * min(plate.width, plate.height)
     shapes = _checked_outlines(plate, "holes", box, touch)
     for k, shape in enumerate(shapes):
-        if plate.moved and any(shape.contains(shapely.Point(corner)) for corner in shapely.get_coordinates(box)):
-            raise ValueError(f"holes[{k}]: it takes a corner of a plate whose edges move; choose the plate so that its corners are gel")
         for edge in _periodic_edges_across(plate, shape):
             raise ValueError(f"holes[{k}]: the periodic edge {edge} cuts it; choose the cell so that its holes lie inside")
     inner = shapely.intersection(shapes, box)

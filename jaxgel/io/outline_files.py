@@ -11,11 +11,10 @@ import numpy as np
 import shapely
 
 from .._types import Float
-from ..cloud import boundary_edges
 from ..continuation import Path
 from ..controls import control_name
 from ..geometry import Plate, check_plate
-from ..observables import deformed_vertices
+from ..observables import deformed_boundary
 from .files import write_atomically
 from .masks import write_drawing
 from .outline_fits import hole_points
@@ -38,14 +37,12 @@ def dry_regions(plate: Plate) -> list[shapely.Polygon]:
 
 
 def swollen_gel(path: Path, k: int) -> shapely.Geometry:
-    """The gel of state ``k`` of a path as a shapely polygon, mm; ValueError where its outline crosses itself."""
-    chosen = path.chosen([k])
-    vertices, edges = np.asarray(deformed_vertices(chosen))[0], boundary_edges(np.asarray(path.model.cloud.triangles))
-    faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(vertices[edges])))
-    gel = max(faces, key=lambda face: face.area, default=shapely.Polygon())
-    if not gel.is_valid or len(faces) == 0:
+    """The gel of state ``k`` of a path as a shapely polygon, mm; ValueError if its outline crosses itself."""
+    sides = shapely.linestrings(deformed_boundary(path.chosen([k]))[0])
+    if not shapely.multilinestrings(sides).is_simple:
         raise ValueError(f"state: the outline at {control_name(path.control)} = {float(path.value[k]):.6g} crosses itself")
-    return gel
+    faces = shapely.get_parts(shapely.polygonize(sides))
+    return max(faces, key=lambda face: shapely.Polygon(face.exterior).area)  # the gel's outer line is around its holes, also large ones
 
 
 def write_outline(

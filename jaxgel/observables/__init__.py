@@ -1,6 +1,6 @@
 """What is read off the states of a path: rotation, hole areas, volume ratios, stresses, surface stretch, gaps, and their table."""
 
-from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, dry_outlines, free_edge_misfit, outlines
+from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, deformed_boundary, dry_outlines, free_edge_misfit, outlines
 from .fields import (
     FIELDS,
     axial_stretch,
@@ -48,6 +48,7 @@ __all__ = [
     "control_quantity",
     "core_rotation",
     "crease_indicator",
+    "deformed_boundary",
     "deformed_vertices",
     "driven_column",
     "dry_outlines",

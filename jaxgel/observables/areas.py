@@ -6,11 +6,13 @@ import numpy as np
 
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
-from ..cloud import Topology
-from ..discretisation import Model
+from ..cloud import Topology, boundary_edges
+from ..discretisation import Model, make_probe
+from ..geometry import edge_lines
 from ..mechanics import holes_of_loops, outline_loops
 from .states import States, over_states
 
+EDGE_SIDES = 8  # chords of a free edge between two vertices, as of an outline between two nodes
 TINY = 1e-300  # mm^2: square of a side of an outline that has two equal points
 
 
@@ -45,6 +47,32 @@ def outlines(path: States) -> list[Float[Array, "k _ 2"]]:
 def dry_outlines(model: Model) -> list[Float[Array, "_ 2"]]:
     """Outlines of the holes on the dry plate, closed loops (m, 2), mm, in the order of `outlines`."""
     return outline_loops(model.cloud.nodes, model)
+
+
+def deformed_boundary(path: States) -> Float[np.ndarray, "k e 2 2"]:
+    """Ends (k, e, 2, 2) of the straight sides of the deformed gel's boundary, mm, in no order; host.
+
+    Free edges, which bend between the vertices of the cells, are ``EDGE_SIDES`` times finer than those.
+    """
+    topology, vertices = path.model.cloud.topology, np.asarray(path.model.cloud.vertices)
+    reference, edges = topology.partition.vertices, boundary_edges(np.asarray(path.model.cloud.triangles))
+    free = np.zeros(len(edges), dtype=bool)
+    for edge, (axis, coordinate) in edge_lines(topology.plate).items():
+        if topology.plate.edges[edge] == "free":
+            free |= (np.abs(reference[edges][..., axis] - coordinate) < 1e-9 * topology.spacing).all(axis=1)
+    share = np.linspace(0.0, 1.0, EDGE_SIDES + 1)[:, None, None]
+    dry, of_reference = (
+        np.concatenate([points[edges[~free]].reshape(-1, 2), ((1 - share) * a + share * b).reshape(-1, 2)])
+        for points in (vertices, reference)
+        for a, b in [np.moveaxis(points[edges[free]], 1, 0)]
+    )
+    _, first, number = np.unique(of_reference, axis=0, return_index=True, return_inverse=True)  # sides that join have the same end
+    probe = make_probe(path.model, dry[first], of_reference[first])
+    position = np.asarray(jax.vmap(probe.position)(jnp.asarray(path.x)))[:, number.ravel()]
+    whole, fine = np.split(position, [2 * int((~free).sum())], axis=1)
+    fine = fine.reshape(len(position), EDGE_SIDES + 1, -1, 2)
+    sides = np.stack([fine[:, :-1], fine[:, 1:]], axis=3).reshape(len(position), -1, 2, 2)
+    return np.concatenate([whole.reshape(len(position), -1, 2, 2), sides], axis=1)
 
 
 def free_edge_misfit(path: States, outline: Float[Array, "m 2"]) -> Float[Array, " k"]:
