@@ -3,12 +3,11 @@
 from argparse import Namespace
 from pathlib import Path as File
 
-import numpy as np
-
 from ..cases import OutputOptions, from_table, load_case, load_path, other_versions, resumed, resumed_map, resumed_study, write_page
 from ..io import dry_gel, dry_regions, load_run, open_folder, swollen_gel, write_mask, write_outline
 from ..io import export as write_netcdf
 from ..materials import WithHoles
+from ..observables import state_at
 from .environment import DONE
 from .inputs import DESIGN, MAP, STARTS, kind_of_folder
 from .runs import draw, printer, run_recorded
@@ -47,12 +46,12 @@ def _resume_run(args):
 def outline(args: Namespace) -> int:
     """``jaxgel outline``: write the outline of a case or a run, dry or, of a run, at the accepted state nearest to ``--mu``, its control.
 
-    Beside a dry outline it writes the masks of a printed gel.
+    ValueError for a value beyond the ends of the run. Beside a dry outline it writes the masks of a printed gel.
     """
     case, regions = None, []
     if args.mu is not None:
         path = load_path(args.source)
-        name, gel = File(args.source).name, swollen_gel(path, int(np.abs(np.asarray(path.value) - args.mu).argmin()))
+        name, gel = File(args.source).name, swollen_gel(path, state_at(path, args.mu))
     else:
         summary = load_run(args.source).summary if File(args.source).is_dir() else None
         case = from_table(summary["options"], summary["case"]) if summary else load_case(args.source)

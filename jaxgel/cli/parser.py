@@ -131,7 +131,7 @@ def _folder_commands(add):
     )
     p.add_argument("source", metavar="DIR|CASE", help="folder written by jaxgel run, a built-in name or the path of a TOML file")
     p.add_argument("--format", default="dxf", metavar="dxf|svg|stl|png", help="kind of file (default: dxf)")
-    near = "the state of the run nearest to this value of mu in kT, or of its other control, the first of several (default: the dry plate)"
+    near = "the state of the run nearest to this value of mu in kT, or of its other control, within the run (default: the dry plate)"
     p.add_argument("--mu", "--at", type=_real, metavar="V", help=near)
     p.add_argument("--height", type=_real, default=1.0, metavar="H", help="height in mm of the extruded STL (default: 1)")
     p.add_argument(

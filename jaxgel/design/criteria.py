@@ -52,7 +52,7 @@ def _read(path, quantity, at):
     low, high = (jax.lax.stop_gradient(values)[order[end]] for end in (0, -1))
     reach = ROUND_OFF * jnp.maximum(jnp.abs(low), jnp.abs(high))
     beyond = (at < low - reach) | (at > high + reach)
-    if not isinstance(beyond, jax.core.Tracer) and path.stop.ok and np.any(beyond):
+    if not isinstance(beyond, jax.core.Tracer) and (path.stop is None or path.stop.ok) and np.any(beyond):
         name, asked = control_name(path.control), float(np.atleast_1d(at)[np.atleast_1d(beyond)][0])
         raise ValueError(f"{name}: {asked:g} is beyond the path, which runs from {float(low):g} to {float(high):g}; ask for a value within")
     return jnp.interp(at, values[order], jnp.asarray(quantity(path))[order]) * jnp.where(beyond, jnp.nan, 1.0)

@@ -46,7 +46,7 @@ def verify(
     dry = plate, path.model.cloud, problem.gel_at(parameters)
     without = {c.name: c.without_sweep(*dry) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(
-        value=float(problem.objective(path)),
+        value=_number(problem.objective(path)),
         constraints={c.name: float(np.min(without[c.name] if c.name in without else c.function(path))) for c in problem.constraints},
         valid=reason.startswith("valid"),
         reason=reason,

@@ -39,6 +39,7 @@ class LocalValues:
     """At the outline vertices of the model, and after them at the nodes of the plate's free edges."""
 
 
+EDGE = 1e-9  # of a picture's size: points within this distance beyond its edge belong to it
 Field = Callable[..., Any] | LocalValues | Varying
 """A parameter that is no number: a function of the position, or what it became on a model."""
 
@@ -46,7 +47,7 @@ Field = Callable[..., Any] | LocalValues | Varying
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["extent", "smooth"])
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelField:
-    """A picture as a field: bilinear between the centres of its pixels, constant beyond the outermost ones.
+    """A picture as a field: bilinear between the centres of its pixels, constant from the outermost ones to its edge, nan beyond.
 
     A ``smooth`` one has no kinks there: it is the sum of quadratic B-splines, one for each pixel, and keeps the picture's bounds. At the
     centre of a pixel it is a mean of that and its neighbours, 3/4 and 1/8 along each axis.
@@ -67,11 +68,14 @@ class PixelField:
     def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
         left, right, lower, upper = self.extent
         rows, columns = jnp.shape(self.values)
-        at = [(upper - X[1]) / (upper - lower) * rows - 0.5, (X[0] - left) / (right - left) * columns - 0.5]
+        along, down = (X[0] - left) / (right - left), (upper - X[1]) / (upper - lower)
+        shares = jnp.stack([along, down])
+        inside = jnp.where(jnp.all((shares >= -EDGE) & (shares <= 1 + EDGE)), 1.0, jnp.nan)
+        at = [down * rows - 0.5, along * columns - 0.5]
         if self.smooth:
             (i, along_y), (j, along_x) = (_spline(u, count) for u, count in zip(at, (rows, columns), strict=True))
-            return along_y @ jnp.asarray(self.values, dtype=float)[i[:, None], j] @ along_x
-        return map_coordinates(jnp.asarray(self.values, dtype=float), at, order=1, mode="nearest")
+            return inside * (along_y @ jnp.asarray(self.values, dtype=float)[i[:, None], j] @ along_x)
+        return inside * map_coordinates(jnp.asarray(self.values, dtype=float), at, order=1, mode="nearest")
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["field"], meta_fields=[])

@@ -19,7 +19,7 @@ from .fields import (
 from .gaps import SELF_CONTACT, gap, min_gap
 from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, OF_POSITIONS, QUANTITIES, Quantity, columns_of, control_quantity
 from .rotation import core_rotation, is_flat, rotation_angle
-from .states import States
+from .states import States, state_at
 from .surface import CREASE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
 from .table import driven_column, events, history
 from .transitions import NO_GEL, phases, swollen_share
@@ -68,6 +68,7 @@ __all__ = [
     "parameter_values",
     "phases",
     "rotation_angle",
+    "state_at",
     "surface_ratio",
     "surface_ratios",
     "surface_stability",

@@ -6,9 +6,14 @@ from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._types import Array, Float
+from ..continuation import Path
+from ..controls import control_name
 from ..discretisation import Model
+
+ROUND_OFF = 1e-9  # of the values of a path: beyond it a value lies outside the path
 
 
 @runtime_checkable
@@ -29,3 +34,13 @@ def over_states(function: Callable[[Float[Array, "n 2"], Model], Any], path: Sta
 @functools.partial(jax.jit, static_argnums=0)
 def _mapped(function: Callable, x: Float[Array, "k n 2"], model: Model) -> Any:
     return jax.vmap(function, in_axes=(0, None))(x, model)
+
+
+def state_at(path: Path, value: float) -> int:
+    """Number of the state nearest to a ``value`` of the path's control, the first of several; ValueError beyond the ends of the path."""
+    values = np.asarray(path.value, dtype=float)
+    low, high = values.min(), values.max()
+    if not low - ROUND_OFF * abs(low) <= value <= high + ROUND_OFF * abs(high):
+        name = control_name(path.control)
+        raise ValueError(f"{name}: {value:g} is beyond the path, which runs from {values[0]:g} to {values[-1]:g}; give a value within")
+    return int(np.abs(values - value).argmin())

@@ -24,7 +24,7 @@ from ..continuation import Path
 from ..controls import Control
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
-from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values
+from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values, state_at
 from .style import COLOURS, GEL, LINE, WALL, length_unit, state_text, styled
 
 PARAMETERS = {"Nv": "$Nv$", "chi": r"$\chi$", "bulk": "bulk modulus of elastomers (kT/v)"}
@@ -58,7 +58,8 @@ def plot_pattern(
 def plot_patterns(path: Path, at: Any = None, *, axes: Any = None, field: str | None = "stretch") -> np.ndarray:
     """A row of axes with the patterns at the accepted states nearest to the values ``at`` of the control, one colour scale.
 
-    By default four states, evenly spaced; where the control comes back to a value the first state there.
+    By default four states, evenly spaced; where the control comes back to a value the first state there. ValueError for a value beyond
+    the ends of the path.
     """
     states = _nearest(path, at)
     if axes is None:
@@ -135,13 +136,11 @@ def _nearest(path: Path, at: Any) -> list[int]:
 
     Where that is not known, or does not grow, they are evenly spaced along the way of the control.
     """
-    x = np.asarray(path.value, dtype=float)
-    if at is None:
-        stretch = np.asarray(free_stretch(path))
-        x = stretch if np.all(np.diff(stretch) > 0) else np.cumsum(np.abs(np.diff(x, prepend=x[0])))
-    at = np.linspace(x[0], x[-1], 4) if at is None else at
-    states = [int(np.abs(x - value).argmin()) for value in at]
-    return list(dict.fromkeys(states))
+    if at is not None:
+        return list(dict.fromkeys(state_at(path, value) for value in at))
+    x, stretch = np.asarray(path.value, dtype=float), np.asarray(free_stretch(path))
+    x = stretch if np.all(np.diff(stretch) > 0) else np.cumsum(np.abs(np.diff(x, prepend=x[0])))
+    return list(dict.fromkeys(int(np.abs(x - value).argmin()) for value in np.linspace(x[0], x[-1], 4)))
 
 
 def pictured_states(path: Path, states: Any, field: str | None) -> tuple[list, list]:

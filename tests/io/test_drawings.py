@@ -177,7 +177,7 @@ def test_first_and_last_point_are_compared_relative_to_the_shape(offset, tmp_pat
 
 def test_command_writes_dry_and_swollen_outlines(path, run_folder, tmp_path, capsys):
     assert cli.main(["outline", "sample-1", "--format", "svg", "--out", str(tmp_path / "dry.svg")]) == 0
-    assert cli.main(["outline", str(run_folder), "--mu", "-0.9", "--out", str(tmp_path / "wet.dxf")]) == 0
+    assert cli.main(["outline", str(run_folder), "--mu", "-0.92", "--out", str(tmp_path / "wet.dxf")]) == 0
     assert capsys.readouterr().out.split() == [str(tmp_path / "dry.svg"), str(tmp_path / "wet.dxf")]
     wet = read_outlines(tmp_path / "wet.dxf")
     assert len(wet) == 5
@@ -185,3 +185,6 @@ def test_command_writes_dry_and_swollen_outlines(path, run_folder, tmp_path, cap
     assert holes == pytest.approx(80 * np.pi * (1 - float(jaxgel.area_reduction(path)[-1])), rel=1e-3)
     assert swollen_gel(path, -1).area == pytest.approx(22**2 - holes, rel=1e-9)
     assert cli.main(["outline", "sample-1", "--mu", "-1"]) == 2
+    capsys.readouterr()
+    assert cli.main(["outline", str(run_folder), "--mu", "-0.5", "--out", str(tmp_path / "beyond.dxf")]) == 2
+    assert "mu: -0.5 is beyond the path, which runs from" in capsys.readouterr().err

@@ -189,3 +189,13 @@ def test_a_nodal_field_moves_with_its_nodes(tiny_plate):
 
     h = 1e-5
     assert jax.grad(read)(0.01) == pytest.approx(float(read(0.01 + h) - read(0.01 - h)) / (2 * h), rel=1e-6)
+
+
+def test_a_picture_that_does_not_cover_the_plate_is_refused(coarse_model):
+    """Beyond its edge a picture has no value; on the edge it has that of its outermost pixels."""
+    width = coarse_model.cloud.plate.width
+    whole = jaxgel.PixelField(np.full((2, 2), 1e-3), (-width / 2, width / 2, -width / 2, width / 2))
+    assert float(whole(jnp.array([width / 2, -width / 2]))) == 1e-3
+    small = jaxgel.PixelField(np.full((2, 2), 1e-3), (-width / 4, width / 4, -width / 2, width / 2))
+    with pytest.raises(ValueError, match=r"^Nv: nan at \("):
+        localised(coarse_model, jaxgel.Gel(small, 0.1))

@@ -68,9 +68,11 @@ def test_the_largest_stretch_is_at_least_the_root_of_the_volume_ratio(path):
 
 
 def test_a_row_of_patterns_takes_the_nearest_states(path):
-    axes = plot_patterns(path, at=[path.mu[0] - 1, path.mu[-1] + 1])
+    axes = plot_patterns(path, at=[path.mu[0] + 1e-3, path.mu[-1] - 1e-3])
     assert [ax.get_title() for ax in axes] == [rf"$\mu = {mu:.4f}\,kT$" for mu in (path.mu[0], path.mu[-1])]
     assert len(axes[0].figure.axes) == 3  # one colour bar for all
+    with pytest.raises(ValueError, match=r"^mu: 1 is beyond the path, which runs from -\S+ to -0.9178; give a value within$"):
+        plot_patterns(path, at=[path.mu[0], 1.0])
 
 
 @pytest.mark.parametrize("against", ["mu", "free_stretch"])
