@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgel.equilibrium import Status
 from jaxgel.design import misfit, value_at
+from jaxgel.equilibrium import Status
 
 MU = np.array([-3.0, -2.0, -1.0])
 
