@@ -13,7 +13,7 @@ from ..continuation import Path
 from ..controls import control_name
 from ..discretisation import Model
 
-ROUND_OFF = 1e-9  # of the values of a path: beyond it a value lies outside the path
+ROUNDED = 1e-3  # of the values of a path, or of their range: values that people type are rounded
 
 
 @runtime_checkable
@@ -40,7 +40,8 @@ def state_at(path: Path, value: float) -> int:
     """Number of the state nearest to a ``value`` of the path's control, the first of several; ValueError beyond the ends of the path."""
     values = np.asarray(path.value, dtype=float)
     low, high = values.min(), values.max()
-    if not low - ROUND_OFF * abs(low) <= value <= high + ROUND_OFF * abs(high):
+    reach = ROUNDED * max(high - low, abs(low), abs(high))
+    if not low - reach <= value <= high + reach:
         name = control_name(path.control)
         raise ValueError(f"{name}: {value:g} is beyond the path, which runs from {values[0]:g} to {values[-1]:g}; give a value within")
     return int(np.abs(values - value).argmin())
