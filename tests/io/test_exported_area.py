@@ -46,9 +46,10 @@ def swollen(name):
     x, y = X.T
     if plate.edges["left"] == "periodic":
         bend = np.stack([0.1 * np.cos(np.pi * y) + 0.1 * np.sin(np.pi * x / 2), 0.1 * np.sin(np.pi * x)], axis=1)
+    elif plate.edges["right"] == "roller":
+        bend = 0.1 * np.stack([np.sin(np.pi * x / 2) * np.cos(np.pi * y / 4), np.sin(np.pi * y / 2) * np.cos(np.pi * x / 4)], axis=1)
     else:
         bend = np.stack([(x + 2) * (0.05 + 0.08 * np.cos(np.pi * y / 4)), (y + 2) * (0.05 + 0.08 * np.cos(np.pi * x / 4))], axis=1)
-    bend = 0.3 * bend if name == "more hole than gel" else bend  # its gel is 0.4 mm wide
     bend = np.where(held_dofs(model.lists.topology), 0.0, bend)
     states = States(model=model, x=jnp.asarray(X @ np.array(plate.dry_deformation).T + bend)[None], value=np.zeros(1), control=None)
     return states, float(np.asarray(cell_volumes(model)) @ np.asarray(jaxgel.volume_ratio(states))[0])
@@ -80,7 +81,8 @@ def test_exported_gel_has_the_area_of_its_cells(name):
     gel = swollen_gel(states, 0)
     assert gel.is_valid
     assert gel.area == pytest.approx(area, rel=3e-4)
-    assert dry_gel(states.model.cloud.topology.plate).area == pytest.approx(float(np.sum(cell_volumes(states.model))), rel=1e-5)
+    dry = float(np.sum(cell_volumes(states.model)))
+    assert dry_gel(states.model.cloud.topology.plate).area == pytest.approx(dry, rel=2e-5)  # 720 chords of an outline
 
 
 @pytest.mark.parametrize("name", ["free, edge", "periodic"])
