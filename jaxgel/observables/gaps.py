@@ -1,26 +1,26 @@
-"""Gaps between facing points of a hole's outline, and the status of each state in words, as in ``history.csv``.
+"""Gaps: the smallest widths of the holes, and the status of each state in words, as in ``history.csv``.
 
-Two points of an outline face each other where the line between them leaves both surfaces at less than 60 degrees to the normal. Pairs
-closer than two node spacings on the dry plate are neighbours and do not count.
+The gap of a hole is its shortest double normal: the shortest straight line through the hole that meets its surface along the normal at
+both ends, see `double_normals`. That of a convex hole is its width, that of a slit the distance of its sides, that of a hole that closes
+its neck; the two sides of a corner do not face each other. An edge that is held or moved closes a hole as a wall, and the gap to it counts.
+At a free edge a hole is open, and its mouth is a gap between the two ends of its outline. Holes, and images of one in a periodic cell, have
+gel between them and no gap to each other.
 """
-
-from types import ModuleType
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import shapely
 
 from .._memo import once_per_owner
-from .._types import Array, Bool, Float
+from .._types import Array, Float, Int
 from ..continuation import Path
-from ..discretisation import Model
-from ..mechanics import is_film, outline_loops
+from ..geometry import Plate, edge_lines
+from ..mechanics import is_film
 from .areas import dry_outlines, outlines
+from .double_normals import OPEN, WALL, Pair, kinds_of_sides, shortest_double_normal
 from .fields import membrane_stress
-from .states import States, over_states
+from .states import States
 
-FACING = 0.5  # cosine of the largest angle between a gap and the normals at its ends
 SELF_CONTACT = "invalid: self-contact"
 IN_CONTACT = "a hole's sides touch"
 SWITCHED = "switched to the stable branch"
@@ -29,26 +29,31 @@ ROUND_OFF = 1e-9  # kT/v: compression of a film that is none
 
 
 def min_gap(path: States) -> Float[np.ndarray, " k"]:
-    """Smallest gap (k,) between facing points of one hole's outline, mm; 0 where an outline crosses itself.
+    """Smallest gap (k,) of all holes, mm; 0 if an outline crosses itself, inf if no hole has a gap and for a plate without holes.
 
-    inf where no points face each other, and for a plate without holes. Not differentiable, unlike `gap`: whether an outline crosses
-    itself is no formula that JAX traces. NumPy evaluates it, so that the table of a run waits for no compilation.
+    It has no derivatives, unlike `gap`, and needs no compilation.
     """
-    smallest = np.full(len(path.x), np.inf)
-    for states, dry in zip(outlines(path), dry_outlines(path.model), strict=True):
-        distant = _distant_pairs(np.asarray(dry), path.model)
-        for k, loop in enumerate(np.asarray(states)):
-            crosses = not shapely.LinearRing(loop).is_simple
-            smallest[k] = 0.0 if crosses else min(smallest[k], np.sqrt(_squared_gaps(loop, distant, np).min()))
-    return smallest
+    edges = _edges(path.model.lists.topology.plate)
+    pairs = _pairs(edges, dry_outlines(path.model), outlines(path))
+    return np.min([np.full(len(path.x), np.inf), *(np.array([pair.length for pair in states]) for states in pairs)], axis=0)
 
 
 def gap(path: States) -> Float[Array, " k"]:
-    """Smallest gap (k,) between facing points of one hole's outline, mm, with the derivatives of the nearest pair.
+    """Smallest gap (k,) of all holes, mm, with its derivatives.
 
-    It is the plate's shorter side where no points face each other. Unlike `min_gap` it does not notice an outline that crosses itself.
+    It is `min_gap`, or the plate's shorter side if no hole has a gap. Derivatives are those of the distance of the two material points at
+    the ends of the line, which is exact: to first order its length does not change with its ends along the outline. They are those of one
+    line if several are equally short, and nan if an outline crosses itself.
     """
-    return over_states(_gap, path)
+    plate = path.model.lists.topology.plate
+    loops, largest = outlines(path), jnp.full(len(path.x), min(plate.width, plate.height))
+    if not loops:
+        return largest
+    states = len(path.x)
+    shapes = [(jax.ShapeDtypeStruct((states, 3), int), *[jax.ShapeDtypeStruct((states,), float)] * 2) for _ in loops]
+    arguments = jax.lax.stop_gradient((_edges(plate), dry_outlines(path.model), loops))
+    pairs = jax.pure_callback(_pairs_as_arrays, shapes, *arguments, vmap_method="sequential")
+    return jnp.min(jnp.stack([largest, *(_length(loop, *pair) for loop, pair in zip(loops, pairs, strict=True))]), axis=0)
 
 
 min_gap_once = once_per_owner(min_gap)
@@ -58,7 +63,7 @@ min_gap_once = once_per_owner(min_gap)
 def status_texts(path: Path) -> list[str]:
     """Status of each state (k): how Newton ended, or that the state is on another branch than the one before, or in contact.
 
-    With contact, a state is in contact where a gap is below the range of contact. Without, all states from the first one on in which a
+    With contact, a state is in contact if a gap is below the range of contact. Without, all states from the first one on in which a
     hole's boundary crosses itself are ``SELF_CONTACT``. A film that is compressed in its plane would wrinkle out of it; its smallest stress
     is given, see `membrane_stress`.
     """
@@ -75,33 +80,26 @@ def status_texts(path: Path) -> list[str]:
     return [SELF_CONTACT if c else text for text, c in zip(texts, crossed, strict=True)]
 
 
-def _gap(x: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
-    """`gap` of one state."""
-    plate = model.lists.topology.plate
-    largest = float(min(plate.width, plate.height))
-    pairs = zip(outline_loops(x, model), dry_outlines(jax.lax.stop_gradient(model)), strict=True)
-    gaps = [_nearest_gap(loop, _distant_pairs(dry, model), largest) for loop, dry in pairs]
-    return jnp.min(jnp.stack([jnp.asarray(largest), *gaps]))
+def _edges(plate: Plate) -> Float[np.ndarray, "4 3"]:
+    """Axis, coordinate in mm and kind of each edge of the plate, for `kinds_of_sides`."""
+    moves_freely = ("free", "periodic")
+    return np.array([(*line, OPEN if plate.edges[edge] in moves_freely else WALL) for edge, line in edge_lines(plate).items()], dtype=float)
 
 
-def _nearest_gap(loop: Float[Array, "m 2"], distant: Bool[Array, "m m"], largest: float) -> Float[Array, ""]:
-    """Smallest distance between facing points of a closed loop, ``largest`` where there are none; its pair is chosen on constants."""
-    squared = _squared_gaps(jax.lax.stop_gradient(loop), distant, jnp)
-    a, b = jnp.unravel_index(jnp.argmin(squared), squared.shape)
-    facing = squared[a, b] < largest**2
-    return jnp.where(facing, jnp.sqrt(jnp.where(facing, jnp.sum((loop[a] - loop[b]) ** 2), 1.0)), largest)
+def _pairs(edges: Array, dry: list[Array], loops: list[Array]) -> list[list[Pair]]:
+    """For each hole, with its ``dry`` outline (m, 2) and the ``loops`` (k, m, 2) of all states, the shortest double normals; host."""
+    kinds = [kinds_of_sides(np.asarray(loop), np.asarray(edges)) for loop in dry]
+    return [[shortest_double_normal(loop, sides) for loop in np.asarray(states)] for states, sides in zip(loops, kinds, strict=True)]
 
 
-def _squared_gaps(loop: Float[Array, "m 2"], distant: Bool[Array, "m m"], xp: ModuleType) -> Float[Array, "m m"]:
-    """Squared distances of facing points of a closed loop, gel outside, by NumPy or JAX (``xp``); inf for all other pairs."""
-    tangent = xp.roll(loop, -1, axis=0) - xp.roll(loop, 1, axis=0)
-    normal = xp.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / xp.linalg.norm(tangent, axis=1, keepdims=True)
-    squared = (loop[None, :, 0] - loop[:, None, 0]) ** 2 + (loop[None, :, 1] - loop[:, None, 1]) ** 2
-    height = normal @ loop.T  # over the tangent at each point, from the origin
-    leaving = height - xp.diagonal(height)[:, None] > FACING * xp.sqrt(squared)
-    return xp.where(leaving & leaving.T & distant, squared, xp.inf)
+def _pairs_as_arrays(edges: Array, dry: list[Array], loops: list[Array]) -> list[tuple[np.ndarray, ...]]:
+    """`_pairs` as the arrays of each hole: vertices (k, 3), fractions (k,), lengths (k,)."""
+    return [tuple(np.array(values) for values in zip(*states, strict=True)) for states in _pairs(edges, dry, loops)]
 
 
-def _distant_pairs(dry: Float[Array, "m 2"], model: Model) -> Bool[Array, "m m"]:
-    """Pairs of points that lie two node spacings or more apart on the dry outline of a hole."""
-    return (dry[None, :, 0] - dry[:, None, 0]) ** 2 + (dry[None, :, 1] - dry[:, None, 1]) ** 2 >= (2 * model.cloud.spacing) ** 2
+def _length(loop: Float[Array, "k m 2"], vertices: Int[Array, "k 3"], fraction: Float[Array, " k"], length: Float[Array, " k"]):
+    """Lengths (k,) of `Pair`s of the states as functions of the outline; inf for none, and without derivatives of no length."""
+    start, before, after = jnp.moveaxis(jnp.take_along_axis(loop, vertices[..., None], axis=1), 1, 0)
+    exists = length != jnp.inf
+    squared = jnp.sum((start - before - fraction[:, None] * (after - before)) ** 2, axis=1)
+    return jnp.where(exists, jnp.sqrt(jnp.where(exists, squared, 1.0)), jnp.inf)

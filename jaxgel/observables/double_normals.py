@@ -1,0 +1,141 @@
+"""Double normals of an outline: straight lines through a hole that meet the surface along its normal at both ends. NumPy, on the host.
+
+A double normal is a critical point of the distance between two points of the outline, whatever shape it has: the width of a slit, the minor
+axis of an ellipse, the neck of a hole that closes. The sides of a corner have none. An outline is a polygon (m, 2), anticlockwise with the
+hole inside; at its vertices all directions between the normals of both sides are normal, which makes the shortest double normal of a convex
+hole its width: the smallest distance of two parallel lines between which it lies. To the height of arcs over their chords, it does not
+depend on how many vertices there are. Sides along the plate's edge are a wall, as much a surface as the gel's, or open if the edge is free.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from .._types import Float, Int
+
+GEL, WALL, OPEN = range(3)
+"""Kinds of the sides of an outline."""
+PERPENDICULAR = 1e-9  # cosine of a right angle to round-off
+TRIM = 1e-6  # of a line's length, left out at both ends, where it touches the outline
+BLOCK = 256  # vertices whose lines are examined together
+ON_EDGE = 1e-9  # of the plate's size: distance from an edge of points on it
+
+
+class Pair(NamedTuple):
+    """The ends of a line across a hole: a vertex, and a point between two vertices."""
+
+    vertices: Int[np.ndarray, " 3"]
+    """(3,) number of the vertex, and of those before and after the other point."""
+    fraction: float
+    """Position of the point between its vertices, 0 ... 1."""
+    length: float
+    """Its length, mm."""
+
+
+NO_PAIR = Pair(np.zeros(3, dtype=int), 0.0, np.inf)
+CROSSING = Pair(np.zeros(3, dtype=int), 0.0, 0.0)
+"""A point with itself, for an outline that crosses itself."""
+UNKNOWN = Pair(np.zeros(3, dtype=int), 0.0, np.nan)
+"""For an outline whose points are not all finite."""
+
+
+def kinds_of_sides(dry: Float[np.ndarray, "m 2"], edges: Float[np.ndarray, "4 3"]) -> Int[np.ndarray, " m"]:
+    """Kind (m,) of the side after each vertex of a ``dry`` outline (m, 2); ``edges`` has axis, coordinate in mm and kind of each edge."""
+    kinds, tolerance = np.full(len(dry), GEL), ON_EDGE * np.max(np.abs(edges[:, 1]))
+    for axis, coordinate, kind in edges:
+        lies = np.abs(dry[:, int(axis)] - coordinate) <= tolerance
+        kinds[lies & np.roll(lies, -1)] = int(kind)
+    return kinds
+
+
+def shortest_double_normal(outline: Float[np.ndarray, "m 2"], kinds: Int[np.ndarray, " m"]) -> Pair:
+    """The shortest double normal of an ``outline`` (m, 2) through its hole, with an end on gel; `NO_PAIR`, `CROSSING` or `UNKNOWN`."""
+    if not np.all(np.isfinite(outline)):
+        return UNKNOWN
+    kept = np.flatnonzero(np.any(np.roll(outline, -1, axis=0) != outline, axis=1))  # two equal vertices have no side
+    points, kinds = outline[kept] - outline[0], kinds[kept]
+    sides = shapely.linestrings(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
+    if not shapely.multilinestrings(sides[kinds != OPEN]).is_simple:
+        return CROSSING
+    surface = shapely.multilinestrings(sides[kinds == GEL])  # no line inside the plate crosses a wall, and one may lie along it
+    shapely.prepare(surface)
+    length, start, end, fraction = _candidates(points, kinds)
+    after = (end + 1) % len(points)
+    for k in np.argsort(length, kind="stable"):
+        p, q = points[start[k]], (1 - fraction[k]) * points[end[k]] + fraction[k] * points[after[k]]
+        if not surface.intersects(shapely.LineString([p + TRIM * (q - p), q - TRIM * (q - p)])):
+            return Pair(kept[[start[k], end[k], after[k]]], float(fraction[k]), float(length[k]))
+    return NO_PAIR
+
+
+def _candidates(points, kinds):
+    """Lengths (c,), vertices (c,), sides (c,) and fractions (c,) along these of all double normals, those through gel included."""
+    side = np.roll(points, -1, axis=0) - points
+    length = np.linalg.norm(side, axis=1)
+    tangent = side / length[:, None]
+    before, after = _tangents(tangent, kinds)
+    inward, normals = _turned(tangent), (_turned(before), _turned(after))
+    is_convex = _dot(normals[0], after) >= 0  # the hole, here
+    on_gel = (kinds == GEL) | (np.roll(kinds, 1) == GEL)
+    on_surface = on_gel | (kinds == WALL) | (np.roll(kinds, 1) == WALL)
+
+    def is_normal(vertex, direction):
+        """Whether directions (c, 2) lie between the normals of the sides at vertices (c,), and in the hole."""
+        slopes = np.prod([_dot(sides[vertex], direction) for sides in (before, after)], axis=0)
+        rises = [_dot(sides[vertex], direction) for sides in normals]
+        inside = np.where(is_convex[vertex], np.minimum(*rises) >= -PERPENDICULAR, np.add(*rises) > 0)
+        return (slopes <= PERPENDICULAR**2) & inside
+
+    found, round_off = [], PERPENDICULAR * np.max(length)
+    for rows in np.array_split(np.arange(len(points)), -(-len(points) // BLOCK)):  # vertices from which the lines start
+        some = points[rows]
+        along = some @ tangent.T - _dot(tangent, points)  # of the vertices on each side
+        height = some @ inward.T - _dot(inward, points)
+        start, end = np.nonzero((along >= -round_off) & (along <= length + round_off) & (height > 0))
+        vertex, distance, fraction = rows[start], height[start, end], np.clip(along[start, end] / length[end], 0.0, 1.0)
+        holds = (vertex != end) & (vertex != (end + 1) % len(points)) & on_surface[vertex] & (kinds[end] != OPEN)
+        holds &= (on_gel[vertex] | (kinds[end] == GEL)) & is_normal(vertex, -inward[end])
+        found.append((distance[holds], vertex[holds], end[holds], fraction[holds]))
+
+        slopes = [direction[rows] @ points.T - _dot(direction[rows], some)[:, None] for direction in (before, after)]
+        start, end = np.nonzero(slopes[0] * slopes[1] <= round_off**2)
+        vertex, way = rows[start], points[end] - some[start]
+        distance = np.linalg.norm(way, axis=1)
+        holds = (vertex < end) & (distance > 0) & on_surface[vertex] & on_surface[end] & (on_gel[vertex] | on_gel[end])
+        vertex, end, distance, way = vertex[holds], end[holds], distance[holds], way[holds] / distance[holds, None]
+        holds = is_normal(vertex, way) & is_normal(end, -way)
+        found.append((distance[holds], vertex[holds], end[holds], np.zeros(np.count_nonzero(holds))))
+    return [np.concatenate(parts) for parts in zip(*found, strict=True)]
+
+
+def _tangents(tangent, kinds):
+    """Tangents (m, 2) of the surface before and after each vertex.
+
+    At the end of the gel's surface the one goes on as its mirror image at a wall, and along a free edge away from the hole. There the other
+    one is extrapolated by one side, so that half a circle has a mouth, whose surface just meets the free edge at a right angle.
+    """
+    kind_before, previous = np.roll(kinds, 1), np.roll(tangent, 1, axis=0)
+    before, after = previous.copy(), tangent.copy()
+    first, last = (kinds == GEL) & (kind_before != GEL), (kinds != GEL) & (kind_before == GEL)
+    before[first] = _beyond(tangent[first], previous[first], kind_before[first])
+    after[last] = _beyond(previous[last], tangent[last], kinds[last])
+    first, last = first & (kind_before == OPEN), last & (kinds == OPEN)
+    after[first] = 2 * tangent[first] - np.roll(tangent, -1, axis=0)[first]
+    before[last] = 2 * previous[last] - np.roll(previous, 1, axis=0)[last]
+    return tuple(way / np.linalg.norm(way, axis=1, keepdims=True) for way in (before, after))
+
+
+def _beyond(gel, edge, kind):
+    """Tangents (e, 2) of what follows the gel's surface, whose last tangents are ``gel``, at a plate's edge with tangents ``edge``."""
+    return np.where((kind == WALL)[:, None], gel - 2 * _dot(gel, edge)[:, None] * edge, -edge)
+
+
+def _turned(vectors):
+    """Vectors (m, 2) turned anticlockwise by a right angle."""
+    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
+
+
+def _dot(one, other):
+    """Products (m,) of vectors (m, 2)."""
+    return np.sum(one * other, axis=1)
