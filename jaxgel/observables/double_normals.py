@@ -4,7 +4,8 @@ A double normal is a critical point of the distance between two points of the ou
 axis of an ellipse, the neck of a hole that closes. The sides of a corner have none. An outline is a polygon (m, 2), anticlockwise with the
 hole inside; at its vertices all directions between the normals of both sides are normal, which makes the shortest double normal of a convex
 hole its width: the smallest distance of two parallel lines between which it lies. To the height of arcs over their chords, it does not
-depend on how many vertices there are. Sides along the plate's edge are a wall, as much a surface as the gel's, or open if the edge is free.
+depend on how many vertices there are. A neck begins where two double normals arise together, so the shortest one may jump there, a little
+earlier if the outline is coarse. Sides along the plate's edge are a wall, as much a surface as the gel's, or open if the edge is free.
 """
 
 from typing import NamedTuple
