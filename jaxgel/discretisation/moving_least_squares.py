@@ -22,6 +22,7 @@ from .weights import cubic_spline_weight, safe_sqrt, singular_slope, singular_we
 
 KINDS = ("iicvmls", "imls", "icvmls", "mls")
 _ORDER = {"linear": 1, "quadratic": 2}
+_VANISHING = 1e-11  # pivot over its diagonal entry: round-off of singular moment matrices leaves up to 1e-13, clouds have 1e-6 or more
 
 
 def n_monomials(basis: str) -> int:
@@ -158,10 +159,13 @@ def _fit(x, neighbours, support, order, kind):
 
 
 def _nearest(distance_squared, support):
-    """1 for the nearest node whose support reaches the point, the first of equals, and 0 for the others (n,)."""
-    distance = jnp.where(distance_squared < support**2, distance_squared, jnp.inf)
-    number = jnp.arange(len(support), dtype=support.dtype)
-    return jnp.where(number == jnp.min(jnp.where(distance == jnp.min(distance), number, jnp.inf)), 1.0, 0.0)
+    """1 for the node whose weight is largest, that of the least d / rho, the first of equals, and 0 for the others (n,).
+
+    Found by its index: a comparison with the least ratio may meet ratios that the compiler has computed once more and rounded otherwise.
+    """
+    reaching = support > 0
+    ratio = jnp.where(reaching, distance_squared / jnp.where(reaching, support, 1.0) ** 2, jnp.inf)
+    return jnp.where(jnp.arange(len(support)) == jnp.argmin(ratio), 1.0, 0.0)
 
 
 def _polynomial(y, p, inverse_w_k):
@@ -253,11 +257,15 @@ def _products(order, kind):
 
 @jax.custom_jvp
 def _inverse(matrix):
-    """Inverse (m, m) of a Hermitian positive definite matrix, by elimination in place: few operations for many matrices."""
-    number = np.arange(len(matrix))
+    """Inverse (m, m) of a Hermitian positive definite matrix, by elimination in place: few operations for many matrices.
+
+    NaN for a singular one, whose last pivots are round-off of the diagonal, rarely exactly 0.
+    """
+    number, least = np.arange(len(matrix)), _VANISHING * jnp.diagonal(matrix).real
     for k in number:
         own = number == k
-        row, column = jnp.where(own, 1.0, matrix[k]) / matrix[k, k], jnp.where(own, 0.0, matrix[:, k])
+        pivot = jnp.where(matrix[k, k].real > least[k], matrix[k, k], jnp.nan)
+        row, column = jnp.where(own, 1.0, matrix[k]) / pivot, jnp.where(own, 0.0, matrix[:, k])
         matrix = jnp.where(own[:, None], row, jnp.where(own, 0.0, matrix) - column[:, None] * row)
     return matrix
 

@@ -227,6 +227,29 @@ def test_many_points_get_the_values_of_single_points(n):
 
 
 @each_basis
+@pytest.mark.parametrize("level", [0, 3])
+@pytest.mark.parametrize("n", [1, 2, 50])
+def test_a_batch_of_any_size_at_any_optimisation_level_gives_the_fit_of_numpy(n, level, basis):
+    """A compiler that computes distances twice, each rounded in its way, once left points of a batch of one without a nearest node."""
+    nodes = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1).reshape(-1, 2)
+    between, support = np.random.default_rng(14).uniform(0, 2, (50, 2)), 4.0
+    function = jax.vmap(functools.partial(shape_functions, neighbours=nodes, support=support, basis=basis, kind="imls"))
+    program = jax.jit(function).lower(between[:n]).compile(compiler_options={"xla_backend_optimization_level": level})
+
+    def phi(points):  # filled up to whole batches
+        return np.concatenate([program(points[np.arange(i, i + n) % len(points)]) for i in range(0, len(points), n)])[: len(points)]
+
+    distance = np.linalg.norm(between[:, None] - nodes, axis=2)
+    p, q = monomials(nodes, basis)[0], monomials(between, basis)[0]
+    weighted = p.T[None] * ((support / distance - 1) ** 2)[:, None]
+    fit = np.linalg.solve(weighted @ p, weighted).transpose(0, 2, 1) @ q[:, :, None]
+    values = phi(between)
+    np.testing.assert_allclose(values, fit[:, :, 0], atol=1e-9)  # the plain fit is ill-conditioned next to a node: weights up to 1e4
+    np.testing.assert_allclose(values @ p, q, atol=1e-13)  # sum 1 and the basis, to round-off
+    np.testing.assert_array_equal(phi(nodes), np.eye(9))  # exact, see above
+
+
+@each_basis
 @interpolating
 def test_values_are_local_and_independent_of_unit_place_and_direction(basis, kind):
     nodes, x = clouds(50, 15)
@@ -315,6 +338,22 @@ def test_too_few_neighbours_give_nan_and_never_a_wrong_number():
     corner = np.array([[0.0, 0.0], [1.0, 0.0]])
     linear = jax.jit(functools.partial(shape_functions, support=2.0, basis="linear", kind="imls"))
     assert np.all(np.isnan(linear(np.array([0.4, 0.3]), corner)))
+
+
+@each_basis
+@interpolating
+def test_nodes_that_do_not_determine_a_polynomial_give_nan(basis, kind):
+    """The moment matrix is singular, but its last pivots are round-off instead of 0."""
+    random = np.random.default_rng(21)
+    angle, x = random.uniform(0, 2 * np.pi, (100, 9)), random.uniform(-0.5, 0.5, (100, 2))
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    line = np.stack([np.cos(0.7) * np.sin(angle), np.sin(0.7) * np.sin(angle) + 0.3], axis=-1)
+    few = np.concatenate([random.uniform(-1, 1, (100, n_monomials(basis) - 1, 2)), np.zeros((100, 10 - n_monomials(basis), 2))], axis=1)
+    support = np.where(np.arange(9) < n_monomials(basis) - 1, 3.5, 0.0)
+    function = functools.partial(shape_functions, basis=basis, kind=kind)
+    compiled = jax.jit(jax.vmap(function, in_axes=(0, 0, None)))
+    for nodes, reach in ((line, np.full(9, 3.5)), (few, support), *([(circle, np.full(9, 3.5))] if basis == "quadratic" else [])):
+        assert np.all(np.isnan(compiled(x, nodes, reach)).any(axis=1))
 
 
 def test_unknown_options_are_refused():
