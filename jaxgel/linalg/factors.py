@@ -88,7 +88,7 @@ class Factor:
         for _ in range(2):
             solution = solution + self.fronts.solve(column - self.matrix @ solution)
         pivot = float(corner - column @ solution)
-        if not abs(pivot) > np.finfo(float).tiny:
+        if not abs(pivot) > np.finfo(float).eps * max(abs(corner), abs(corner - pivot)):  # else it is what rounding left of the corner
             raise SingularTangent("the pivot of the border vanishes")
         return solution, pivot
 

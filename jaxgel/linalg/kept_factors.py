@@ -114,9 +114,10 @@ def solve_near(
     if solution is None:
         try:
             made = factor(pattern, *system())
+            checked = made.solve(rhs)[0]  # a factor of round-off serves as preconditioner, but leaves a residual: see `Factor.solve`
             remember(made, x)
             solution = made.solve_other(rhs, product)
-            solution = made.solve(rhs)[0] if solution is None else solution
+            solution = checked if solution is None else solution
         except SingularTangent:
             return np.full(np.shape(rhs), np.nan)
     return solution

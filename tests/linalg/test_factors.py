@@ -245,6 +245,14 @@ def test_singular_matrices_are_detected(make, pattern):
     assert np.all(np.isnan(solve_near(pattern, at(0), rhs, product, lambda: (make(pattern), None))))
 
 
+@pytest.mark.parametrize("unit", [1e-120, 1 / 3, 1e120])
+def test_a_singular_matrix_is_singular_in_every_unit(unit, pattern):
+    """Pivots of round-off have the unit of the matrix."""
+    rhs, blocks = np.random.default_rng(12).normal(size=len(pattern.free)), unit * rank_one(pattern)
+    product = pattern.matrix(blocks).__matmul__
+    assert np.all(np.isnan(solve_near(pattern, at(0), rhs, product, lambda: (blocks, None))))
+
+
 @pytest.mark.parametrize("solver", ["direct", "iterative"])
 @pytest.mark.parametrize(("corner", "shift"), [(900.0, 40.0), (20.0, 40.0), (-7.0, 40.0), (5.0, 0.0)])
 def test_a_border_is_condensed(pattern, solver, corner, shift):
