@@ -201,7 +201,8 @@ class Polygon(Hole):
         fraction = jnp.clip(jnp.sum(d * side, axis=1) / jnp.sum(side**2, axis=1), 0.0, 1.0)
         distance = jnp.min(jnp.linalg.norm(d - fraction[:, None] * side, axis=1))
         # even-odd rule: sides that cross the ray from x to the right
-        crosses = (d[:, 1] < 0) != (d[:, 1] < side[:, 1])
+        above = v[:, 1] > x[1]  # one comparison for both sides that meet in a vertex: differences would be rounded for each by itself
+        crosses = above != jnp.roll(above, -1)
         right = d[:, 0] < d[:, 1] * side[:, 0] / jnp.where(crosses, side[:, 1], 1.0)
         return jnp.where(jnp.sum(crosses & right) % 2 == 1, -distance, distance)
 

@@ -32,6 +32,7 @@ from .local_gel import localised, mean_stiffness
 RANGE = 0.5  # of the node spacing
 STIFFNESS = 10.0  # of the network's Nv
 NEIGHBOURS = 3.0  # dry distance over the range of a pair
+ITSELF = 1e-9  # of the largest range: below it the pair is a point and its own image at the wall on which it lies, to round-off
 SHARES = (16, 4, 1)  # parts of a hole's points, one of which is made room for in a tangent: the smallest that holds those that act
 APPROACH = 0.5  # of a pair's distance, or range, that one Newton iteration leaves
 
@@ -142,7 +143,8 @@ def _weights_and_ranges(dry, joined, sign, shift, most):
     """Weights (m, m) and ranges (g, m, m) of the pairs of dry points (m, 2)."""
     length = _root(jnp.sum((jnp.roll(dry, -1, axis=0) - dry) ** 2, axis=-1)) * joined
     weight = 0.5 * (length + jnp.roll(length, 1))
-    return weight[:, None] * weight, jnp.minimum(_root(_squares(dry, sign, shift)) / NEIGHBOURS, most)
+    reach = jnp.minimum(_root(_squares(dry, sign, shift)) / NEIGHBOURS, most)
+    return weight[:, None] * weight, jnp.where(reach > ITSELF * most, reach, 0.0)
 
 
 def _root(square):

@@ -22,6 +22,8 @@ from ..cloud import Topology, thin_plate_matrix
 from ..discretisation import Connectivity
 from ..geometry import EDGES, Plate, held_components
 
+ROUND_OFF = 1e-12  # of the extent of held nodes: their extent across a line, if they lie on one
+
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["rows", "strains", "ends"], meta_fields=[])
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -267,7 +269,8 @@ def _carried(nodes, at, values, width, host):
     """Displacements (n,) that are ``values`` at the nodes ``at``; the same everywhere where these all are, or lie on one line."""
     if len(at) == 0:
         return host.zeros(len(nodes))
-    flat = np.ptp(nodes[at], axis=0).min() == 0  # there is no spline through points of a line
+    extent = np.ptp(nodes[at], axis=0)
+    flat = extent.min() <= ROUND_OFF * extent.max()  # there is no spline through points of a line; where it cuts holes, to round-off
     even = host.ptp(values) == 0 if host is np else flat
     field = host.full(len(nodes), values[0]) if even else thin_plate_matrix(nodes[at], nodes, width) @ values
     return field.at[at].set(values) if host is jnp else _set(field, at, values)
