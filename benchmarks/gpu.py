@@ -64,7 +64,8 @@ def main():
 
 def dense_sweep(problem, gel, mu):
     """Equilibria (k, n, 2) at the values ``mu`` (k,), nan where not reached, each from the line through the two before; traceable."""
-    problem = dataclasses.replace(problem, gel=gel)
+    operators = dataclasses.replace(problem.operators, network=problem.operators.network * (gel.Nv / problem.gel.Nv))
+    problem = dataclasses.replace(problem, gel=gel, operators=operators)
     model, free = problem.model, problem.free
     rows, columns, source = _places(problem.pattern)
 

@@ -1,8 +1,9 @@
 """Solutions of K dx = b with the tangents K of many states, one JAX primitive and its rules.
 
 They are found on the host, with the factors that the sweep left behind (`linalg.solve_near`): outside ``jax.jit`` by products or one
-compiled assembly per state, inside by a callback. Outside they lie between compiled programs, not in one: JAX's compilation cache on disk
-keeps no program that calls the host, and would leave the whole of a derivative rule to be compiled by every process.
+compiled assembly per state, inside by a callback. Outside they lie between compiled programs, not in one: the compilation cache on disk of
+JAX 0.10.1 keeps no program that calls the host, and would leave the whole of a derivative rule to be compiled by every process. JAX keeps
+them from 0.11.2 on.
 """
 
 import dataclasses

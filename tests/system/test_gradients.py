@@ -63,7 +63,7 @@ def observables(path_at):
 
 @pytest.fixture
 def without_callbacks(monkeypatch):
-    """Programs that call the host fail: JAX's cache on disk keeps none of them, every process would compile it anew."""
+    """Programs that call the host fail: the cache on disk of JAX 0.10.1 keeps none of them, every process would compile it anew."""
     monkeypatch.setattr(jax, "pure_callback", None)
 
 
