@@ -20,6 +20,7 @@ def point(buckling_point):
     return buckling_point
 
 
+@pytest.mark.smoke
 def test_the_symmetric_branch_changes_stability_at_the_critical_mu(point, buckling_model):
     """Located to 1e-6 kT: stable that much below, unstable that much above."""
     path = jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.2, point.mu - 1e-6, point.mu + 1e-6], branch="symmetric")

@@ -31,6 +31,7 @@ def hole(x, y, radius):
     return f'[[holes]]\nkind = "circle"\ncentre = [{x}, {y}]\nradius = {radius}\n'
 
 
+@pytest.mark.smoke
 def test_a_run_leaves_the_files_of_the_interface(run_folder):
     assert {file.name for file in run_folder.iterdir()} == FILES
 

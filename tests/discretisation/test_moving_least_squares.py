@@ -215,6 +215,7 @@ def test_compiled_and_uncompiled_values_agree(basis, kind):
         np.testing.assert_allclose(gradient[0] @ np.array([0.6, 0.8]), derivative, atol=1e-12)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("n", [1, 7, 1000, 16385, 32769])
 def test_many_points_get_the_values_of_single_points(n):
     """Some releases of jaxlib return wrong sums for more than 16,384 mapped products on the CPU (jax issue 39103)."""
@@ -226,6 +227,7 @@ def test_many_points_get_the_values_of_single_points(n):
     np.testing.assert_allclose(phi @ nodes, x, atol=1e-12)
 
 
+@pytest.mark.smoke
 @each_basis
 @pytest.mark.parametrize("level", [0, 3])
 @pytest.mark.parametrize("n", [1, 2, 50])

@@ -51,6 +51,7 @@ def test_newton_takes_few_iterations_from_the_dry_nodes_on(step, most, coarse_mo
         x, p = found.x, found.pressure
 
 
+@pytest.mark.smoke
 def test_equilibrium_has_no_residual_but_on_held_components(problem, state):
     """Recomputed by differentiation of the energy."""
     model, gel = problem.model, problem.gel
@@ -70,6 +71,7 @@ def test_walls_push_back_with_balanced_forces(problem, state):
     assert np.sum(force[walls["right"], 0]) < 0 < np.sum(force[walls["left"], 0])  # the gel presses outwards
 
 
+@pytest.mark.smoke
 def test_scipys_minimiser_of_the_energy_finds_the_same_state(problem):
     """Trust-region minimisation of the total energy over the free degrees of freedom, from the state at a lower mu."""
     model, gel = problem.model, problem.gel

@@ -75,6 +75,7 @@ def test_energy_is_zero_where_nothing_is_near(slit):
     assert not touches(x, model)
 
 
+@pytest.mark.smoke
 def test_force_is_the_difference_of_energies(squeezed):
     model, x = squeezed
     energy = jax.jit(contact_energy)
@@ -85,6 +86,7 @@ def test_force_is_the_difference_of_energies(squeezed):
     np.testing.assert_allclose(jnp.sum(contact_force(x, model) * direction), difference, rtol=1e-5)
 
 
+@pytest.mark.smoke
 def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
     """The tangent with contact less that without, over all node pairs, against the derivative of the force along a direction."""
     model, x = squeezed

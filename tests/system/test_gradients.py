@@ -75,6 +75,7 @@ def jacobian(observables, start):
         return np.stack([pullback(row)[0] for row in np.eye(len(values))])
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", ["Nv", "axes", *(pytest.param(name, marks=pytest.mark.slow) for name in ("chi", "mu", "shift")), "tilt"])
 def test_gradients_are_those_of_the_resolved_problem(name, observables, start, jacobian):
     vector, number = np.asarray(start[0]), jax.tree.map(np.asarray, start[1](jnp.arange(len(start[0]), dtype=float)))
