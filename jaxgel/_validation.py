@@ -11,6 +11,14 @@ from typing import Any
 
 import numpy as np
 
+
+class Inadmissible(ValueError):
+    """A plate, cloud, gel or control whose values cannot be computed: in a search an invalid design, which is logged.
+
+    Every other ValueError is a mistake in a program, and ends the search.
+    """
+
+
 MAX_TOML = 2**24  # bytes of a file that a person writes
 
 

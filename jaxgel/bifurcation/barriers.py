@@ -16,7 +16,7 @@ from .._types import Array, Float, Scalar
 from ..continuation import StabilityAnalysis, across, values_of
 from ..controls import Control, control_name
 from ..discretisation import Model
-from ..equilibrium import State, accepted, solve, solve_pinned
+from ..equilibrium import State, StateNotFound, accepted, solve, solve_pinned
 from ..materials import AnyGel
 from ..mechanics import Problem, localised, prepare, restrict, scatter, total_energy, with_contact
 from .critical import located, with_float_parameters
@@ -78,9 +78,9 @@ def _barriers(problem, value, between):
     states = [_state(analysis, value, state.x, state.pressure) for state in given]
     where, spacing = f"{control_name(problem.control)} = {value:.6g}", problem.model.cloud.spacing
     if any(state is None or state.negative_pivots for state in states):
-        raise ArithmeticError(f"barrier: a state between which it lies was not found at {where}, or is unstable")
+        raise StateNotFound(f"barrier: a state between which it lies was not found at {where}, or is unstable")
     if _same(*states, spacing):
-        raise ArithmeticError(f"barrier: both states are the same at {where}")
+        raise StateNotFound(f"barrier: both states are the same at {where}")
     found = _on_unstable_branch(analysis, value, between) if isinstance(between, Loop) else []
     saddles = _saddles(analysis, value, found, states)
     if not saddles:
@@ -89,7 +89,7 @@ def _barriers(problem, value, between):
     if not saddles:
         counts = sorted({state.negative_pivots for state in found})
         seen = f"; those found have {', '.join(map(str, counts))}" if counts else ""
-        raise ArithmeticError(f"barrier: no equilibrium with exactly one negative eigenvalue was found at {where}{seen}")
+        raise StateNotFound(f"barrier: no equilibrium with exactly one negative eigenvalue was found at {where}{seen}")
     saddle = min(saddles, key=lambda state: state.energy)
     return [Barrier(saddle.energy - state.energy, state.light, saddle.light) for state in states]
 

@@ -11,12 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
+from .._validation import Inadmissible
 from ..continuation import Path, StabilityAnalysis
 from ..controls import Control, control_name, scale_of
 from ..discretisation import Model
-from ..equilibrium import Conditions, State, Status, accepted, solve, solve_bordered
+from ..equilibrium import Conditions, State, StateNotFound, Status, accepted, solve, solve_bordered
 from ..materials import AnyGel
 from ..mechanics import Problem, prepare, restrict, scatter
+from .critical import check_untraced
 from .points import CriticalPoint
 
 FIRST_AMPLITUDE = 0.05  # of the spacing: largest displacement along the mode of the first state of a new branch
@@ -43,9 +45,10 @@ def switch_branch(
     chooses the side, ``direction`` the combination of the modes of a multiple one (the first by default). The path may start towards lower
     values (subcritical) and turn at a fold. ``path.stop`` says how it ended; ValueError for a fold, which no branch leaves.
     """
+    check_untraced("switch_branch", model, gel, loads, control)
     if point.kind == "fold":
         at = f"{control_name(control)} = {float(point.value):.6g}"
-        raise ValueError(f"point: the {point.kind} at {at} has no other branch; use continue_branch")
+        raise Inadmissible(f"point: the {point.kind} at {at} has no other branch; use continue_branch")
     analysis = StabilityAnalysis(prepare(model, gel, loads, control=control))
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     states, stop = leaving(analysis, point, sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1))
@@ -82,18 +85,20 @@ def continue_branch(
 
     ``mu_end`` is a value of the path's control. It holds the new states only.
     """
+    check_untraced("continue_branch", path.x, loads)
     if len(path) < 2:
-        raise ValueError(f"path: {len(path)} states do not give a direction; it needs two")
+        raise Inadmissible(f"path: {len(path)} states do not give a direction; it needs two")
     analysis = StabilityAnalysis(prepare(path.model, path.gel, loads, control=path.control))
     return followed(analysis, [path[-2], path[-1]], mu_end, max_step, max_states, given=2)
 
 
 def solve_from(path: Path, k: int, loads: Float[Array, "n 2"] | None = None) -> State:
     """`State` under other ``loads`` from state ``k`` of a path, at its value; ArithmeticError where Newton's method does not find one."""
+    check_untraced("solve_from", path.x, loads)
     analysis = StabilityAnalysis(prepare(path.model, path.gel, loads, control=path.control))
     found = solve(analysis.problem, float(path.value[k]), jnp.asarray(path.x[k]), jnp.asarray(path.pressure[k]), own_factor=True)
     if not found.status.ok:
-        raise ArithmeticError(f"no state at {control_name(path.control)} = {float(path.value[k]):.6g}: {found.status.text}")
+        raise StateNotFound(f"no state at {control_name(path.control)} = {float(path.value[k]):.6g}: {found.status.text}")
     return _accepted(analysis, found, [])
 
 
@@ -170,7 +175,7 @@ def _interpolated_end(problem, last, state, mu_end):
 
 def _path(problem: Problem, states, stop):
     if not states:
-        raise ArithmeticError(f"no state of the branch was found: {stop.text}")
+        raise StateNotFound(f"no state of the branch was found: {stop.text}")
     return Path.from_states(problem.model, problem.gel, states, control=problem.control, stop=stop)
 
 

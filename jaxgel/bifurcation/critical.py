@@ -13,12 +13,13 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._types import Array, Float
-from ..continuation import is_traced, values_of
+from ..continuation import Path, is_traced, values_of
 from ..controls import Control, check_values, control_name, unit_of
 from ..discretisation import Model
-from ..equilibrium import first_order_only
+from ..equilibrium import first_order_only, without_derivatives
 from ..materials import AnyGel
 from ..mechanics import Problem, curvature, localised, residual
 from .points import CriticalPoint
@@ -68,20 +69,49 @@ def located(
     """The points that ``find(of)`` gives, with the value in a ``field`` that JAX differentiates once; errors speak of ``name``.
 
     ``of`` is a `Problem` whose points are like a `CriticalPoint`: with ``kind``, ``x``, ``modes`` and ``correction``. Or it is any pytree,
-    and ``tangent(point, value, of, dots)`` () is that of a point's value for the tangents ``dots`` of it.
+    and ``tangent(point, value, of, dots)`` () is that of a point's value for the tangents ``dots`` of it. The other floats of the points
+    are `without_derivatives`.
     """
     if not is_traced(of):
         return find(of)
     search = _Search(name, find, field, tangent or _critical_tangent)
     leaves, structure = jax.tree.flatten(with_float_parameters(of) if isinstance(of, Problem) else of)
     values = _located(search, structure, leaves)
-    return [dataclasses.replace(point, **{field: value}) for point, value in zip(search.points, values, strict=True)]
+    points = without_derivatives_by(search.points, leaves, name, field)
+    return [dataclasses.replace(point, **{field: value}) for point, value in zip(points, values, strict=True)]
+
+
+def without_derivatives_by(results: Any, inputs: Any, name: str, field: str) -> Any:
+    """Results of the function ``name`` whose floats have no derivatives by the ``inputs``, which the ``field`` of a result has."""
+    text = f"{name}: only the {field} of a result has derivatives, its states, modes and other numbers have none"
+    return with_floats(lambda values: without_derivatives(values, inputs, text), results)
+
+
+def with_floats(change: Callable[[Any], Any], results: Any) -> Any:
+    """Results with ``change(value)`` in place of each float and array of floats, also in lists, tuples and dataclasses.
+
+    Models, gels and controls, and the ``value``s of a path, at which it was computed, stay.
+    """
+    if isinstance(results, list | tuple):
+        return type(results)(with_floats(change, one) for one in results)
+    if dataclasses.is_dataclass(results) and not isinstance(results, type):
+        kept = ("model", "gel", "control", "value", *(["mu"] if results.control is None else [])) if isinstance(results, Path) else ()
+        names = [one.name for one in dataclasses.fields(results) if one.name not in kept]
+        return dataclasses.replace(results, **{name: with_floats(change, getattr(results, name)) for name in names})
+    is_float = isinstance(results, float | np.floating | np.ndarray | jax.Array) and jnp.issubdtype(jnp.result_type(results), jnp.floating)
+    return change(results) if is_float else results
 
 
 def with_float_parameters(problem: Problem) -> Problem:
     """The problem with floating-point numbers in its gel and control, which have tangents."""
     gel, control = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), (problem.gel, problem.control))
     return dataclasses.replace(problem, gel=gel, control=control)
+
+
+def check_untraced(name: str, *inputs: Any) -> None:
+    """Raise ValueError, one line, where a function without derivatives is differentiated, or is inside jit or vmap."""
+    if is_traced(inputs):
+        raise ValueError(f"{name}: has no derivatives, and is not available inside jit or vmap; differentiate sweep or critical_points")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

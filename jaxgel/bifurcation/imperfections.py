@@ -8,14 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
-from .._validation import keywords_of
+from .._validation import Inadmissible, keywords_of
 from ..continuation import Path, StabilityAnalysis, SweepOptions, is_traced, sweep
 from ..controls import Control
 from ..discretisation import Model
 from ..equilibrium import State
 from ..materials import AnyGel
 from ..mechanics import prepare, restrict
-from .critical import critical_points
+from .critical import check_untraced, critical_points
 from .points import CriticalPoint
 
 
@@ -63,7 +63,7 @@ def imperfection_load(
         raise ValueError(f"sweep.imperfection: {options.imperfection:g} is not accepted here, as its load has no derivative; leave it out")
     points = [p for p in points_by_options(model, gel, options, most=1, loads=loads) if p.kind == "bifurcation"]
     if not points:
-        raise ValueError(f"sweep.imperfection: {options.imperfection:g} has no mode to push along, the branch does not bifurcate")
+        raise Inadmissible(f"sweep.imperfection: {options.imperfection:g} has no mode to push along, the branch does not bifurcate")
     return imperfection(model, gel, points[0], options.imperfection)
 
 
@@ -85,6 +85,7 @@ def imperfection(
 
     ``size`` is the largest displacement, in node spacings, that they would cause in the dry network alone; its sign chooses the side.
     """
+    check_untraced("imperfection", model, gel)
     analysis = StabilityAnalysis(prepare(model, gel))
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     mode, free = np.tensordot(direction, point.modes, 1), analysis.problem.free

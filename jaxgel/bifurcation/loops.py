@@ -8,14 +8,15 @@ from jax.lax import stop_gradient
 
 from .._threads import few_threads
 from .._types import Array, Float, Scalar
-from ..continuation import Followed, Following, Path, StabilityAnalysis, check_sweep, first_state_failed
+from .._validation import Inadmissible
+from ..continuation import Followed, Following, Path, StabilityAnalysis, check_sweep, first_state_failed, is_traced
 from ..controls import Control, control_name, unit_of
 from ..discretisation import Model
-from ..equilibrium import Stability, State, accepted, solve
+from ..equilibrium import Stability, State, StateNotFound, accepted, solve
 from ..materials import AnyGel
 from ..mechanics import Problem, localised, prepare, restrict, with_contact
 from .branches import MAX_STATES, arc_length, followed, leaving
-from .critical import ends_of, located
+from .critical import ends_of, located, with_floats, without_derivatives_by
 from .limits import Searches, limits_of
 from .points import CriticalPoint
 from .search import inside
@@ -24,6 +25,7 @@ MAX_STEPS = 400  # accepted states of both ways together
 LONGEST = 0.1  # step along the unstable branch, in its arc length, or
 FEWEST = 30  # of its steps from one end to the other, if these are farther apart
 SAME = 1e-3  # of the spacing: how far two states of one branch at one value may be from each other
+RESULTS = ("up", "down", "unstable", "jumps_up", "jumps_down")  # fields of a loop that were computed
 BEYOND = 0.25  # of the range: how far past its ends the unstable branch is followed
 
 
@@ -80,15 +82,17 @@ class Loop:
         ValueError outside the loop's range, and where it has no way down; ArithmeticError where a state is not found.
         """
         if self.down is None:
-            raise ValueError(f"{self._name}: the loop has no way down, {self.stop_text}")
+            raise Inadmissible(f"{self._name}: the loop has no way down, {self.stop_text}")
         still, analysis = self.still, self._analysis
-        return _state_at(analysis, self.up, value, still.jumps_up), _state_at(analysis, self.down, value, still.jumps_down)
+        states = _state_at(analysis, still.up, value, still.jumps_up), _state_at(analysis, still.down, value, still.jumps_down)
+        traced = is_traced(self.up.x)
+        return without_derivatives_by(states, self.up.x, "states_at", "value of a jump of the loop") if traced else states
 
     @property
     def still(self) -> "Loop":
         """The loop whose jumps have no derivatives: numbers also where the loop is differentiated."""
-        numbers = [[dataclasses.replace(p, value=float(stop_gradient(p.value))) for p in of] for of in (self.jumps_up, self.jumps_down)]
-        return dataclasses.replace(self, jumps_up=tuple(numbers[0]), jumps_down=tuple(numbers[1]))
+        results = with_floats(stop_gradient, (self.up, self.down, self.unstable, self.jumps_up, self.jumps_down))
+        return dataclasses.replace(self, **dict(zip(RESULTS, results, strict=True)))
 
     @property
     def stop_text(self) -> str:
@@ -145,9 +149,9 @@ def loop(
 
     Where a stable branch ends, the gel relaxes to another stable state, which is marked ``switched``; where there is none the loop ends,
     with the reason in ``stop_text``. The limits of stability are located to ``search.TOLERANCE``; their values, and so the width, are
-    differentiable once in everything that model, gel and control depend on, forward and reverse; the states are not. With ``unstable``
-    the branch between ``fold_up`` and ``fold_down`` is followed in arc length. ``contact``, ``loads``, ``symmetry`` and ``on_step`` are
-    those of `sweep`. ValueError for ends, gel or control that cannot be used, inside jit or vmap and for second derivatives;
+    differentiable once in everything that model, gel and control depend on, forward and reverse; the states are not (ValueError). With
+    ``unstable`` the branch between ``fold_up`` and ``fold_down`` is followed in arc length. ``contact``, ``loads``, ``symmetry`` and
+    ``on_step`` are those of `sweep`. ValueError for unusable ends, gel or control, inside jit or vmap and for second derivatives;
     ``SweepFailed`` where the first state is not found.
     """
     ends = ends_of(mu, control, values)
@@ -161,8 +165,11 @@ def loop(
         return [*made[0].jumps_up, *made[0].jumps_down]
 
     points = located("loop", find, Problem(model, localised(model, gel), loads, None, control))
-    count = len(made[0].jumps_up)
-    return dataclasses.replace(made[0], jumps_up=tuple(points[:count]), jumps_down=tuple(points[count:]))
+    found, inputs, count = made[0], (model, gel, loads, control), len(made[0].jumps_up)
+    if is_traced(inputs):
+        up, down, between = without_derivatives_by((found.up, found.down, found.unstable), inputs, "loop", "value of a jump")
+        found = dataclasses.replace(found, up=up, down=down, unstable=between)
+    return dataclasses.replace(found, jumps_up=tuple(points[:count]), jumps_down=tuple(points[count:]))
 
 
 def _loop(problem, ends, options, unstable, on_step):
@@ -274,7 +281,7 @@ def _state_at(analysis, path, value, jumps):
     name = control_name(path.control)
     if k is None:
         low, high = sorted(path.value[[0, -1]])
-        raise ValueError(f"{name}: {value:g} is outside of the loop, which goes from {low:g} to {high:g}")
+        raise Inadmissible(f"{name}: {value:g} is outside of the loop, which goes from {low:g} to {high:g}")
     before, after = path[k], path[k + 1]
     share = (value - before.value) / (after.value - before.value)
     if after.switched:
@@ -283,6 +290,6 @@ def _state_at(analysis, path, value, jumps):
     x, pressure = (here + share * (there - here) for here, there in ((before.x, after.x), (before.pressure, after.pressure)))
     found = solve(analysis.problem, float(value), x, pressure, own_factor=True)
     if not found.status.ok:
-        raise ArithmeticError(f"no state at {name} = {value:.6g}: {found.status.text}")
+        raise StateNotFound(f"no state at {name} = {value:.6g}: {found.status.text}")
     stability, found = analysis.check(found)
     return accepted(analysis.problem, found, stability).light

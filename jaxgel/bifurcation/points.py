@@ -76,7 +76,7 @@ class CriticalPoint:
         """One line that says what it is."""
         if self.kind == "fold":
             return "fold: the branch turns back"
-        side = "" if np.isnan(self.curvature) else ", subcritical" if self.subcritical else ", supercritical"
+        side = "" if jnp.isnan(self.curvature) else ", subcritical" if self.subcritical else ", supercritical"
         kept = [name for name, character in self.symmetries.items() if self.multiplicity == 1 and character > KEPT]
         broken = [name for name, character in self.symmetries.items() if self.multiplicity == 1 and character < -KEPT]
         said = "; ".join(f"{word} {', '.join(names)}" for word, names in (("keeps", kept), ("breaks", broken)) if names)

@@ -27,7 +27,7 @@ import time
 from pathlib import Path as File
 from typing import Any
 
-from ..io import Recorder, one_line, open_folder, read_record, run_calls, write_csv, write_json
+from ..io import Recorder, failure, open_folder, read_record, run_calls, write_csv, write_json
 from ..observables import COLUMNS
 from .parameter_map import FORMAT, MAP, MapStudy, map_from_table, resumed_map
 from .parameters import components
@@ -77,7 +77,7 @@ def run_point(text: str, values: dict, folder: str) -> dict:
     except (OSError, MemoryError):
         raise  # not the point's fault
     except Exception as problem:
-        status, reason = "failed", one_line(problem)
+        status, reason = "failed", failure(problem, place)
     if recorder is not None:
         recorder.finish(status, reason)
     row = dict(status=status, own_cloud=own, **_last_state(recorder), seconds=round(time.perf_counter() - began, 3), reason=reason)

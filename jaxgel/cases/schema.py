@@ -41,8 +41,8 @@ def _number_or_picture(number):
 GELS = {kind.__name__.lower(): kind for kind in (Gel, Pnipam, Polyelectrolyte)}
 PARAMETERS = {
     "Nv": _number_or_picture(POSITIVE) | {"description": "Chains per dry volume times the volume of a solvent molecule."},
-    "chi": _number_or_picture(NUMBER | {"exclusiveMinimum": 0.0, "exclusiveMaximum": 2.0})
-    | {"description": "Flory's parameter of mixing."},
+    "chi": _number_or_picture(NUMBER | {"exclusiveMaximum": 2.0})
+    | {"description": "Flory's parameter of mixing; 0 in an athermal solvent."},
     "temperature": _number_or_picture(NUMBER | {"minimum": 0.0, "maximum": 100.0}) | {"description": "Temperature, degrees Celsius."},
     "pH": _number_or_picture(NUMBER | {"minimum": 0.0, "maximum": 14.0}) | {"description": "pH of the bath."},
     "salt": _number_or_picture(NUMBER | {"minimum": 0.0}) | {"description": "Salt concentration of the bath, mol/l."},

@@ -22,8 +22,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from .._validation import Inadmissible
 from ..design import FEASIBLE, Design, Outcome, read_log
-from ..io import InThisProcess, one_line, open_folder, read_record, run_calls, write_atomically, write_csv, write_grey, write_json
+from ..io import InThisProcess, failure, one_line, open_folder, read_record, run_calls, write_atomically, write_csv, write_grey, write_json
 from .parameters import components, sobol
 from .study import Study, study_from_table
 from .toml import case_text, explicit
@@ -78,7 +79,7 @@ def run_start(text: str, folder: str) -> dict[str, Any]:
     except (OSError, MemoryError):
         raise  # not the start's fault
     except Exception as problem:
-        reason = one_line(problem)
+        reason = failure(problem, place)
     result = dict(outcome=outcome, reason=reason, seconds=round(time.perf_counter() - began, 3), design=design)
     write_json(place / START, {"format": FORMAT, "study": record["study"], "result": result})
     return result
@@ -95,7 +96,7 @@ def draw_starts(study: Study) -> list[dict[str, Any]]:
         try:
             problem.check_dry(parameters)
             starts.append(parameters)
-        except ValueError as invalid:
+        except Inadmissible as invalid:
             reason = one_line(invalid)
     if len(starts) < study.starts:
         raise ValueError(

@@ -209,8 +209,6 @@ def _direction(random, family, point, spacing):
     normal = random.normal(size=flat.shape)
     normal /= np.linalg.norm(normal)
     name = family.removeprefix(MATERIALS).removeprefix(REGIONS)
-    if name == "chi":
-        normal = np.abs(normal)  # chi is above 0 and may be near it
     share = SHARE.get(family, SHARE.get(name))
     size = STEPS.get(name, LENGTH * spacing) if share is None else np.abs(np.asarray(flat)) * share
     return unravel(jnp.asarray(normal * size * np.sqrt(len(flat)) * random.uniform(0.5, 1.0)))

@@ -11,6 +11,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from .._types import Float, Int
+from .._validation import Inadmissible
 from ..geometry import SYMMETRIES, Plate
 
 MAX_HALVINGS = 8  # of a background square
@@ -86,7 +87,7 @@ def _large_squares(strips, below, low, side, counts):
             return halved
         if len(halved) == MAX_HALVINGS:
             x, y = shapely.get_coordinates(shapely.centroid(narrow[0]))[0]
-            raise ValueError(
+            raise Inadmissible(
                 f"spacing: squares of {side.max():.3g} mm would have to be halved more than {MAX_HALVINGS} times, to {below.min():.2g} mm "
                 f"near ({x:.3g}, {y:.3g}); use a smaller spacing, fewer nodes on the holes or across ligaments, or wider ligaments"
             )

@@ -7,6 +7,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from .._types import Float, Int
+from .._validation import Inadmissible
 
 
 def triangulate(
@@ -77,7 +78,7 @@ def _constrained_delaunay(vertices, loops):
     try:
         parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(polygons)), return_index=True)
     except shapely.errors.GEOSException as problem:
-        raise ValueError(f"holes: a cell cut by their outlines has no triangles ({problem}); use less distorted holes") from problem
+        raise Inadmissible(f"holes: a cell cut by their outlines has no triangles ({problem}); use less distorted holes") from problem
     used = np.unique(np.concatenate([ring for loop in loops for ring in loop]))
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     return used[cKDTree(vertices[used]).query(corners)[1]], owner

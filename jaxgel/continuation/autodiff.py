@@ -17,7 +17,17 @@ from .._threads import few_threads
 from .._types import Array, Float
 from ..controls import Control, check_values, control_name, unit_of
 from ..discretisation import Model
-from ..equilibrium import Status, dry_state, for_derivatives, remedy, solve_traced, state_tangents, with_derivatives_of
+from ..equilibrium import (
+    StateNotFound,
+    Status,
+    dry_state,
+    for_derivatives,
+    no_tangents,
+    remedy,
+    solve_traced,
+    state_tangents,
+    with_derivatives_of,
+)
 from ..linalg import SingularTangent, extreme_eigenvalues, factor, network_matrix, remember
 from ..materials import LocalGel
 from ..mechanics import (
@@ -39,8 +49,13 @@ from .follow import Followed, Following
 from .options import check_sweep
 from .path import Path
 
+WITHOUT_DERIVATIVES = {
+    "lowest_eigenvalue": "path.lowest_eigenvalue: the attribute has no derivative; use jaxgel.continuation.lowest_eigenvalue(path)",
+    "residual": "path.residual: the residual of a converged state is round-off and has no derivative; use path.energy or path.x",
+}
 
-class SweepFailed(ArithmeticError):
+
+class SweepFailed(StateNotFound):
     """Not even the first state of a sweep was found; the text says why."""
 
 
@@ -125,7 +140,7 @@ def _states(static, floats, rest):
 
 @functools.partial(_states.defjvp, symbolic_zeros=True)
 def _states_jvp(static, primals, tangents):
-    """The rule of `equilibrium.state_tangents` at every state; the report has no derivative."""
+    """The rule of `equilibrium.state_tangents` at every state; the numbers of the report have no derivatives."""
     floats, rest = primals
     x, report = _states(static, floats, rest)
     model, gel, control, values, loads = static.join(floats, rest)
@@ -142,7 +157,9 @@ def _states_jvp(static, primals, tangents):
         problem, problem_dot = problem.without_contact, problem_dot.without_contact  # no energy and no derivative, but a cost
     groups = ((),) * len(x) if is_traced(report) else tuple(list(NAMES)[number] for number in report["group"].tolist())
     x_dot = state_tangents(x, report["pressure"], problem, values, problem_dot, values_dot, groups)
-    return (x, report), (x_dot, jax.tree.map(SymbolicZero.from_primal_value, report))
+    report_dot = jax.tree.map(SymbolicZero.from_primal_value, report)
+    report_dot |= {name: no_tangents(report[name], [x_dot], text) for name, text in WITHOUT_DERIVATIVES.items()}
+    return (x, report), (x_dot, report_dot)
 
 
 def first_state_failed(model: Model, control: Control | None, value: float, status: Status) -> SweepFailed:

@@ -154,7 +154,7 @@ class SweepOptions:
         try:
             check_control(driver, gel, np.array(self.values))
         except ValueError as problem:
-            raise ValueError(f"sweep.{problem}") from None
+            raise type(problem)(f"sweep.{problem}") from None
 
     def driver(self, loads: Float[Array, "n 2"] | None) -> Control | None:
         """The control; ``loads`` (n, 2), kT/v mm, are those that "load" multiplies. None for the chemical potential.

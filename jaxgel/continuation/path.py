@@ -36,13 +36,14 @@ class Path:
     newton_iterations: Int[Array, " k"]
     """Linear solves spent on each state."""
     residual: Float[Array, " k"]
-    """Relative residuals."""
+    """Relative residuals; without derivatives, see ``lowest_eigenvalue``."""
     energy: Float[Array, " k"]
     """Total energies, kT/v mm^2."""
     negative_pivots: Int[Array, " k"]
     """Negative eigenvalues of the tangent."""
     lowest_eigenvalue: Float[Array, " k"]
-    """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan where not computed."""
+    """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan if not computed. Without derivatives: the
+    reverse pass of a function of it is a ValueError, its tangents are nan; the function `lowest_eigenvalue` of a path has them."""
     switched: Bool[Array, " k"]
     """Whether the state left an unstable branch for a stable one."""
     symmetry: tuple[str, ...] = ()

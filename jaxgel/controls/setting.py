@@ -14,6 +14,7 @@ import numpy as np
 from jax.core import Tracer
 
 from .._types import Array, Float, Scalar
+from .._validation import Inadmissible
 from ..geometry import Plate
 from ..materials import check_gel, named_parameters, varies
 
@@ -160,13 +161,13 @@ def _numbers(control, value, gel):
     try:
         check_gel(setting.gel, setting.mu)
     except ValueError as problem:
-        raise ValueError(f"{control.name} = {value:g}: {problem}") from None
+        raise type(problem)(f"{control.name} = {value:g}: {problem}") from None
     motion = [np.ravel(leaf) for leaf in jax.tree.leaves((setting.deformation, setting.displacement, setting.loads))]
     if setting.displacement is not None and not set(setting.displacement) <= set(SIDES):
         raise ValueError(f"{control.name}: displacement of {sorted(setting.displacement)} is not accepted, edges are {', '.join(SIDES)}")
     own = np.concatenate([np.zeros(0), *motion])
     if not np.isfinite(own).all():
-        raise ValueError(f"{control.name}: what acts at {value:g} is not finite")
+        raise Inadmissible(f"{control.name}: what acts at {value:g} is not finite")
     return np.concatenate([own, *(np.ravel(np.asarray(leaf, float)) for leaf in jax.tree.leaves((setting.mu, setting.gel)))])
 
 
@@ -186,7 +187,7 @@ def _check_continuous(control, gel, between, numbers, name):
             return
         low, first, high, last = (low, first, middle, there) if changes[0] >= changes[1] else (middle, there, high, last)
     if whole > 0:
-        raise ValueError(f"{name}: what acts jumps at {0.5 * (low + high):.6g}, the path must be continuous")
+        raise Inadmissible(f"{name}: what acts jumps at {0.5 * (low + high):.6g}, the path must be continuous")
 
 
 def edge_motion(setting: Setting, plate: Plate) -> tuple[Float[Array, "2 2"], dict[str, Any]] | None:

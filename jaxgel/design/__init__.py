@@ -1,6 +1,7 @@
 """Inverse design: parameters, objectives and constraints of a swollen path, searched with exact gradients and verified."""
 
 from .criteria import DRY, OF_GEL, Constraint, bound, misfit, porosity, value_at, weighted_sum
+from .lagrangian import Invalid
 from .optimisation import Design, Outcome, optimise
 from .optimisers import METHODS, MOST_DENSE
 from .printing import PIXELS, REACH, DesignField, filtered
@@ -22,6 +23,7 @@ __all__ = [
     "Design",
     "DesignField",
     "DesignProblem",
+    "Invalid",
     "Outcome",
     "barrier_height",
     "bound",

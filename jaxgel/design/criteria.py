@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
+from .._validation import Inadmissible
 from ..cloud import Cloud
 from ..continuation import Path
 from ..controls import control_name
@@ -99,7 +100,7 @@ def ligaments(plate: Plate) -> Float[Array, " c"]:
 def hole_areas(plate: Plate) -> Float[Array, " holes"]:
     """Dry area (holes,) of each hole, mm^2; ValueError where the plate's edge cuts one."""
     if any(_crossed_walls(reference_plate(plate))):
-        raise ValueError("hole_areas: the plate's edge cuts a hole; areas are those of whole holes")
+        raise Inadmissible("hole_areas: the plate's edge cuts a hole; areas are those of whole holes")
     return jnp.stack([hole.area() for hole in plate.holes])
 
 

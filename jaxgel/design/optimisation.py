@@ -10,10 +10,13 @@ import pathlib
 from typing import Any
 
 import numpy as np
+import optax
 
-from .optimisers import METHODS, MOST_DENSE, Exhausted, Stuck, optimiser
+from .lagrangian import Exhausted, Stuck
+from .optimisers import METHODS, MOST_DENSE, optimiser
 from .problem import DesignProblem
 from .search import FEASIBLE, Search, violation
+from .transformations import check_transformation
 
 
 class Outcome(enum.StrEnum):
@@ -76,11 +79,11 @@ def optimise(
     """The `Design` found by ``method`` within a number of sweeps, starting at ``problem.start``.
 
     ``method`` is "slsqp" (SciPy), "mma" (nlopt, extra ``[mma]``), "lbfgs" (SciPy's L-BFGS-B), "adam", or an optax
-    GradientTransformation for parameters scaled to [0, 1]; the last three take constraints by an augmented Lagrangian, see
-    `optimisers`. ``step`` is the longest move of a scaled parameter at once, ``tolerance`` the change of the objective, over its start
-    value, that no longer counts. With a ``folder`` the log is on disk, whole, after every evaluation, and ``resume`` continues it to
-    the same numbers as without interruption; ``record`` (a dict) is stored with it. Raises ValueError for an unknown method, a start
-    that is no valid design, and a log of another problem.
+    GradientTransformation for parameters scaled to [0, 1], whose update is given ``value``, ``grad`` and ``value_fn``; the
+    last three take constraints by an augmented Lagrangian, see `optimisers`. ``step`` is the longest move of a scaled parameter at once,
+    ``tolerance`` the change of the objective, over its start value, that no longer counts. With a ``folder`` the log is on disk, whole,
+    after every evaluation, and ``resume`` continues it to the same numbers as without interruption; ``record`` (a dict) is stored with
+    it. Raises ValueError for an unknown method, a start that is no valid design, and a log of another problem.
     """
     if not 0 < step <= 1:
         raise ValueError(f"step: {step!r} is not in (0, 1], the share of the bounds' range")
@@ -91,6 +94,8 @@ def optimise(
     if method == "slsqp" and len(problem.vector) > MOST_DENSE:
         raise ValueError(f"method: 'slsqp' takes at most {MOST_DENSE} parameters, not {len(problem.vector)}; use 'mma', 'lbfgs' or 'adam'")
     run = optimiser(method, step, tolerance)
+    if isinstance(method, optax.GradientTransformation):
+        check_transformation(method, problem.vector)
     search = Search(problem, evaluations, folder=folder, name=str(method) if method in METHODS else "optax", record=record, quiet=quiet)
     if resume:
         search.recall()

@@ -1,9 +1,10 @@
 """Optimisers behind one face: functions of a search, which evaluates scaled designs in [0, 1]^n and says which are invalid.
 
-First-order methods (optax) and L-BFGS-B take constraints g >= 0 by an augmented Lagrangian, f + sum (max(0, lambda - rho g)^2 - lambda^2)
+Methods of optax and L-BFGS-B take constraints g >= 0 by an augmented Lagrangian, f + sum (max(0, lambda - rho g)^2 - lambda^2)
 / (2 rho) (Nocedal & Wright 2006, section 17.4): it is smooth, needs one reverse pass for all constraints together, and allows an
-infeasible start. SLSQP and MMA know constraints themselves. Bounds are kept by projection (optax) or natively: unlike a sigmoid they can be
-reached, and do not flatten the objective near them.
+infeasible start. A line search of optax evaluates designs of its own, each logged and counted. SLSQP and MMA know constraints
+themselves. Bounds are kept by projection (optax) or natively: unlike a sigmoid they can be reached, and do not flatten the objective near
+them.
 
 The quasi-Newton methods work in boxes around the best design, the move limits of structural optimisation: an invalid design halves
 the box, so that what the method believes of the objective never rests on a design without a value.
@@ -19,34 +20,15 @@ import optax
 import scipy.optimize
 
 from .._types import Array, Float
+from .lagrangian import MARGIN, PENALTY, SHORTEST, Invalid, Lagrangian, Stalled, Stuck
+from .transformations import first_order
 
 METHODS = ("slsqp", "mma", "lbfgs", "adam")
 MOST_DENSE = 500  # parameters of SLSQP, whose steps take the cube of their number
 LEARNING_RATE = 0.02  # of adam, in scaled parameters
-MULTIPLIER_STEPS = 10  # first-order steps between two updates of the multipliers
-PENALTY = 10.0  # first rho; constraints and objective are scaled to 1
-PENALTY_GROWTH = 3.0  # of rho where the violation has not fallen to a quarter
-MARGIN = 1e-3  # by which the augmented Lagrangian wants its constraints met, since it comes from outside
-SHORTEST = 2.0**-8  # of a step that is halved, and of a box
 INNER = 50  # iterations of a quasi-Newton method in one box
 CURVATURE = 1e-4  # that MMA adds at first: from 1, its own, it shrinks in steps so short that they would count as converged
 STALLED = 1e-6  # step of a quasi-Newton method, in scaled parameters, that leaves the design as it was
-
-
-class Invalid(ArithmeticError):
-    """A design without a usable value; the text says why."""
-
-
-class Exhausted(Exception):
-    """The number of evaluations is used up."""
-
-
-class Stuck(Exception):
-    """No valid design however short the step."""
-
-
-class Stalled(Exception):
-    """A method went on in steps too short to change anything."""
 
 
 def optimiser(method: Any, step: float, tolerance: float) -> Callable:
@@ -63,59 +45,6 @@ def optimiser(method: Any, step: float, tolerance: float) -> Callable:
     if solve is None:
         raise ValueError(f"method: {method!r} is neither one of {', '.join(METHODS)} nor an optax GradientTransformation")
     return functools.partial(in_boxes, solve=solve, step=step, tolerance=tolerance)
-
-
-class Lagrangian:
-    """The augmented Lagrangian of values (1 + c,), its multipliers and penalty."""
-
-    def __init__(self, n_constraints: int) -> None:
-        self.multipliers, self.penalty, self.violation = np.zeros(n_constraints), PENALTY, np.inf
-
-    def value(self, values: Float[Array, " c"]) -> float:
-        """The augmented Lagrangian ()."""
-        kept = self._kept(values)
-        return values[0] + np.sum(kept**2 - self.multipliers**2) / (2 * self.penalty)
-
-    def weights(self, values: Float[Array, " c"]) -> Float[Array, " c"]:
-        """Its derivatives (1 + c,) with respect to the values."""
-        return np.concatenate([[1.0], -self._kept(values)])
-
-    def update(self, values: Float[Array, " c"]) -> None:
-        """New multipliers, and a larger penalty where the violation falls slowly."""
-        self.multipliers = self._kept(values)
-        violation = float(np.max(np.maximum(MARGIN - values[1:], 0.0), initial=0.0))
-        if violation > max(0.25 * self.violation, 2 * MARGIN):
-            self.penalty *= PENALTY_GROWTH
-        self.violation = violation
-
-    def _kept(self, values):
-        return np.maximum(0.0, self.multipliers - self.penalty * (values[1:] - MARGIN))
-
-
-def first_order(search: Any, *, transformation: Any, step: float) -> None:
-    """Steps of an optax transformation, projected on the bounds, until the evaluations are used up; one to an invalid design is halved."""
-    now = search.at(search.start)
-    lagrangian, state = Lagrangian(len(now.values) - 1), transformation.init(now.vector)
-    while True:
-        for _ in range(MULTIPLIER_STEPS):
-            gradient = now.gradient(lagrangian.weights(now.values))
-            update, state = transformation.update(gradient, state, now.vector)
-            now = search.settle(_step(search, now, np.clip(np.asarray(update), -step, step)).vector)
-        lagrangian.update(now.values)
-
-
-def _step(search, now, update):
-    """The evaluation after the longest valid part of an update."""
-    part = 1.0
-    while part >= SHORTEST:
-        target = np.clip(now.vector + part * update, 0.0, 1.0)
-        if np.array_equal(target, now.vector):
-            raise Stuck
-        try:
-            return search.at(target)
-        except Invalid:
-            part *= 0.5
-    raise Stuck
 
 
 def lbfgs(search: Any, *, step: float, tolerance: float) -> None:
@@ -256,5 +185,9 @@ def mma(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high: 
     solver.set_maxeval(INNER)
     try:
         solver.optimize(centre)
-    except Exception:
-        raise (raised[0] if raised else Stuck) from None
+    except Exception as problem:
+        if raised:
+            raise raised[0] from None
+        if isinstance(problem, nlopt.RoundoffLimited | RuntimeError):  # RuntimeError is nlopt's own failure without a reason
+            raise Stuck from None
+        raise

@@ -8,6 +8,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from .._types import Array, Float
+from .._validation import Inadmissible
 from ..bifurcation import sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions
@@ -91,7 +92,7 @@ class DesignProblem:
         check_gel(self.gel_at(parameters))
         for constraint in self.constraints:
             if constraint.dry and not np.all(np.asarray(constraint.function(plate)) >= 0):
-                raise ValueError(f"{constraint.name} is not met by the dry plate")
+                raise Inadmissible(f"{constraint.name} is not met by the dry plate")
 
     def violation(self, constraints: dict[str, float]) -> float:
         """Largest violation, scaled, of constraints by their smallest values, name -> value as in `Design`; 0 if all are met."""

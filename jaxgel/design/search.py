@@ -1,9 +1,9 @@
 """The search for a design as an optimiser sees it: scaled evaluations with gradients, every one logged, on clouds that keep up.
 
 An evaluation is one sweep; its gradients are reverse passes on that same sweep, taken only when asked for, one for each weighted sum
-of objective and constraints. A design whose plate or sweep fails, or whose states are unstable or touch themselves, is `Invalid`: the
-optimiser never sees a number of it. An interrupted search continues by repeating the log: the optimisers are deterministic, so they ask
-the same questions and get the answers from the log until it ends.
+of objective and constraints. A design is `Invalid` if jaxgel refuses its plate, cloud or gel (`Inadmissible`), finds no state, or if its
+states are unstable or touch themselves. Every other error ends the search, with its traceback. An interrupted search continues by
+repeating the log: the optimisers are deterministic, and their questions are answered from it until it ends.
 """
 
 import dataclasses
@@ -19,15 +19,16 @@ import numpy as np
 from tqdm import tqdm
 
 from .._types import Array, Float
-from ..continuation import Path, SweepFailed
+from .._validation import Inadmissible
+from ..continuation import Path
 from ..controls import control_name
 from ..discretisation import SPENT, cell_sizes
-from ..equilibrium import Status
+from ..equilibrium import StateNotFound, Status
 from ..geometry import check_plate
 from ..io import open_folder, write_atomically
 from ..materials import check_gel
 from ..observables import min_gap
-from .optimisers import Exhausted, Invalid
+from .lagrangian import Exhausted, Invalid
 from .problem import DesignProblem
 
 LOG = "design.json"
@@ -72,7 +73,7 @@ class Search:
         try:
             self._sound(self.start)
         except Invalid as reason:
-            raise ValueError(f"start: the first design is not valid: {reason}") from None
+            raise Inadmissible(f"start: the first design is not valid: {reason}") from None
 
     def settle(self, vector: Float[Array, " d"]) -> "Evaluation":
         """`Evaluation` of a valid design to go on from, on a new cloud where the present one has become too poor there.
@@ -88,8 +89,8 @@ class Search:
                 return self._sound(vector)
         except BaseException as problem:
             self.cloud, self.number = before
-            if not isinstance(problem, Invalid | ValueError):
-                raise  # used up, or interrupted
+            if not isinstance(problem, Invalid | Inadmissible | StateNotFound):
+                raise
         return self.at(vector)
 
     def _sound(self, vector):
@@ -191,7 +192,7 @@ class Search:
             self.unit = (abs(float(values[0])) or 1.0) if self.unit is None else self.unit
             entry["values"] = [float(values[0]) / self.unit, *map(float, values[1:]), *map(float, self.dry_values(vector))]
             self.live = entry, self._scaled(pullback)
-        except (Invalid, ValueError, SweepFailed) as reason:
+        except (Invalid, Inadmissible, StateNotFound) as reason:
             entry["invalid"] = " ".join(str(reason).split())
         entry["seconds"] = round(time.perf_counter() - began, 3)
         self.log.append(entry)

@@ -15,6 +15,7 @@ from .._types import Array, Float
 from ..bifurcation import barrier, critical_points, loop
 from ..continuation import Path
 from ..controls import Control
+from ..equilibrium import StateNotFound
 from ..mechanics import Loads
 
 Ends = tuple[float, float]
@@ -52,7 +53,7 @@ def barrier_height(at: float, values: Ends, control: Driver = None, loads: Loads
         driven = {"mu": at} if driver is None else {"control": driver, "value": at}
         try:
             found = barrier(path.model, path.gel, between=between, contact=_contact(path), loads=drive.loads_of(path), **driven)
-        except ArithmeticError:  # one stable state, or no saddle
+        except StateNotFound:  # one stable state, or no saddle
             return jnp.asarray(jnp.nan)
         return found[0].height
 

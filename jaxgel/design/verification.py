@@ -13,7 +13,7 @@ from ..cloud import Cloud
 from ..continuation import Path
 from ..mechanics import is_film
 from ..observables import CURVES, min_gap, surface_ratio
-from .optimisers import Invalid
+from .lagrangian import Invalid
 from .problem import DesignProblem
 from .search import check_path, check_reported
 

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .._types import Float, Int
+from .._validation import Inadmissible
 from ..cloud import Topology
 from ..linalg import SOLVERS
 from .interpolation import in_plane
@@ -67,7 +68,7 @@ def _check_support(nodes, points, support, basis):
     lonely = [k for k in lonely if np.sum(np.linalg.norm(nodes - points[k], axis=1) < support) < need]  # farther nodes may reach
     if len(lonely):
         x, y = points[lonely[0]]
-        raise ValueError(
+        raise Inadmissible(
             f"dmax: a support of {support.max():.3g} mm reaches fewer than {need} nodes at the point ({x:.4g}, {y:.4g}), "
             f"too few for the {basis} basis; use a larger dmax or a smaller spacing"
         )
@@ -86,7 +87,7 @@ def check_reproduction(model: "Model") -> None:
         bad = np.argwhere(poor & (np.asarray(block.weight) > 0))
         if len(bad):
             x, y = nodes[block.nodes[bad[0, 0], 0]]
-            raise ValueError(
+            raise Inadmissible(
                 f"dmax: {model.dmax} is too small for the {model.basis} basis near the point ({x:.4g}, {y:.4g}): its neighbours lie on "
                 "too few lines; use a larger dmax or a smaller spacing"
             )

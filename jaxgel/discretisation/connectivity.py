@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int
+from .._validation import Inadmissible
 from ..cloud import EDGE_POINTS, Topology, edge_points, square_cells
 from ..geometry import edge_lines, inside_holes
 from .checks import check_support
@@ -131,7 +132,7 @@ def _conforming(topology, method, basis, dmax, skin):
     listed = (nodes[contour.owner][:, None, :] == end_nodes[:, :, None]) & (supports[contour.owner] > 0)[:, None, :]
     edge_ends = np.where(listed.any(axis=2), listed.argmax(axis=2), -1)
     if np.any((edge_ends < 0) != (end_nodes < 0)):
-        raise ValueError(f"dmax: {dmax} is too small for the supports to reach along the plate's edges; use a larger one")
+        raise Inadmissible(f"dmax: {dmax} is too small for the supports to reach along the plate's edges; use a larger one")
     outer = np.flatnonzero(_is_outer(contour, len(part.vertices)))
     numbers = tuple(np.where(rows >= 0, outer[rows], -1) for rows in _rows_of(contour.owner[outer], len(linear), groups))
     found = (on_interfaces, _in_lists(traces, trace_owner, nodes)) if topology.interfaces else None

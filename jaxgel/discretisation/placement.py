@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .._validation import Inadmissible
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate, reference_plate
 from .interpolation import SKIN
@@ -73,7 +74,7 @@ def quality(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None
     depth = np.where(listed, 0.0, (support[j] - near["v"]) / topology.node_spacing[j])
     try:
         blocks = discretise(cloud, basis=basis, dmax=dmax).blocks
-    except ValueError:  # it says what `steepest` says
+    except Inadmissible:  # it says what `steepest` says
         return Quality(*sizes, float(depth.max(initial=0.0)), np.inf)
     steepest = max(float(np.abs(np.asarray(block.dphi)).max()) for block in blocks) * float(topology.node_spacing.min())
     return Quality(*sizes, float(depth.max(initial=0.0)), steepest)

@@ -1,7 +1,7 @@
 """Equilibrium: one state at one value of the control, its status, and its derivative."""
 
 from .bordered_newton import Conditions, solve_bordered, solve_pinned
-from .derivatives import first_order_only, with_derivatives_of
+from .derivatives import first_order_only, no_tangents, with_derivatives_of, without_derivatives
 from .implicit import state_tangents
 from .incremental import prepare_incremental, solve_incremental, strain_matrices
 from .newton import (
@@ -18,7 +18,7 @@ from .newton import (
 )
 from .relaxation import relax, relax_along
 from .state import Stability, State, accepted, acting_problem, control_force, dry_state, of_control, pressure_rate
-from .status import NEARLY_SINGULAR, Status, for_derivatives, of_outlines, remedy
+from .status import NEARLY_SINGULAR, StateNotFound, Status, for_derivatives, of_outlines, remedy
 from .weak import negative_eigenvalues, prepare_weak, solve_weak, strain_operators
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "Conditions",
     "Stability",
     "State",
+    "StateNotFound",
     "Status",
     "accepted",
     "acting_problem",
@@ -40,6 +41,7 @@ __all__ = [
     "for_derivatives",
     "iterate",
     "negative_eigenvalues",
+    "no_tangents",
     "of_control",
     "of_outlines",
     "prepare_incremental",
@@ -60,4 +62,5 @@ __all__ = [
     "strain_operators",
     "with_derivatives_of",
     "with_own_factor",
+    "without_derivatives",
 ]

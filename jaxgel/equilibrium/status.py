@@ -11,6 +11,10 @@ from ..mechanics import overlaps
 NEARLY_SINGULAR = 1e-3  # eigenvalue, over the network's stiffness, below which a state's derivatives are flagged
 
 
+class StateNotFound(ArithmeticError):
+    """No state was found where one is needed; the text says why."""
+
+
 class Status(enum.IntEnum):
     """How a solve or a sweep ended."""
 

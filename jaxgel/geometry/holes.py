@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
+from .._validation import Inadmissible
 from .hole import Hole, pytree
 
 
@@ -220,15 +221,15 @@ def check_parameters(hole: Hole, name: str) -> None:
     for parameter, value in hole.theta.items():
         value = np.asarray(value)
         if not np.isfinite(value).all():
-            raise ValueError(f"{name}.{parameter}: {value.tolist()} is not finite; give numbers")
+            raise Inadmissible(f"{name}.{parameter}: {value.tolist()} is not finite; give numbers")
         if parameter in hole.positive and not (value > 0).all():
-            raise ValueError(f"{name}.{parameter}: {value.tolist()} is not positive; give values above 0")
+            raise Inadmissible(f"{name}.{parameter}: {value.tolist()} is not positive; give values above 0")
     if isinstance(hole, Superellipse) and not 1 < hole.exponent <= 100:
-        raise ValueError(f"{name}.exponent: {hole.exponent} is not in (1, 100]")
+        raise Inadmissible(f"{name}.exponent: {hole.exponent} is not in (1, 100]")
     if isinstance(hole, Polygon):
         sides = np.linalg.norm(hole.vertices - np.roll(hole.vertices, -1, axis=0), axis=1)
         if len(sides) < 3 or not (sides > 0).all():
-            raise ValueError(f"{name}.vertices: {np.asarray(hole.vertices).tolist()} are not at least 3, each different from the next")
+            raise Inadmissible(f"{name}.vertices: {np.asarray(hole.vertices).tolist()} are not at least 3, each different from the next")
 
 
 def _direction(phi):

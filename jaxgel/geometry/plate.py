@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from .._types import Array, Scalar
-from .._validation import did_you_mean, one_of
+from .._validation import Inadmissible, did_you_mean, one_of
 from .boundary import FREE, checked_deformation, checked_displacement, checked_edges, edge_lines
 from .hole import Hole, checked_parameter, pytree
 from .holes import check_parameters
@@ -75,7 +75,7 @@ class Plate:
         for name in ("width", "height"):
             value = getattr(self, name)
             if not (np.ndim(value) == 0 and np.isfinite(value) and value > 0):
-                raise ValueError(f"{name}: {value!r} is not a positive length in mm")
+                raise Inadmissible(f"{name}: {value!r} is not a positive length in mm")
             object.__setattr__(self, name, float(value))
         one_of("kinematics", self.kinematics, KINEMATICS)
         object.__setattr__(self, "axial_stretch", _checked_stretch(self.axial_stretch, self.kinematics))
@@ -156,13 +156,13 @@ def check_plate(plate: Plate) -> None:
     shapes = _checked_outlines(plate, "holes", box, touch)
     for k, shape in enumerate(shapes):
         for edge in _periodic_edges_across(plate, shape):
-            raise ValueError(f"holes[{k}]: the periodic edge {edge} cuts it; choose the cell so that its holes lie inside")
+            raise Inadmissible(f"holes[{k}]: the periodic edge {edge} cuts it; choose the cell so that its holes lie inside")
     inner = shapely.intersection(shapes, box)
     for i, j in _apart(inner, touch):
-        raise ValueError(f"holes[{i}], holes[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
+        raise Inadmissible(f"holes[{i}], holes[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
     rest = shapely.get_parts(shapely.difference(box, shapely.union_all(inner)))
     if len(rest) != 1:
-        raise ValueError(f"holes: they cut the plate into {len(rest)} parts; leave one connected piece")
+        raise Inadmissible(f"holes: they cut the plate into {len(rest)} parts; leave one connected piece")
     _check_regions(plate, shapes, box, touch)
 
 
@@ -172,15 +172,17 @@ def _check_regions(plate, holes, box, touch):
     for k, shape in enumerate(shapes):
         crossed = _periodic_edges_across(plate, shape)
         if crossed and set(crossed) not in ({"left", "right"}, {"bottom", "top"}):
-            raise ValueError(f"regions[{k}]: the periodic edge {crossed[0]} cuts it; choose the cell so that it lies inside, or is a layer")
+            raise Inadmissible(
+                f"regions[{k}]: the periodic edge {crossed[0]} cuts it; choose the cell so that it lies inside, or is a layer"
+            )
     inner = shapely.intersection(shapes, box)
     for i, j in _apart(inner, touch):
-        raise ValueError(f"regions[{i}], regions[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
+        raise Inadmissible(f"regions[{i}], regions[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
     lines = shapely.intersection(shapely.boundary(shapes), box), shapely.intersection(shapely.boundary(holes), box)
     for i, j in np.argwhere(shapely.dwithin(lines[0][:, None], lines[1][None, :], touch)):
-        raise ValueError(f"regions[{i}], holes[{j}]: their outlines cross or touch; leave more than {touch:.2g} mm between them")
+        raise Inadmissible(f"regions[{i}], holes[{j}]: their outlines cross or touch; leave more than {touch:.2g} mm between them")
     for i, j in np.argwhere(shapely.contains(holes[:, None], inner[None, :])):
-        raise ValueError(f"regions[{j}]: it lies in holes[{i}]; to fill a hole give its outline as a region instead")
+        raise Inadmissible(f"regions[{j}]: it lies in holes[{i}]; to fill a hole give its outline as a region instead")
 
 
 def _checked_outlines(plate, name, box, touch):
@@ -191,11 +193,11 @@ def _checked_outlines(plate, name, box, touch):
         check_parameters(outline, where)
         shape = shapely.Polygon(np.asarray(outline_points(outline, np.union1d(np.arange(1440) / 1440, outline.corners))))
         if not shape.is_valid or not shape.exterior.is_ccw:
-            raise ValueError(f"{where}: its outline crosses itself or runs clockwise; give a simple anticlockwise outline")
+            raise Inadmissible(f"{where}: its outline crosses itself or runs clockwise; give a simple anticlockwise outline")
         if shape.intersection(box).area <= touch**2:
-            raise ValueError(f"{where}: it lies outside the plate, |x| <= {plate.width / 2:g}, |y| <= {plate.height / 2:g}; move it in")
+            raise Inadmissible(f"{where}: it lies outside the plate, |x| <= {plate.width / 2:g}, |y| <= {plate.height / 2:g}; move it in")
         if shape.contains(box):
-            raise ValueError(f"{where}: it covers the whole plate of {plate.width:g} x {plate.height:g} mm; make it smaller")
+            raise Inadmissible(f"{where}: it covers the whole plate of {plate.width:g} x {plate.height:g} mm; make it smaller")
         _check_sides_along_edges(plate, outline, where, touch)
         found[k] = shape
     return found
@@ -232,7 +234,7 @@ def _checked_stretch(value, kinematics):
     except ValueError:
         raise ValueError(message) from None
     if not _traced(value) and not (np.isfinite(value) and value > 0):
-        raise ValueError(message)
+        raise Inadmissible(message)
     return value
 
 
@@ -256,4 +258,4 @@ def _check_sides_along_edges(plate, hole, where, touch):
     for side in np.flatnonzero((on_edge & np.roll(on_edge, -1, axis=0)).any(axis=1)):
         middle = (corners[side] + corners[(side + 1) % len(corners)]) / 2
         if _outward(plate, middle[None]).max() < touch:
-            raise ValueError(f"{where}: its side {side} lies along the plate's edge; move it across the edge or away from it")
+            raise Inadmissible(f"{where}: its side {side} lies along the plate's edge; move it across the edge or away from it")

@@ -2,7 +2,7 @@
 
 from .._validation import read_toml
 from .drawings import OUTLINE, DrawingIncomplete, hole_table, read_outlines
-from .files import one_line, open_folder, read_record, write_atomically, write_csv, write_json
+from .files import failure, one_line, open_folder, read_record, write_atomically, write_csv, write_json
 from .hole_pictures import IMAGE, hole_tables
 from .masks import MASK, mask_table, mask_values, write_grey, write_mask
 from .netcdf import export
@@ -33,6 +33,7 @@ __all__ = [
     "dry_gel",
     "dry_regions",
     "export",
+    "failure",
     "fit_fourier",
     "hole_table",
     "hole_tables",

@@ -5,12 +5,15 @@ import io
 import json
 import math
 import os
+import traceback
 import zipfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path as File
 from typing import Any, BinaryIO
 
 import numpy as np
+
+from .._validation import Inadmissible
 
 MAX_BYTES = 2**31  # most that is read of one file
 
@@ -67,6 +70,18 @@ def write_csv(file: File, columns: Sequence[str], rows: Iterable[Sequence[Any]])
 def one_line(problem: BaseException) -> str:
     """What an exception says, in one line; its kind where it says nothing."""
     return " ".join(str(problem).split()) or type(problem).__name__
+
+
+TRACEBACK = "traceback.txt"
+
+
+def failure(problem: Exception, folder: File) -> str:
+    """What an exception says, in one line; its traceback is in `TRACEBACK` in the folder unless it is `Inadmissible` or `StateNotFound`."""
+    from ..equilibrium import StateNotFound  # not before: commands without a sweep do not import JAX
+
+    if not isinstance(problem, Inadmissible | StateNotFound):
+        (folder / TRACEBACK).write_text("".join(traceback.format_exception(problem)), encoding="utf-8")
+    return one_line(problem)
 
 
 def guarded(file: File, read: Callable[[bytes, int], Any], max_bytes: int = MAX_BYTES) -> Any:

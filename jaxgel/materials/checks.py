@@ -9,12 +9,13 @@ import numpy as np
 from jax.core import Tracer
 
 from .._types import Float
+from .._validation import Inadmissible
 from .composite import Composite, Elastomer
 from .fields import LocalValues
 
 ACCEPTED: dict[str, tuple[Callable[[Any], Any], str]] = {
     "Nv": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),
-    "chi": (lambda v: (v > 0) & (v < 2), "a number in (0, 2), bounds excluded"),
+    "chi": (lambda v: (v > -math.inf) & (v < 2), "a finite number < 2"),
     "bulk": (lambda v: (v > 0) & (v < math.inf), "a finite number > 0"),
     "temperature": (lambda v: (v >= 0) & (v <= 100), "a number in [0, 100], degrees Celsius"),
     "pH": (lambda v: (v >= 0) & (v <= 14), "a number in [0, 14]"),
@@ -55,7 +56,7 @@ def _check_region(where, material, matrix):
     try:
         check_gel(material)
     except ValueError as problem:
-        raise ValueError(f"{where}: {problem}") from None
+        raise type(problem)(f"{where}: {problem}") from None
 
 
 def check_parameter(name: str, values: Float[Any, " p"], places: Float[Any, "p 2"]) -> None:
@@ -64,7 +65,7 @@ def check_parameter(name: str, values: Float[Any, " p"], places: Float[Any, "p 2
     wrong = np.flatnonzero(~accepted(np.asarray(values)))
     if len(wrong):
         x, y = np.asarray(places)[wrong[0]]
-        raise ValueError(f"{name}: {float(values[wrong[0]]):g} at ({x:.4g}, {y:.4g}) mm is not accepted, it must be {text}")
+        raise Inadmissible(f"{name}: {float(values[wrong[0]]):g} at ({x:.4g}, {y:.4g}) mm is not accepted, it must be {text}")
 
 
 def check_number(name: str, value: object, accepted: Any, text: str) -> None:
@@ -77,4 +78,4 @@ def check_number(name: str, value: object, accepted: Any, text: str) -> None:
         number = math.nan
     if not accepted(number):
         shown = repr(value) if math.isnan(number) and not isinstance(value, np.generic | jax.Array) else f"{number:g}"
-        raise ValueError(f"{name}: {shown} is not accepted, it must be {text}")
+        raise Inadmissible(f"{name}: {shown} is not accepted, it must be {text}")

@@ -44,7 +44,7 @@ class Gel:
     """
 
     Nv: Scalar | Field = 1e-3  # chains per dry volume times solvent molecule volume (); the shear modulus of the dry network in kT/v
-    chi: Scalar | Field = 1e-4  # enthalpy of mixing, Flory's parameter ()
+    chi: Scalar | Field = 1e-4  # enthalpy of mixing, Flory's parameter () < 2; 0 in an athermal solvent, negative in a better one
     network: Callable = dataclasses.field(default=neo_hookean, kw_only=True, metadata={"static": True})  # (F (2, 2), gel) -> ()
     volumetric: Callable = dataclasses.field(default=flory_rehner, kw_only=True, metadata={"static": True})  # (J (), gel) -> ()
 

@@ -188,8 +188,8 @@ def _volume_ratio(energy, target, gel, end):
 
     The search is on the branch up to ``end``, see ``_branch_end``, where the slope g(u) = d energy/dJ increases; a ``target``
     outside its range
-    gives the nearer end and False. For the Flory-Rehner gel g starts as u + constant and is concave (0 < chi < 2, Nv < 2), so the iterates
-    rise to the root from the left. In general ``below`` and ``above`` bracket it, and a Newton step that leaves the bracket or is
+    gives the nearer end and False. For the Flory-Rehner gel g starts as u + constant and is concave (0 <= chi < 2, Nv < 2), so the
+    iterates rise to the root from the left. In general ``below`` and ``above`` bracket it, and a Newton step that leaves the bracket or is
     not at most half the last step is replaced by bisection.
     """
     ends = least, end = jnp.stack([jnp.log(SMALLEST_SWELLING), end])

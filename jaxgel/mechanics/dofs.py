@@ -18,6 +18,7 @@ import numpy as np
 
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int
+from .._validation import Inadmissible
 from ..cloud import Topology, thin_plate_matrix
 from ..discretisation import Connectivity
 from ..geometry import EDGES, Plate, held_components
@@ -105,7 +106,7 @@ def check_moving(topology: Topology) -> None:
     for outline in topology.outlines:
         for edge in (outline.arc.start_edge, outline.arc.end_edge):
             if edge is not None and topology.plate.edges[edge] != "free":
-                raise ValueError(
+                raise Inadmissible(
                     f"control: a hole is open to the {edge} edge, which is {topology.plate.edges[edge]} and cannot be moved by it"
                 )
 
@@ -131,7 +132,7 @@ def periodic_images(topology: Topology) -> Int[np.ndarray, " n"]:
             continue
         here, there = topology.wall_nodes[edge], topology.wall_nodes[opposite]
         if len(here) != len(there) or np.abs(nodes[here, along] - nodes[there, along]).max() > 1e-9 * topology.spacing:
-            raise ValueError(f"edges: {edge} and {opposite} are periodic but their nodes do not face each other; refine them alike")
+            raise Inadmissible(f"edges: {edge} and {opposite} are periodic but their nodes do not face each other; refine them alike")
         first[here] = first[there]
     return first[first]
 

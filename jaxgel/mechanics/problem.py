@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
+from .._validation import Inadmissible
 from ..controls import Control, check_fields, drives_stiffness, edge_motion, moves_edges, setting_of
 from ..discretisation import Model
 from ..linalg import Pattern
@@ -115,7 +116,7 @@ def check_driven(problem: Problem, values: Float[np.ndarray, " k"]) -> None:
     F = np.array([np.eye(2) if setting.deformation is None else setting.deformation for setting in settings])
     if (np.linalg.det(F) <= 0).any():
         k = int(np.argmax(np.linalg.det(F) <= 0))
-        raise ValueError(f"{control.name}: {values[k]:g} is not accepted, it would turn the plate inside out")
+        raise Inadmissible(f"{control.name}: {values[k]:g} is not accepted, it would turn the plate inside out")
     if any(np.ptp(F[:, i, j]) > 0 for i, j in plate.free_strains):
         raise ValueError(f"{control.name}: a component of the macroscopic deformation that it drives is free in this plate")
 

@@ -16,6 +16,7 @@ from scipy.optimize import brentq, minimize
 
 from .._threads import few_threads
 from .._types import Array, Float, Int, Scalar
+from .._validation import Inadmissible
 from ..bifurcation import located
 from ..continuation import SweepFailed, sweep
 from ..controls import check_values
@@ -160,7 +161,7 @@ class _Refined:
         for later, earlier in itertools.pairwise(state.mu for state in reversed(self._states)):
             if self._lowest(k, earlier) > 0 > self._lowest(k, later):
                 return brentq(lambda mu: self._lowest(k, mu), earlier, later, xtol=TOLERANCE)
-        raise ValueError(f"mu: the lattice is unstable at the first state, mu = {self._states[0].mu:g} kT; start lower")
+        raise Inadmissible(f"mu: the lattice is unstable at the first state, mu = {self._states[0].mu:g} kT; start lower")
 
     def onset(self, unstable, zone):
         """`LatticeOnset` of the waves of which some with wave vectors in ``unstable`` have a negative eigenvalue at the last state."""

@@ -216,6 +216,35 @@ def test_jit_and_second_derivatives_are_refused(buckling_model):
         jax.grad(jax.grad(critical_mu))(1e-4)
 
 
+def test_numbers_beside_the_critical_value_refuse_derivatives(buckling_model):
+    """Its slope, state and modes are found outside of JAX: as constants they would have the derivative 0."""
+
+    def point_of(chi):
+        return jaxgel.critical_points(buckling_model, jaxgel.Gel(1e-3, chi), mu=WINDOW)[0]
+
+    def numbers(chi):
+        point = point_of(chi)
+        return {field.name: getattr(point, field.name) for field in dataclasses.fields(point)} | {"mode": point.modes[0]}
+
+    values = numbers(1e-4)
+    floats = {name for name, value in values.items() if isinstance(value, float | np.ndarray | jax.Array)}
+    _, slopes = jax.jvp(lambda chi: {name: value for name, value in numbers(chi).items() if name in floats}, (1e-4,), (1.0,))
+    assert {name for name in floats if not np.isnan(slopes[name]).any()} == {"value"}
+    with pytest.raises(ValueError, match=r"^critical_points: only the value of a result has derivatives"):
+        jax.grad(lambda chi: point_of(chi).slope)(1e-4)
+    with pytest.raises(ValueError, match=r"^switch_branch: has no derivatives"):
+        jax.grad(lambda chi: jaxgel.switch_branch(buckling_model, jaxgel.Gel(1e-3, chi), point_of(1e-4)).energy[-1])(1e-4)
+
+
+def test_a_differentiated_point_says_what_it_is(buckling_model):
+    def critical_mu(chi):
+        (point,) = jaxgel.critical_points(buckling_model, jaxgel.Gel(1e-3, chi), mu=WINDOW)
+        assert point.text.startswith("simple bifurcation of A2, supercritical")
+        return point.mu
+
+    assert np.isfinite(jax.grad(critical_mu)(1e-4))
+
+
 def test_a_list_of_mu_is_refused(buckling_model):
     with pytest.raises(ValueError, match=r"^mu: \[-2.0, -1.0\] is not accepted, it must be a tuple"):
         jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.0, -1.0])

@@ -143,6 +143,19 @@ def test_forward_equals_reverse(beam):
     assert float(forward) == pytest.approx(float(jax.grad(width)(at) @ direction), rel=1e-9)  # the same sum in another order
 
 
+def test_states_of_a_loop_refuse_derivatives(beam, loop):
+    def found(chi):
+        return jaxgel.loop(beam.model, jaxgel.Gel(1e-2, chi), control=beam.control(), values=(-0.2, 0.2), unstable=False)
+
+    message = r"^loop: only the value of a jump of a result has derivatives"
+    with pytest.raises(ValueError, match=message):
+        jax.grad(lambda chi: found(chi).up.energy[-1])(0.1)
+    with pytest.raises(ValueError, match=r"^states_at: only the value of a jump of the loop"):
+        jax.grad(lambda chi: found(chi).states_at(0.0)[0].energy)(0.1)
+    with pytest.raises(ValueError, match=r"^barrier: only the height of a result has derivatives"):
+        jax.grad(lambda v: jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=v, between=loop)[0].saddle.energy)(AT)
+
+
 # --- barriers ----------------------------------------------------------------------------------------------------------------
 
 

@@ -129,7 +129,7 @@ def test_the_table_of_a_case_makes_the_same_case_again(load, name):
         (PLATE + "deformation = [[1.0], [0.0, 1.0]]\n", r"plate\.deformation\[0\]: \[1\.0\] is not a list of 2 finite numbers"),
         (PLATE + "cells = 8.0\n", r"plate\.cells: 8\.0 is not a whole number of at least 1"),
         (PLATE + "[discretisation]\nspacing = 1" + 400 * "0" + "\n", r"spacing: 10+ is not a finite number above 0"),
-        (PLATE + "[gel]\nchi = 2.0\n", r"gel\.chi: 2\.0 is not a finite number above 0 and below 2"),
+        (PLATE + "[gel]\nchi = 2.0\n", r"gel\.chi: 2\.0 is not a finite number below 2"),
         (PLATE + "[output]\nfigures = 1\n", r"output\.figures: 1 is neither true nor false"),
         (PLATE + "unit = 3\n", r"plate\.unit: 3 is not a text"),
         (PLATE + HOLE + "angle = 0.1\nangle_deg = 5.0\n", r"^holes\[0\]: give one of angle and angle_deg, not both$"),

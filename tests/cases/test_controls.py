@@ -88,7 +88,7 @@ REFUSED = [
     ({"control": "chi", "values": [0.1, 0.2], "back": True}, "sweep.back: True does not go with a list of values"),
     (CHI | {"mu_end": -2.0}, "sweep.mu_end: -2.0 does not go with control = 'chi', which takes from, to"),
     (CHI | {"direction": "x"}, "sweep.direction: 'x' does not go with control = 'chi'"),
-    (CHI | {"to": 2.5}, "it must be a number in (0, 2), bounds excluded"),
+    (CHI | {"to": 2.5}, "it must be a finite number < 2"),
     ({"from": 0.1}, "sweep.from: 0.1 does not go with control = 'mu', which takes mu_start, mu_end, steps and back, or mu"),
     ({"at_mu": 0.1}, "sweep.at_mu: 0.1 does not go with control = 'mu'"),
     ({"control": "load", "from": 0, "to": 1}, "sweep.control: 'load' multiplies the loads of a case, and there are none"),

@@ -5,6 +5,7 @@ import dataclasses
 import itertools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.linalg
@@ -167,3 +168,34 @@ def test_the_lowest_eigenvalue_of_a_path_under_loads_is_that_of_its_states(tiny_
     found = np.asarray(lowest_eigenvalue(path))
     np.testing.assert_allclose(found, path.lowest_eigenvalue, rtol=ACCURACY)
     assert np.all(np.abs(found / unloaded.lowest_eigenvalue - 1) > 1e-2)
+
+
+def test_every_float_of_a_path_has_the_derivative_of_differences_or_none(tiny_model):
+    """Tangents of numbers without derivatives are nan; counts and texts have no tangents."""
+
+    def floats(chi):
+        path = jaxgel.sweep(tiny_model, jaxgel.Gel(1e-3, chi), mu=[-3.0, -2.0], contact="off")
+        columns = {field.name: getattr(path, field.name) for field in dataclasses.fields(path)}
+        return {name: jnp.asarray(c) for name, c in columns.items() if isinstance(c, jax.Array | np.ndarray) and c.dtype == float}
+
+    h = 1e-4
+    _, slopes = jax.jvp(floats, (0.1,), (1.0,))
+    differences = jax.tree.map(lambda a, b: (a - b) / (2 * h), floats(0.1 + h), floats(0.1 - h))
+    none = {name for name, slope in slopes.items() if np.isnan(slope).all()}
+    assert none == {"residual", "lowest_eigenvalue"} and slopes.keys() == {"mu", "value", "x", "pressure", "energy", *none}
+    for name in slopes.keys() - none:
+        np.testing.assert_allclose(slopes[name], differences[name], rtol=1e-5, atol=1e-7)  # h^2 of the third derivative
+
+
+@pytest.mark.parametrize("name", ["lowest_eigenvalue", "residual"])
+def test_a_number_without_derivative_refuses_the_reverse_pass_that_asks_for_it(tiny_model, name):
+    def number(chi, use):
+        path = jaxgel.sweep(tiny_model, jaxgel.Gel(1e-3, chi), mu=[-3.0, -2.0], contact="off")
+        column = getattr(path, name)
+        return path.energy[-1] + (column[-1] if use else jnp.where(column[-1] > 0, 0.0, 1.0)), column
+
+    message = {"lowest_eigenvalue": r"jaxgel\.continuation\.lowest_eigenvalue\(path\)", "residual": "round-off"}[name]
+    with pytest.raises(ValueError, match=rf"^path\.{name}: .*{message}"):
+        jax.grad(number, has_aux=True)(0.1, True)
+    slope, column = jax.grad(number, has_aux=True)(0.1, False)  # shown beside it, and compared
+    assert np.isfinite(slope) and np.isfinite(column).all()

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import json
+import re
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,19 @@ import pytest
 
 import jaxgel
 from jaxgel.continuation import SweepFailed, SweepOptions
-from jaxgel.design import DesignProblem, Outcome, criteria, intervals, optimise, optimisers, read_log, search, verify
+from jaxgel.design import (
+    DesignProblem,
+    Outcome,
+    criteria,
+    intervals,
+    lagrangian,
+    optimise,
+    optimisers,
+    read_log,
+    search,
+    transformations,
+    verify,
+)
 from jaxgel.observables import gaps
 
 MU = [-3.0, -1.8]
@@ -77,10 +90,10 @@ class Quick:
 
     def at(self, vector):
         if len(self.log) >= self.evaluations:
-            raise optimisers.Exhausted
+            raise lagrangian.Exhausted
         self.asked.append(np.array(vector))
         if self.invalid(vector):
-            raise optimisers.Invalid("not here")
+            raise lagrangian.Invalid("not here")
         entry = {"vector": list(vector), "values": np.asarray(self.functions(jnp.asarray(vector))).tolist(), "invalid": ""}
         self.log.append(entry)
         return _QuickEvaluation(self, entry, np.array(vector), np.array(entry["values"]))
@@ -117,7 +130,7 @@ OPTIMUM = np.array([0.9 - 2 * 0.4 / 3, 0.3 - 0.4 / 3])  # of the bowl on the lin
 def test_every_method_finds_the_constrained_optimum(method):
     quick = Quick(bowl, [line], [0.1, 0.1], evaluations=400)
     run = optimisers.optimiser(optax.adam(0.02) if method == "adam" else method, 0.2, 1e-8)
-    with contextlib.suppress(optimisers.Exhausted, optimisers.Stuck):
+    with contextlib.suppress(lagrangian.Exhausted, lagrangian.Stuck):
         run(quick)
     best = np.array(quick.best()["vector"])
     tolerance = 1e-2 if method in ("adam", "lbfgs") else 1e-3  # the augmented Lagrangian keeps a margin of 1e-3 on the constraint
@@ -128,10 +141,46 @@ def test_every_method_finds_the_constrained_optimum(method):
 def test_mma_moves_among_many_parameters():
     """Each counts for little: with steps as short as nlopt's first ones the search would end at its start, as nothing seems to change."""
     quick = Quick(lambda v: -jnp.mean(v * jnp.cos(jnp.arange(900.0))), [lambda v: 0.5 - jnp.mean(v)], np.full(900, 0.5), evaluations=100)
-    with contextlib.suppress(optimisers.Stuck, optimisers.Exhausted):
+    with contextlib.suppress(lagrangian.Stuck, lagrangian.Exhausted):
         optimisers.optimiser("mma", 0.1, 1e-3)(quick)
     wanted = np.cos(np.arange(900.0)) > 0  # half of them: at the bounds, within the mean
     assert -quick.best()["values"][0] > 0.9 * np.mean(np.cos(np.arange(900.0)) * wanted)
+
+
+TRANSFORMATIONS = {
+    "zoom": optax.lbfgs,
+    "backtracking": lambda: optax.chain(optax.sgd(1.0), optax.scale_by_backtracking_linesearch(max_backtracking_steps=10, store_grad=True)),
+    "polyak": lambda: optax.polyak_sgd(f_min=0.0),
+    "plateau": lambda: optax.chain(optax.sgd(0.2), optax.contrib.reduce_on_plateau(patience=20)),
+}  # that take the value of the objective, its gradient, or the objective itself
+
+
+@pytest.mark.parametrize("name", TRANSFORMATIONS)
+def test_transformations_of_optax_are_given_what_they_ask_for(name):
+    """Unconstrained, with the optimum inside; a line search may ask for designs beyond the bounds, which are projected."""
+    quick = Quick(bowl, [], [0.1, 0.1], evaluations=80)
+    transformations.check_transformation(TRANSFORMATIONS[name](), quick.start)
+    with contextlib.suppress(lagrangian.Exhausted, lagrangian.Stuck):
+        optimisers.optimiser(TRANSFORMATIONS[name](), 0.5, 1e-8)(quick)
+    np.testing.assert_allclose(quick.best()["vector"], [0.9, 0.3], atol=1e-2)  # of the slowest, the line search by backtracking alone
+    assert all((v >= 0).all() and (v <= 1).all() for v in quick.asked)
+
+
+def test_a_line_search_does_not_step_to_an_invalid_design():
+    quick = Quick(bowl, [], [0.1, 0.1], invalid=lambda v: v[0] > 0.5, evaluations=60)
+    with contextlib.suppress(lagrangian.Exhausted, lagrangian.Stuck):
+        optimisers.optimiser(optax.lbfgs(), 0.5, 1e-8)(quick)
+    assert any(v[0] > 0.5 for v in quick.asked)
+    assert 0.4 < quick.best()["vector"][0] <= 0.5
+
+
+def test_a_transformation_that_needs_more_is_refused_before_the_first_sweep(problem):
+    def update(updates, state, params=None, *, hessian, **_):
+        return updates, state
+
+    needs_hessian = optax.GradientTransformationExtraArgs(lambda params: (), update)
+    with pytest.raises(ValueError, match=r"^method: .*'hessian'.*; value, grad and value_fn are given"):
+        optimise(problem, method=needs_hessian)
 
 
 @pytest.mark.parametrize("method", ["slsqp", "mma", "lbfgs", "adam"])
@@ -139,7 +188,7 @@ def test_an_invalid_design_shrinks_the_step(method):
     """Designs beyond v0 = 0.5 fail: the search must come close to the wall, and no method may see a number of a failed design."""
     quick = Quick(bowl, [], [0.1, 0.1], invalid=lambda v: v[0] > 0.5)
     run = optimisers.optimiser(method, 0.3, 1e-6)
-    with contextlib.suppress(optimisers.Stuck, optimisers.Exhausted):
+    with contextlib.suppress(lagrangian.Stuck, lagrangian.Exhausted):
         run(quick)
     best = np.array(quick.best()["vector"])
     assert any(v[0] > 0.5 for v in quick.asked)
@@ -150,7 +199,7 @@ def test_an_invalid_design_shrinks_the_step(method):
 def test_constraints_at_odds_cost_no_evaluations_without_end():
     """Two walls that no design satisfies, one of them noisy as sweeps are: SLSQP's line search would shrink its steps to round-off."""
     quick = Quick(bowl, [lambda v: v[0] - 0.6 + 0.02 * jnp.sin(40 * v[1]), lambda v: 0.4 - v[0], line], [0.1, 0.1])
-    with pytest.raises(optimisers.Stuck):
+    with pytest.raises(lagrangian.Stuck):
         optimisers.optimiser("slsqp", 0.2, 1e-6)(quick)
     moves = np.abs(np.diff(quick.asked, axis=0)).max(axis=1)
     assert np.all(moves[moves > 0] >= optimisers.STALLED)
@@ -159,7 +208,7 @@ def test_constraints_at_odds_cost_no_evaluations_without_end():
 
 def test_bounds_are_kept_and_reached():
     quick = Quick(lambda v: -v[0] + v[1], [], [0.5, 0.5])
-    with pytest.raises(optimisers.Stuck):
+    with pytest.raises(lagrangian.Stuck):
         optimisers.optimiser("adam", 0.2, 1e-6)(quick)  # at the corner no step moves it any more
     np.testing.assert_allclose(quick.best()["vector"], [1.0, 0.0], atol=1e-12)
     assert all((v >= 0).all() and (v <= 1).all() for v in quick.asked)
@@ -303,6 +352,66 @@ def test_a_failed_sweep_shrinks_the_step_and_is_logged(problem, monkeypatch, tmp
     assert asked[1] < asked[2] < asked[0] == problem.vector[0]  # the second attempt goes half as far
 
 
+@pytest.mark.parametrize("method", ["slsqp", "mma", "lbfgs", "adam"])
+def test_an_error_of_the_users_objective_ends_the_search_where_it_shows(problem, method, monkeypatch):
+    """NumPy's broadcasting error is a ValueError; the gradients are those of a formula, which needs no sweep."""
+    asked = []
+
+    def path(_, parameters, cloud, mu=None):
+        asked.append(parameters)
+        return parameters["semi_axes"]
+
+    def objective(axes):
+        return jnp.sum(axes**2) if len(asked) < 3 else np.ones(3) + np.ones(4)
+
+    monkeypatch.setattr(DesignProblem, "path", path)
+    monkeypatch.setattr(search.Search, "_forward", _without_sweep)
+    with pytest.raises(ValueError, match=r"^operands could not be broadcast together") as error:
+        optimise(dataclasses.replace(problem, objective=objective, constraints=()), method=method)
+    assert error.traceback[-1].name == "objective" and len(asked) == 3
+
+
+def _without_sweep(self, vector):
+    values, pullback = jax.vjp(lambda v: self.problem.objective(self.problem.path(self.problem.parameters(v), self.cloud))[None], vector)
+    return values, pullback, {}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        dict(plate=lambda p: jaxgel.Plate(8, 8, [jaxgel.Ellipse((0.3, -0.2), p["semi_axes"][:1])])),
+        dict(gel=lambda p: jaxgel.Gel(1e-3, np.ones(2) @ np.ones(3))),
+        dict(constraints=(criteria.Constraint("own", lambda plate: np.ones(2) @ np.ones(3), dry=True),)),
+    ],
+    ids=["plate", "gel", "constraint"],
+)
+def test_errors_of_the_users_other_functions_are_raised_too(problem, wrong):
+    with pytest.raises(ValueError, match=r"shape|matmul") as error:
+        search.Search(dataclasses.replace(problem, **wrong), 5).first()
+    assert not str(error.value).startswith("start:")
+
+
+def test_what_the_package_refuses_in_a_users_function_is_an_invalid_design(problem, plate):
+    """A hole outside the plate, a negative axis, a gel that cannot be, and `Invalid`, which a function may raise itself."""
+    looked = search.Search(problem, 20)
+    looked.cloud = problem.make_cloud(looked._plate(problem.vector))
+    far = plate.at([{"centre": jnp.array([30.0, 0.0])}])
+    for wrong, message in [
+        (dict(plate=lambda p: far), "holes[0]: it lies outside the plate"),
+        (dict(plate=lambda p: plate.at([{"semi_axes": -p["semi_axes"]}])), "semi_axes"),
+        (dict(gel=lambda p: jaxgel.Gel(-1.0)), "Nv: -1"),
+        (dict(gel=_invalid), "not printable"),
+    ]:
+        looked.problem, looked.known = dataclasses.replace(problem, **wrong), {}
+        with pytest.raises(lagrangian.Invalid, match=re.escape(message)):
+            looked.at(problem.vector)
+        assert message in looked.log[-1]["invalid"] and looked.log[-1]["values"] is None
+
+
+def _invalid(_):
+    raise jaxgel.design.Invalid("not printable")
+
+
 def test_a_start_that_fails_is_refused_in_one_line(problem, monkeypatch):
     from jaxgel.design import problem as inverse
 
@@ -366,7 +475,7 @@ def test_a_new_cloud_is_made_where_the_old_one_is_poor(wide, monkeypatch):
     looked = search.Search(wide, 10)
     looked.first()
     assert looked.settle(wide.vector - 0.03).entry["cloud"] == looked.number == 0
-    with pytest.raises(optimisers.Invalid, match="too far from the last design for its cloud"):
+    with pytest.raises(lagrangian.Invalid, match="too far from the last design for its cloud"):
         judge(looked, np.array([1.0, 1.0]))
     first = looked.cloud
     assert looked.settle(np.array([0.0, 0.0])).entry["cloud"] == looked.number == 1 and looked.cloud is not first
@@ -379,7 +488,7 @@ def test_a_search_goes_on_with_a_new_cloud_where_the_old_one_is_poor(wide):
     looked.first()
     near, small, large = wide.vector - 0.03, np.array([0.0, 0.0]), np.array([1.0, 1.0])
     assert looked.settle(near).entry["cloud"] == 0
-    with pytest.raises(optimisers.Invalid, match="too far from the last design for its cloud"):
+    with pytest.raises(lagrangian.Invalid, match="too far from the last design for its cloud"):
         looked.at(large)
     before = looked.at(small).values[0]
     after = looked.settle(small)

@@ -233,6 +233,21 @@ def test_volume_ratio_at_is_finite_and_solves_wherever_a_root_exists(p, mu, log_
         assert abs(osmotic(J, mu, gel) - p) <= 16 * EPS * (abs(p) + abs(mu) + 1 + stiffness * J)
 
 
+@pytest.mark.parametrize("chi", [0.0, -0.5, -5.0])
+def test_athermal_and_better_solvents_swell_more_without_a_spinodal(chi):
+    """The slope of the energy, ln(1 - 1/J) + 1/J + chi/J^2 - Nv/J, grows with every J for chi <= 0."""
+    gel, J = Gel(1e-3, chi), 1 + jnp.logspace(-9.0, 3.0, 61)
+    check_gel(gel)
+    p = osmotic(J, -1.0, gel)
+    assert jnp.all(jnp.diff(p) > 0)
+    np.testing.assert_allclose(volume_ratio_at(p, -1.0, gel), J, rtol=1e-9)  # round-off of p over J dp/dJ, 1e-6 at the largest J
+    Nv, x = Decimal(gel.Nv), Decimal(chi)
+    expected = exact(lambda J: Nv * (1 - 1 / J) + (1 - 1 / J).ln() + 1 / J + x / J**2 + 1, 1 + 1e-9, 1e4)
+    assert float(free_swelling(-1.0, gel)) ** 2 == pytest.approx(float(expected), rel=1e-13)
+    assert free_swelling(-1.0, gel) > free_swelling(-1.0, Gel(1e-3, 0.1))
+    assert largest_mu(gel) == pytest.approx(gel.Nv, rel=1e-6)  # the slope at the end of the search, J = 1e8
+
+
 @pytest.mark.parametrize("chi", [1e-5, 0.5, 0.6, 1.0, 1.99])
 def test_volume_ratio_at_grows_with_the_pressure_up_to_its_largest_value(chi):
     gel, p = Gel(1e-3, chi), jnp.linspace(-45.0, 10.0, 551)
@@ -485,9 +500,8 @@ def with_chains(Nv):
         (Gel(Nv=jnp.array(np.nan)), None, "Nv: nan "),
         (with_chains("1"), None, "Nv: '1' "),
         (with_chains(None), None, "Nv: None "),
-        (Gel(chi=0.0), None, "chi: 0 "),
         (Gel(chi=2), None, "chi: 2 "),
-        (Gel(chi=-0.1), None, "chi: -0.1 "),
+        (Gel(chi=-np.inf), None, "chi: -inf "),
         (Gel(chi=np.nan), None, "chi: nan "),
         (PAPER, np.nan, "mu: nan "),
         (PAPER, [-1.0, -np.inf], "mu: -inf "),

@@ -101,7 +101,7 @@ def test_gradients_by_a_hole_under_a_field_are_those_of_differences(moves, tiny_
 def test_what_a_field_cannot_be_is_said_in_one_line(tiny_model):
     with pytest.raises(ValueError, match=r"^Nv: -0\.\d+ at \(-0\.\d+, .*\) mm is not accepted, it must be a finite number > 0$"):
         jaxgel.sweep(tiny_model, jaxgel.Gel(lambda X: jnp.where(X[0] > -1.0, X[0], 1.0)), mu=MU)
-    with pytest.raises(ValueError, match=r"^chi: nan at .* mm is not accepted, it must be a number in \(0, 2\), bounds excluded$"):
+    with pytest.raises(ValueError, match=r"^chi: nan at .* mm is not accepted, it must be a finite number < 2$"):
         jaxgel.sweep(tiny_model, jaxgel.Gel(chi=lambda X: jnp.log(X[0])), mu=MU)
     with pytest.raises(ValueError, match=r"^Nv: the field gives an array of shape \(2,\), it must give one number for a position"):
         jaxgel.sweep(tiny_model, jaxgel.Gel(lambda X: X), mu=MU)
