@@ -40,6 +40,17 @@ def finite_numbers(value: object, shape: tuple[int, ...], field: str) -> tuple:
     return tuple(map(tuple, array.tolist())) if len(shape) == 2 else tuple(array.tolist())
 
 
+def check_kind(name: str, value: object, kinds: type | tuple[type, ...], wanted: str) -> None:
+    """Raise ValueError, one line with what came and what is ``wanted``, for an argument of another kind, and for the class itself."""
+    if not isinstance(value, kinds):
+        raise ValueError(f"{name}: {kind_in_words(value)} is not accepted; give {wanted}")
+
+
+def kind_in_words(value: object) -> str:
+    """What an argument is, for a message: the class ``Gel``, or a dict."""
+    return f"the class {value.__name__}" if isinstance(value, type) else f"an argument of the kind {type(value).__name__}"
+
+
 def read_toml(file: Path, field: str) -> dict[str, Any]:
     """The table of a TOML file; ValueError, one line that begins with ``field``, for a file that cannot be read or is not TOML."""
     try:
@@ -240,11 +251,12 @@ def _of_control(sweep, entries):
         of_values = {"back", "direction", *LISTS, *(end for ends in LISTS.values() for end in ends)} | (
             {"at_mu"} if control == "mu" else set()
         )
+        of_values |= {"steps"} if entries.keys() & LISTS else set()
         return {key: value for key, value in sweep.items() if key not in of_values}
     name = "mu" if control == "mu" else "values"
     ends = LISTS[name]
     if name in entries:
-        return {key: value for key, value in sweep.items() if key not in (*ends, "back")}
+        return {key: value for key, value in sweep.items() if key not in (*ends, "steps", "back")}
     if all(end in entries for end in ends):
         return {key: value for key, value in sweep.items() if key != name}
     for key in (*ends, "steps", "back"):

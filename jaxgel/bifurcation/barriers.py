@@ -18,7 +18,7 @@ from ..controls import Control, control_name
 from ..discretisation import Model
 from ..equilibrium import State, StateNotFound, accepted, solve, solve_pinned
 from ..materials import AnyGel
-from ..mechanics import Problem, localised, prepare, restrict, scatter, total_energy, with_contact
+from ..mechanics import Problem, check_model, localised, prepare, restrict, scatter, total_energy, with_contact
 from .critical import located, with_float_parameters
 from .deflation import deflated
 from .loops import Loop
@@ -60,6 +60,7 @@ def barrier(
     and where no equilibrium with exactly one negative eigenvalue is found between them; ValueError inside jit or vmap.
     """
     at, between = values_of(mu, control, value), between.still if isinstance(between, Loop) else between
+    check_model(model, gel)
     model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads
     problem = with_float_parameters(Problem(model, localised(model, gel), loads, None, control))

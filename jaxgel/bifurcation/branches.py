@@ -17,7 +17,7 @@ from ..controls import Control, control_name, scale_of
 from ..discretisation import Model
 from ..equilibrium import Conditions, State, StateNotFound, Status, accepted, solve, solve_bordered
 from ..materials import AnyGel
-from ..mechanics import Problem, prepare, restrict, scatter
+from ..mechanics import Problem, check_model, prepare, restrict, scatter
 from .critical import check_untraced
 from .points import CriticalPoint
 
@@ -45,6 +45,7 @@ def switch_branch(
     chooses the side, ``direction`` the combination of the modes of a multiple one (the first by default). The path may start towards lower
     values (subcritical) and turn at a fold. ``path.stop`` says how it ended; ValueError for a fold, which no branch leaves.
     """
+    check_model(model, gel)
     check_untraced("switch_branch", model, gel, loads, control)
     if point.kind == "fold":
         at = f"{control_name(control)} = {float(point.value):.6g}"

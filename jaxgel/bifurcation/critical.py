@@ -21,7 +21,7 @@ from ..controls import Control, check_values, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import first_order_only, without_derivatives
 from ..materials import AnyGel
-from ..mechanics import Problem, curvature, localised, residual
+from ..mechanics import Problem, check_model, curvature, localised, residual
 from .points import CriticalPoint
 from .search import locate
 
@@ -47,6 +47,7 @@ def critical_points(
     A change of stability whose point is not located is warned of (`PointNotLocated`). ValueError inside jit or vmap and for second
     derivatives.
     """
+    check_model(model, gel)
     ends = ends_of(mu, control, values)
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads
     problem = Problem(model, localised(model, gel), loads, None, control)

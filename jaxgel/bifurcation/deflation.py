@@ -12,7 +12,7 @@ from ..controls import Control
 from ..discretisation import Model
 from ..equilibrium import State, advanced, assess_equilibrium, dry_state, iterate, of_control, starting
 from ..materials import AnyGel
-from ..mechanics import Problem, condensed_rhs, factorised_tangent, prepare, restrict, state_pressure
+from ..mechanics import Problem, check_model, condensed_rhs, factorised_tangent, prepare, restrict, state_pressure
 from .critical import check_untraced
 
 MAX_ITERATIONS = 60
@@ -35,6 +35,7 @@ def find_states_by_deflation(
     Newton's method on the residual times prod_i (1 + n spacing^2 / |x - x_i|^2), which does not vanish at the known states (Farrell,
     Birkisson & Funke 2015): its step is Newton's own, stretched. Each state that is found is deflated too.
     """
+    check_model(model, gel)
     check_untraced("find_states_by_deflation", model, gel, mu, control, value, loads)
     return deflated(prepare(model, gel, loads, control=control), values_of(mu, control, value), known, starts)
 

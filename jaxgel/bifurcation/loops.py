@@ -14,7 +14,7 @@ from ..controls import Control, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import Stability, State, StateNotFound, accepted, solve
 from ..materials import AnyGel
-from ..mechanics import Problem, localised, prepare, restrict, with_contact
+from ..mechanics import Problem, check_model, localised, prepare, restrict, with_contact
 from .branches import MAX_STATES, arc_length, followed, leaving
 from .critical import ends_of, located, with_floats, without_derivatives_by
 from .limits import Searches, limits_of
@@ -156,6 +156,7 @@ def loop(
     """
     ends = ends_of(mu, control, values)
     options = Following("stable", contact, adaptive=True, max_steps=max_steps, symmetry=symmetry, jumps=True)
+    check_model(model, gel)
     model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
     loads = np.zeros((model.n_nodes, 2)) if loads is None else loads
     made = []

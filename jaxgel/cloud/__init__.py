@@ -1,6 +1,7 @@
 """The node cloud of a plate and its integration cells, which follow the holes."""
 
 from .cells import SLIVER, boundary_edges, contour_edges, partition
+from .checks import narrow_ligament
 from .clearance import CLEARANCE
 from .cloud import Cloud, make_cloud, place
 from .ligaments import find_ligaments
@@ -27,6 +28,7 @@ __all__ = [
     "loop",
     "make_background",
     "make_cloud",
+    "narrow_ligament",
     "partition",
     "place",
     "square_cells",

@@ -1,20 +1,21 @@
 """What a cloud is refused for: unusable sizes, and ligaments that its spacing leaves empty."""
 
-import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
+from .._types import Float
 from .._validation import Inadmissible
-from ..geometry import Plate
+from ..geometry import EDGES, Plate
 from .ligaments import sides
 from .outlines import OUTLINE_SEGMENTS, loop
 
 if TYPE_CHECKING:
     from .topology import Topology
 
+NARROW = 0.5  # spacings: width of a ligament that may be why shape functions cannot be made next to it
 MAX_NODES = 1_000_000  # of a cloud: a model of a million nodes takes tens of gigabytes
 
 
@@ -28,6 +29,10 @@ def check_sizes(plate: Plate, spacing: float | None, nodes_per_hole: int | None,
         raise ValueError(f"across: {across!r} is not a whole number of at least 2, the two nodes on the outlines included")
     if nodes_per_hole is not None and not (isinstance(nodes_per_hole, int | np.integer) and 3 <= nodes_per_hole <= MAX_NODES):
         raise ValueError(f"nodes_per_hole: {nodes_per_hole!r} is not a whole number of 3 to {MAX_NODES}")
+    sides = [len(hole.corners) for hole in plate.holes]
+    if nodes_per_hole is not None and nodes_per_hole < max(sides, default=0):
+        k = int(np.argmax(sides))
+        raise ValueError(f"nodes_per_hole: {nodes_per_hole} are too few for holes[{k}] with {sides[k]} sides; give at least {sides[k]}")
     background = plate.width / spacing * plate.height / spacing
     if not background <= MAX_NODES:
         raise Inadmissible(
@@ -48,16 +53,29 @@ def check_ligaments(topology: "Topology") -> None:
     part, n = topology.partition, topology.n_background
     free = topology.node_vertices[topology.node_vertices < n]
     tree = cKDTree(part.vertices[free]) if len(free) else None
-    boundaries = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(part.vertices[loop(o)])) for o in topology.outlines]
-    boundaries += [("the plate's edge", False, line) for line in sides(topology.plate)]
-    for (name, closed, curve), (other_name, _, other) in itertools.combinations(boundaries, 2):
-        cut = not closed and other_name == "the plate's edge"
-        line = shapely.shortest_line(curve, other)
-        if name == other_name or cut or line.length >= topology.spacing:
-            continue  # arcs of one hole, a hole that the edge cuts, a wide ligament
+    for name, other_name, line in _shortest_lines(topology):
+        if line.length >= topology.spacing:
+            continue
         middle = np.asarray(line.centroid.coords)[0]
         if tree is None or tree.query(middle)[0] > topology.spacing:
             raise Inadmissible(
                 f"spacing: {topology.spacing:g} mm leaves no node in the {line.length:.3g} mm ligament between {name} and {other_name}; "
                 f"use a spacing below {line.length:.3g}"
             )
+
+
+def narrow_ligament(topology: "Topology", place: Float[np.ndarray, " 2"], reach: float) -> str:
+    """The narrowest ligament within ``reach`` of a place, mm, in words, if it is below ``NARROW`` spacings; else an empty text."""
+    point = shapely.Point(place)
+    near = [(line.length, name, other) for name, other, line in _shortest_lines(topology) if line.distance(point) < reach]
+    width, name, other = min(near, default=(np.inf, "", ""))
+    return f"{width:.3g} mm between {name} and {other}" if width < NARROW * topology.spacing else ""
+
+
+def _shortest_lines(topology):
+    """(hole, hole or edge, line) of the shortest line across every ligament: not within one hole, nor from a cut hole to an edge."""
+    outlines = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(topology.partition.vertices[loop(o)])) for o in topology.outlines]
+    edges = [(f"the {edge} edge", line) for edge, line in zip(EDGES, sides(topology.plate), strict=True)]
+    for k, (name, closed, curve) in enumerate(outlines):
+        others = [(other, line) for other, _, line in outlines[k + 1 :] if other != name] + (edges if closed else [])
+        yield from ((name, other, shapely.shortest_line(curve, line)) for other, line in others)

@@ -15,6 +15,7 @@ import numpy as np
 
 from .._programs import release_programs_where_crowded
 from .._types import Array, Float, Int
+from .._validation import check_kind
 from ..geometry import Plate, arc_points, reference_plate
 from .outlines import OUTLINE_SEGMENTS
 from .topology import Topology, make_topology
@@ -76,6 +77,7 @@ def make_cloud(
     plate, a spacing that is not positive or leaves a ligament without a node, an ``across`` that is not at least 2, and where more than
     ``quadtree.MAX_HALVINGS`` halvings are needed.
     """
+    check_kind("plate", plate, Plate, "a Plate, such as Plate(4, 4, [Circle((0, 0), 1)])")
     release_programs_where_crowded()  # a new cloud needs new ones
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit

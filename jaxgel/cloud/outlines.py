@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from .._types import Bool, Float, Int
-from ..geometry import Arc, Plate, arc_points, arcs, equal_arc_length, outline_points
+from ..geometry import Arc, Plate, arc_points, arcs, equal_arc_length, outline_points, stretches
 from .quadtree import Background
 
 OUTLINE_SEGMENTS = 8  # fine outline segments between two neighbouring outline nodes
@@ -38,6 +38,7 @@ def fine_outlines(
     """The fine outline of every arc, its vertices numbered from ``offset``, and its points (o, 2).
 
     Intervals between nodes are halved as the squares are. Without ``nodes_per_hole`` they are about as long as the sides of the squares.
+    A side between two corners has at least one.
     """
     found, lines, side = [], [], background.side.max()
     for arc in arcs(plate):
@@ -45,7 +46,7 @@ def fine_outlines(
         if nodes_per_hole is None:
             intervals = _intervals_of_length(side, plate, arc)
         else:
-            intervals = max(2, round(nodes_per_hole * _fraction_of_hole(plate, arc)))
+            intervals = max(2, round(nodes_per_hole * _fraction_of_hole(plate, arc)), stretches(plate, arc))
         ends = equal_arc_length(plate, arc, intervals)
         ends = np.append(ends, ends[0] + 1.0) if arc.closed else ends
         for halvings in range(len(background.halved)):

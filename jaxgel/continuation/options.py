@@ -3,13 +3,15 @@
 import dataclasses
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
-from .._validation import FLAG, NUMBER, check_options, entry_of, listed, option, whole, word
+from .._validation import FLAG, NUMBER, Inadmissible, check_options, entry_of, listed, option, whole, word
 from ..controls import DIRECTIONS, Control, Load, Stretch, check_control, check_values, driven, turning_points, unit_of
 from ..geometry import Plate
-from ..materials import AnyGel, check_gel
+from ..materials import SMALLEST_SWELLING, AnyGel, check_gel, gel_in_groups, osmotic, takes_solvent
+from ..materials import value as number
 from ..mechanics import Problem, check_driven, check_room
 
 BRANCHES = ("stable", "symmetric")
@@ -17,6 +19,7 @@ CONTACT = ("on", "off", "stop")
 CONTROLS = ("mu", "temperature", "chi", "pH", "salt", "stretch", "load")
 FORMULATIONS = ("total", "incremental")
 SYMMETRY = ("auto", "off")
+LOW_MU = -20.0  # kT: above it J - 1 is far above round-off
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 OF_MU, OF_OTHERS = ("mu_start", "mu_end", "mu"), ("value_list", "start", "end", "at_mu")  # fields that say nothing of the other controls
 
@@ -41,7 +44,7 @@ class SweepOptions:
     """Last value of another control, or the one at which it turns."""
     back: bool = option(False, FLAG, "values")
     """Whether the control goes back to its first value."""
-    steps: str | int = option(40, {"anyOf": [{"const": "auto"}, whole(2)]}, "values")
+    steps: str | int | None = option(None, {"anyOf": [{"const": "auto"}, whole(2)]}, "values", filled=40)
     """"auto", or the number of equally spaced values on each way with both ends included."""
     mu: tuple | None = option(None, listed(NUMBER, least=1), "values")
     """The values of mu themselves; then its ends and steps are not used. They may rise and fall."""
@@ -64,6 +67,7 @@ class SweepOptions:
         check_options("sweep", self)
         self._check_entries()
         fields = ("mu_start", "mu_end") if self.control == "mu" else ("at_mu", *["direction"] * (self.control == "stretch"))
+        fields += () if self.listed else ("steps",)
         for field in dataclasses.fields(self):
             if field.name in fields and getattr(self, field.name) is None:
                 object.__setattr__(self, field.name, field.metadata["filled"])
@@ -85,8 +89,8 @@ class SweepOptions:
             for name in ("start", "end") if self.control != "mu" else ():
                 if name not in given:
                     raise ValueError(f"sweep.{entries[name]}: is missing; control = {self.control!r} takes {known}")
-        elif given or self.back:
-            name = given[0] if given else "back"
+        elif given or self.back or self.steps is not None:
+            name = given[0] if given else "back" if self.back else "steps"
             value = getattr(self, name)
             raise ValueError(f"sweep.{entries[name]}: {value!r} does not go with a list of values, which may rise and fall")
 
@@ -131,8 +135,8 @@ class SweepOptions:
     def at(self, values: Sequence[float]) -> "SweepOptions":
         """The options with these values, one by one, in place of their own."""
         if self.control == "mu":
-            return dataclasses.replace(self, mu=tuple(values), back=False)
-        return dataclasses.replace(self, value_list=tuple(values), start=None, end=None, back=False)
+            return dataclasses.replace(self, mu=tuple(values), steps=None, back=False)
+        return dataclasses.replace(self, value_list=tuple(values), steps=None, start=None, end=None, back=False)
 
     def left(self, done: Sequence[float]) -> list[float] | tuple[float, ...]:
         """What `sweep` takes to go on after states at the values ``done``; empty where nothing is left."""
@@ -176,6 +180,22 @@ def check_sweep(problem: Problem, values: Float[np.ndarray, " k"]) -> None:
     """Raise ValueError, one line, for a gel, a control with these ``values`` or edges of the plate that no sweep can use."""
     check_gel(problem.gel)
     check_control(problem.control, problem.gel, values)
+    _check_round_off(problem, values)
     if not problem.moves_edges:
         check_room(problem.model.cloud.plate)
     check_driven(problem, values)
+
+
+def _check_round_off(problem, values):
+    """ValueError for a mu so low that J - 1 of the gel that swells least is below `SMALLEST_SWELLING` under the pressure -Nv."""
+    for value in values if problem.control is not None else values[np.argmin(values)][None]:
+        now, mu = problem.at(value)
+        if mu > LOW_MU:
+            continue
+        gel = gel_in_groups(now.gel)
+        least = jnp.where(takes_solvent(gel), osmotic(1 + SMALLEST_SWELLING, 0.0, gel) + number(gel.Nv), -jnp.inf).max()
+        if mu < least:
+            where = "" if problem.control is None else f" at {problem.control.name} = {value:g}"
+            raise Inadmissible(
+                f"mu: {mu:g}{where} is too low, J - 1 would be below round-off; give at least {np.ceil(10 * least) / 10:.1f} kT"
+            )

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from .._types import Float, Int
 from .._validation import Inadmissible
-from ..cloud import Topology
+from ..cloud import Topology, narrow_ligament
 from ..linalg import SOLVERS
 from .interpolation import in_plane
 from .moving_least_squares import KINDS, n_monomials
@@ -57,20 +57,31 @@ def check_support(
     nodes = topology.partition.vertices[topology.node_vertices]
     for region in np.unique(regions):
         own = (topology.node_regions == region).any(axis=1)
-        _check_support(nodes[own], points[regions == region], support[own], basis)
+        _check_support(topology, nodes[own], points[regions == region], support[own], basis)
 
 
-def _check_support(nodes, points, support, basis):
+def _check_support(topology, nodes, points, support, basis):
     need = n_monomials(basis) + 1
     distance, index = cKDTree(nodes).query(points, k=need)
     index = np.minimum(index, len(nodes) - 1)  # a missing neighbour is infinitely far
     lonely = np.flatnonzero((distance >= support[index]).any(axis=1))
     lonely = [k for k in lonely if np.sum(np.linalg.norm(nodes - points[k], axis=1) < support) < need]  # farther nodes may reach
     if len(lonely):
-        x, y = points[lonely[0]]
+        x, y = place = points[lonely[0]]
+        _refuse_ligament(topology, place, support.max())
         raise Inadmissible(
             f"dmax: a support of {support.max():.3g} mm reaches fewer than {need} nodes at the point ({x:.4g}, {y:.4g}), "
             f"too few for the {basis} basis; use a larger dmax or a smaller spacing"
+        )
+
+
+def _refuse_ligament(topology, place, reach):
+    """ValueError that names the narrow ligament within ``reach``, mm, of a place without usable shape functions, if there is one."""
+    ligament = narrow_ligament(topology, place, reach)
+    if ligament:
+        raise Inadmissible(
+            f"holes: a ligament of {ligament} is too narrow for the spacing {topology.spacing:g} mm; move the outlines apart, "
+            "or across the edge, or use a smaller spacing"
         )
 
 
@@ -87,6 +98,8 @@ def check_reproduction(model: "Model") -> None:
         bad = np.argwhere(poor & (np.asarray(block.weight) > 0))
         if len(bad):
             x, y = nodes[block.nodes[bad[0, 0], 0]]
+            stencil = nodes[np.unique(block.nodes[bad[0, 0]])]
+            _refuse_ligament(model.cloud.topology, stencil.mean(axis=0), np.ptp(stencil, axis=0).max() / 2)
             raise Inadmissible(
                 f"dmax: {model.dmax} is too small for the {model.basis} basis near the point ({x:.4g}, {y:.4g}): its neighbours lie on "
                 "too few lines; use a larger dmax or a smaller spacing"

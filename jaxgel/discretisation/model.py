@@ -15,6 +15,7 @@ import numpy as np
 
 from .._memo import once_per_owner
 from .._types import Array, Float, Inexact, Int, Scalar
+from .._validation import check_kind
 from ..cloud import Cloud, Topology
 from .checks import check_conditions, check_options, check_reproduction
 from .connectivity import Connectivity, conforming_connectivity, paper_connectivity
@@ -153,6 +154,7 @@ def discretise(
     the reference cloud and a quarter of the spacing on a placed one. ``solver`` is ``"auto"``, ``"direct"`` or ``"iterative"``, see
     ``linalg``. Raises ValueError for unknown options and where a point has too few neighbours for the basis.
     """
+    check_kind("cloud", cloud, Cloud, "a Cloud, as make_cloud(plate) makes it")
     check_options(basis, method, quadrature, kind, solver)
     check_conditions(kind, conditions, penalty)
     dmax = (PAPER_DMAX if quadrature == "paper" else DMAX) if dmax is None else float(dmax)

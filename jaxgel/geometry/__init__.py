@@ -3,7 +3,7 @@
 from .boundary import CONDITIONS, EDGES, edge_lines, held_components
 from .hole import Hole
 from .holes import KINDS, Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse
-from .outline import Arc, arc_parameter, arc_point, arc_points, arcs, equal_arc_length, inside_holes, outline_points
+from .outline import Arc, arc_parameter, arc_point, arc_points, arcs, equal_arc_length, inside_holes, outline_points, stretches
 from .plate import KINEMATICS, Plate, check_plate, reference_plate
 from .symmetries import SYMMETRIES, keeps_edges
 
@@ -34,4 +34,5 @@ __all__ = [
     "keeps_edges",
     "outline_points",
     "reference_plate",
+    "stretches",
 ]

@@ -85,15 +85,24 @@ def equal_arc_length(plate: "Plate", arc: Arc, n_intervals: int) -> Float[np.nda
     number of pieces goes with the length (largest remainder, at least one). Exact to 1e-10 of the arc for smooth outlines.
     Raises ValueError if there are fewer intervals than stretches between corners.
     """
-    hole = plate.holes[arc.hole]
-    corners = {c + turn for c in hole.corners for turn in (0, 1) if arc.start + 1e-9 < c + turn < arc.end - 1e-9}
-    stops = np.array([arc.start, *sorted(corners), arc.end])
+    hole, stops = plate.holes[arc.hole], np.array([arc.start, *_corners_on(plate, arc), arc.end])
     tables = [_length_table(hole, a, b) for a, b in itertools.pairwise(stops)]
     shares = _largest_remainder(np.array([lengths[-1] for _, lengths in tables]), n_intervals, arc)
     t = np.concatenate([_cuts(hole, *table, n) for table, n in zip(tables, shares, strict=True)] + [[arc.end]])
     s = (t - arc.start) / (arc.end - arc.start)
     s[-1] = 1.0
     return s[:-1] if arc.closed else s
+
+
+def stretches(plate: "Plate", arc: Arc) -> int:
+    """Number of smooth stretches of an arc, between its corners and ends: the least number of its intervals."""
+    return len(_corners_on(plate, arc)) + 1
+
+
+def _corners_on(plate, arc):
+    """The t of the corners inside an arc, ascending."""
+    corners = plate.holes[arc.hole].corners
+    return sorted({c + turn for c in corners for turn in (0, 1) if arc.start + 1e-9 < c + turn < arc.end - 1e-9})
 
 
 def inside_holes(plate: "Plate", points: Float[Array, "p 2"] | list[Any], tolerance: float = 0.0) -> Bool[np.ndarray, " p"]:
@@ -223,7 +232,7 @@ def _cuts(hole, t, lengths, n, order=16):
 def _largest_remainder(lengths, n, arc):
     """Shares (len(lengths),) of n intervals in proportion to the lengths, at least one each."""
     if n < len(lengths):
-        raise ValueError(f"nodes: {n} intervals on an arc of holes[{arc.hole}] with {len(lengths)} sides; give at least one per side")
+        raise ValueError(f"n_intervals: {n} on an arc of holes[{arc.hole}] with {len(lengths)} sides; give at least one per side")
     free = n - len(lengths)
     wish = np.maximum(n * lengths / lengths.sum() - 1, 0)
     wish *= free / max(wish.sum(), 1e-300)

@@ -199,8 +199,20 @@ def _checked_outlines(plate, name, box, touch):
         if shape.contains(box):
             raise Inadmissible(f"{where}: it covers the whole plate of {plate.width:g} x {plate.height:g} mm; make it smaller")
         _check_sides_along_edges(plate, outline, where, touch)
+        for edge in _touched_edges(plate, shape, touch):
+            raise Inadmissible(f"{where}: it touches the {edge} edge; move it in by more than {touch:.2g} mm, or across the edge")
         found[k] = shape
     return found
+
+
+def _touched_edges(plate, shape, touch):
+    """The edges that a polygon touches without crossing them."""
+    points = shapely.get_coordinates(shape)
+    half, beyond = np.array([plate.width, plate.height]) / 2, _outward(plate, points)
+    for column, (edge, (axis, _)) in enumerate(edge_lines(plate).items()):
+        beside = np.abs(points[:, 1 - axis]) < half[1 - axis] + touch
+        if abs(np.max(beyond[beside, column], initial=-np.inf)) < touch:
+            yield edge
 
 
 def _periodic_edges_across(plate, shape):
@@ -217,6 +229,9 @@ def _apart(one, touch):
 
 def _all_at(outlines, theta, name, kind):
     """The holes or regions with the parameters of ``theta``, a dict for each, in place of their own."""
+    if isinstance(theta, Mapping | str) or not all(isinstance(new, Mapping) for new in theta):
+        example = f"[{{{', '.join(f'{part!r}: ...' for part in list(outlines[0].theta)[:1])}}}]" if outlines else "[]"
+        raise ValueError(f"{name}: {theta!r} is not accepted; give a list with one dict of parameters per {kind}, such as {example}")
     if len(theta) != len(outlines):
         raise ValueError(f"{name}: {len(theta)} entries for {len(outlines)} {kind}s; give one dict of parameters per {kind}")
     return tuple(_hole_at(hole, new, f"{name}[{k}]") for k, (hole, new) in enumerate(zip(outlines, theta, strict=True)))

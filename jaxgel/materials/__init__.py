@@ -73,6 +73,7 @@ from .responsive import (
 )
 from .surface import balanced_stretch, film_edge_volume_ratio, stretch_near, surface_stability, surface_volume_ratio
 from .swelling import (
+    SMALLEST_SWELLING,
     free_swelling,
     isotropic_swelling,
     largest_mu,
@@ -86,6 +87,7 @@ from .swelling import (
 
 __all__ = [
     "ACCEPTED",
+    "SMALLEST_SWELLING",
     "AnyGel",
     "ArrudaBoyce",
     "Coexistence",

@@ -21,7 +21,7 @@ from .dofs import (
 )
 from .energy import axial_stretch, curvature, energy_at, hessian_product, network_energy, residual, total_energy
 from .loads import Loads, load_vector
-from .local_gel import localised, mean_stiffness
+from .local_gel import check_model, localised, mean_stiffness
 from .mixed import (
     ROUND_OFF,
     Linearisation,
@@ -77,6 +77,7 @@ __all__ = [
     "carries_volume",
     "check_driven",
     "check_edges",
+    "check_model",
     "check_room",
     "closest",
     "condensed_rhs",

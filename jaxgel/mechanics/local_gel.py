@@ -13,6 +13,7 @@ from jax.core import Tracer
 
 from .._memo import once_per_owner
 from .._types import Int, Scalar
+from .._validation import check_kind, kind_in_words
 from ..cloud import Topology
 from ..discretisation import Connectivity, Model, NodalField, group_weights
 from ..materials import (
@@ -37,12 +38,20 @@ from ..materials import (
 from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, held_stretch, is_film, is_generalised
 
 
+def check_model(model: Model, gel: AnyGel) -> None:
+    """Raise ValueError, one line, unless they are a `Model` and a gel: with Nv, network and volumetric energy, or a `Composite`."""
+    check_kind("model", model, Model, "a Model, as discretise(make_cloud(plate)) makes it")
+    if isinstance(gel, type) or not all(hasattr(matrix_of(gel), name) for name in ("Nv", "network", "volumetric")):
+        raise ValueError(f"gel: {kind_in_words(gel)} is not accepted; give a gel such as Gel(Nv=1e-3, chi=0.1)")
+
+
 def localised(model: Model, gel: AnyGel) -> LocalGel:
     """The gel with `LocalValues` in place of its fields; a gel of numbers as it is. Of a `Composite` every parameter has local values.
 
     ValueError for a network that the plate's kinematics cannot have, for other numbers of materials than the plate has regions, for a field
     that does not give one number, and, with the place, for a number that a gel cannot have; traced values pass.
     """
+    check_model(model, gel)
     own = matrix_of(gel)
     if is_film(model):
         check_network(own)

@@ -2,13 +2,10 @@
 
 from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, deformed_boundary, dry_outlines, free_edge_misfit, outlines
 from .fields import (
-    FIELDS,
     axial_stretch,
     cauchy_stress,
     cell_volumes,
     deformed_vertices,
-    field_on_triangles,
-    field_values,
     free_stretch,
     macroscopic_deformation,
     membrane_stress,
@@ -23,6 +20,7 @@ from .states import States, state_at
 from .surface import CREASE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
 from .table import driven_column, events, history
 from .transitions import NO_GEL, phases, swollen_share
+from .triangles import FIELDS, field_on_triangles, field_values
 from .wrinkling import surface_stability
 
 __all__ = [

@@ -10,12 +10,13 @@ from ..cloud import Topology, boundary_edges
 from ..discretisation import Model, make_probe
 from ..geometry import edge_lines
 from ..mechanics import holes_of_loops, outline_loops
-from .states import States, over_states
+from .states import States, of_path, over_states
 
 EDGE_SIDES = 8  # chords of a free edge between two vertices, as of an outline between two nodes
 TINY = 1e-300  # mm^2: square of a side of an outline that has two equal points
 
 
+@of_path
 def area_reduction(path: States) -> Float[Array, " k"]:
     """Area reduction 1 - A/A0 (k,) of all holes together, measured on their deformed outlines; nan for a plate without holes.
 
@@ -24,16 +25,19 @@ def area_reduction(path: States) -> Float[Array, " k"]:
     return over_states(_area_reduction, path)
 
 
+@of_path
 def area_reduction_per_hole(path: States) -> Float[Array, "k holes"]:
     """Area reduction 1 - A/A0 (k, holes) of each hole."""
     return over_states(_area_reduction_per_hole, path)
 
 
+@of_path
 def aspect_ratio(path: States) -> Float[Array, "k holes"]:
     """Length over width (k, holes) of each hole: the root of the ratio of its principal second moments of area; 2 for a 2:1 ellipse."""
     return over_states(_aspect_ratio, path)
 
 
+@of_path
 def outlines(path: States) -> list[Float[Array, "k _ 2"]]:
     """Deformed outlines of the holes: a list over holes of closed loops (k, m, 2), mm, without repeating the first point.
 
@@ -49,6 +53,7 @@ def dry_outlines(model: Model) -> list[Float[Array, "_ 2"]]:
     return outline_loops(model.cloud.nodes, model)
 
 
+@of_path
 def deformed_boundary(path: States) -> Float[np.ndarray, "k e 2 2"]:
     """Ends (k, e, 2, 2) of the straight sides of the deformed gel's boundary, mm, in no order; host.
 
@@ -75,6 +80,7 @@ def deformed_boundary(path: States) -> Float[np.ndarray, "k e 2 2"]:
     return np.concatenate([whole.reshape(len(position), -1, 2, 2), sides], axis=1)
 
 
+@of_path
 def free_edge_misfit(path: States, outline: Float[Array, "m 2"]) -> Float[Array, " k"]:
     """Mean square distance (k,), mm^2, of the nodes on the plate's free edges from the line through the points ``outline`` (m, 2), mm.
 

@@ -6,11 +6,9 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.sparse
 
 from .._memo import once_per_owner
 from .._types import Array, Float, Scalar
-from .._validation import one_of
 from ..continuation import Path
 from ..controls import setting_of
 from ..discretisation import Model, make_probe
@@ -43,12 +41,10 @@ from ..mechanics import (
     volume_ratios,
 )
 from ..mechanics import axial_stretch as axial_stretch_at
-from .states import States, over_states
-
-FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
-"""Fields that figures fill the gel with, and their labels."""
+from .states import States, of_path, over_states
 
 
+@of_path
 def volume_ratio(path: States) -> Float[Array, "k c"]:
     """Volume ratio J of every cell: the mean over the cell of the field, constant or linear, that its patch carries.
 
@@ -61,12 +57,14 @@ def volume_ratio(path: States) -> Float[Array, "k c"]:
     return ratio * axial_stretch(path)[:, None] if is_generalised(path.model) else ratio
 
 
+@of_path
 def thickness_stretch(path: Path) -> Float[Array, "k c"]:
     """Stretch of the thickness of every cell; 1 in plane strain."""
     J = volume_ratio(path)
     return J / over_states(_cell_volume_ratio, path) if is_film(path.model) else jnp.broadcast_to(axial_stretch(path)[:, None], J.shape)
 
 
+@of_path
 def axial_stretch(path: Path) -> Float[Array, " k"]:
     """Axial stretch (k,) of the plate, held or free; 1 in plane strain. ValueError for a film, whose thickness is not one number."""
     if is_film(path.model):
@@ -81,6 +79,7 @@ def _axial_stretch(x, p, at, problem):
     return jnp.asarray(axial_stretch_at(x, problem.model, problem.gel, mu, jax.lax.stop_gradient(p)), dtype=float)
 
 
+@of_path
 def macroscopic_deformation(path: Path) -> Float[Array, "k 2 2"]:
     """Macroscopic deformation gradient F (k, 2, 2) of every state, rows first: of a periodic cell that of its sides, else the held one."""
     return _macroscopic_deformation(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
@@ -92,6 +91,7 @@ def _macroscopic_deformation(x, at, problem):
     return deformation_of(x, problem.model.lists.topology, problem.edge_deformation(at))
 
 
+@of_path
 def membrane_stress(path: Path) -> Float[Array, " k"]:
     """Smallest principal Cauchy stress (k,) in the plane of a film, kT/v, at the quadrature points; below 0 a thin film wrinkles.
 
@@ -117,6 +117,7 @@ def _membrane_stress(x, p, at, problem):
     return jnp.min(jnp.stack(smallest))
 
 
+@of_path
 def parameter_values(path: Path) -> dict[str, Float[Array, " c"]]:
     """The parameters of the gel that vary over the plate, by name: their means over the cells."""
     model, volumes = path.model, cell_volumes(path.model)
@@ -128,16 +129,19 @@ def _cell_mean(part, model, volumes):
     return _over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], model) / volumes
 
 
+@of_path
 def smallest_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
     """Smallest volume ratio J of a cell, by NumPy."""
     return _host_volume_ratio(path).min(axis=1)
 
 
+@of_path
 def largest_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
     """Largest volume ratio J of a cell, by NumPy."""
     return _host_volume_ratio(path).max(axis=1)
 
 
+@of_path
 def mean_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
     """Mean of the volume ratio J of the cells, weighted with their dry volume, by NumPy."""
     volumes = np.asarray(cell_volumes(path.model))
@@ -155,6 +159,7 @@ def cell_volumes(model: Model) -> Float[Array, " c"]:
     return _over_cells([block.weight for block in model.blocks], model)
 
 
+@of_path
 def free_stretch(path: Path) -> Float[Array, " k"]:
     """Stretch of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``), and where the gel varies."""
     if varies(path.gel):
@@ -173,12 +178,14 @@ def _at_each(stretch, path):
     return jnp.stack([stretch(setting.mu, setting.gel) for setting in settings])
 
 
+@of_path
 def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
     """Deformed positions (k, v, 2) of all vertices of the cells, mm, for pictures."""
     probe = make_probe(path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices)
     return jax.vmap(probe.position)(jnp.asarray(path.x))
 
 
+@of_path
 def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """Cauchy stress (k, n, 3) at the nodes, components xx, yy, xy, kT/v.
 
@@ -267,33 +274,3 @@ def _node_mean(model: Model) -> Callable[[Float[Array, " c"]], Float[Array, " n"
     node, cell = np.unique(pairs, axis=0).T
     share = 1 / np.bincount(node, minlength=model.n_nodes)[node]
     return lambda values: jnp.zeros(model.n_nodes).at[node].add(share * values[cell])
-
-
-def field_values(path: Path, field: str) -> Float[np.ndarray, "k t"]:
-    """Values (k, t) of a field of ``FIELDS`` on the triangles of a path's cloud, constant in each cell; ValueError for another name.
-
-    "J" is `observables.volume_ratio`; with the paper's quadrature, whose cells are other squares, and for "stretch" it follows
-    from the deformation gradient between the vertices, averaged over the dry volume of a cell.
-    """
-    return field_on_triangles(path, np.asarray(deformed_vertices(path)), field)
-
-
-def field_on_triangles(path: Path, vertices: Float[np.ndarray, "k v 2"], field: str) -> Float[np.ndarray, "k t"]:
-    """Values (k, t) of a field, with the deformed vertices (k, v, 2) at hand."""
-    one_of("field", field, FIELDS)
-    triangles, cells = np.asarray(path.model.cloud.triangles), np.asarray(path.model.cloud.cell_of_triangle)
-    if field == "J" and path.model.quadrature == "conforming":
-        return np.asarray(volume_ratio(path))[:, cells]
-    dry = _edges(np.asarray(path.model.cloud.vertices)[triangles])
-    F = _edges(vertices[:, triangles]) @ np.linalg.inv(dry)
-    volume = np.linalg.det(dry)
-    average = scipy.sparse.csr_array((volume, (cells, np.arange(len(cells)))), shape=(cells.max() + 1, len(cells)))
-    average = average / average.sum(axis=1)[:, None]
-    F = np.stack([(average @ state.reshape(-1, 4)).reshape(-1, 2, 2) for state in F])
-    values = np.linalg.det(F) if field == "J" else np.linalg.svd(F, compute_uv=False)[..., 0]
-    return values[:, cells]
-
-
-def _edges(corners: Float[np.ndarray, "*b 3 2"]) -> Float[np.ndarray, "*b 2 2"]:
-    """Two edge vectors as columns (..., 2, 2) of triangles (..., 3, 2)."""
-    return np.stack([corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]], axis=-1)

@@ -19,7 +19,7 @@ from ..mechanics import is_film
 from .areas import dry_outlines, outlines
 from .double_normals import OPEN, WALL, Pair, kinds_of_sides, shortest_double_normal
 from .fields import membrane_stress
-from .states import States
+from .states import States, of_path
 
 SELF_CONTACT = "invalid: self-contact"
 IN_CONTACT = "a hole's sides touch"
@@ -28,6 +28,7 @@ WRINKLES = "a thin film wrinkles out of its plane"
 ROUND_OFF = 1e-9  # kT/v: compression of a film that is none
 
 
+@of_path
 def min_gap(path: States) -> Float[np.ndarray, " k"]:
     """Smallest gap (k,) of all holes, mm; 0 if an outline crosses itself, inf if no hole has a gap and for a plate without holes.
 
@@ -38,6 +39,7 @@ def min_gap(path: States) -> Float[np.ndarray, " k"]:
     return np.min([np.full(len(path.x), np.inf), *(np.array([pair.length for pair in states]) for states in pairs)], axis=0)
 
 
+@of_path
 def gap(path: States) -> Float[Array, " k"]:
     """Smallest gap (k,) of all holes, mm, with its derivatives.
 
@@ -60,6 +62,7 @@ min_gap_once = once_per_owner(min_gap)
 """`min_gap`, evaluated once for a path: two columns of the table depend on it."""
 
 
+@of_path
 def status_texts(path: Path) -> list[str]:
     """Status of each state (k): how Newton ended, or that the state is on another branch than the one before, or in contact.
 

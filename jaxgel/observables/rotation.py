@@ -11,7 +11,7 @@ from .._memo import once_per_owner
 from .._types import Array, Bool, Float
 from ..cloud import Topology
 from ..discretisation import MIDLINE_POINTS, Model, core_probe, midline_points, midline_probe
-from .states import States
+from .states import States, of_path
 
 ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
 FOUND = 1e-3  # of the slopes at the ends of its reach, of one sign: above it the line has no extremum between them
@@ -127,6 +127,7 @@ def _least(values, counted):
     return jnp.min(jnp.where(counted, values, jnp.inf))
 
 
+@of_path
 def rotation_angle(path: States) -> Float[Array, " k"]:
     """Rotation of the midline (k,), degrees: the angle to the x axis of the line through its highest and its lowest point.
 
@@ -138,6 +139,7 @@ def rotation_angle(path: States) -> Float[Array, " k"]:
     return angle_of_extrema(jnp.asarray(path.x), path.model)
 
 
+@of_path
 def core_rotation(path: States) -> Float[Array, " k"]:
     """Polar rotation (k,) of the gel at ``plate.core``, degrees: the angle of R in F = R U; nan where the core lies in a hole."""
     return _polar_rotation(jnp.asarray(path.x), core_probe(path.model))

@@ -2,13 +2,14 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ParamSpec, Protocol, TypeVar, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
+from .._validation import kind_in_words
 from ..continuation import Path
 from ..controls import control_name
 from ..discretisation import Model
@@ -24,6 +25,22 @@ class States(Protocol):
     """The model."""
     x: Float[Array, "k n 2"]
     """Nodal positions, mm."""
+
+
+P, R = ParamSpec("P"), TypeVar("R")
+
+
+def of_path(function: Callable[P, R]) -> Callable[P, R]:
+    """The observable ``function(path, ...)``, with a ValueError in one line for an argument that is no path."""
+
+    @functools.wraps(function)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        path = args[0] if args else kwargs.get("path")
+        if isinstance(path, type) or not isinstance(path, States):
+            raise ValueError(f"path: {kind_in_words(path)} is not accepted; give a Path, as sweep(model, gel, mu=...) returns it")
+        return function(*args, **kwargs)
+
+    return checked
 
 
 def over_states(function: Callable[[Float[Array, "n 2"], Model], Any], path: States) -> Any:

@@ -32,6 +32,7 @@ from ..materials import (
     value,
 )
 from ..mechanics import SOFT, Problem, is_film, is_generalised
+from .states import of_path
 
 VERTICES = 512  # to a multiple of which the places at which surface ratios are found are padded
 ELASTIC_ITERATIONS = 6  # for the volume ratio at the free surface of an elastomer; each reduces the error by Nv over the bulk stiffness
@@ -41,6 +42,7 @@ SHARPNESS = 40.0  # of the softened maximum of the surface ratio
 CREASE_SHARE = 0.1  # of a hole's outline over which the stretch is averaged; sample 1 then has 1.66 with 568 to 2992 nodes
 
 
+@of_path
 def surface_ratio(path: Path) -> Float[Array, " k"]:
     """Largest ratio (k,) of normal to tangential stretch along the hole outlines; 1 for other than plane strain, and without holes.
 
@@ -51,6 +53,7 @@ def surface_ratio(path: Path) -> Float[Array, " k"]:
     return jnp.max(surface_ratios(path), axis=1, initial=1.0)
 
 
+@of_path
 def surface_ratios(path: Path) -> Float[Array, "k m"]:
     """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for other than plane strain, and without holes."""
     chords = chords_of(path.model.lists.topology)
@@ -59,6 +62,7 @@ def surface_ratios(path: Path) -> Float[Array, "k m"]:
     return _ratio(*_chord_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem))[:, : len(chords)]
 
 
+@of_path
 def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
     """Ratios (k, m) as in `surface_ratio` whose tangential stretch is the mean over arcs of ``share`` of a hole's outline.
 
@@ -204,6 +208,7 @@ def _arcs(topology: Topology, share: float) -> tuple[Int[np.ndarray, "s 2"], Int
     return np.concatenate(segments), np.concatenate(ends)
 
 
+@of_path
 def crease_indicator(path: Path) -> Float[Array, " k"]:
     """Softened maximum (k,) of the surface ratio along the hole outlines: log(mean exp(a r)) / a with a = ``SHARPNESS``.
 

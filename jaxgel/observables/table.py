@@ -10,11 +10,13 @@ from ..continuation import Path
 from ..controls import control_name, unit_of
 from .gaps import IN_CONTACT, SWITCHED
 from .quantities import BY_COLUMN, columns_of, control_quantity
+from .states import of_path
 from .surface import CREASE_RATIO
 
 LEAP = 0.2  # of ln J: where a path that goes over to another branch changes the volume by more, the gel has changed its phase
 
 
+@of_path
 def history(path: Path) -> dict[str, Any]:
     """The columns of ``history.csv`` for every state of a path: name -> (k,) values, a list of texts for ``status``.
 

@@ -8,10 +8,12 @@ from ..continuation import Path
 from ..materials import film_volume_ratio, gel_in_groups, phase_of, takes_solvent
 from ..mechanics import Problem, all_volumes, carries_volume, is_film, is_generalised, volume_ratios
 from .fields import axial_stretch
+from .states import of_path
 
 NO_GEL = -1  # phase of what has none: elastomers, held moments of the volume ratio, padding
 
 
+@of_path
 def phases(path: Path) -> Int[Array, "k g"]:
     """Phase (k, g) of every volume group: 0 collapsed, 2 swollen, 1 between, where dp/dJ < 0, see `materials.phase_of`.
 
@@ -23,6 +25,7 @@ def phases(path: Path) -> Int[Array, "k g"]:
     return _phases(x, values, axial, path.problem)
 
 
+@of_path
 def swollen_share(path: Path) -> Float[Array, " k"]:
     """Share (k,) of the gel's dry volume that is swollen, beyond the first spinodal and stable, of 1."""
     found = phases(path)
