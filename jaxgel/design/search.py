@@ -2,7 +2,7 @@
 
 An evaluation is one sweep; its gradients are reverse passes on that same sweep, taken only when asked for, one for each weighted sum
 of objective and constraints. A design is `Invalid` if jaxgel refuses its plate, cloud or gel (`Inadmissible`), finds no state, or if its
-states are unstable or touch themselves; every other error ends the search. An interrupted one repeats its log: optimisers are deterministic.
+states are unstable or touch themselves; every other error ends the search. An interrupted search repeats its log.
 """
 
 import dataclasses
