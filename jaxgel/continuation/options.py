@@ -20,6 +20,7 @@ CONTROLS = ("mu", "temperature", "chi", "pH", "salt", "stretch", "load")
 FORMULATIONS = ("total", "incremental")
 SYMMETRY = ("auto", "off")
 LOW_MU = -20.0  # kT: above it J - 1 is far above round-off
+STEPS = 40  # values of a sweep where none are given
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 OF_MU, OF_OTHERS = ("mu_start", "mu_end", "mu"), ("value_list", "start", "end", "at_mu")  # fields that say nothing of the other controls
 
@@ -44,7 +45,7 @@ class SweepOptions:
     """Last value of another control, or the one at which it turns."""
     back: bool = option(False, FLAG, "values")
     """Whether the control goes back to its first value."""
-    steps: str | int | None = option(None, {"anyOf": [{"const": "auto"}, whole(2)]}, "values", filled=40)
+    steps: str | int | None = option(None, {"anyOf": [{"const": "auto"}, whole(2)]}, "values", filled=STEPS)
     """"auto", or the number of equally spaced values on each way with both ends included."""
     mu: tuple | None = option(None, listed(NUMBER, least=1), "values")
     """The values of mu themselves; then its ends and steps are not used. They may rise and fall."""
@@ -89,7 +90,7 @@ class SweepOptions:
             for name in ("start", "end") if self.control != "mu" else ():
                 if name not in given:
                     raise ValueError(f"sweep.{entries[name]}: is missing; control = {self.control!r} takes {known}")
-        elif given or self.back or self.steps is not None:
+        elif given or self.back or self.steps not in (None, STEPS):  # files of version 0.2 have the default beside their list
             name = given[0] if given else "back" if self.back else "steps"
             value = getattr(self, name)
             raise ValueError(f"sweep.{entries[name]}: {value!r} does not go with a list of values, which may rise and fall")

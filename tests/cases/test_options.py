@@ -164,7 +164,7 @@ def written(value):
 
 def perform(command, section, name, folder):
     """Run a command on a case in which one option is not its default; its exit code."""
-    base = {"discretisation": {"spacing": 1.3}, "sweep": {"steps": 2}, "loads": {}}
+    base = {"discretisation": {"spacing": 1.3}, "sweep": {} if name in ("mu", "values") else {"steps": 2}, "loads": {}}
     base[section] |= OF_CONTROL.get(name, {}) | {name: VALUES[name]}
     text = PLATE + "".join(
         f"[{section}]\n" + "".join(f"{key} = {written(v)}\n" for key, v in entries.items()) for section, entries in base.items()

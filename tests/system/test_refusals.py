@@ -104,8 +104,8 @@ def test_a_mu_at_which_the_volume_ratio_is_lost_in_round_off_is_refused_with_the
 def test_steps_beside_a_list_of_values_are_refused():
     with pytest.raises(ValueError, match=r"^sweep\.steps: 5 does not go with a list of values"):
         SweepOptions(mu=(-3.0, -2.0), steps=5)
-    with pytest.raises(ValueError, match=r"^sweep\.steps: 40 does not go with a list of values"):
-        SweepOptions(control="chi", value_list=(0.1, 0.2), steps=40)
+    with pytest.raises(ValueError, match=r"^sweep\.steps: 'auto' does not go with a list of values"):
+        SweepOptions(control="chi", value_list=(0.1, 0.2), steps="auto")
     assert len(SweepOptions().values) == 40 and SweepOptions(mu=(-3.0, -2.0)).values == [-3.0, -2.0]
     assert SweepOptions(steps=5).at([-3.0, -2.0]).values == [-3.0, -2.0]
 
