@@ -249,7 +249,7 @@ def test_interrupted_searches_go_on_to_the_same_numbers_and_are_not_repeated(who
 
 
 def test_where_all_starts_fail_the_study_does(tmp_path, monkeypatch):
-    monkeypatch.setattr(search.Search, "_forward", lambda self, vector: (_ for _ in ()).throw(ValueError("no state")))
+    monkeypatch.setattr(search.Search, "_forward", lambda self, vector: (_ for _ in ()).throw(search.Invalid("no state")))
     with pytest.raises(
         ValueError, match=r"^search.starts: none of 3 is a valid design; start 1: start: .* not valid: no state; see .*csv$"
     ):

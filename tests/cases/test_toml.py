@@ -148,7 +148,6 @@ def test_the_schema_knows_holes_from_drawings(validator):
         {"moved": [{"angle": 0.1, "angle_deg": 30}]},
         {"gel": {"Nv": 0.0}},
         {"gel": {"chi": 2.0}},
-        {"gel": {"chi": 0.0}},
         {"gel": {"Jm": 30.0}},
         {"gel": {"energy": "nocolon"}},
         {"sweep": {"steps": 1}},

@@ -221,7 +221,7 @@ def test_ligament_at_a_hole_that_the_edge_cuts_is_refused():
 @pytest.mark.parametrize(
     ("holes", "message"),
     [
-        ([Circle((0, 0), 2), Circle((3, 0), 2)], r"holes\[0\], holes\[1\]: they overlap or touch"),
+        ([Circle((0, 0), 2), Circle((2.9, 0), 2)], r"holes\[0\], holes\[1\]: they overlap or touch"),
         ([Circle((9, 0), 2)], r"holes\[0\]: it lies outside the plate"),
         ([Ellipse((0, 0), (1.0, -2.0))], r"holes\[0\]"),
     ],
