@@ -4,6 +4,7 @@ from argparse import Namespace
 from pathlib import Path as File
 
 from ..cases import OutputOptions, from_table, load_case, load_path, other_versions, resumed, resumed_map, resumed_study, write_page
+from ..geometry import frame_of, reference_plate
 from ..io import dry_gel, dry_regions, load_run, open_folder, swollen_gel, write_mask, write_outline
 from ..io import export as write_netcdf
 from ..materials import WithHoles
@@ -69,8 +70,9 @@ def _masks(case, file, pixels_per_mm):
     follows = plate.reference is not None and any(isinstance(field, WithHoles) for field, *_ in pictures.values())
     cloud = case.cloud().at(plate) if follows else None
     for name, (field, low, high) in pictures.items():
+        frame = frame_of(reference_plate(plate))  # that of the drawing
         size, beside = (plate.width, plate.height), file.with_name(f"{file.stem}-{name}.png")
-        yield write_mask(field, size, beside, low=low, high=high, pixels_per_mm=pixels_per_mm, cloud=cloud)
+        yield write_mask(field, size, beside, low=low, high=high, pixels_per_mm=pixels_per_mm, cloud=cloud, frame=frame)
 
 
 def export(args: Namespace) -> int:

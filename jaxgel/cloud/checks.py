@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from .._types import Float
 from .._validation import Inadmissible
-from ..geometry import EDGES, Plate
+from ..geometry import EDGES, Plate, image_offsets, periods
 from .ligaments import sides
 from .outlines import OUTLINE_SEGMENTS, loop
 
@@ -52,11 +52,12 @@ def check_ligaments(topology: "Topology") -> None:
     """Refuse a cloud with a ligament narrower than the spacing and no node in it."""
     part, n = topology.partition, topology.n_background
     free = topology.node_vertices[topology.node_vertices < n]
-    tree = cKDTree(part.vertices[free]) if len(free) else None
+    tree, along = cKDTree(part.vertices[free]) if len(free) else None, periods(topology.plate)
     for name, other_name, line in _shortest_lines(topology):
         if line.length >= topology.spacing:
             continue
         middle = np.asarray(line.centroid.coords)[0]
+        middle -= along * np.round(middle / np.where(along > 0, along, 1.0))
         if tree is None or tree.query(middle)[0] > topology.spacing:
             raise Inadmissible(
                 f"spacing: {topology.spacing:g} mm leaves no node in the {line.length:.3g} mm ligament between {name} and {other_name}; "
@@ -73,9 +74,17 @@ def narrow_ligament(topology: "Topology", place: Float[np.ndarray, " 2"], reach:
 
 
 def _shortest_lines(topology):
-    """(hole, hole or edge, line) of the shortest line across every ligament: not within one hole, nor from a cut hole to an edge."""
+    """(hole, hole or edge, line) of the shortest line across every ligament: not within one hole, nor from a cut hole to an edge.
+
+    Of a periodic cell images of the holes count, those of a hole itself too.
+    """
     outlines = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(topology.partition.vertices[loop(o)])) for o in topology.outlines]
-    edges = [(f"the {edge} edge", line) for edge, line in zip(EDGES, sides(topology.plate), strict=True)]
+    edges = [(f"the {edge} edge", line) for edge, line in zip(EDGES, sides(topology.plate), strict=True) if not line.is_empty]
+    images = [
+        (f"an image of {name}", shapely.transform(curve, lambda at, by=by: at + by))
+        for name, _, curve in outlines
+        for by in image_offsets(topology.plate)[1:]
+    ]
     for k, (name, closed, curve) in enumerate(outlines):
-        others = [(other, line) for other, _, line in outlines[k + 1 :] if other != name] + (edges if closed else [])
+        others = [(other, line) for other, _, line in outlines[k + 1 :] if other != name] + (edges if closed else []) + images
         yield from ((name, other, shapely.shortest_line(curve, line)) for other, line in others)

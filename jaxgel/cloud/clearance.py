@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .._types import Float
-from ..geometry import Plate, inside_holes
+from ..geometry import Plate, image_offsets, inside_holes
 from .outlines import OUTLINE_SEGMENTS, SNAP, Outline, on_lines, points_and_normals
 from .quadtree import Background
 
@@ -29,13 +29,17 @@ def with_clearance(
 
     ``points`` (o, 2) are those of the fine outlines and ``interfaces``; from these vertices on either side are moved, but not those on
     them.
-    Vertices on an edge of the plate stay on it; the plate's corners do not move.
+    Vertices on an edge of the plate stay on it; the plate's corners do not move. Of a periodic plate the images of the outline nodes
+    count, and vertices that face each other on opposite edges move alike.
     """
     lines = outlines + interfaces
     if not lines:
         return background
     found = [points_and_normals(line, points, len(background.vertices), OUTLINE_SEGMENTS) for line in lines]
     nodes, normals = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    first_on_interface, offsets = sum(len(o.vertices[::OUTLINE_SEGMENTS]) for o in outlines), image_offsets(plate)
+    on_interface = np.tile(np.arange(len(nodes)) >= first_on_interface, len(offsets))
+    nodes, normals = (nodes + offsets[:, None]).reshape(-1, 2), np.tile(normals, (len(offsets), 1))
     vertices, side = background.vertices, background.side.min()
     least = CLEARANCE * side / 2.0 ** background.fewest_halvings(vertices)
     (distance, second), (nearest, other) = (part.T for part in cKDTree(nodes).query(vertices, k=2))
@@ -49,11 +53,11 @@ def with_clearance(
     direction = np.where(on_edge[free], 0.0, normals[free])
     direction /= np.linalg.norm(direction, axis=1, keepdims=True) + ROUND_OFF  # zero at an edge that the outline runs along
     along = (from_node * direction).sum(axis=1)
-    beyond = (along < 0) & (
-        nearest[free] >= sum(len(o.vertices[::OUTLINE_SEGMENTS]) for o in outlines)
-    )  # on the other side of an interface
+    beyond = (along < 0) & on_interface[nearest[free]]  # on the other side of an interface
     direction[beyond], along[beyond] = -direction[beyond], -along[beyond]
     step = np.sqrt(along**2 + least**2 - distance[free] ** 2) - along
     moved = vertices.copy()
     moved[free] += step[:, None] * direction
+    near, far = background.facing.T
+    moved[far] = vertices[far] + moved[near] - vertices[near]  # between two nodes as near round-off may choose another one
     return dataclasses.replace(background, vertices=moved)

@@ -27,9 +27,9 @@ class Cloud:
     """Nodes and cell vertices of one plate."""
 
     plate: Plate
-    """The plate on which the cloud is placed."""
+    """The plate on which the cloud is placed, as given."""
     vertices: Float[Array, "v 2"]
-    """Positions of all cell vertices, mm."""
+    """Positions of all cell vertices, mm, in the frame of the topology."""
     topology: Topology
     """Lists and the reference, static."""
 
@@ -73,7 +73,8 @@ def make_cloud(
     (or on the edge) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate
     made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Squares are
     halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side, and grid points near an outline node are moved
-    away from it (``clearance``); ``follow_outlines=False`` does neither, as before version 0.2. Raises ValueError for an unusable
+    away from it (``clearance``); ``follow_outlines=False`` does neither, as before version 0.2. The periodic edges of a plate may be
+    moved along with it, ``cloud.topology.frame``: its frame is arbitrary and must not cross a hole. Raises ValueError for an unusable
     plate, a spacing that is not positive or leaves a ligament without a node, an ``across`` that is not at least 2, and where more than
     ``quadtree.MAX_HALVINGS`` halvings are needed.
     """
@@ -87,7 +88,11 @@ def make_cloud(
 
 
 def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
-    """Positions of all vertices for the holes of ``plate``; a pure function, smooth in every hole parameter."""
+    """Positions of all vertices for the holes of ``plate``; a pure function, smooth in every hole parameter.
+
+    They are those in the topology's ``frame``, which stays as it is.
+    """
+    plate = topology.frame.of(plate)
     part, n = topology.partition, topology.n_background
     on_outlines, regions = [arc_points(plate, o.arc, o.s) for o in topology.outlines], plate.with_regions_as_holes
     for o, weights in zip(topology.interfaces, topology.along_interfaces, strict=True):

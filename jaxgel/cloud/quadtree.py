@@ -10,9 +10,9 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from .._types import Float, Int
+from .._types import Bool, Float, Int
 from .._validation import Inadmissible
-from ..geometry import SYMMETRIES, Plate
+from ..geometry import SYMMETRIES, Plate, image_offsets, periods
 
 MAX_HALVINGS = 8  # of a background square
 REACH = range(-2, 3)  # squares of each size are at least two abreast, so that a support spans few sizes
@@ -35,14 +35,28 @@ class Background:
     vertices: Float[np.ndarray, "b 2"]
     """Corners of all squares, mm."""
     loops: list[Int[np.ndarray, " _"]]
-    """Vertex numbers around each square, anticlockwise, with the corners of smaller neighbours that lie on its sides."""
+    """Vertex numbers around each square, anticlockwise, with the corners of smaller neighbours that lie on its sides. Neighbours across
+    a periodic edge count, so that the vertices of opposite edges face each other."""
+    periodic: Bool[np.ndarray, "2"]
+    """Whether the plate is periodic along x and along y."""
+
+    @property
+    def facing(self) -> Int[np.ndarray, "m 2"]:
+        """Pairs of vertices (m, 2) that face each other on a periodic edge on the left or at the bottom and on the opposite one."""
+        pairs = [np.zeros((0, 2), dtype=int)]
+        for axis in np.flatnonzero(self.periodic):
+            along = self.vertices[:, 1 - axis]
+            edges = [np.flatnonzero(self.vertices[:, axis] == line) for line in (self.low[axis], -self.low[axis])]
+            pairs.append(np.stack([edge[np.argsort(along[edge])] for edge in edges], axis=1))
+        return np.concatenate(pairs)
 
     def halvings(self, points: Float[np.ndarray, "p 2"]) -> Int[np.ndarray, " p"]:
         """How many times the square around each of ``points`` (p, 2) was halved, (p,)."""
         depth = np.zeros(len(points), dtype=int)
         for k, halved in enumerate(self.halved):
             counts = self.counts * 2**k
-            square = np.clip((points - self.low) // (self.side / 2**k), 0, counts - 1).astype(int)
+            square = ((points - self.low) // (self.side / 2**k)).astype(int)
+            square = np.where(self.periodic, square % counts, np.clip(square, 0, counts - 1))
             depth += np.isin(square @ [counts[1], 1], halved)  # a square that does not exist is never halved
         return depth
 
@@ -59,21 +73,38 @@ def make_background(
     """``Background`` of squares nearly ``spacing`` wide (mm), each halved until its side is below those of all strips that it touches.
 
     Where the strips have symmetries of the square, the squares have them too: what a strip only touches is halved with all its images.
-    ``refined`` are pairs of strips, shapely geometries (m,), and sides (m,), mm. Raises ValueError where that takes too many halvings.
+    Of a periodic plate the images of the strips count, and squares at opposite edges are neighbours. ``refined`` are pairs of strips,
+    shapely geometries (m,), and sides (m,), mm. Raises ValueError where that takes too many halvings.
     """
     size = np.array([plate.width, plate.height])
     counts = np.maximum(1, np.round(size / spacing).astype(int))
-    halved = _large_squares(*map(np.concatenate, zip(*refined, strict=True)), -size / 2, size / counts, counts) if refined else []
+    periodic = periods(plate) > 0
+    halved = []
+    if refined:
+        strips, sides = with_images(plate, *map(np.concatenate, zip(*refined, strict=True)))
+        halved = _large_squares(strips, sides, -size / 2, size / counts, counts)
     for k in range(len(halved) - 1, 0, -1):  # a square may only be halved if all squares of its size around it exist
         square = np.stack(np.divmod(halved[k], counts[1] * 2**k), axis=1)
         near = np.concatenate([square + [i, j] for i in REACH for j in REACH])
+        near = np.where(periodic, near % (counts * 2**k), near)
         parents = near[((near >= 0) & (near < counts * 2**k)).all(axis=1)] // 2
         halved[k - 1] = np.union1d(halved[k - 1], parents @ [counts[1] * 2 ** (k - 1), 1])
-    vertices, loops = _corners(counts, halved)
+    vertices, loops = _corners(counts, halved, periodic)
     finest = counts * 2 ** len(halved)
     ticks = [np.linspace(-length / 2, length / 2, n + 1) for length, n in zip(size, finest, strict=True)]
     vertices = np.stack([ticks[i][vertices[:, i]] for i in range(2)], axis=1)
-    return Background(-size / 2, size / counts, counts, tuple(halved), vertices, loops)
+    return Background(-size / 2, size / counts, counts, tuple(halved), vertices, loops, periodic)
+
+
+def with_images(plate: Plate, strips: np.ndarray, values: Float[np.ndarray, " m"]) -> tuple[np.ndarray, Float[np.ndarray, " _"]]:
+    """The ``strips``, shapely geometries (m,), with those of their images in a periodic plate that meet it, and the values of all."""
+    box, found = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2), [(strips, values)]
+    for by in image_offsets(plate)[1:]:
+        images = shapely.transform(strips, lambda at, by=by: at + by)
+        met = shapely.intersects(images, box)
+        found.append((images[met], values[met]))
+    strips, values = map(np.concatenate, zip(*found, strict=True))
+    return strips, values
 
 
 def _large_squares(strips, below, low, side, counts):
@@ -111,8 +142,11 @@ def _symmetries(strips, side, counts):
     return found
 
 
-def _corners(counts, halved):
-    """Vertices (b, 2) of the squares that are not halved, in steps of the finest grid, and the loops of vertex numbers around them."""
+def _corners(counts, halved, periodic):
+    """Vertices (b, 2) of the squares that are not halved, in steps of the finest grid, and the loops of vertex numbers around them.
+
+    A vertex on a periodic edge has an image on the opposite one.
+    """
     rings, square = [], np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
     finest = len(halved)
     for k in range(finest + 1):
@@ -121,7 +155,12 @@ def _corners(counts, halved):
         square = (2 * square[again][:, None] + _CORNERS).reshape(-1, 2)
     rings = np.concatenate(rings)
     rows = counts[1] * 2**finest + 1
-    keys = np.unique(rings @ [rows, 1])
+    corners = rings.reshape(-1, 2)
+    for axis in np.flatnonzero(periodic):
+        last, images = counts[axis] * 2**finest, corners[np.isin(corners[:, axis], [0, counts[axis] * 2**finest])]
+        images[:, axis] = last - images[:, axis]
+        corners = np.concatenate([corners, images])
+    keys = np.unique(corners @ [rows, 1])
     middles = (rings + np.roll(rings, -1, axis=1)) // 2
     around = np.stack([rings, middles], axis=2).reshape(-1, 8, 2) @ [rows, 1]
     number = np.minimum(np.searchsorted(keys, around), len(keys) - 1)

@@ -9,7 +9,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from .._types import Float, Int
-from ..geometry import Plate, check_plate, edge_lines, inside_holes
+from ..geometry import Frame, Plate, check_plate, edge_lines, frame_of, inside_holes, periods
 from .cells import Partition, partition
 from .checks import check_ligaments, check_sizes
 from .clearance import with_clearance
@@ -18,7 +18,7 @@ from .ligaments import across_regions, ligaments
 from .morph import Morph, make_morph
 from .outlines import OUTLINE_SEGMENTS, SNAP, Outline, fine_outlines, intervals, join, loop, on_lines, region_polygons, renumbered
 from .quadrature import Quadrature, cell_quadrature
-from .quadtree import Background, make_background
+from .quadtree import Background, make_background, with_images
 
 SQUARES_ACROSS = 2  # least number across a region: with the nodes on its outline three lines of nodes, for quadratic shape functions
 GRADING = 0.75  # slope of the node spacing between large squares and small ones
@@ -29,7 +29,11 @@ class Topology:
     """What does not move with the holes; NumPy arrays, hashed by identity."""
 
     plate: Plate
-    """The reference plate."""
+    """The reference plate, in the ``frame`` that is computed."""
+    given: Plate
+    """The reference plate as given; the same unless an edge of a periodic cell was moved, see `geometry.frame_of`."""
+    frame: Frame
+    """Where the plate lies on the given one; all positions here are those in this frame."""
     spacing: float
     """Distance of the background nodes, mm."""
     nodes_per_hole: int
@@ -81,7 +85,8 @@ class Topology:
         """Strips of gel (m,) between outlines or an edge, from node to node, and their widths (m,), mm; see ``ligaments``."""
         if not self.outlines:
             return np.empty(0, object), np.empty(0)
-        return ligaments(self.plate, self.outlines, self.partition.vertices[self.n_background :], self.n_background, OUTLINE_SEGMENTS)
+        points, n = self.partition.vertices[self.n_background :], self.n_background
+        return with_images(self.plate, *ligaments(self.plate, self.outlines, points, n, OUTLINE_SEGMENTS))
 
     @functools.cached_property
     def curves(self) -> Curves:
@@ -139,6 +144,8 @@ class Topology:
 def make_topology(plate: Plate, spacing: float | None, nodes_per_hole: int | None, across: int | None, follow_outlines: bool) -> Topology:
     """``Topology`` of a concrete plate; arguments and errors as of ``make_cloud``."""
     check_plate(plate)
+    given, frame = plate, frame_of(plate)
+    plate = frame.of(plate)
     spacing, nodes_per_hole = check_sizes(plate, spacing, nodes_per_hole, across)
     background, refined = make_background(plate, spacing), []
     outlines, points = fine_outlines(plate, nodes_per_hole, background, len(background.vertices))
@@ -161,7 +168,7 @@ def make_topology(plate: Plate, spacing: float | None, nodes_per_hole: int | Non
     outlines, interfaces = (tuple(renumbered(o, len(halved.vertices) - n) for o in part) for part in (outlines, interfaces))
     if follow_outlines:
         halved = with_clearance(plate, halved, outlines, interfaces, points)
-    topology = assemble(plate, spacing, halved, outlines, points, nodes_per_hole, across, follow_outlines, interfaces)
+    topology = assemble(plate, spacing, halved, outlines, points, nodes_per_hole, across, follow_outlines, interfaces, (given, frame))
     check_ligaments(topology)
     return topology
 
@@ -176,8 +183,13 @@ def assemble(
     across: int | None = None,
     follow_outlines: bool = True,
     interfaces: tuple[Outline, ...] = (),
+    source: tuple[Plate, Frame] | None = None,
 ) -> Topology:
-    """``Topology`` of a background and the fine outlines and interfaces numbered after it, with their points (o, 2)."""
+    """``Topology`` of a background and the fine outlines and interfaces numbered after it, with their points (o, 2).
+
+    ``source`` are the plate as given and the frame in which it is ``plate``, by default ``plate`` itself.
+    """
+    given, frame = source or (plate, frame_of(plate))
     n, lines = len(background.vertices), outlines + interfaces
     segments = [np.stack([loop(o)[:-1], loop(o)[1:]], axis=1) - n for o in lines]
     regions = region_polygons(plate, outlines, interfaces, points, n)
@@ -189,6 +201,8 @@ def assemble(
     nodes = part.vertices[node_vertices]
     return Topology(
         plate=plate,
+        given=given,
+        frame=frame,
         spacing=spacing,
         nodes_per_hole=nodes_per_hole,
         across=across,
@@ -199,7 +213,7 @@ def assemble(
         interfaces=interfaces,
         node_regions=_node_regions(nodes, interfaces, regions),
         node_vertices=node_vertices,
-        node_spacing=_graded(nodes, spacing / 2.0 ** background.fewest_halvings(nodes)),
+        node_spacing=_graded(nodes, spacing / 2.0 ** background.fewest_halvings(nodes), periods(plate)),
         edge_nodes=_edge_nodes(plate, nodes, 1e-9 * spacing),
     )
 
@@ -225,11 +239,14 @@ def _with_cuts_on_curves(part, outlines):
     return dataclasses.replace(part, vertices=vertices)
 
 
-def _graded(nodes, spacing):
-    """Spacings (n,) of the nodes (n, 2), raised near larger ones so that none falls by more than ``GRADING`` times the distance."""
-    graded = spacing.copy()
+def _graded(nodes, spacing, along):
+    """Spacings (n,) of the nodes (n, 2), raised near larger ones so that none falls by more than ``GRADING`` times the distance.
+
+    Distances are those to the nearest image for the periods ``along`` (2,), 0 for none.
+    """
+    graded, places = spacing.copy(), np.where(along > 0, nodes % np.where(along > 0, along, 1.0), nodes)
     for size in np.unique(spacing)[1:]:
-        distance = cKDTree(nodes[spacing == size]).query(nodes)[0]
+        distance = cKDTree(places[spacing == size], boxsize=along if along.any() else None).query(places)[0]
         graded = np.maximum(graded, size - GRADING * distance)
     return graded
 

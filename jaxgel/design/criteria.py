@@ -19,7 +19,7 @@ from .._validation import Inadmissible
 from ..cloud import Cloud
 from ..continuation import Path
 from ..controls import control_name
-from ..geometry import Plate, arcs, edge_lines, outline_points, reference_plate
+from ..geometry import Plate, arcs, edge_lines, frame_of, image_offsets, outline_points, periods, reference_plate
 from ..materials import AnyGel, WithHoles, matrix_of
 from ..observables import CURVES
 
@@ -88,24 +88,34 @@ class Constraint:
 def ligaments(plate: Plate) -> Float[Array, " c"]:
     """Widths (c,) of the dry ligaments, mm: between every two holes, then between every hole and every wall that it does not cross.
 
-    Exact for smooth outlines, with the derivatives of the nearest pair of points; without meaning where holes overlap.
+    A periodic edge is no wall. Of a periodic cell there are the widths between a hole and the nearest images of each other one, 3 or 9, and
+    between a hole and its own images, 1 or 4. The nearest ones are those of the reference plate and their neighbours, so that each width is
+    smooth while holes move by less than a period. Exact for smooth outlines, with the derivatives of the nearest pair of points; without
+    meaning where holes overlap.
     """
-    widths = [_width_between(a, b) for a, b in itertools.combinations(plate.holes, 2)]
-    for hole, crossed in zip(plate.holes, _crossed_walls(reference_plate(plate)), strict=True):
-        walls = [(axis, line) for edge, (axis, line) in edge_lines(plate).items() if edge not in crossed]
-        widths += [_width_to_wall(hole, line, axis) for axis, line in walls]
-    return jnp.stack(widths) if widths else jnp.zeros(0)
+    reference, offsets = reference_plate(plate), image_offsets(plate)
+    nearest = _nearest_images(reference)
+    own = offsets[(offsets[:, 0] > 0) | ((offsets[:, 0] == 0) & (offsets[:, 1] > 0))]  # one of each pair of opposite ones
+    pairs = itertools.combinations(range(len(plate.holes)), 2)
+    widths = [_widths_between(plate.holes[i], plate.holes[j], nearest[i, j] + offsets) for i, j in pairs]
+    widths += [_widths_between(hole, hole, own) for hole in plate.holes if len(own)]
+    for hole, crossed in zip(plate.holes, _crossed_walls(reference), strict=True):
+        walls = [
+            (axis, line) for edge, (axis, line) in edge_lines(plate).items() if edge not in crossed and plate.edges[edge] != "periodic"
+        ]
+        widths += [_width_to_wall(hole, line, axis)[None] for axis, line in walls]
+    return jnp.concatenate(widths) if widths else jnp.zeros(0)
 
 
 def hole_areas(plate: Plate) -> Float[Array, " holes"]:
-    """Dry area (holes,) of each hole, mm^2; ValueError where the plate's edge cuts one."""
+    """Dry area (holes,) of each hole, mm^2; ValueError if an edge cuts one that is not periodic."""
     if any(_crossed_walls(reference_plate(plate))):
         raise Inadmissible("hole_areas: the plate's edge cuts a hole; areas are those of whole holes")
     return jnp.stack([hole.area() for hole in plate.holes])
 
 
 def porosity(plate: Plate) -> Float[Array, "1"]:
-    """Share (1,) of the dry plate that is hole; ValueError where the plate's edge cuts one."""
+    """Share (1,) of the dry plate that is hole; ValueError if an edge cuts one that is not periodic."""
     return jnp.sum(hole_areas(plate), keepdims=True) / (plate.width * plate.height)
 
 
@@ -122,7 +132,8 @@ def parameter_mean(name: str) -> Callable[[Cloud, AnyGel], Float[Array, "1"]]:
         outside = cloud.topology.partition.region_of_cell[quadrature.owner] == 0
         area = jnp.where(outside, quadrature.weights(cloud.vertices), 0.0)
         places = jnp.asarray(cloud.topology.partition.vertices) if isinstance(parameter, WithHoles) else cloud.vertices
-        return jnp.sum(area * jax.vmap(parameter)(quadrature.points(places)), keepdims=True) / jnp.sum(area)
+        points = cloud.topology.frame.to_given(quadrature.points(places))
+        return jnp.sum(area * jax.vmap(parameter)(points), keepdims=True) / jnp.sum(area)
 
     return mean
 
@@ -163,15 +174,29 @@ def bound(
     return Constraint(words + (f" at {control} = {at:g}" if at is not None else ""), room, abs(value) or 1.0, dry, of_gel)
 
 
+def _nearest_images(plate):
+    """Translations (h, h, 2) of each hole of a concrete plate, second index, to its image nearest each one; 0 if it is not periodic."""
+    along, t = periods(plate), np.arange(LIGAMENT_SAMPLES) / LIGAMENT_SAMPLES
+    if not along.any():
+        return np.zeros((len(plate.holes), len(plate.holes), 2))
+    middles = np.array([np.asarray(outline_points(hole, t)).mean(axis=0) for hole in plate.holes]).reshape(-1, 2)
+    return along * np.round((middles[:, None] - middles) / np.where(along > 0, along, 1.0))
+
+
 @jax.jit
-def _width_between(hole, other):
-    """Smallest distance () between two outlines; compiled once per pair of kinds."""
+def _widths_between(hole, other, offsets):
+    """Smallest distances (m,) between two outlines, the second one translated by ``offsets`` (m, 2); compiled once per pair of kinds."""
+    return jax.vmap(lambda by: _width_between(hole, other, by))(offsets)
+
+
+def _width_between(hole, other, by):
+    """Smallest distance () between two outlines, the second one translated ``by`` a vector (2,)."""
     t = jnp.arange(LIGAMENT_SAMPLES) / LIGAMENT_SAMPLES
-    squared = jnp.sum((outline_points(hole, t)[:, None] - outline_points(other, t)[None]) ** 2, axis=2)
+    squared = jnp.sum((outline_points(hole, t)[:, None] - outline_points(other, t)[None] - by) ** 2, axis=2)
     start = t[jnp.stack(jnp.unravel_index(jnp.argmin(squared), squared.shape))]
     fixed = jax.lax.stop_gradient((hole, other))
-    nearest = _refine(lambda t: jnp.sum((fixed[0].point(t[0]) - fixed[1].point(t[1])) ** 2), start)
-    return jnp.linalg.norm(hole.point(nearest[0]) - other.point(nearest[1]))
+    nearest = _refine(lambda t: jnp.sum((fixed[0].point(t[0]) - fixed[1].point(t[1]) - by) ** 2), start)
+    return jnp.linalg.norm(hole.point(nearest[0]) - other.point(nearest[1]) - by)
 
 
 @functools.partial(jax.jit, static_argnames="axis")
@@ -199,7 +224,8 @@ def _refine(function, t):
 
 
 def _crossed_walls(plate):
-    """Per hole the set of edges that cut it."""
+    """Per hole the set of edges that cut it; periodic ones cut none."""
+    plate = frame_of(plate).of(plate)
     crossed = [set() for _ in plate.holes]
     for arc in arcs(plate):
         crossed[arc.hole] |= {edge for edge in (arc.start_edge, arc.end_edge) if edge is not None}

@@ -17,7 +17,7 @@ from jax import lax
 from .._memo import once_per_owner
 from .._types import Array, Float, Inexact, Int
 from ..cloud import Cloud, Topology
-from ..geometry import inside_holes
+from ..geometry import Frame, inside_holes
 from .moving_least_squares import shape_functions, shape_functions_and_gradients
 from .neighbours import SKIN, is_moved, neighbours_of_points
 
@@ -83,6 +83,11 @@ class NodalField:
         if np.shape(values) != (model.n_nodes,):
             raise ValueError(f"values: an array of shape {np.shape(values)}, it must have one number for each of {model.n_nodes} nodes")
         self.values, self._shape_functions = values, (model.cloud.topology, model.basis, model.dmax)
+
+    @property
+    def frame(self) -> Frame:
+        """The frame of its cloud: positions are those in it."""
+        return self._shape_functions[0].frame
 
     def tree_flatten(self) -> tuple:
         """The values, and what does not change."""
@@ -257,6 +262,7 @@ def _core(topology: Topology, dmax: float):
     In a hole it is replaced by a point of the gel: 0 times nan would spoil every reverse derivative.
     """
     plate = topology.plate
-    in_hole = bool(inside_holes(plate, [plate.core])[0])
-    points = _midline(topology, dmax)[0][:1] if in_hole else np.array([plate.core])
+    core = np.array([(0.0, 0.0) if plate.core is None else plate.core])
+    in_hole = bool(inside_holes(plate, core)[0])
+    points = _midline(topology, dmax)[0][:1] if in_hole else core
     return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing), in_hole

@@ -11,7 +11,7 @@ SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of th
 
 def is_moved(cloud: Cloud) -> bool:
     """Whether the cloud is placed on another plate than its reference."""
-    return cloud.plate is not cloud.topology.plate
+    return cloud.plate is not cloud.topology.given
 
 
 def neighbours_of_points(

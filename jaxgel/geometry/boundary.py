@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._types import Float
 from .._validation import did_you_mean, finite_numbers
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ FREE = "free"
 Deformation = tuple[tuple[float | str, float | str], tuple[float | str, float | str]]
 AXIS = {"left": 0, "right": 0, "bottom": 1, "top": 1}
 """Axis normal to each edge."""
+FRAME_EDGES = (("left", "right"), ("bottom", "top"))
+"""The two edges normal to each axis."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +46,18 @@ def edge_lines(plate: "Plate") -> dict[str, tuple[int, float]]:
     """Edge -> (axis, coordinate): the edge lies where x (axis 0) or y (axis 1) has the coordinate, mm."""
     w, h = plate.width / 2, plate.height / 2
     return {"left": (0, -w), "right": (0, w), "bottom": (1, -h), "top": (1, h)}
+
+
+def periods(plate: "Plate") -> Float[np.ndarray, " 2"]:
+    """Periods (2,) of a plate along x and y, mm; 0 along an axis whose edges are not periodic."""
+    sides = plate.width, plate.height
+    return np.array([side if plate.edges[edges[0]] == "periodic" else 0.0 for side, edges in zip(sides, FRAME_EDGES, strict=True)])
+
+
+def image_offsets(plate: "Plate") -> Float[np.ndarray, "m 2"]:
+    """Translations (m, 2), mm, of a periodic plate to itself and its neighbours in the lattice, first (0, 0); of others (0, 0) alone."""
+    steps = [(0.0, -period, period) if period else (0.0,) for period in periods(plate)]
+    return np.array(list(itertools.product(*steps)))
 
 
 def checked_edges(edges: Mapping[str, str] | str) -> Edges:

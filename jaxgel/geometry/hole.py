@@ -66,6 +66,13 @@ class Hole:
         """The hole's parameters as a dict, name -> array."""
         return {name: getattr(self, name) for name in self.shapes}
 
+    def translated(self, by: Float[Array, " 2"]) -> "Hole":
+        """The hole translated ``by`` a vector (2,), mm; ValueError for a kind that has neither a ``centre`` nor ``vertices``."""
+        place = next((name for name in ("centre", "vertices") if name in self.shapes), None)
+        if place is None:
+            raise ValueError(f"{type(self).__name__}: has no parameter 'centre' or 'vertices'; define translated(by) for it")
+        return dataclasses.replace(self, **{place: getattr(self, place) + by})  # pyright: ignore[reportArgumentType]
+
     def point(self, t: Scalar) -> Float[Array, "2"]:
         """Point of the outline at t; t and t + 1 are the same point."""
         raise NotImplementedError

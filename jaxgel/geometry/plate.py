@@ -10,12 +10,12 @@ import shapely
 from .._types import Array, Scalar
 from .._validation import Inadmissible, did_you_mean, one_of
 from .boundary import FREE, checked_deformation, checked_displacement, checked_edges, edge_lines
+from .frame import TOUCH, frame_of
 from .hole import Hole, checked_parameter, pytree
 from .holes import check_parameters
 from .outline import _outward, _traced, outline_points
 
 KINEMATICS = ("plane strain", "generalised plane strain", "plane stress")
-TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as contact
 
 
 @pytree(
@@ -62,8 +62,8 @@ class Plate:
     """Default number of nodes on the outline of each whole hole."""
     cells: int | None = None
     """Default number of background cells per side for the paper's quadrature."""
-    core: Sequence[float] = (0.0, 0.0)
-    """Point whose rotation is the plate's core rotation, mm."""
+    core: Sequence[float] | None = None
+    """Point whose rotation is the plate's core rotation, mm; None for the middle of the plate, of a periodic one that of its frame."""
     gel: object = None
     """Default ``materials.Gel`` with concrete numbers, or None."""
     unit: str = "mm"
@@ -82,7 +82,7 @@ class Plate:
         object.__setattr__(self, "edges", checked_edges(self.edges))
         object.__setattr__(self, "deformation", checked_deformation(self.deformation, self.edges))
         object.__setattr__(self, "displacement", checked_displacement(self.displacement, self.edges))
-        object.__setattr__(self, "core", tuple(float(c) for c in self.core))
+        object.__setattr__(self, "core", None if self.core is None else tuple(float(c) for c in self.core))
         for name in ("holes", "regions"):
             outlines = getattr(self, name)
             object.__setattr__(self, name, (outlines,) if isinstance(outlines, Hole) else tuple(outlines))
@@ -149,14 +149,16 @@ def check_plate(plate: Plate) -> None:
     """Raise ValueError, in one line that names the hole, for parameters or an arrangement of holes that make no plate.
 
     That is: values that are not finite or not positive, outlines that cross themselves, holes outside the plate, with a side along
-    its edge, overlapping or touching each other, swallowing the plate or cutting it into parts. The plate's edge may cut holes.
+    its edge, overlapping or touching each other, swallowing the plate or cutting it into parts. The plate's edge may cut holes; of a
+    periodic cell another frame is taken, see `frame_of`, and images of holes count.
     """
+    for name in ("holes", "regions"):
+        for k, outline in enumerate(getattr(plate, name)):
+            check_parameters(outline, f"{name}[{k}]")
+    plate = frame_of(plate).of(plate)
     box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
     touch = TOUCH * min(plate.width, plate.height)
     shapes = _checked_outlines(plate, "holes", box, touch)
-    for k, shape in enumerate(shapes):
-        for edge in _periodic_edges_across(plate, shape):
-            raise Inadmissible(f"holes[{k}]: the periodic edge {edge} cuts it; choose the cell so that its holes lie inside")
     inner = shapely.intersection(shapes, box)
     for i, j in _apart(inner, touch):
         raise Inadmissible(f"holes[{i}], holes[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
@@ -169,12 +171,6 @@ def check_plate(plate: Plate) -> None:
 def _check_regions(plate, holes, box, touch):
     """Refuse regions that cross a hole or each other; ``holes`` are polygons."""
     shapes = _checked_outlines(plate, "regions", box, touch)
-    for k, shape in enumerate(shapes):
-        crossed = _periodic_edges_across(plate, shape)
-        if crossed and set(crossed) not in ({"left", "right"}, {"bottom", "top"}):
-            raise Inadmissible(
-                f"regions[{k}]: the periodic edge {crossed[0]} cuts it; choose the cell so that it lies inside, or is a layer"
-            )
     inner = shapely.intersection(shapes, box)
     for i, j in _apart(inner, touch):
         raise Inadmissible(f"regions[{i}], regions[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
@@ -190,7 +186,6 @@ def _checked_outlines(plate, name, box, touch):
     found = np.empty(len(getattr(plate, name)), dtype=object)
     for k, outline in enumerate(getattr(plate, name)):
         where = f"{name}[{k}]"
-        check_parameters(outline, where)
         shape = shapely.Polygon(np.asarray(outline_points(outline, np.union1d(np.arange(1440) / 1440, outline.corners))))
         if not shape.is_valid or not shape.exterior.is_ccw:
             raise Inadmissible(f"{where}: its outline crosses itself or runs clockwise; give a simple anticlockwise outline")
@@ -211,15 +206,8 @@ def _touched_edges(plate, shape, touch):
     half, beyond = np.array([plate.width, plate.height]) / 2, _outward(plate, points)
     for column, (edge, (axis, _)) in enumerate(edge_lines(plate).items()):
         beside = np.abs(points[:, 1 - axis]) < half[1 - axis] + touch
-        if abs(np.max(beyond[beside, column], initial=-np.inf)) < touch:
+        if plate.edges[edge] != "periodic" and abs(np.max(beyond[beside, column], initial=-np.inf)) < touch:
             yield edge
-
-
-def _periodic_edges_across(plate, shape):
-    """The periodic edges beyond which a polygon reaches."""
-    points = shapely.get_coordinates(shape)
-    lines = ((edge, line) for edge, line in edge_lines(plate).items() if plate.edges[edge] == "periodic")
-    return [edge for edge, (axis, coordinate) in lines if np.max(np.sign(coordinate) * points[:, axis]) > abs(coordinate)]
 
 
 def _apart(one, touch):

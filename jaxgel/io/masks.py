@@ -14,6 +14,7 @@ from .._types import Float, Int
 from .._validation import FLAG, NUMBER, TEXT, exactly_one, listed, not_both, tabled, whole
 from ..cloud import Cloud
 from ..discretisation import NodalField
+from ..geometry import Frame
 from ..materials import WithHoles
 from .files import write_atomically
 
@@ -99,19 +100,22 @@ def write_mask(
     high: float,
     pixels_per_mm: float | None = None,
     cloud: Cloud | None = None,
+    frame: Frame | None = None,
 ) -> File:
     """Write a field on a plate of that ``size`` (width and height, mm) as a grey PNG file, ``low`` black, ``high`` white; returns the file.
 
     ``field`` is a function of the position (2,), mm, as for a gel; each pixel has its value at the pixel's centre, black where there is
     none. ``pixels_per_mm`` is by default the largest of 1, 2 and 5 times a power of ten with at most ``LONGER_SIDE`` pixels along a side;
     the file says its size in mm. On a plate whose holes have moved, ``cloud`` is the cloud placed there: fields that move with the
-    material are read where a point was before. ValueError for a picture without pixels or with more than ``MOST_PIXELS``.
+    material are read where a point was before. The picture is that of a periodic cell in its ``frame``, by default as given. ValueError
+    for a picture without pixels or with more than ``MOST_PIXELS``.
     """
     (r, c), (width, height) = _shape(size, pixels_per_mm), size
     x, y = width * ((np.arange(c) + 0.5) / c - 0.5), height * (0.5 - (np.arange(r) + 0.5) / r)
     back = _before(cloud) if cloud is not None and isinstance(field, WithHoles | NodalField) else lambda points: points
+    given = (lambda points: points) if frame is None or isinstance(field, NodalField) else frame.to_given
     read = field.at if isinstance(field, NodalField) else jax.jit(jax.vmap(field))
-    values = np.stack([np.asarray(read(back(np.stack([x, np.full(c, own)], axis=1)))) for own in y])
+    values = np.stack([np.asarray(read(given(back(np.stack([x, np.full(c, own)], axis=1))))) for own in y])
     return write_grey((values - low) / (high - low or 1.0), size, file)
 
 

@@ -13,7 +13,7 @@ import shapely
 from .._types import Float
 from ..continuation import Path
 from ..controls import control_name
-from ..geometry import Plate, check_plate
+from ..geometry import Plate, check_plate, frame_of, image_offsets, reference_plate
 from ..observables import deformed_boundary
 from .files import write_atomically
 from .masks import write_drawing
@@ -23,16 +23,26 @@ FORMATS = ("dxf", "svg", "stl", "png")
 
 
 def dry_gel(plate: Plate) -> shapely.Geometry:
-    """The dry gel of a plate as a shapely polygon, mm; ValueError for a plate that `check_plate` refuses, such as one in two parts."""
+    """The dry gel of a plate as a shapely polygon, mm; of a periodic cell in the frame that is computed, see `geometry.frame_of`.
+
+    ValueError for a plate that `check_plate` refuses, such as one in two parts.
+    """
     check_plate(plate)
     box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
-    return shapely.difference(box, shapely.union_all([shapely.Polygon(hole_points(hole)) for hole in plate.holes]))
+    return shapely.difference(box, shapely.union_all(_shapes(plate, "holes")))
+
+
+def _shapes(plate, name):
+    """Polygons of the ``holes`` or ``regions`` in the frame of the reference plate, with their images if it is periodic."""
+    outlines = getattr(frame_of(reference_plate(plate)).of(plate), name)
+    own = np.array([shapely.Polygon(hole_points(outline)) for outline in outlines], dtype=object)
+    return np.concatenate([shapely.transform(own, lambda at, by=by: at + by) for by in image_offsets(plate)])
 
 
 def dry_regions(plate: Plate) -> list[shapely.Polygon]:
     """The parts of a dry plate's regions in the plate, shapely polygons, mm; holes in them are not cut out."""
     box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
-    inside = [shapely.intersection(box, shapely.Polygon(hole_points(region))) for region in plate.regions]
+    inside = shapely.intersection(box, _shapes(plate, "regions"))
     return [part for part in shapely.get_parts(inside) if isinstance(part, shapely.Polygon)]
 
 

@@ -88,7 +88,7 @@ def _body_load(model, body_force):
     topology, vertices = model.lists.topology, model.cloud.vertices
     quadrature = topology.quadrature
     points = quadrature.points(vertices)
-    load = quadrature.weights(vertices)[:, None] * _at_points(body_force, points, "body_force")
+    load = quadrature.weights(vertices)[:, None] * _at_points(body_force, topology.frame.to_given(points), "body_force")
     return _true_trace(model, points, quadrature.points(topology.partition.vertices), load)
 
 
@@ -102,7 +102,7 @@ def _edge_load(model, edge, force):
     fractions, shares = model.lists.contour.rule
     points = _along(model.cloud.vertices, ends, fractions)
     length = jnp.linalg.norm(jnp.diff(model.cloud.vertices[ends], axis=1)[:, 0], axis=1)
-    load = jnp.outer(length, shares).ravel()[:, None] * _at_points(force, points, f"traction: {edge}")
+    load = jnp.outer(length, shares).ravel()[:, None] * _at_points(force, topology.frame.to_given(points), f"traction: {edge}")
     wall = np.repeat(plate_edge_ends(topology, ends), len(shares), axis=0)
     if np.all(wall < 0):
         return _true_trace(model, points, np.asarray(_along(part.vertices, ends, fractions)), load)

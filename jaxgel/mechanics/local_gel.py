@@ -71,10 +71,11 @@ def _with_values(model, gel):
     if not fields:
         return gel
     with_material = [isinstance(field, WithHoles | NodalField) for field in fields.values()]
-    places = _places(model.blocks, _surface_points(model))
+    places, frame = _places(model.blocks, _surface_points(model)), model.lists.topology.frame
     reference = _reference_places(model) if any(with_material) else places
     for (name, field), moves in zip(fields.items(), with_material, strict=True):
-        local = _evaluated(name, field, reference if moves else places)
+        chosen = jax.tree.map(frame.to_given, reference if moves else places)
+        local = _evaluated(name, field, jax.tree.map(field.frame.from_given, chosen) if isinstance(field, NodalField) else chosen)
         gel = with_parameters(gel, lambda part, field=field, local=local: local if part is field else part)
     return gel
 

@@ -131,7 +131,8 @@ def _least(values, counted):
 def rotation_angle(path: States) -> Float[Array, " k"]:
     """Rotation of the midline (k,), degrees: the angle to the x axis of the line through its highest and its lowest point.
 
-    The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5). The extrema are those of the line smoothed over
+    The midline is the part of y = 0 in the dry gel (Deng et al. 2020, section 5.5); of a periodic cell y = 0 is the middle of the frame
+    that is computed, see `geometry.frame_of`. The extrema are those of the line smoothed over
     a support of the shape functions by a cubic: they lie where the slope vanishes, and the interpolated slope wavers from node to node. So
     the angle is a smooth function of the state until another extremum takes over. A level midline, such as that of the
     symmetric states of samples 4 and 7 and of the lattice, turns by 0 and has no derivative: differentiate ``core_rotation`` there.

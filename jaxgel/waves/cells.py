@@ -41,11 +41,15 @@ def translations(plate: Plate) -> tuple[int, int]:
 
 
 def _is_kept(
-    outlines: Float[np.ndarray, "h q 2"], shift: Float[np.ndarray, " 2"], periods: Float[np.ndarray, " 2"], tolerance: float
+    outlines: Float[np.ndarray, "h q 2"],
+    shift: Float[np.ndarray, " 2"],
+    periods: Float[np.ndarray, " 2"],
+    tolerance: float,
+    among: Float[np.ndarray, "k q 2"] | None = None,
 ) -> bool:
-    """Whether every outline, moved by ``shift``, lies on one of them or on one of its images a period away."""
+    """Whether every outline, moved by ``shift``, lies on one ``among`` others, by default of them, or on one of its images."""
     for outline in outlines:
-        apart = outline + shift - outlines
+        apart = outline + shift - (outlines if among is None else among)
         apart -= np.round(apart.mean(axis=1, keepdims=True) / periods) * periods
         if not (np.abs(apart).max(axis=(1, 2)) < tolerance).any():
             return False
@@ -68,11 +72,14 @@ def primitive_cell(plate: Plate) -> Plate:
     if tuple(parts) == (1, 1):
         return plate
     sides = np.array([plate.width, plate.height])
-    size, holes = sides / parts, []
+    size, holes, outlines = sides / parts, [], []
+    periods = np.where(check_periodic(plate), size, FAR * sides)
     for hole in plate.holes:
-        middle = np.asarray(outline_points(hole, OUTLINE_POINTS)).mean(axis=0)
-        if np.all((middle < size - sides / 2) | (parts == 1)):  # periodic edges cut no hole
-            place = "centre" if "centre" in hole.shapes else "vertices"
-            holes.append(dataclasses.replace(hole, **{place: getattr(hole, place) + (sides - size) / 2}))
+        outline = np.asarray(outline_points(hole, OUTLINE_POINTS))
+        if outlines and _is_kept(outline[None], np.zeros(2), periods, SAME * sides.min(), among=np.array(outlines)):
+            continue  # an image of another hole
+        outlines.append(outline)
+        by = (sides - size) / 2
+        holes.append(hole.translated(by - np.where(parts > 1, np.round((outline.mean(axis=0) + by) / size) * size, 0.0)))
     width, height = map(float, size)
-    return dataclasses.replace(plate, width=width, height=height, holes=tuple(holes), core=(0.0, 0.0), cells=None, reference=None)
+    return dataclasses.replace(plate, width=width, height=height, holes=tuple(holes), core=None, cells=None, reference=None)

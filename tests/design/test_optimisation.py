@@ -225,6 +225,45 @@ def test_ligaments_are_exact_distances():
     np.testing.assert_allclose(widths, [between, *walls], rtol=1e-9)
 
 
+LATTICE_STRIP = {"left": "periodic", "right": "periodic", "bottom": "fixed", "top": "free"}
+
+
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (0.25, 0.1), (0.9, -1.0), (3.1, 0.7)])
+def test_ligaments_of_a_periodic_cell_are_those_to_images(centre):
+    """Circles: the distance of two centres less the radii, for every image; sorted, as is the reference."""
+    one, other = jaxgel.Circle(centre, 0.7), jaxgel.Circle(np.add(centre, (1.0, 1.1)), 0.1)
+    diagonal = np.hypot(2, 2) - 1.4
+    np.testing.assert_allclose(criteria.ligaments(jaxgel.Plate(2, 2, [one], edges="periodic")), [0.6, 0.6, diagonal, diagonal], rtol=1e-12)
+    pairs = [np.hypot(1 + 2 * i, 1.1 + 2 * j) - 0.8 for i in range(-2, 2) for j in range(-2, 2)]
+    own = [0.6, 0.6, diagonal, diagonal, 1.8, 1.8, np.hypot(2, 2) - 0.2, np.hypot(2, 2) - 0.2]
+    widths = np.sort(criteria.ligaments(jaxgel.Plate(2, 2, [one, other], edges="periodic")))
+    assert len(widths) == 9 + 8
+    np.testing.assert_allclose(widths[:8], np.sort([*pairs, *own])[:8], rtol=1e-9)
+    x, y = centre[0], 0.1
+    strip = criteria.ligaments(jaxgel.Plate(2, 2, [jaxgel.Circle((x, y), 0.7)], edges=LATTICE_STRIP))
+    np.testing.assert_allclose(strip, [0.6, 0.4, 0.2], rtol=1e-12)
+    assert criteria.hole_areas(jaxgel.Plate(2, 2, [one], edges="periodic"))[0] == pytest.approx(0.49 * np.pi)
+
+
+def test_slanted_holes_have_ligaments_to_diagonal_images():
+    """The long axes of the ellipses lie on the diagonals through the images: 2 sqrt 2 less two semi-axes."""
+    for sign in (1, -1):
+        hole = jaxgel.Ellipse((0.3, 0.2), (1.2, 0.1), sign * np.pi / 4)
+        widths = criteria.ligaments(jaxgel.Plate(2, 2, [hole], edges="periodic"))
+        assert float(jnp.min(widths)) == pytest.approx(np.hypot(2, 2) - 2.4, rel=1e-9)
+
+
+def test_ligament_gradients_of_a_periodic_cell_are_those_of_differences():
+    cell = jaxgel.Plate(3, 2, [jaxgel.Ellipse((1.2, 0.8), (0.6, 0.4), 0.3), jaxgel.Circle((0.1, -0.2), 0.3)], edges="periodic")
+
+    def widths(v):
+        return criteria.ligaments(cell.at([{"centre": v[:2], "semi_axes": v[2:4], "angle": v[4]}, {"radius": v[5]}]))
+
+    at = jnp.array([1.2, 0.8, 0.6, 0.4, 0.3, 0.3])
+    differences = np.stack([(widths(at + STEP * e) - widths(at - STEP * e)) / (2 * STEP) for e in np.eye(6)], axis=1)
+    np.testing.assert_allclose(jax.jacrev(widths)(at), differences, atol=1e-8)  # round-off over the step
+
+
 def test_ligament_gradients_are_those_of_differences(plate):
     def widths(v):
         moved = plate.at([{"centre": v[:2], "semi_axes": v[2:4], "angle": v[4]}])

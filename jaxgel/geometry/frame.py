@@ -1,0 +1,121 @@
+"""The frame of a periodic cell: which rectangle of the lattice is computed, and where its holes and regions lie in it.
+
+The frame is arbitrary: a periodic edge may lie along any straight line that crosses no hole. Lengths in mm; host NumPy.
+"""
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._types import Float
+from .._validation import Inadmissible
+from .boundary import FRAME_EDGES, periods
+from .outline import outline_points
+
+if TYPE_CHECKING:
+    from .plate import Plate
+
+TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as contact
+EQUAL = 1e-9  # relative difference of two clearances that are equal
+SAMPLES = 1440  # points of an outline whose extent is taken
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Frame:
+    """The rectangle of a periodic lattice that is computed, relative to the plate as given."""
+
+    middle: Float[np.ndarray, "2"]
+    """Middle of the rectangle in the coordinates of the plate as given; these count from the middle of the plate."""
+    periods: Float[np.ndarray, "2"]
+    """Periods of the lattice along x and y, see `periods`."""
+    holes: Float[np.ndarray, "h 2"]
+    """Translation of each hole into the rectangle, in whose coordinates it then is."""
+    regions: Float[np.ndarray, "r 2"]
+    """Translation of each region."""
+
+    @property
+    def is_given(self) -> bool:
+        """Whether the rectangle and all that lies in it are as given."""
+        return not (self.middle.any() or self.holes.any() or self.regions.any())
+
+    def of(self, plate: "Plate") -> "Plate":
+        """The ``plate``, whose parameters may be traced, in this frame; the plate itself if the frame is as given."""
+        if self.is_given:
+            return plate
+        holes, regions = (
+            tuple(outline.translated(by) for outline, by in zip(outlines, offsets, strict=True))
+            for outlines, offsets in ((plate.holes, self.holes), (plate.regions, self.regions))
+        )
+        core = None if plate.core is None else self.from_given(np.array([plate.core]))[0]
+        return dataclasses.replace(plate, holes=holes, regions=regions, core=core, reference=None)
+
+    def from_given(self, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
+        """Coordinates (p, 2) in this frame of ``points`` (p, 2) of the plate as given, or of their images in the frame."""
+        return _wrapped(points - self.middle, self.periods)
+
+    def to_given(self, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
+        """Coordinates (p, 2) on the plate as given of ``points`` (p, 2) in this frame, or of their images there; they may be traced."""
+        return points if self.is_given else _wrapped(points + self.middle, self.periods)
+
+
+def frame_of(plate: "Plate") -> Frame:
+    """The `Frame` of a concrete plate: its periodic edges lie in the middle of the widest gap between holes and regions, seen along them.
+
+    So the frame does not depend on that of the plate as given, which is kept if its edges lie in the middle of one of the widest gaps.
+    Raises ValueError, one line, if there is no gap: every line along an edge then crosses a hole or one of its images.
+    """
+    along, spans = periods(plate), [_spans(outlines) for outlines in (plate.holes, plate.regions)]
+    middle, layers = np.zeros(2), (spans[1][0] < -along / 2) & (spans[1][1] > along / 2)
+    for axis in np.flatnonzero(along):
+        low, high = np.concatenate([spans[0], spans[1][:, ~layers[:, axis]]], axis=1)[:, :, axis]
+        clearances, cuts = _gaps(low, high, along[axis])
+        room = TOUCH * min(plate.width, plate.height) / 2
+        best, given = clearances.max(initial=-np.inf), clearances[-1:].min(initial=np.inf)
+        if len(cuts) == 0:
+            continue
+        edges, line = " and ".join(FRAME_EDGES[axis]), "yx"[axis]
+        if layers[:, axis].any():
+            if given > room:
+                continue
+            k = int(np.flatnonzero(layers[:, axis])[0])
+            raise Inadmissible(
+                f"edges: {edges} are periodic and cross a hole or region, but regions[{k}] is a layer across the cell, which keeps its "
+                "place; translate holes and regions so that these edges cross layers only"
+            )
+        if best <= room:
+            raise Inadmissible(
+                f"edges: {edges} are periodic, but every line along {line} crosses a hole or region of the lattice or touches one; leave "
+                f"more than {2 * room:.2g} mm between them, seen along {line}, or use roller edges along mirror lines of the lattice"
+            )
+        widest = cuts[clearances > best * (1 - EQUAL)]
+        middle[axis] = widest[np.argmin(np.abs(widest))]
+    holes, regions = (_wrapped(span.mean(axis=0) - middle, along) - span.mean(axis=0) for span in spans)
+    regions[layers] = 0.0
+    return Frame(middle, along, holes, regions)
+
+
+def _spans(outlines):
+    """Least and largest coordinates (2, k, 2) of the ``outlines``."""
+    points = [np.asarray(outline_points(o, np.union1d(np.arange(SAMPLES) / SAMPLES, o.corners))) for o in outlines]
+    return np.array([[reduce(p, axis=0) for p in points] for reduce in (np.min, np.max)]).reshape(2, -1, 2)
+
+
+def _gaps(low, high, period):
+    """Clearances (k,) of the middles of the gaps between intervals (k,) and their images, and how far (k,) these lie from the edges.
+
+    Negative if there is no gap. The last clearance is that of the edges as given.
+    """
+    start = (low + period / 2) % period
+    order = np.argsort(start, kind="stable")
+    start, stop = start[order], (start + (high - low))[order]
+    reach = np.maximum.accumulate(np.concatenate([stop - period, stop]))[len(stop) :]
+    following = np.append(start[1:], start[:1] + period)
+    cuts = (reach + following) / 2
+    given = np.minimum(period - reach[-1:], following[-1:] - period)
+    return np.append((following - reach) / 2, given), np.append(_wrapped(cuts, period), np.zeros(len(given)))
+
+
+def _wrapped(points, along):
+    """The images of ``points`` nearest the origin for the periods ``along``, 0 for none."""
+    return points - along * np.round(points / np.where(np.equal(along, 0), 1.0, along))
