@@ -27,7 +27,8 @@ class States(Protocol):
     """Nodal positions, mm."""
 
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def of_path(function: Callable[P, R]) -> Callable[P, R]:

@@ -25,9 +25,11 @@ from ..materials import (
 from ..materials import surface_stability as stability_at
 from ..mechanics import Problem, gradients_by_block, is_film, is_generalised
 from .fields import axial_stretch
+from .states import of_path
 from .surface import VERTICES, areal_stretches, chords_of, lengths, normal_stretch, surface_swelling, traction_free_pressure
 
 
+@of_path
 def surface_stability(path: Path) -> Float[Array, " k"]:
     """Least stability (k,) of the free surfaces to short waves: of hole outlines and the plate's free edges; 1 for a plate without either.
 
