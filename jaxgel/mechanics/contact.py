@@ -23,6 +23,7 @@ from jax import lax
 
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int, Scalar
+from .._validation import Inadmissible
 from ..cloud import Topology
 from ..discretisation import Model, reaching_nodes
 from ..geometry import edge_lines
@@ -259,5 +260,7 @@ def _images(plate, arcs):
     by_axis = [[(1.0, 0.0)], [(1.0, 0.0)]]
     for edge in (edge for edge in sorted(walls) if plate.edges[edge] != "free"):
         axis, coordinate = lines[edge]
+        if plate.deformation[axis][1 - axis] != 0:
+            raise Inadmissible(f"deformation: it turns the {edge} edge, to which a hole is open; contact there must be 'off'")
         by_axis[axis].append((-1.0, 2 * (plate.deformation[axis][axis] * coordinate + plate.displacement[edge][axis])))
     return np.array([np.transpose(pair) for pair in itertools.product(*by_axis)])

@@ -8,7 +8,7 @@ from .._memo import once_per_owner
 from .._types import Array, Float, Int
 from ..cloud import Topology, boundary_edges
 from ..discretisation import Model, make_probe
-from ..geometry import edge_lines
+from ..geometry import edge_lines, inside_holes
 from ..mechanics import holes_of_loops, outline_loops
 from .states import States, of_path, over_states
 
@@ -82,19 +82,37 @@ def deformed_boundary(path: States) -> Float[np.ndarray, "k e 2 2"]:
 
 @of_path
 def free_edge_misfit(path: States, outline: Float[Array, "m 2"]) -> Float[Array, " k"]:
-    """Mean square distance (k,), mm^2, of the nodes on the plate's free edges from the line through the points ``outline`` (m, 2), mm.
+    """Mean square distance (k,), mm^2, of the plate's free edges from the line through the points ``outline`` (m, 2), mm.
 
-    The line is open unless its last point is its first one. ValueError for a plate without a free edge.
+    The mean is that over the dry length of the edges, by the trapezoidal rule between their nodes. The line is open unless its last point
+    is its first one. ValueError for a plate without a free edge.
     """
-    topology = path.model.lists.topology
-    free = [topology.edge_nodes[edge] for edge, condition in topology.plate.edges.items() if condition == "free"]
-    if not free:
+    start, end = _free_sides(path.model.lists.topology)
+    if not len(start):
         raise ValueError("outline: the plate has no free edge that could follow it; free one in plate.edges")
-    line, x = jnp.asarray(outline), jnp.asarray(path.x)[:, np.unique(np.concatenate(free)), None]
-    start, along = line[:-1], jnp.diff(line, axis=0)
-    fraction = jnp.clip(jnp.sum((x - start) * along, axis=-1) / jnp.maximum(jnp.sum(along**2, axis=-1), TINY), 0.0, 1.0)
-    squared = jnp.sum((x - start - fraction[..., None] * along) ** 2, axis=-1)
-    return jnp.mean(jnp.min(squared, axis=2), axis=1)
+    line, nodes = jnp.asarray(outline), path.model.cloud.nodes
+    first, along = line[:-1], jnp.diff(line, axis=0)
+
+    def squared_distance(x):
+        """Squared distance (k, s) of points (k, s, 2) from the line."""
+        away = x[:, :, None] - first
+        fraction = jnp.clip(jnp.sum(away * along, axis=-1) / jnp.maximum(jnp.sum(along**2, axis=-1), TINY), 0.0, 1.0)
+        return jnp.min(jnp.sum((away - fraction[..., None] * along) ** 2, axis=-1), axis=2)
+
+    length, x = jnp.linalg.norm(nodes[end] - nodes[start], axis=1), jnp.asarray(path.x)
+    return (squared_distance(x[:, start]) + squared_distance(x[:, end])) @ length / (2 * jnp.sum(length))
+
+
+@once_per_owner
+def _free_sides(topology: Topology) -> Int[np.ndarray, "2 s"]:
+    """First and last node (s,), (s,) of each interval of the free edges between neighbouring nodes with gel between them."""
+    nodes, sides = topology.partition.vertices[topology.node_vertices], [np.zeros((2, 0), dtype=int)]
+    for edge, (axis, _) in edge_lines(topology.plate).items():
+        if topology.plate.edges[edge] == "free":
+            along = topology.edge_nodes[edge][np.argsort(nodes[topology.edge_nodes[edge], 1 - axis])]
+            pairs = np.stack([along[:-1], along[1:]])
+            sides.append(pairs[:, ~inside_holes(topology.plate, nodes[pairs].mean(axis=0))])
+    return np.concatenate(sides, axis=1)
 
 
 def _hole_areas(x: Float[Array, "n 2"], model: Model) -> Float[Array, " holes"]:

@@ -226,6 +226,14 @@ def test_gradient_through_contact_is_that_of_the_resolved_problem(slit, closed):
     assert touches(closed.x[2], closed.model)
 
 
+def test_a_hole_at_a_fixed_edge_that_turns_is_refused():
+    """Contact with a wall is that with the mirror image of the hole, and the mirror of a sheared plate would have to turn with its edge."""
+    plate = jaxgel.Plate(4, 4, [jaxgel.Circle((0.2, -2.0), 0.8)], edges="fixed", deformation=((1.2, 0.0), (0.1, 1.2)), spacing=0.8)
+    model = jaxgel.discretise(jaxgel.make_cloud(plate))
+    with pytest.raises(ValueError, match="deformation: it turns the bottom edge, to which a hole is open"):
+        jaxgel.sweep(model, GEL, mu=[-4.0])
+
+
 def test_unknown_contact_is_refused(slit):
     with pytest.raises(ValueError, match=r"^contact: 'of' is not one of on, off, stop"):
         jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-3.0], contact="of")

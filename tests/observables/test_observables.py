@@ -315,7 +315,18 @@ def test_free_edges_are_as_far_from_a_line_as_geometry_says(square_model):
     np.testing.assert_allclose(free_edge_misfit(states, line), [0.2**2, 0.1**2], rtol=1e-12)
     end = np.array([[0.0, 0.7], [-1.0, 0.7]])  # points on the right are nearest to its end
     x = np.clip(np.linspace(-0.5, 0.5, 7), 0.0, None)
-    np.testing.assert_allclose(free_edge_misfit(states, end)[0], np.mean(x**2) + 0.2**2, rtol=1e-12)
+    np.testing.assert_allclose(free_edge_misfit(states, end)[0], np.trapezoid(x**2, dx=1 / 6) + 0.2**2, rtol=1e-12)
+
+
+def test_the_mean_distance_of_a_free_edge_is_that_over_its_length():
+    """Nodes crowd where a hole is open to the edge: at the middle of the top, of which the hole takes 2 sqrt(0.5^2 - 0.3^2) mm."""
+    plate = jaxgel.Plate(4, 4, [jaxgel.Circle((0.3, 1.7), 0.5)], edges={"top": "free"}, spacing=0.8, nodes_per_hole=24)
+    model = jaxgel.discretise(jaxgel.make_cloud(plate))
+    states = SimpleNamespace(model=model, x=model.cloud.nodes[None])
+    line = np.array([[-2.0, 2.0], [2.0, 6.0]])  # its distance grows by 1 / sqrt(2) along the edge
+    ends = np.array([-2.0, 0.3 - 0.4, 0.3 + 0.4, 2.0]) + 2.0
+    exact = 0.5 * (ends[1] ** 3 + ends[3] ** 3 - ends[2] ** 3) / 3 / (ends[1] + ends[3] - ends[2])
+    np.testing.assert_allclose(free_edge_misfit(states, line)[0], exact, rtol=1e-2)  # of trapezoids 0.4 % found; a mean over nodes is 3 % off
 
 
 def test_the_slope_of_free_edges_distance_is_that_of_differences(square_model):
