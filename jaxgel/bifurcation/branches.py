@@ -12,7 +12,7 @@ import numpy as np
 
 from .._types import Array, Float
 from .._validation import Inadmissible
-from ..continuation import Path, StabilityAnalysis
+from ..continuation import Path, StabilityAnalysis, check_is_path
 from ..controls import Control, control_name, scale_of
 from ..discretisation import Model
 from ..equilibrium import Conditions, State, StateNotFound, Status, accepted, solve, solve_bordered
@@ -86,6 +86,7 @@ def continue_branch(
 
     ``mu_end`` is a value of the path's control. It holds the new states only.
     """
+    check_is_path(path)
     check_untraced("continue_branch", path.x, loads)
     if len(path) < 2:
         raise Inadmissible(f"path: {len(path)} states do not give a direction; it needs two")
@@ -95,6 +96,7 @@ def continue_branch(
 
 def solve_from(path: Path, k: int, loads: Float[Array, "n 2"] | None = None) -> State:
     """`State` under other ``loads`` from state ``k`` of a path, at its value; ArithmeticError where Newton's method does not find one."""
+    check_is_path(path)
     check_untraced("solve_from", path.x, loads)
     analysis = StabilityAnalysis(prepare(path.model, path.gel, loads, control=path.control))
     found = solve(analysis.problem, float(path.value[k]), jnp.asarray(path.x[k]), jnp.asarray(path.pressure[k]), own_factor=True)

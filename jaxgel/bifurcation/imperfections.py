@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
-from .._validation import Inadmissible, keywords_of
+from .._validation import Inadmissible, check_kind, keywords_of
 from ..continuation import Path, StabilityAnalysis, SweepOptions, is_traced, sweep
 from ..controls import Control
 from ..discretisation import Model
 from ..equilibrium import State
 from ..materials import AnyGel
-from ..mechanics import prepare, restrict
+from ..mechanics import check_model, prepare, restrict
 from .critical import check_untraced, critical_points
 from .points import CriticalPoint
 
@@ -85,6 +85,8 @@ def imperfection(
 
     ``size`` is the largest displacement, in node spacings, that they would cause in the dry network alone; its sign chooses the side.
     """
+    check_model(model, gel)
+    check_kind("point", point, CriticalPoint, "a CriticalPoint, one of those that critical_points returns")
     check_untraced("imperfection", model, gel)
     analysis = StabilityAnalysis(prepare(model, gel))
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)

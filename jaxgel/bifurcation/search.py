@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float
-from ..continuation import Path, StabilityAnalysis, oriented, sweep
+from ..continuation import Path, StabilityAnalysis, check_is_path, oriented, sweep
 from ..controls import control_name, scale_of
 from ..equilibrium import Conditions, Stability, State, control_force, solve, solve_bordered
 from ..linalg import Bordered, nearest_modes
@@ -66,6 +66,7 @@ def folds(path: Path, loads: Float[Array, "n 2"] | None = None) -> list[Critical
 
     Their values have no derivatives.
     """
+    check_is_path(path)
     shared, rise = Shared.of(prepare(path.model, path.gel, loads, control=path.control)), np.diff(path.value)
     states = [path[k] for k in range(len(path))]
     turns = np.flatnonzero(rise[1:] * rise[:-1] < 0)

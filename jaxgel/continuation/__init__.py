@@ -4,7 +4,7 @@ from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed, is_tr
 from .eigenvalue import lowest_eigenvalue
 from .follow import Followed, Following
 from .options import BRANCHES, CONTACT, SweepOptions, check_sweep
-from .path import Path
+from .path import Path, check_is_path
 from .predictor import predict
 from .stability import ACCURACY, StabilityAnalysis, oriented
 from .sweeps import sweep, values_of
@@ -22,6 +22,7 @@ __all__ = [
     "SweepFailed",
     "SweepOptions",
     "across",
+    "check_is_path",
     "check_sweep",
     "first_state_failed",
     "is_traced",

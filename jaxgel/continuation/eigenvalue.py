@@ -7,13 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
-from .._validation import check_kind
 from ..equilibrium import first_order_only
 from ..linalg import SingularTangent, lowest_mode
 from ..materials import gel_at_points, value
 from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, prepare, scatter, touches
 from .autodiff import is_traced
-from .path import Path
+from .path import Path, check_is_path
 from .stability import StabilityAnalysis
 
 
@@ -25,7 +24,7 @@ def lowest_eigenvalue(path: Path) -> Float[Array, " k"]:
     eigenvalue it has no derivative, and gets that of one of them. nan for a state that was not reached. ValueError inside ``jax.jit`` and
     ``jax.vmap``, and where a second derivative is asked for.
     """
-    check_kind("path", path, Path, "a Path, as sweep(model, gel, mu=...) returns it")
+    check_is_path(path)
     leaves, structure = jax.tree.flatten((path.x, path.pressure, path.problem, jnp.asarray(path.value)))
     return _lowest(structure, leaves)[0]
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Bool, Float, Int
+from .._validation import check_kind
 from ..controls import Control, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import Stability, State, Status
@@ -127,3 +128,8 @@ class Path:
         name, unit = control_name(self.control), f" {unit_of(self.control)}".rstrip()
         between = f"{name} = {float(self.value[0]):.4f} ... {float(self.value[-1]):.4f}{unit}"
         return f"Path of {len(self)} states of {self.model.n_nodes} nodes, {between}, {unstable} unstable: {ended}"
+
+
+def check_is_path(path: object) -> None:
+    """Raise ValueError, one line, for an argument that is no `Path`."""
+    check_kind("path", path, Path, "a Path, as sweep(model, gel, mu=...) returns it")

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
-from .._validation import PAIR, did_you_mean, finite_numbers, tabled
+from .._validation import PAIR, check_kind, did_you_mean, finite_numbers, tabled
 from ..discretisation import Model, make_probe, plate_edge_ends
 from ..geometry import EDGES, edge_lines, held_components
 
@@ -65,6 +65,7 @@ def load_vector(
     >>> load_vector(model, traction={"top": (0.0, 2e-3)}).sum(axis=0).round(12)
     Array([0.   , 0.002], dtype=float64)
     """
+    check_kind("model", model, Model, "a Model, as discretise(make_cloud(plate)) makes it")
     loads = jnp.zeros((model.n_nodes, 2))
     if body_force is not None:
         loads = loads + _body_load(model, body_force)

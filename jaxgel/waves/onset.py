@@ -23,7 +23,20 @@ from ..controls import check_values
 from ..discretisation import Model
 from ..linalg import Bordered, factor
 from ..materials import AnyGel
-from ..mechanics import Problem, curvature, gather, held_stretch, linearise, localised, mu_force, prepare, restrict, scatter, tangent
+from ..mechanics import (
+    Problem,
+    check_model,
+    curvature,
+    gather,
+    held_stretch,
+    linearise,
+    localised,
+    mu_force,
+    prepare,
+    restrict,
+    scatter,
+    tangent,
+)
 from ..symmetry import symmetries_of
 from .bloch import BlochStates
 from .cells import check_periodic
@@ -97,6 +110,7 @@ def lattice_onset(model: Model, gel: AnyGel, *, mu: tuple[float, float], divisio
     check_values(mu, rising=True)
     if not (isinstance(mu, tuple) and len(mu) == 2):
         raise ValueError(f"mu: {mu} is not accepted, it must be a tuple (first, last)")
+    check_model(model, gel)
     if not (isinstance(divisions, int) and divisions > 0):
         raise ValueError(f"divisions: {divisions!r} is not a positive whole number")
     check_periodic(model.lists.topology.plate)

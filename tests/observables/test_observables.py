@@ -326,7 +326,9 @@ def test_the_mean_distance_of_a_free_edge_is_that_over_its_length():
     line = np.array([[-2.0, 2.0], [2.0, 6.0]])  # its distance grows by 1 / sqrt(2) along the edge
     ends = np.array([-2.0, 0.3 - 0.4, 0.3 + 0.4, 2.0]) + 2.0
     exact = 0.5 * (ends[1] ** 3 + ends[3] ** 3 - ends[2] ** 3) / 3 / (ends[1] + ends[3] - ends[2])
-    np.testing.assert_allclose(free_edge_misfit(states, line)[0], exact, rtol=1e-2)  # of trapezoids 0.4 % found; a mean over nodes is 3 % off
+    np.testing.assert_allclose(
+        free_edge_misfit(states, line)[0], exact, rtol=1e-2
+    )  # of trapezoids 0.4 % found; a mean over nodes is 3 % off
 
 
 def test_the_slope_of_free_edges_distance_is_that_of_differences(square_model):

@@ -28,6 +28,23 @@ def test_models_and_gels_are_told_from_other_arguments(solve, tiny_model, tiny_p
             solve(model, gel, mu=(-3.0, -2.0))
 
 
+def test_other_functions_tell_models_paths_and_points_from_other_arguments(tiny_model, tiny_plate):
+    for call, message in [
+        (lambda: jaxgel.lattice_onset(tiny_plate, GEL, mu=(-3.0, -2.0)), r"^model: an argument of the kind Plate"),
+        (lambda: jaxgel.load_vector(tiny_plate, body_force=(0.0, 1e-3)), r"^model: an argument of the kind Plate"),
+        (lambda: jaxgel.imperfection(GEL, tiny_model, None, 0.1), r"^model: an argument of the kind Gel"),
+        (
+            lambda: jaxgel.imperfection(tiny_model, GEL, None, 0.1),
+            r"^point: an argument of the kind NoneType is not accepted; give a Crit",
+        ),
+        (lambda: jaxgel.continue_branch(tiny_model), r"^path: an argument of the kind Model is not accepted; give a Path"),
+        (lambda: jaxgel.folds(tiny_model), r"^path: an argument of the kind Model is not accepted; give a Path"),
+        (lambda: jaxgel.continuation.lowest_eigenvalue(tiny_model), r"^path: an argument of the kind Model is not accepted; give a Path"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            call()
+
+
 def test_clouds_and_plates_are_told_from_other_arguments(tiny_model, tiny_plate):
     with pytest.raises(ValueError, match=r"^cloud: an argument of the kind Plate is not accepted; give a Cloud"):
         jaxgel.discretise(tiny_plate)
