@@ -19,7 +19,8 @@ CONTACT = ("on", "off", "stop")
 CONTROLS = ("mu", "temperature", "chi", "pH", "salt", "stretch", "load")
 FORMULATIONS = ("total", "incremental")
 SYMMETRY = ("auto", "off")
-LOW_MU = -20.0  # kT: above it J - 1 is far above round-off
+DIGITS = 100.0  # least network stiffness over the round-off of the bulk stiffness: two digits of it are left in the tangent
+LOW_MU = -12.0  # kT: above it J - 1 is far above round-off
 STEPS = 40  # values of a sweep where none are given
 MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 OF_MU, OF_OTHERS = ("mu_start", "mu_end", "mu"), ("value_list", "start", "end", "at_mu")  # fields that say nothing of the other controls
@@ -188,15 +189,19 @@ def check_sweep(problem: Problem, values: Float[np.ndarray, " k"]) -> None:
 
 
 def _check_round_off(problem, values):
-    """ValueError for a mu so low that J - 1 of the gel that swells least is below `SMALLEST_SWELLING` under the pressure -Nv."""
+    """ValueError for a mu so low that the tangent has hardly a digit of the network's stiffness Nv beside the bulk stiffness 1 / (J - 1).
+
+    J is that under the pressure -Nv of the gel that swells least.
+    """
     for value in values if problem.control is not None else values[np.argmin(values)][None]:
         now, mu = problem.at(value)
         if mu > LOW_MU:
             continue
         gel = gel_in_groups(now.gel)
-        least = jnp.where(takes_solvent(gel), osmotic(1 + SMALLEST_SWELLING, 0.0, gel) + number(gel.Nv), -jnp.inf).max()
+        resolved = jnp.maximum(SMALLEST_SWELLING, DIGITS * np.finfo(float).eps / number(gel.Nv))  # J - 1
+        least = jnp.where(takes_solvent(gel), osmotic(1 + resolved, 0.0, gel) + number(gel.Nv), -jnp.inf).max()
         if mu < least:
             where = "" if problem.control is None else f" at {problem.control.name} = {value:g}"
             raise Inadmissible(
-                f"mu: {mu:g}{where} is too low, J - 1 would be below round-off; give at least {np.ceil(10 * least) / 10:.1f} kT"
+                f"mu: {mu:g}{where} is too low, J - 1 would be lost in round-off; give at least {np.ceil(10 * least) / 10:.1f} kT"
             )
