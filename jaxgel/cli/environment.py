@@ -37,6 +37,7 @@ def prepare_environment(cache: str | None = None) -> bool:
     """
     if "jax" in sys.modules:
         return False
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # a GPU gains nothing on programs that the host drives, see docs/dependencies.md
     own = os.environ.get("XLA_FLAGS", "")
     os.environ["XLA_FLAGS"] = " ".join([own, *(flag for flag in quick_flags() if flag.split("=")[0] not in own)]).strip()
     if (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()) == 1:

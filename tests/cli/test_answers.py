@@ -108,6 +108,11 @@ def test_the_users_flags_are_kept():
     assert python(code, XLA_FLAGS=mine).split() == [mine, *environment.quick_flags()[1:]]
 
 
+def test_the_command_line_computes_on_the_cpu_unless_told_otherwise():
+    code = PREPARE + "prepare('off'); print(os.environ['JAX_PLATFORMS'])"
+    assert python(code) == "cpu" and python(code, JAX_PLATFORMS="cuda") == "cuda"
+
+
 def test_a_process_that_has_imported_jax_is_left_alone():
     code = PREPARE + "import jax; before = dict(os.environ); prepare(); print(before == dict(os.environ))"
     assert python(code) == "True"
