@@ -103,17 +103,17 @@ def _dxf(gel: shapely.Geometry, regions: Sequence[shapely.Polygon]) -> bytes:
 
 def _svg(gel: shapely.Geometry, regions: Sequence[shapely.Polygon]) -> bytes:
     left, low, right, high = gel.bounds
-    size = f'width="{right - left:.6f}mm" height="{high - low:.6f}mm" viewBox="{left:.6f} {-high:.6f} {right - left:.6f} {high - low:.6f}"'
+    size = f'width="{right - left:.9g}mm" height="{high - low:.9g}mm" viewBox="{left:.9g} {-high:.9g} {right - left:.9g} {high - low:.9g}"'
     drawn = [(0.002, _rings(gel)), *((0.001, _rings(region)[:1]) for region in regions)]
     paths = "\n".join(
-        f'<path fill="none" stroke="black" stroke-width="{width * (right - left):.6f}" d="{" ".join(map(_svg_loop, rings))}"/>'
+        f'<path fill="none" stroke="black" stroke-width="{width * (right - left):.9g}" d="{" ".join(map(_svg_loop, rings))}"/>'
         for width, rings in drawn
     )
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{paths}\n</svg>\n'.encode()
 
 
 def _svg_loop(ring: Float[np.ndarray, "m 2"]) -> str:
-    return "M" + "L".join(f"{x:.6f},{-y:.6f}" for x, y in ring) + "Z"
+    return "M" + "L".join(f"{x:.9g},{-y:.9g}" for x, y in ring) + "Z"
 
 
 def _stl(gel: shapely.Geometry, height: float) -> bytes:

@@ -10,10 +10,12 @@ import pytest
 import jaxgel
 from jaxgel.cli import environment, generated
 
+UNSET = ("JAX_COMPILATION_CACHE_DIR", "JAX_PLATFORMS", "NPROC", "XLA_FLAGS")
+
 
 def python(code, *arguments, folder=None, **variables):
     """What a new process prints, of Python ``code``."""
-    own = {name: value for name, value in os.environ.items() if name not in ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR", "NPROC")}
+    own = {name: value for name, value in os.environ.items() if name not in UNSET}
     command = [sys.executable, "-c", code, *map(str, arguments)]
     return subprocess.run(command, env=own | variables, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
 

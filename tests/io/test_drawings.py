@@ -188,3 +188,12 @@ def test_command_writes_dry_and_swollen_outlines(path, run_folder, tmp_path, cap
     capsys.readouterr()
     assert cli.main(["outline", str(run_folder), "--mu", "-0.5", "--out", str(tmp_path / "beyond.dxf")]) == 2
     assert "mu: -0.5 is beyond the path, which runs from" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["svg", "dxf"])
+@pytest.mark.parametrize("size", [4e-3, 4e3])
+def test_drawings_have_significant_digits_for_plates_of_any_size(kind, size, tmp_path):
+    gel = dry_gel(jaxgel.Plate(size, size, [jaxgel.Circle((0.1 * size, 0), 0.25 * size)]))
+    lines = read_outlines(write_outline(gel, tmp_path / f"gel.{kind}"))
+    areas = sorted(shapely.Polygon(line).area for line in lines)
+    assert areas[1] - areas[0] == pytest.approx(gel.area, rel=1e-6)
