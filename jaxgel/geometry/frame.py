@@ -52,7 +52,7 @@ class Frame:
 
     def from_given(self, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
         """Coordinates (p, 2) in this frame of ``points`` (p, 2) of the plate as given, or of their images in the frame."""
-        return _wrapped(points - self.middle, self.periods)
+        return points if self.is_given else _wrapped(points - self.middle, self.periods)
 
     def to_given(self, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
         """Coordinates (p, 2) on the plate as given of ``points`` (p, 2) in this frame, or of their images there; they may be traced."""

@@ -169,7 +169,8 @@ def other_nodes(folder):
 
 def other_mu(folder):
     options = json.loads((folder / "summary.json").read_text())["options"]
-    edit(folder, options=options | {"sweep": options["sweep"] | {"mu_start": -4.0, "mu": [-4.0, -1.0]}})
+    sweep = {name: value for name, value in options["sweep"].items() if name != "steps"}
+    edit(folder, options=options | {"sweep": sweep | {"mu_start": -4.0, "mu": [-4.0, -1.0]}})
 
 
 def other_modes(folder):

@@ -101,6 +101,10 @@ def _endless(value, gel):
     return Setting(-1.0, gel, displacement={"right": jnp.array([jnp.inf, value])})
 
 
+def _too_poor(value, gel):
+    return Setting(-1.0, dataclasses.replace(gel, chi=2.0 * value))
+
+
 def _unknown(value, gel):
     return Setting(-1.0, gel, displacement={"rihgt": jnp.stack([value, 0.0])})
 
@@ -115,7 +119,7 @@ def _unknown(value, gel):
         (Driven(_endless, name="ramp"), "ramp: what acts at 0 is not finite"),
         (Driven(_unknown, name="ramp"), r"ramp: displacement of \['rihgt'\] is not accepted, edges are left, right, bottom, top"),
         (Stretch(mu=np.nan), "stretch = 0: mu: nan is not accepted"),
-        (chi(), r"chi = 0: chi: 0 is not accepted, it must be a number in \(0, 2\)"),
+        (Driven(_too_poor, name="ramp"), r"ramp = 1: chi: 2 is not accepted, it must be a finite number < 2"),
     ],
     ids=["no name", "no temperature", "jump", "no setting", "not finite", "no edge", "mu", "chi"],
 )

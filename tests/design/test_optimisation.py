@@ -467,6 +467,7 @@ def test_a_design_that_is_not_valid_names_the_value_of_its_control(problem, path
     unstable = dataclasses.replace(path, control=chi, value=np.linspace(0.5, 0.3, k), negative_pivots=np.ones(k), status=np.zeros(k))
     monkeypatch.setattr(DesignProblem, "path", lambda *_: unstable)
     driven = dataclasses.replace(problem, mu=[0.5, 0.3], sweep=SweepOptions(control="chi", value_list=(0.5, 0.3), at_mu=-2.0))
+    driven = dataclasses.replace(driven, objective=lambda path: jnp.sum(path.x))
     with pytest.raises(ValueError, match=r"^start: the first design is not valid: unstable at chi = 0\.5000$"):
         search.Search(driven, 1).first()
 
@@ -538,11 +539,11 @@ def test_a_search_goes_on_with_a_new_cloud_where_the_old_one_is_poor(wide):
 def test_verification_is_on_a_fresh_cloud_and_says_what_is_wrong(problem, plate, cloud, monkeypatch):
     coarse = dataclasses.replace(plate, spacing=2.4, nodes_per_hole=4)  # of the search; the verification's is that of the other tests
     problem = dataclasses.replace(problem, plate=lambda p: coarse.at([p]))
-    found, path = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=1.2, mu=[-3.0, -2.0])
+    found, path = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=1.2, mu=[-3.0, -1.8])
     assert found["valid"] and found["nodes"] == path.model.n_nodes == len(cloud.nodes) and len(path.mu) == 2
     assert set(found["constraints"]) == {"hole_area >= 10", "ligament >= 1"}
     monkeypatch.setattr(search, "min_gap", lambda path: np.zeros(len(path.mu)))
-    found, _ = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=1.2, mu=[-3.0, -2.0])
+    found, _ = verify(problem, {"semi_axes": [2.4, 1.6]}, spacing=1.2, mu=[-3.0, -1.8])
     assert not found["valid"] and found["reason"] == "self-contact at mu = -3.0000"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from jaxgel.observables import BY_COLUMN, QUANTITIES, field_values, fields, history
+from jaxgel.observables import BY_COLUMN, QUANTITIES, field_values, history, triangles
 from jaxgel.plotting import CURVES, animate_pattern, plot_curve, plot_curves, plot_pattern, plot_patterns
 
 
@@ -46,7 +46,7 @@ def test_a_pattern_shows_all_four_walls_and_leaves_out_free_edges(path):
 def area_mean(path, values):
     """Mean over the dry gel (k,) of values (k, t) on the triangles."""
     corners = np.asarray(path.model.cloud.vertices)[np.asarray(path.model.cloud.triangles)]
-    area = np.linalg.det(fields._edges(corners)) / 2
+    area = np.linalg.det(triangles._edges(corners)) / 2
     return values @ area / area.sum()
 
 
