@@ -81,13 +81,12 @@ class Fronts:
 def factorise(tree: Tree, values: Float[Array, "..."], dtype: type = float) -> Fronts:
     """``Fronts`` of the matrix whose entries are ``values`` (s,), finite; LinAlgError if the pivot block of a front is singular.
 
-    A pivot below the round-off of the matrix's largest entry has no digit and no sign: it vanishes, whatever the unit of the matrix.
+    A pivot of round-off passes: next to a fold or bifurcation one is that small. `Factor.solve` finds a singular matrix by its residual.
 
     All arithmetic is in double precision; ``dtype`` is that in which the factor is kept. In single precision its error acts on L, whose
     condition number is the square root of the matrix's: the matrix itself, rounded so, would not even keep its inertia.
     """
     values, numbers, used = np.ravel(values), np.empty(tree.fill, dtype), 0
-    vanishing = np.finfo(float).eps * np.abs(values).max(initial=0.0)
     corners, sides, signs, updates = [], [], [], {}
     for number, front in enumerate(tree.fronts):
         corner, side, update = _assembled(front, values, updates)
@@ -97,7 +96,7 @@ def factorise(tree: Tree, values: Float[Array, "..."], dtype: type = float) -> F
             update = dsyrk(-1.0, B, beta=1.0, c=update, lower=1, overwrite_c=1) if len(side) else update
         else:
             pivots, vectors = scipy.linalg.eigh(corner, lower=True, check_finite=False)
-            if not np.abs(pivots).min() > vanishing:
+            if not np.all(np.abs(pivots) > np.finfo(float).tiny):
                 raise np.linalg.LinAlgError("a pivot vanishes")
             positive, L = np.sign(pivots), vectors / np.sqrt(np.abs(pivots))
             B = side @ L
