@@ -115,7 +115,7 @@ def test_derivative_of_a_double_onset_is_that_of_the_mean(direction, cloud_of):
         model = jaxgel.discretise(cloud.at(cloud.plate.at(holes)) if direction[0] else cloud)
         gel = dataclasses.replace(cloud.plate.gel, chi=cloud.plate.gel.chi + growth[2]) if direction[2] else cloud.plate.gel
         (point,) = jaxgel.critical_points(model, gel, mu=(-1.54, -1.50))
-        points.append(point)
+        points.append((point.kind, point.multiplicity, jax.lax.stop_gradient(point.eigenvalues)))
         return point.mu
 
     points, direction = [], np.array(direction)
@@ -123,9 +123,9 @@ def test_derivative_of_a_double_onset_is_that_of_the_mean(direction, cloud_of):
     _, slope = jax.jvp(double, (jnp.asarray(at),), (jnp.asarray(direction),))
     difference = (double(at + 3e-4 * direction) - double(at - 3e-4 * direction)) / 6e-4
     assert float(slope) == pytest.approx(difference, rel=1e-5)  # measured 7e-7 and 5e-7
-    assert [(point.kind, point.multiplicity) for point in points] == [("bifurcation", 2)] * 3
-    assert np.abs(points[0].eigenvalues).max() < 1e-8
-    assert (np.diff(points[-1].eigenvalues)[0] > 1e-5) == (direction[0] != direction[1])
+    assert [point[:2] for point in points] == [("bifurcation", 2)] * 3
+    assert np.abs(points[0][2]).max() < 1e-8
+    assert (np.diff(points[-1][2])[0] > 1e-5) == (direction[0] != direction[1])
 
 
 # --- folds -------------------------------------------------------------------------------------------------------------------
