@@ -44,7 +44,6 @@ from ..mechanics import (
     total_energy,
     walls,
 )
-from ..symmetry import NAMES
 from .follow import Followed, Following
 from .options import check_sweep
 from .path import Path
@@ -109,7 +108,7 @@ def traced_sweep(
     found = report.pop("energy"), report.pop("pressure")
     inputs = Problem(model, gel, loads, None, control), given, jax.lax.stop_gradient(found[1])
     energy, pressure, mu = with_derivatives_of(_of_states, (*found, report["mu"]), x, *inputs)
-    report = {name: column for name, column in report.items() if name not in ("contact_active", "group", "operators", "mu", "value")}
+    report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "mu", "value")}
     mu = given if control is None else mu
     return Path(model=model, gel=gel, mu=mu, value=given, control=control, x=x, pressure=pressure, energy=energy, **report)
 
@@ -117,7 +116,7 @@ def traced_sweep(
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _states(static, floats, rest):
     """Equilibria (k, n, 2) and their report, a dict (k,) of value, mu, status, newton_iterations, residual, negative_pivots,
-    lowest_eigenvalue, switched, contact_active, group (its number in ``symmetry.NAMES``) and energy, of the pressure (k, g), and of the
+    lowest_eigenvalue, switched, contact_active and energy, of the pressure (k, g), and of the
     `mechanics.Operators` of the model.
     """
     inputs = static.join(floats, rest)
@@ -155,8 +154,7 @@ def _states_jvp(static, primals, tangents):
     problem_dot = Problem(model_dot, gel_dot, loads_dot, None, control_dot)
     if problem.has_contact and not is_traced(report) and not np.any(report["contact_active"]):
         problem, problem_dot = problem.without_contact, problem_dot.without_contact  # no energy and no derivative, but a cost
-    groups = ((),) * len(x) if is_traced(report) else tuple(list(NAMES)[number] for number in report["group"].tolist())
-    x_dot = state_tangents(x, report["pressure"], problem, values, problem_dot, values_dot, groups)
+    x_dot = state_tangents(x, report["pressure"], problem, values, problem_dot, values_dot)
     report_dot = jax.tree.map(SymbolicZero.from_primal_value, report)
     report_dot |= {name: no_tangents(report[name], [x_dot], text) for name, text in WITHOUT_DERIVATIVES.items()}
     return (x, report), (x_dot, report_dot)
@@ -204,7 +202,6 @@ def _columns(problem, states, stop, values, options):
         lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
         switched=pad(path.switched, False),
         contact_active=pad(touching, False),
-        group=pad(np.where(touching, 0, [list(NAMES.values()).index(state.symmetry or NAMES[()]) for state in states]), 0),
         operators=problem.operators,
         energy=pad(path.energy, jnp.nan),
         pressure=pad(path.pressure, jnp.nan),
@@ -253,7 +250,7 @@ def _scanned(model, gel, control, values, loads, options):
     _, (x, p, report) = jax.lax.scan(step, ((values[0], start, pressure),) * 2 + (0,), values)
     report |= dict(zip(("energy", "pressure", "mu"), _of_states(x, problem, values, p), strict=True))
     many = values.shape
-    flags = dict(switched=jnp.zeros(many, dtype=bool), contact_active=jnp.ones(many, dtype=bool), group=jnp.zeros(many, int))
+    flags = dict(switched=jnp.zeros(many, dtype=bool), contact_active=jnp.ones(many, dtype=bool))
     return x, dict(report, value=values, operators=problem.operators, **flags)
 
 

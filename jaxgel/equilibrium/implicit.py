@@ -14,15 +14,10 @@ import numpy as np
 from jax import lax
 
 from .._types import Array, Float
-from ..materials import varies
 from ..mechanics import Problem, gather, residual, scatter, total_energy
-from ..symmetry import Orbits, orbits, symmetries_of_field
 from .derivatives import Tangent, primitive, remade
 from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
-
-ALIKE = 1e-11  # of a field: how far an adjoint field may be from its image; what that leaves out of a derivative is as small
-LARGE = 25_000  # nodes times states from which on a program for a region repays its compilation: it saves 2 us for each in every reverse
 
 
 def state_tangents(
@@ -32,20 +27,16 @@ def state_tangents(
     values: Float[Array, " k"],
     problem_dot: Problem,
     values_dot: Float[Array, " k"],
-    groups: tuple[tuple[str, ...], ...],
 ) -> Float[Array, "k n 2"]:
     """Tangents of the equilibria ``x`` with ``pressure`` at ``values`` of the control for tangents of the ``problem`` and of the values.
 
     Constrained degrees of freedom move with the nodes of the dry plate, and as a control moves the edges. The ``operators`` of the problem
-    need no tangents: they follow from the model. nan where a tangent is singular. ``groups`` are symmetries that the problem and each state
-    without contact have: where the cotangent of a state has them too, its reverse visits one patch of each orbit; inside ``jit`` and
-    ``vmap`` all patches.
+    need no tangents: they follow from the model. nan where a tangent is singular.
     """
     inputs, dots = (dataclasses.replace(q, model=_without_observation_points(q.model), operators=None) for q in (problem, problem_dot))
     leaves, structure = jax.tree.flatten(inputs)
     map_ = _Changes(structure, tuple(bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves))
-    groups = ((),) * len(groups) if varies(problem.gel) else groups
-    motion, rhs = changes.bind(values_dot, *map_.floats(dots), x, pressure, values, *leaves, map_=map_, groups=groups)
+    motion, rhs = changes.bind(values_dot, *map_.floats(dots), x, pressure, values, *leaves, map_=map_)
     leaves, structure = jax.tree.flatten((x, pressure, values, problem))
     return moved(motion, solutions.bind(rhs, *leaves, structure=structure), problem.free)
 
@@ -141,7 +132,7 @@ def _ungrouped(values, count):
 # --- its reverse -------------------------------------------------------------------------------------------------------------
 
 
-def _transposed(cotangents, args, *, map_, groups):
+def _transposed(cotangents, args, *, map_):
     """Cotangents of what the map is linear in: with values state by state, those that nothing asks about left out."""
     linear, (x, pressure, values, *leaves) = map_.split(args)
     others, wanted = (x, pressure, values, *leaves), tuple(arg is None for arg in linear)
@@ -149,10 +140,11 @@ def _transposed(cotangents, args, *, map_, groups):
     shapes = x.shape, (len(x), len(free))
     given = [jnp.zeros(shape) if one is None else one for one, shape in zip(cotangents, shapes, strict=True)]
     if any(isinstance(leaf, jax.core.Tracer) for leaf in (*given, *others)):
-        found = _reversed(map_, given, others)
+        cotangents = [one for one, asked in zip(_reversed(map_, given, others), wanted, strict=True) if asked]
     else:
-        found = _by_orbits(map_, given, others, groups, wanted)
-    return [*(value if asked else None for value, asked in zip(found, wanted, strict=True)), *(None for _ in others)]
+        cotangents = _of_wanted_states(map_, given, others, wanted)
+    rest = iter(cotangents)
+    return [*(next(rest) if asked else None for asked in wanted), *(None for _ in others)]
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -163,27 +155,17 @@ def _reversed(map_, cotangents, others):
     return jax.vjp(lambda *linear: map_(*linear, *others), *zeros)[1](list(cotangents))
 
 
-def _by_orbits(map_, cotangents, others, groups, wanted):
-    """The same for the states of each group of symmetries in turn."""
+def _of_wanted_states(map_, cotangents, others, wanted):
+    """The wanted ones, from the states whose cotangents are not 0."""
     x, pressure, values, *leaves = others
     problem = jax.tree.unflatten(map_.structure, leaves)
-    model = problem.model
     motion, fields = cotangents[0], _fields(cotangents[1], problem.free, x.shape)
-    asked = np.any(np.asarray(motion) != 0, axis=(1, 2)) | np.any(np.asarray(fields) != 0, axis=(1, 2))
-    by_group, large = {(): []}, model.n_nodes * len(x) > LARGE
-    for k in np.flatnonzero(asked):
-        by_group.setdefault(symmetries_of_field(fields[k], model, groups[k], ALIKE) if large else (), []).append(k)
-    size, found = states_together(len(x), model), None
-    for group, states in by_group.items():
-        if states or len(by_group) == 1:
-            padded = np.full(-(-len(x) // size) * size, len(x))
-            padded[: len(states)] = states
-            own = orbits(model, group) if group else None
-            steps = -(-len(states) // size)
-            more = _over_states(map_, (x, pressure, values, motion, fields), padded, steps, leaves, own, wanted=wanted, size=size)
-            found = more if found is None else [a + b for a, b in zip(found, more, strict=True)]
-    found = iter(found)
-    return [next(found) if asked else None for asked in wanted]
+    active = np.flatnonzero(np.any(np.asarray(motion) != 0, axis=(1, 2)) | np.any(np.asarray(fields) != 0, axis=(1, 2)))
+    size = states_together(len(x), problem.model)
+    numbers = np.full(-(-len(x) // size) * size, len(x))
+    numbers[: len(active)] = active
+    states = x, pressure, values, motion, fields
+    return _over_states(map_, states, numbers, -(-len(active) // size), leaves, wanted=wanted, size=size)
 
 
 @functools.partial(jax.jit, static_argnames="shape")
@@ -193,23 +175,18 @@ def _fields(cotangents, free, shape):
 
 
 @functools.partial(jax.jit, static_argnums=0, static_argnames=("wanted", "size"))
-def _over_states(map_, states, chosen, steps, leaves, own: Orbits | None, *, wanted, size):
-    """The wanted cotangents, summed over the ``chosen`` states, ``size`` of them in each of so many ``steps``.
+def _over_states(map_, states, numbers, steps, leaves, *, wanted, size):
+    """The wanted cotangents, summed over the states of these ``numbers``, ``size`` of them in each of so many ``steps``.
 
-    With f = -K^-1 c of a cotangent c of the state, the work f . r(x) is differentiated by all that r depends on: of a region's patches
-    where there are ``own`` orbits, of all otherwise. Past the end states are padding.
+    With f = -K^-1 c of a cotangent c of the state, the work f . r(x) is differentiated by all that r depends on. A number past the last
+    state is padding.
     """
     x, pressure, values, motion, fields = states
     problem = jax.tree.unflatten(map_.structure, leaves)
     cloud, motions, dry = problem.model.cloud, Motions(problem), jax.ShapeDtypeStruct(x.shape[1:], x.dtype)
-    whole = problem
-    if own is not None:
-        problem, pressure = dataclasses.replace(problem, model=own.part(problem.model)), pressure[:, own.groups]
-    parts = jax.tree.leaves(problem)
 
     def work(floats, x, values, pressure, fields):
-        problem = map_.with_floats(parts, floats)
-        problem = problem if own is None else problem.without_contact
+        problem = map_.with_floats(leaves, floats)
 
         def one(x, value, pressure, field):
             now, mu = problem.at(value)
@@ -218,27 +195,27 @@ def _over_states(map_, states, chosen, steps, leaves, own: Orbits | None, *, wan
         return jnp.sum(jax.vmap(one)(x, values, pressure, fields))
 
     def add(step, total):
-        number = lax.dynamic_slice_in_dim(chosen, step * size, size)
+        number = lax.dynamic_slice_in_dim(numbers, step * size, size)
         real = (number < len(x))[:, None, None]
-        at = jnp.where(real[:, 0, 0], number, chosen[0])
-        moved, field = (jnp.where(real, some[at], 0.0) for some in (motion, fields))
-        floats, forces, by_value = jax.grad(work, (0, 1, 2))(map_.floats(problem), x[at], values[at], pressure[at], field)
-        forces = moved + (forces if own is None else jax.vmap(own.symmetrised)(forces))
-        (by_dry,) = jax.linear_transpose(lambda dry: motions(x[at], values[at], dry), dry)(forces)
-        if whole.moves_edges:
-            by_control, more = edge_cotangents(whole, values[at], forces)
+        state = jnp.where(real[:, 0, 0], number, numbers[0])
+        moved, field = (jnp.where(real, one[state], 0.0) for one in (motion, fields))
+        floats, forces, by_value = jax.grad(work, (0, 1, 2))(map_.floats(problem), x[state], values[state], pressure[state], field)
+        forces = moved + forces
+        (by_dry,) = jax.linear_transpose(lambda dry: motions(x[state], values[state], dry), dry)(forces)
+        if problem.moves_edges:
+            by_control, more = edge_cotangents(problem, values[state], forces)
             floats, by_value = jax.tree.map(jnp.add, floats, map_.floats(_zeros_but(problem, by_control))), by_value + more
         sums = jax.tree.map(jnp.add, total[1:], (floats, by_dry))
         return total[0].at[number].set(by_value, mode="drop"), *sums
 
     zeros = jnp.zeros(len(x)), [jnp.zeros_like(leaf) for leaf in map_.floats(problem)], jnp.zeros(dry.shape)
     by_value, floats, by_dry = lax.fori_loop(0, steps, add, zeros)
-    found = map_.with_floats(parts, floats)
-    model = found.model if own is None else own.spread(found.model)
+    cotangent = map_.with_floats(leaves, floats)
     (by_vertices,) = jax.vjp(lambda vertices: dataclasses.replace(cloud, vertices=vertices).nodes, cloud.vertices)[1](by_dry)
-    model = dataclasses.replace(model, cloud=dataclasses.replace(model.cloud, vertices=model.cloud.vertices + by_vertices))
-    given = by_value, *map_.floats(dataclasses.replace(found, model=model))
-    return [value for value, asked in zip(given, wanted, strict=True) if asked]
+    vertices = cotangent.model.cloud.vertices + by_vertices
+    model = dataclasses.replace(cotangent.model, cloud=dataclasses.replace(cotangent.model.cloud, vertices=vertices))
+    cotangents = by_value, *map_.floats(dataclasses.replace(cotangent, model=model))
+    return [one for one, asked in zip(cotangents, wanted, strict=True) if asked]
 
 
 def _zeros_but(problem, control):
@@ -259,14 +236,14 @@ def _shapes(*args, map_, **_):
     return [x, x.update(shape=(x.shape[0], len(free)))]
 
 
-def _jvp(args, tangents, *, map_, groups):
+def _jvp(args, tangents, *, map_):
     """The map of the tangents of what it is linear in, and the derivative by the others."""
-    found, parts = changes.bind(*args, map_=map_, groups=groups), []
+    found, parts = changes.bind(*args, map_=map_), []
     linear, others = map_.split(args)
     dots, _ = map_.split(tangents)
     if any(dot is not None for dot in dots):
         dots = [jnp.zeros_like(arg) if dot is None else dot for arg, dot in zip(linear, dots, strict=True)]
-        parts.append(changes.bind(*dots, *others, map_=map_, groups=groups))
+        parts.append(changes.bind(*dots, *others, map_=map_))
     moving = tuple(i for i in range(len(linear), len(args)) if tangents[i] is not None)
     if moving:
         parts.append(remade(Tangent(map_, moving), *args, *(tangents[i] for i in moving)))
@@ -280,4 +257,4 @@ def _batched(args, axes, *, map_, **_):
 changes = primitive(
     "equilibrium_changes", value=_value, traced=_value, shapes=_shapes, jvp=_jvp, transpose=_transposed, batch=_batched, several=True
 )
-"""`_Changes` of their arguments; ``groups`` as in `state_tangents`."""
+"""`_Changes` of their arguments."""
