@@ -4,10 +4,9 @@
 
 A dry square cell of side W with a round hole at its centre swells in plane strain at the mean deformation gradient ``stretch`` times 1:
 opposite edges move alike. As in ``ngsolve_gel.py`` the state is (u, p) on curved triangles. About it, waves u = v(X) exp(i k.X) with v
-periodic in the dry lattice have the stiffness K(k) at fixed mu, the second derivative of the energy. Two problems are solved, with both
-matrices quasi-periodic: K u = lambda N u, where N(k) is the stiffness Nv grad u : grad v of the network (lambda < 0: unstable), and
-K u = omega^2 M u, where M(k) has a density of 1 per current volume. Lengths in mm, k in 1/mm, mu in kT, omega^2 in kT/v over the density
-and mm^2.
+periodic in the dry lattice have the stiffness K(k) at fixed mu, the second derivative of the energy. K u = lambda N u is solved, with
+both matrices quasi-periodic, where N(k) is the stiffness Nv grad u : grad v of the network (lambda < 0: unstable). Lengths in mm, k in
+1/mm, mu in kT.
 """
 
 import itertools
@@ -30,8 +29,6 @@ UNSTABLE = 1e-6  # a wave is when its lambda is below minus this
 CLOSE = 5e-4  # kT: closer to its onset a cell of several holes may turn to the buckled state, because its mesh is not symmetric
 START, STOP, STEP = -5.0, -1.0, 0.25  # mu that are scanned, kT
 MESHES = ((6, 1 / 6), (6, 1 / 9))  # for onsets: order of the displacements, longest edges in units of W
-BAND_MESHES = ((6, 1 / 9), (8, 1 / 9))
-POINTS = {"near Gamma": (0.02, 0), "Gamma-X": (0.5, 0), "X": (1, 0), "X-M": (1, 0.5), "M": (1, 1), "M-Gamma": (0.5, 0.5)}  # in pi/W
 
 
 def cell_mesh(width, radius=None, cells=1, order=6, size=1 / 6):
@@ -116,14 +113,11 @@ class Cell:
         form += -self.compliance * dp * q * self.dx
         return form
 
-    def weight(self, space, name):
-        """N of "network" or M of "mass"."""
+    def network(self, space):
+        """Stiffness N of the network."""
         (du, _), (v, _) = space.TnT()
         form = ng.BilinearForm(space)
-        if name == "network":
-            form += self.gel.Nv * ng.InnerProduct(ng.Grad(du), ng.Grad(v)) * self.dx
-        else:
-            form += ng.Det(self.F) * ng.InnerProduct(du, v) * self.dx
+        form += self.gel.Nv * ng.InnerProduct(ng.Grad(du), ng.Grad(v)) * self.dx
         return form
 
     def equilibrium(self, mu):
@@ -151,15 +145,14 @@ class Cell:
                 return
         raise RuntimeError(f"no equilibrium at mu = {mu}")
 
-    def bloch(self, k, number=6, weight="mass", near=None):
-        """The ``number`` eigenvalues closest to ``near`` (the lowest ones), ascending, and their modes (number, ndof) in ``space(k)``.
+    def bloch(self, k, number=6, near=-1.0):
+        """The ``number`` lambda closest to ``near``, below all that is expected: ascending, and their modes (number, ndof) in ``space(k)``.
 
-        Of ``weight`` "network" lambda, of "mass" omega^2. At k = 0 translations are left out.
+        At k = 0 translations are left out.
         """
         space = self.space(k)
-        dofs = self.unknowns(space, pin=weight == "network" and not np.any(k))
-        near = {"network": -1.0, "mass": -0.01 * self.gel.Nv}[weight] if near is None else near  # below all that is expected
-        K, B = (sparse(form.Assemble().mat)[dofs][:, dofs] for form in (self.stiffness(space), self.weight(space, weight)))
+        dofs = self.unknowns(space, pin=not np.any(k))
+        K, B = (sparse(form.Assemble().mat)[dofs][:, dofs] for form in (self.stiffness(space), self.network(space)))
         lu = factor(K - near * B)
         start = lu.solve(B @ np.random.default_rng(0).normal(size=len(dofs)).astype(complex))  # in the range of the inverse
         values, vectors = eigsh(K, number, B, sigma=near, OPinv=LinearOperator(K.shape, lu.solve, dtype=complex), v0=start)
@@ -177,7 +170,7 @@ def wedge(width, parts):
 def lowest(cell, mu, waves):
     """Lowest lambda at ``mu`` of each wave vector (m, 2)."""
     cell.equilibrium(mu)
-    return np.array([cell.bloch(k, 2, "network")[0][0] for k in waves])
+    return np.array([cell.bloch(k, 2)[0][0] for k in waves])
 
 
 def onset(cell, waves, start=START, stop=STOP):
@@ -238,21 +231,22 @@ def free_stretch(mu):
 
 
 def plane_waves(stretch, mu, k, width, reach=4):
-    """Wave vectors (m, 2) that are k up to the lattice's, their omega^2 (m, 2) and polarisations (m, 2, 2), by the acoustic tensor."""
+    """Wave vectors (m, 2) that are k up to the lattice's, their lambda (m, 2) and polarisations (m, 2, 2), by the acoustic tensor."""
     F = stretch * jnp.eye(2)
     C = np.asarray(jax.hessian(energy)(F, mu))
     vectors = np.array(k) + 2 * np.pi / width * np.array(list(itertools.product(range(-reach, reach + 1), repeat=2)))
-    return vectors, *np.linalg.eigh(np.einsum("ijkl,mj,ml->mik", C, vectors, vectors) / float(jnp.linalg.det(F)))
+    acoustic = np.einsum("ijkl,mj,ml->mik", C, vectors, vectors)
+    return vectors, *np.linalg.eigh(acoustic / (GEL.Nv * np.sum(vectors**2, axis=1))[:, None, None])
 
 
 def rayleigh(cell, k, wave, polarisation):
-    """K over M of the plane wave exp(i wave.X), projected into the cell's space of k."""
+    """K over N of the plane wave exp(i wave.X), projected into the cell's space of k."""
     space = cell.space(k)
     dofs, _, (v, _) = cell.unknowns(space, pin=False), *space.TnT()
     plane = ng.CF(tuple(map(float, polarisation))) * ng.exp(1j * (float(wave[0]) * ng.x + float(wave[1]) * ng.y))
-    K, M = (sparse(form.Assemble().mat)[dofs][:, dofs] for form in (cell.stiffness(space), cell.weight(space, "mass")))
-    u = factor(M).solve(ng.LinearForm(ng.InnerProduct(plane, v) * cell.dx).Assemble().vec.FV().NumPy()[dofs])
-    return (np.vdot(u, K @ u) / np.vdot(u, M @ u)).real
+    K, N = (sparse(form.Assemble().mat)[dofs][:, dofs] for form in (cell.stiffness(space), cell.network(space)))
+    u = factor(N).solve(ng.LinearForm(ng.InnerProduct(plane, v) * cell.dx).Assemble().vec.FV().NumPy()[dofs])
+    return (np.vdot(u, K @ u) / np.vdot(u, N @ u)).real
 
 
 def main():
@@ -267,12 +261,6 @@ def main():
         report(name, "of the lattice (mu, k W/pi, lowest lambda):", *readable(onset_of_lattice(2.0, radius, **options)))
         report(name, "of 2 x 2 holes:", onset_of_cells(2.0, radius, **options))
     report("lattice sample, r = 0.9: onset", *readable(onset_of_lattice(2.0, 0.9, gel=sample("lattice").gel, order=6)))
-    for order, size in BAND_MESHES:
-        cell = Cell(2.0, 0.7, order=order, size=size).equilibrium(-4.0)
-        report(f"W = 2, r = 0.7, mu = -4, P{order}, {cell.mesh.ne} triangles: omega of six bands, lowest lambda")
-        for name, point in POINTS.items():
-            k = np.pi / 2.0 * np.array(point)
-            print(f"  {name:10}", np.array2string(np.sqrt(cell.bloch(k)[0]), precision=12), cell.bloch(k, 2, "network")[0][0])
     report("no hole, mu = -2: stretch", stretch := free_stretch(-2.0))
     compare_plane_waves(2.0, stretch, -2.0, np.pi / 2.0 * np.array((0.6, 0.2)))
     report("done")
@@ -284,13 +272,13 @@ def readable(found, width=2.0):
 
 
 def compare_plane_waves(width, stretch, mu, k):
-    """Print omega^2 of a cell without a hole: elements, acoustic tensor and relative difference."""
+    """Print lambda of a cell without a hole: elements, acoustic tensor and relative difference."""
     cell = Cell(width, order=6, stretch=stretch).equilibrium(mu)
-    vectors, squares, directions = plane_waves(stretch, mu, k, width)
-    for value, exact in zip(cell.bloch(k)[0], np.sort(squares, axis=None), strict=False):
+    vectors, values, directions = plane_waves(stretch, mu, k, width)
+    for value, exact in zip(cell.bloch(k)[0], np.sort(values, axis=None), strict=False):
         print("  transverse", value, exact, value / exact - 1)
     for wave in np.argsort(np.sum(vectors**2, axis=1))[:3]:
-        value, exact = rayleigh(cell, k, vectors[wave], directions[wave, :, 1]), squares[wave, 1]
+        value, exact = rayleigh(cell, k, vectors[wave], directions[wave, :, 1]), values[wave, 1]
         print("  longitudinal, Rayleigh quotient", value, exact, value / exact - 1)
 
 

@@ -1,10 +1,10 @@
-"""Onset of infinite lattices and bands of one cell beside finite elements (bloch_elements.py; extra ``[bench]``).
+"""Onset of infinite lattices beside finite elements (bloch_elements.py; extra ``[bench]``).
 
-    python benchmarks/waves.py [--rows onset bands solid layers] [--figure FILE]
+    python benchmarks/waves.py [--rows onset layers] [--figure FILE]
 
 ``onset``: round holes in cells of 2 mm, by Bloch waves of one cell, by jaxgel's own 2 x 2 cell, and by finite elements of both;
-``bands``: six frequencies at six wave vectors, of a cell with a hole; ``solid``: plane waves of a cell without one; ``layers``: wrinkles
-of bilayers and of a graded layer on a rigid base, beside exact waves (tests/layers.py). ``--figure FILE`` draws what docs/howto/waves.md
+``layers``: wrinkles of bilayers and of a graded layer on a rigid base, beside exact waves
+(tests/layers.py). ``--figure FILE`` draws what docs/howto/waves.md
 shows.
 """  # fmt: skip
 
@@ -26,7 +26,6 @@ import layers as exact_layers
 GEL = elements.GEL
 RADII = {0.7: (-2.2, -1.2), 0.8: (-2.8, -1.6)}  # of holes in cells of 2 mm, mm -> mu between which the onset lies, kT
 SPACINGS = (1 / 8, 1 / 12, 1 / 16)  # mm
-STATE = -4.0  # of the bands, kT
 STRIP = {"left": "periodic", "right": "periodic", "bottom": "fixed", "top": "free"}
 NV, CHI = 1e-3, 0.1  # of the lower layer
 BILAYERS = {
@@ -79,33 +78,6 @@ def onset():
             )
 
 
-def bands():
-    """Frequencies of a cell with a hole beside those of finite elements."""
-    print(f"bands: six frequencies at six wave vectors, r = 0.7, mu = {STATE}")
-    cell = elements.Cell(2.0, 0.7, order=6).equilibrium(STATE)
-    wave_vectors = np.pi / 2 * np.array(list(elements.POINTS.values()), dtype=float)
-    exact = np.sqrt([cell.bloch(k)[0] for k in wave_vectors])
-    for spacing in SPACINGS:
-        path = jaxgel.sweep(model_of(0.7, spacing), GEL, mu=[STATE])
-        found = jaxgel.dispersion(path, bands=6, wave_vectors=wave_vectors).frequencies
-        errors = np.abs(100 * (found / exact - 1)).max(axis=0)
-        print(f"  spacing {spacing:.4f}: largest error {errors.max():.2f} %, of each band {errors.round(2)}", flush=True)
-
-
-def solid():
-    """Plane waves of a cell without a hole: omega^2 J = eigenvalues of the acoustic tensor."""
-    stretch, k = 1.3, 0.75 * np.pi / 2 * np.array([1.0, 0.4])
-    exact = np.sort(elements.plane_waves(stretch, -0.5, k, 2.0)[1], axis=None)[:3]
-    print("three lowest plane waves of a cell without a hole, stretch 1.3: relative errors of the squares")
-    for spacing in (1 / 2, 1 / 4, 1 / 8, 1 / 16):
-        plate = jaxgel.Plate(2, 2, edges="periodic", deformation=((stretch, 0), (0, stretch)), spacing=spacing)
-        path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), GEL, mu=[-0.5])
-        print(
-            f"  spacing {spacing:.4f}:",
-            np.array2string(jaxgel.dispersion(path, bands=3, wave_vectors=k).squares[0] / exact - 1, precision=2),
-        )
-
-
 def layers():
     """Wrinkling of bilayers, and of a layer whose Nv is linear from NV at the base to ten times that at the surface."""
     print("wrinkles of layers 1 mm thick together on a rigid base, strips of 0.4 mm: mu, k in rad/mm, volume ratio at the surface")
@@ -132,24 +104,22 @@ def layer(name, parts, regions, gel, window, Nv):
 
 
 def draw(file):
-    """Bands, zone and pattern of the lattice of the paper's radius, side by side."""
+    """Zone and pattern of the lattice of the paper's radius, side by side."""
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    from jaxgel.plotting import STYLE, plot_bands, plot_lattice, plot_zone, save_figure
+    from jaxgel.plotting import STYLE, plot_lattice, plot_zone, save_figure
 
     model, gel = model_of(0.9, 1 / 12), jaxgel.sample("lattice").gel
     found = jaxgel.lattice_onset(model, gel, mu=(-3.6, -2.8))
-    path = jaxgel.sweep(model, gel, mu=[-3.6, found.mu - 1e-3], branch="symmetric")
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(1, 3, figsize=(10.2, 3.1), layout="constrained")
-    plot_bands(jaxgel.dispersion(path), ax=axes[0])
-    plot_zone(found, model, ax=axes[1])
-    plot_lattice(found, model, ax=axes[2])
+        figure, axes = plt.subplots(1, 2, figsize=(6.9, 3.1), layout="constrained")
+    plot_zone(found, model, ax=axes[0])
+    plot_lattice(found, model, ax=axes[1])
     save_figure(figure, file)
 
 
-ROWS = {"onset": onset, "bands": bands, "solid": solid, "layers": layers}
+ROWS = {"onset": onset, "layers": layers}
 
 
 if __name__ == "__main__":

@@ -90,8 +90,6 @@ from .observables import rotation_angle as rotation_angle
 from .observables import surface_ratio as surface_ratio
 from .observables import surface_stability as surface_stability
 from .observables import volume_ratio as volume_ratio
-from .waves import Dispersion as Dispersion
 from .waves import LatticeOnset as LatticeOnset
-from .waves import dispersion as dispersion
 from .waves import lattice_onset as lattice_onset
 from .waves import primitive_cell as primitive_cell

@@ -17,7 +17,7 @@ OPTIONS = {
     "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature", "solver"),
 }  # sections of a case file and their entries that are options of commands
 RUN, DESIGN, STARTS, MAP = "summary.json", "design.json", "starts.json", "map.json"
-COUNTS = {"bands": 100, "divisions": 64, "most": 100, "states": 1000, "workers": 1024}
+COUNTS = {"divisions": 64, "most": 100, "states": 1000, "workers": 1024}
 """Options that are no entries of a case -> most that is accepted."""
 FORMATS = ("dxf", "svg", "stl", "png")
 

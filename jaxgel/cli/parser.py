@@ -84,10 +84,8 @@ def _case_commands(add):
     p.add_argument("--quantity", default="core_rotation", metavar="NAME", help="of the figure, such as J_mean (default: core_rotation)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")
 
-    p = add("wave_runs.waves", "waves", "find the onset of an infinite lattice from one periodic cell, and its bands")
+    p = add("wave_runs.waves", "waves", "find the onset of an infinite lattice from one periodic cell")
     _case_options(p, "out/CASE-waves")
-    p.add_argument("--mu", type=_real, metavar="MU", help="state of the bands in kT (default: just before the onset, or the last)")
-    p.add_argument("--bands", type=_whole, default=6, metavar="N", help="number of bands (default: 6)")
     p.add_argument("--divisions", type=_whole, default=8, metavar="N", help="steps from the middle of the zone to its edge (default: 8)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figures")
 

@@ -1,26 +1,22 @@
 """The command waves."""
 
 import dataclasses
-import sys
 from argparse import Namespace
 from pathlib import Path as File
 
 from ..cases import load_case
-from ..continuation import sweep
 from ..io import open_folder, write_waves
 from ..materials import varies
-from ..waves import dispersion, lattice_onset, primitive_cell
-from .environment import DONE, STOPPED
+from ..waves import lattice_onset, primitive_cell
+from .environment import DONE
 from .inputs import changes
 from .runs import printer
 
-BELOW = 1e-3  # kT: how far below the onset the bands are, where no mu is given
-
 
 def waves(args: Namespace) -> int:
-    """``jaxgel waves``: the onset of a periodic case's infinite lattice, and the bands of one of its states."""
+    """``jaxgel waves``: the onset of a periodic case's infinite lattice."""
     case, say = load_case(args.case, changes(args)), printer(args)
-    _check(case, args)
+    _check(case)
     cell = case.plate if varies(case.gel) else primitive_cell(case.plate)
     folder = open_folder(args.out or File("out") / f"{case.name}-waves")
     if cell is not case.plate:
@@ -30,25 +26,13 @@ def waves(args: Namespace) -> int:
     say(f"{case.name}: {model.n_nodes} nodes, mu from {first:g} to {last:g}, {args.divisions} divisions of the zone")
     onset = lattice_onset(model, case.gel, mu=(first, last), divisions=args.divisions)
     say("every wave is stable" if onset is None else f"mu = {float(onset.mu):.7f}: {onset.text}")
-    write_waves(onset, None, folder, case.table())
+    write_waves(onset, folder, case.table())
     if case.output.figures and onset is not None:
         _draw(onset, model, folder)
-    at = args.mu if args.mu is not None else last if onset is None else max(float(onset.mu) - BELOW, first)
-    path = sweep(model, case.gel, mu=sorted({first, at}), branch="symmetric")
-    if not path.stop.ok:
-        print(f"jaxgel: no bands at mu = {at:g}: {path.stop_text}", file=sys.stderr)
-        return STOPPED
-    bands = dispersion(path, bands=args.bands)
-    write_waves(onset, bands, folder, case.table())
-    if case.output.figures:
-        _draw_bands(bands, folder)
-    for low, high in bands.gaps:
-        say(f"no waves of the bands drawn between the frequencies {low:.4g} and {high:.4g} at mu = {at:g}")
-    say(f"bands at mu = {at:.7g} in {folder}")
     return DONE
 
 
-def _check(case, args):
+def _check(case):
     """ValueError for what the command does not do, before anything is computed."""
     if case.sweep.control != "mu":
         raise ValueError(f"sweep.control: {case.sweep.control!r} is not accepted here, waves are looked for along mu")
@@ -58,8 +42,6 @@ def _check(case, args):
         raise ValueError(f"sweep.imperfection: {case.sweep.imperfection:g} is not accepted here, waves are those of a perfect lattice")
     if case.plate.kinematics != "plane strain":
         raise ValueError(f"plate.kinematics: {case.plate.kinematics!r} is not accepted here; see jaxgel.lattice_onset")
-    if args.mu is not None and not args.mu >= case.sweep.ends[0]:
-        raise ValueError(f"mu: {args.mu:g} kT is not above the first of the sweep, {case.sweep.ends[0]:g}")
 
 
 def _draw(onset, model, folder):
@@ -70,12 +52,3 @@ def _draw(onset, model, folder):
 
     save_figure(plot_zone(onset, model).figure, folder / "zone.png")
     save_figure(plot_lattice(onset, model).figure, folder / "pattern.png")
-
-
-def _draw_bands(bands, folder):
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from ..plotting import plot_bands, save_figure
-
-    save_figure(plot_bands(bands).figure, folder / "bands.png")

@@ -8,7 +8,7 @@ import numpy as np
 from ..bifurcation import Loop
 from ..controls import control_name, unit_of
 from ..observables import history
-from ..waves import Dispersion, LatticeOnset
+from ..waves import LatticeOnset
 from .files import write_atomically, write_csv, write_json
 
 
@@ -46,17 +46,12 @@ def _point_entry(point):
     return None if point is None else {"value": float(point.value), "kind": point.kind, "text": point.text}
 
 
-def write_waves(onset: LatticeOnset | None, bands: Dispersion | None, folder: File, options: dict[str, Any]) -> None:
-    """``waves.json`` with the onset and the gaps of the bands, null where there are none, in a folder.
+def write_waves(onset: LatticeOnset | None, folder: File, options: dict[str, Any]) -> None:
+    """``waves.json`` with the onset, null without one; then also ``zone.csv``, the lowest eigenvalue by wave vector, and ``onset.npz``.
 
-    With an onset also ``zone.csv``, the lowest eigenvalue by wave vector, and ``onset.npz`` with state and wave; with bands ``bands.csv``,
-    the frequencies by wave vector.
+    The latter has the state and the wave.
     """
-    gaps = None if bands is None else {"mu": bands.mu, "gaps": bands.gaps, "corners": bands.corners}
-    write_json(folder / "waves.json", {"options": options, "onset": _onset_entry(onset), "bands": gaps})
-    if bands is not None:
-        header = ["kx", "ky", "along", *(f"omega_{k + 1}" for k in range(bands.squares.shape[1]))]
-        write_csv(folder / "bands.csv", header, np.column_stack([bands.wave_vectors, bands.along, bands.frequencies]).tolist())
+    write_json(folder / "waves.json", {"options": options, "onset": _onset_entry(onset)})
     if onset is not None:
         write_csv(folder / "zone.csv", ["kx", "ky", "eigenvalue"], np.column_stack([onset.zone, onset.eigenvalues]).tolist())
         arrays = {"x": np.asarray(onset.x), "modes": onset.modes, "wave_vector": onset.wave_vector}

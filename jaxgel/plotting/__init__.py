@@ -7,7 +7,7 @@ from .loops import plot_loop
 from .notebook import PathView, show_path
 from .patterns import plot_gel, plot_modes, plot_pattern, plot_patterns
 from .style import STYLE, colour_scale, save_figure
-from .wave_figures import plot_bands, plot_lattice, plot_zone
+from .wave_figures import plot_lattice, plot_zone
 
 __all__ = [
     "CURVES",
@@ -16,7 +16,6 @@ __all__ = [
     "animate_pattern",
     "colour_scale",
     "draw_study",
-    "plot_bands",
     "plot_curve",
     "plot_curves",
     "plot_gel",

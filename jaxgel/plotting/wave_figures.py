@@ -1,4 +1,4 @@
-"""Figures of waves: frequencies along the edge of the Brillouin zone, the softest wave over the zone, and the pattern it makes."""
+"""Figures of waves: the softest wave over the Brillouin zone, and the pattern it makes."""
 
 import itertools
 from types import SimpleNamespace
@@ -15,26 +15,10 @@ from ..discretisation import Model
 from ..geometry import SYMMETRIES
 from ..mechanics import deformation_of
 from ..observables import deformed_vertices
-from ..waves import Dispersion, LatticeOnset
-from .style import COLOURS, LINE, SHADE, length_unit, state_text, styled
+from ..waves import LatticeOnset
+from .style import COLOURS, LINE, length_unit, state_text, styled
 
 FEWEST = 4  # cells along a side that a figure of a pattern shows
-
-
-@styled
-def plot_bands(dispersion: Dispersion, *, ax: Axes | None = None) -> Axes:
-    """Axes with the frequencies along the way through the Brillouin zone; gaps between bands are shaded."""
-    ax = plt.subplots(figsize=(3.6, 2.9), layout="constrained")[1] if ax is None else ax
-    for low, high in dispersion.gaps:
-        ax.axhspan(low, high, color=SHADE, linewidth=0)
-        ax.text(0.985 * dispersion.along[-1], 0.5 * (low + high), "gap", ha="right", va="center", fontsize=7)
-    ax.plot(dispersion.along, dispersion.frequencies, color=COLOURS[0])
-    for _, place in dispersion.corners:
-        ax.axvline(place, color=LINE, linewidth=0.5)
-    ax.set_xticks([place for _, place in dispersion.corners], [label for label, _ in dispersion.corners])
-    ax.set(xlim=(dispersion.along[0], dispersion.along[-1]), ylabel=r"$\omega$ ($\sqrt{kT/v\rho}$ / mm)", title=state_text(dispersion.mu))
-    ax.set_ylim(bottom=0)
-    return ax
 
 
 @styled

@@ -1,6 +1,4 @@
-"""Wave vectors of a periodic cell: those of its Brillouin zone that differ under its symmetries, and the way along the zone's edge."""
-
-import itertools
+"""Wave vectors of a periodic cell: those of its Brillouin zone that differ under its symmetries."""
 
 import numpy as np
 
@@ -41,26 +39,3 @@ def _different(wave_vectors, group):
     images = np.round(1 - np.mod(1 - images, 2.0), DIGITS) + 0.0  # in (-1, 1]
     first = [max(map(tuple, some)) for some in images.swapaxes(0, 1)]
     return np.array(sorted(set(first)))
-
-
-def brillouin_path(
-    plate: Plate, points: int, group: tuple[str, ...] = ()
-) -> tuple[Float[np.ndarray, "w 2"], Float[np.ndarray, " w"], list[tuple[str, float]]]:
-    """Wave vectors (w, 2), rad/mm, along lines of the Brillouin zone, ``points`` from corner to corner.
-
-    Then the distance (w,) along the way, rad/mm, and (label, distance) of the corners: Γ is the middle of the zone, X and Y the middles of
-    its sides, M and M' its corners at the upper right and left. With all symmetries of the square the way ΓXMΓ is the edge of the part of
-    the zone that they leave, and so is ΓXMYΓ with mirrors at both axes. Otherwise it is ΓXMΓYM'Γ, and of a strip ΓX or ΓY.
-    """
-    axes = np.array(check_periodic(plate))
-    place = {"Γ": (0, 0), "X": (1, 0), "Y": (0, 1), "M": (1, 1), "M'": (-1, 1)}
-    names = ["Γ", "X", "M", "Γ", "Y", "M'", "Γ"]
-    if "x -> -x" in group and "y -> -y" in group:
-        names = ["Γ", "X", "M", "Γ"] if "x <-> y" in group else ["Γ", "X", "M", "Y", "Γ"]
-    names = names if axes.all() else ["Γ", "X"] if axes[0] else ["Γ", "Y"]
-    ends = np.array([place[name] for name in names]) * np.pi / np.array([plate.width, plate.height])
-    share = np.arange(points) / points
-    legs = [start + share[:, None] * (end - start) for start, end in itertools.pairwise(ends)]
-    wave_vectors = np.concatenate([*legs, ends[-1:]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(wave_vectors, axis=0), axis=1))])
-    return wave_vectors, along, list(zip(names, along[::points].tolist(), strict=True))

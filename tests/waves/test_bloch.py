@@ -8,9 +8,8 @@ import scipy.linalg
 
 import jaxgel
 from jaxgel.continuation import lowest_eigenvalue
-from jaxgel.mechanics import curvature, node_pairs, prepare
-from jaxgel.waves import BlochStates, dispersion
-from jaxgel.waves.bands import mass_blocks
+from jaxgel.mechanics import curvature, prepare
+from jaxgel.waves import BlochStates
 
 K = np.array([0.7, 0.3])
 MU = -3.4
@@ -85,31 +84,12 @@ def test_a_wave_has_the_curvature_that_its_eigenvalue_says(waves):
         np.testing.assert_allclose(field[walls[edge]], factor * field[walls[opposite]], atol=1e-12)
 
 
-def solid(spacing, stretch=1.3):
-    plate = jaxgel.Plate(2, 2, edges="periodic", deformation=((stretch, 0), (0, stretch)))
-    return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
-
-
-def test_plane_waves_of_a_solid_cell_converge_to_those_of_the_acoustic_tensor(gel):
-    """omega^2 = eigenvalues of C_ijkl k_j k_l / J, with the tangent C of the energy, also for k plus reciprocal vectors of the cell."""
+def test_plane_waves_of_a_solid_cell_are_those_of_the_acoustic_tensor(gel):
+    """C_ijkl k_j k_l / (Nv k.k) has the eigenvalues 1, of transverse waves of any length, and the longitudinal one, of any length too."""
     stretch, mu, k = 1.3, -0.5, 0.75 * np.pi / 2 * np.array([1.0, 0.4])
     C = jax.hessian(lambda F: jaxgel.free_energy(F, mu, gel))(stretch * jnp.eye(2))
-    vectors = k + np.pi * np.stack(np.meshgrid(np.arange(-3, 4), np.arange(-3, 4)), axis=-1).reshape(-1, 2)
-    exact = np.sort(np.linalg.eigvalsh(np.einsum("ijkl,wj,wl->wik", C, vectors, vectors)).ravel())[:3] / stretch**2
-    errors = []
-    for spacing in (0.5, 0.25, 0.125):
-        path = jaxgel.sweep(solid(spacing), gel, mu=[mu])
-        errors.append(np.abs(dispersion(path, bands=3, wave_vectors=k).squares[0] / exact - 1))
-    errors = np.array(errors)
-    rates = np.log2(errors[:-1] / errors[1:])
-    assert errors[-1].max() < 1e-3 and rates[-1].min() > 3
-
-
-def test_the_mass_of_a_cell_is_its_swollen_area(gel):
-    """One stretched as a whole, of which nodes and quadrature points know the area to round-off."""
-    model = solid(0.25)
-    x = jaxgel.sweep(model, gel, mu=[-0.5])[0].x
-    i, j = node_pairs(model.lists)[0].T
-    mass = mass_blocks(model, x)
-    assert np.sum(np.where(i == j, 1.0, 2.0) * mass[:, 0, 0]) == pytest.approx(4 * 1.3**2, rel=1e-12)
-    assert not mass[:, 0, 1].any() and np.array_equal(mass[:, 0, 0], mass[:, 1, 1])
+    transverse, longitudinal = np.linalg.eigvalsh(np.einsum("ijkl,j,l->ik", C, k, k)) / (gel.Nv * k @ k)
+    plate = jaxgel.Plate(2, 2, edges="periodic", deformation=((stretch, 0), (0, stretch)))
+    values = scipy.linalg.eigh(*dense(waves_of(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25)), gel, mu), k), eigvals_only=True)
+    np.testing.assert_allclose(values[:3], transverse, rtol=1e-9)  # exact to the round-off of the volumetric stiffness, 859 times as large
+    np.testing.assert_allclose(values[-3:], longitudinal, rtol=2e-3)  # 1.0e-3 is left at this spacing, 2.4e-2 at twice as much

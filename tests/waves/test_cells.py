@@ -5,7 +5,7 @@ import pytest
 
 import jaxgel
 from jaxgel.geometry import SYMMETRIES
-from jaxgel.waves import brillouin_path, long_wave_number, primitive_cell, translations, wave_vectors_of_zone
+from jaxgel.waves import long_wave_number, primitive_cell, translations, wave_vectors_of_zone
 
 STRIP = {"left": "periodic", "right": "periodic", "bottom": "fixed", "top": "free"}
 
@@ -74,11 +74,3 @@ def test_long_waves_run_in_all_directions():
     np.testing.assert_allclose(np.sort(np.where(angles > 179.9, 0.0, angles)), 15 * np.arange(12), atol=1e-5)
     strip = wave_vectors_of_zone(jaxgel.Plate(2, 2, rows((0,), (0,)), edges=STRIP), 4)
     assert len(strip) == 1 + 5 and not strip[:, 1].any()
-
-
-@pytest.mark.parametrize(("group", "names"), [(tuple(SYMMETRIES), "ΓXMΓ"), (MIRRORS, "ΓXMYΓ"), (TURNS, "ΓXMΓYM'Γ"), ((), "ΓXMΓYM'Γ")])
-def test_way_through_the_zone(group, names):
-    plate = jaxgel.Plate(2, 2, rows((0,), (0,)), edges="periodic")
-    wave_vectors, along, corners = brillouin_path(plate, 5, group)
-    assert "".join(label for label, _ in corners) == names and len(wave_vectors) == len(along) == 5 * (len(corners) - 1) + 1
-    assert [place for _, place in corners] == along[::5].tolist()
