@@ -3,8 +3,6 @@
 A periodic edge is no end of the gel: behind it are the images of holes and regions.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import shapely
 
@@ -13,6 +11,7 @@ from ..geometry import EDGES, Arc, Plate, image_offsets
 from .outlines import OUTLINE_SEGMENTS, Outline, gel_polygon, loop, points_and_normals, region_polygons
 
 REACH = 4.0  # spacings from an interface up to which the width of a region is of interest
+NO_IMAGES = np.empty((0, 2))
 CLOSE = 1e-2  # spacings: what is nearer begins on the interface; its corners have shorter lines
 
 
@@ -29,12 +28,12 @@ def find_ligaments(
     curves: list[Float[np.ndarray, "_ 2"]],
     arcs: list[Arc],
     gel: shapely.Geometry,
-    images: Sequence[Float[np.ndarray, " 2"]] = (),
+    images: Float[np.ndarray, "i 2"] = NO_IMAGES,
 ) -> tuple[np.ndarray, Float[np.ndarray, " m"]]:
     """Strips of gel between an outline and the nearest other outline or edge of the plate: polygons (m,) and widths (m,), mm.
 
     ``curves`` are the fine outlines (k, 2) of the ``arcs``, closed ones with the first point repeated, ``sides`` the plate's
-    ``EDGES``, empty if periodic, and ``images`` the translations (2,) to images of the outlines. An edge on which an arc ends is none of
+    ``EDGES``, empty if periodic, and ``images`` the translations (i, 2) to images of the outlines. An edge on which an arc ends is none of
     its neighbours: the wedge between them is no ligament.
     """
     lines = shapely.linestrings(np.concatenate(curves), indices=np.repeat(np.arange(len(curves)), [len(c) for c in curves]))

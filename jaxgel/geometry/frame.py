@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._types import Float
+from .._types import Array, Float
 from .._validation import Inadmissible
 from .boundary import FRAME_EDGES, periods
 from .outline import outline_points
@@ -47,15 +47,15 @@ class Frame:
             tuple(outline.translated(by) for outline, by in zip(outlines, offsets, strict=True))
             for outlines, offsets in ((plate.holes, self.holes), (plate.regions, self.regions))
         )
-        core = None if plate.core is None else self.from_given(np.array([plate.core]))[0]
+        core = None if plate.core is None else self.from_given(np.array([plate.core]))[0].tolist()
         return dataclasses.replace(plate, holes=holes, regions=regions, core=core, reference=None)
 
-    def from_given(self, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
-        """Coordinates (p, 2) in this frame of ``points`` (p, 2) of the plate as given, or of their images in the frame."""
+    def from_given(self, points: Float[Array, "*b 2"]) -> Float[Array, "*b 2"]:
+        """Coordinates (..., 2) in this frame of ``points`` (..., 2) of the plate as given, or of their images in the frame."""
         return points if self.is_given else _wrapped(points - self.middle, self.periods)
 
-    def to_given(self, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
-        """Coordinates (p, 2) on the plate as given of ``points`` (p, 2) in this frame, or of their images there; they may be traced."""
+    def to_given(self, points: Float[Array, "*b 2"]) -> Float[Array, "*b 2"]:
+        """Coordinates (..., 2) on the plate as given of ``points`` (..., 2) in this frame, or of their images there; they may be traced."""
         return points if self.is_given else _wrapped(points + self.middle, self.periods)
 
 

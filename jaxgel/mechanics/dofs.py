@@ -10,14 +10,14 @@ each other: a roller holds the component normal to its edge, a fixed edge both.
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._types import Array, Bool, Float, Int
+from .._types import Array, Bool, Float, Int, Scalar
 from .._validation import Inadmissible
 from ..cloud import Topology, thin_plate_matrix
 from ..discretisation import Connectivity
@@ -234,7 +234,7 @@ def constrained_part(field: Float[Array, "n 2"], free: Free) -> Float[Array, "n 
     return field - scatter(restrict(field, free), field.shape, free)
 
 
-EdgeMotion = tuple[Float[Array, "2 2"], Mapping[str, Float[Array, " 2"]]]
+EdgeMotion = tuple[Float[Array, "2 2"], Mapping[str, Sequence[Scalar] | Float[Array, " 2"]]]
 """Macroscopic deformation (2, 2) that the edges follow and the displacement of each held one by name, mm."""
 
 

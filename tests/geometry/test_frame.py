@@ -38,7 +38,7 @@ def test_the_frame_moves_with_the_lattice(by):
     """Holes and core have the same coordinates in it wherever the lattice lies: there is one widest gap along either axis."""
     plate, moved = (
         jaxgel.Plate(2, 2, holes, edges="periodic", core=core)
-        for holes, core in ((HOLES, (-0.6, 0.1)), (shifted(HOLES, by), np.add((-0.6, 0.1), by)))
+        for holes, core in ((HOLES, (-0.6, 0.1)), (shifted(HOLES, by), np.add((-0.6, 0.1), by).tolist()))
     )
     one, other = (frame_of(cell).of(cell) for cell in (plate, moved))
     for hole, image in zip(one.holes, other.holes, strict=True):

@@ -36,7 +36,7 @@ EDGES = {
 
 @functools.cache
 def model_of(hole, edges):
-    plate = jaxgel.Plate(4, 4, HOLES[hole], edges=EDGES[edges], spacing=0.5, nodes_per_hole=16)
+    plate = jaxgel.Plate(4, 4, [HOLES[hole]], edges=EDGES[edges], spacing=0.5, nodes_per_hole=16)
     return jaxgel.discretise(jaxgel.make_cloud(plate))
 
 
@@ -97,7 +97,7 @@ def test_area_over_a_free_corner_has_the_slope_of_differences():
 
 def test_the_position_of_a_corner_is_continuous_where_it_enters_a_hole():
     """The corner moves as the outline's end next to it does, to the way between them times the size of the gradients."""
-    small = jaxgel.Plate(4, 4, jaxgel.Circle((2.0, 1.001), 1.0 + 0.0005), edges=EDGES["free"], spacing=0.5, nodes_per_hole=16)
+    small = jaxgel.Plate(4, 4, [jaxgel.Circle((2.0, 1.001), 1.0 + 0.0005)], edges=EDGES["free"], spacing=0.5, nodes_per_hole=16)
     model = jaxgel.discretise(jaxgel.make_cloud(small))
     X = np.asarray(model.cloud.nodes)
     x = X + 0.1 * np.stack([np.sin(X[:, 1]), X[:, 0] * X[:, 1]], axis=1)
