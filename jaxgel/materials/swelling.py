@@ -54,8 +54,8 @@ def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any, largest: Numbers | None =
     The pressure grows from -inf at J = 1 to ``largest_pressure``: -mu at J = inf for 2 chi < (1 + sqrt(Nv))^2, else the maximum at
     the spinodal, where dp/dJ = 0. The root between, on the side of the dry state, is returned; there dp/dJ > 0. For a larger p it
     is the J of the largest pressure, at most 1 + LARGEST_SWELLING, and for p + mu below about -31 it is 1 + SMALLEST_SWELLING; the
-    derivatives are then 0. Of another ``volumetric`` the first increasing part is inverted: of two phases the shrunken one. ``largest``
-    (...) is the J at which that ends where it is known.
+    derivatives are then those of that J, 0 with respect to p and mu. Of another ``volumetric`` the first increasing part is inverted:
+    of two phases the shrunken one. ``largest`` (...) is the J at which that ends where it is known.
 
     >>> from jaxgel.materials import Gel
     >>> volume_ratio_at(-0.1, -0.5, Gel(Nv=1e-3, chi=0.1)).round(6)
@@ -220,13 +220,22 @@ def _volume_ratio(energy, target, gel, end):
 
 @_volume_ratio.defjvp
 def _volume_ratio_jvp(energy, primals, tangents):
-    """g(J, gel) = target gives g_J dJ + g_gel dgel = dtarget; 0 where J is an end of the branch and solves nothing."""
+    """g(J, gel) = target gives g_J dJ + g_gel dgel = dtarget.
+
+    Beyond the branch J is its last point, a spinodal, where g_J = 0 gives g_JJ dJ + g_Jgel dgel = 0; the ends of the search are constants.
+    """
     target, gel, end = primals
     J, solved = _volume_ratio(energy, target, gel, end)
-    stiffness = jax.grad(jax.grad(energy))(J, gel)
-    _, from_gel = jax.jvp(lambda gel: jax.grad(energy)(J, gel), (gel,), (tangents[1],))
-    J_dot = jnp.where(solved, (tangents[0] - from_gel) / jnp.where(solved, stiffness, 1.0), 0.0)
+    slope, stiffness, change = (_nth_derivative(energy, n) for n in (1, 2, 3))
+    from_gel, at_spinodal = (jax.jvp(lambda gel, g=g: g(J, gel), (gel,), (tangents[1],))[1] for g in (slope, stiffness))
+    spinodal = ~solved & (J > 1 + 2 * SMALLEST_SWELLING) & (J < 1 + LARGEST_SWELLING / 2)
+    of_end = jnp.where(spinodal, -at_spinodal / jnp.where(spinodal, change(J, gel), 1.0), 0.0)
+    J_dot = jnp.where(solved, (tangents[0] - from_gel) / jnp.where(solved, stiffness(J, gel), 1.0), of_end)
     return (J, solved), (J_dot, np.zeros(solved.shape, jax.dtypes.float0))
+
+
+def _nth_derivative(function, n):
+    return function if n == 0 else jax.grad(_nth_derivative(function, n - 1))
 
 
 def _branch_end(energy, gel):

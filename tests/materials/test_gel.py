@@ -194,6 +194,10 @@ def test_a_poor_solvent_has_a_spinodal(Nv, excess):
     s = 2 / (b + np.sqrt(b**2 - 4 * Nv))
     J = volume_ratio_at(jnp.array([5.0, jnp.inf]), -1.0, gel)
     np.testing.assert_allclose(J, 1 + s, rtol=1e-8)  # a maximum is as sharp as the square root of round-off
+    slopes = jax.grad(lambda gel: volume_ratio_at(5.0, -1.0, gel))(gel)  # of s: (2 Nv s - b) ds = 2 s dchi - (s^2 + s) dNv
+    np.testing.assert_allclose(slopes.chi, 2 * s / (2 * Nv * s - b), rtol=1e-6)  # as sharp as J over the distance of the two roots
+    np.testing.assert_allclose(slopes.Nv, -(s**2 + s) / (2 * Nv * s - b), rtol=1e-6)
+    assert jax.grad(volume_ratio_at)(5.0, -1.0, gel) == 0
     np.testing.assert_allclose(largest_pressure(-1.0, gel), osmotic(1 + s, -1.0, gel), rtol=1e-14)
     np.testing.assert_allclose(largest_mu(gel), osmotic(1 + s, 0.0, gel) + Nv, rtol=1e-12)  # the network adds Nv to dW/dJ
     below = volume_ratio_at(largest_pressure(-1.0, gel) - 1e-6, -1.0, gel)
