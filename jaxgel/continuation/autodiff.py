@@ -1,8 +1,4 @@
-"""A sweep as a JAX function: inside ``jit`` and ``vmap``, and its derivatives.
-
-Outside JAX's transformations the states are those of `follow`, and their factors serve the derivatives. Inside ``jit`` and ``vmap`` they
-are one traced loop; their inertia, lowest eigenvalue and crossing outlines are found on the host.
-"""
+"""A sweep as a function that JAX differentiates: the states are those of `follow`, and their factors serve the derivatives."""
 
 import dataclasses
 import functools
@@ -20,29 +16,21 @@ from ..discretisation import Model
 from ..equilibrium import (
     StateNotFound,
     Status,
-    dry_state,
     for_derivatives,
     no_tangents,
     remedy,
-    solve_traced,
     state_tangents,
     with_derivatives_of,
 )
-from ..linalg import SingularTangent, extreme_eigenvalues, factor, network_matrix, remember
+from ..linalg import remember
 from ..materials import LocalGel
 from ..mechanics import (
     Problem,
-    border,
-    crosses,
     held_stretch,
-    linearise,
-    outline_arcs,
     overlaps,
     prepare,
     state_pressure,
-    tangent,
     total_energy,
-    walls,
 )
 from .follow import Followed, Following
 from .options import check_sweep
@@ -52,6 +40,12 @@ WITHOUT_DERIVATIVES = {
     "lowest_eigenvalue": "path.lowest_eigenvalue: the attribute has no derivative; use jaxgel.continuation.lowest_eigenvalue(path)",
     "residual": "path.residual: the residual of a converged state is round-off and has no derivative; use path.energy or path.x",
 }
+
+
+INSIDE_JIT = (
+    "sweep: is not available inside jax.jit or jax.vmap, as it chooses steps and branches on the way; call it, its jax.grad, jax.jvp or "
+    "jax.value_and_grad outside, and loop over gels or plates"
+)
 
 
 class SweepFailed(StateNotFound):
@@ -89,9 +83,9 @@ class _Static:
 def traced_sweep(
     model: Model, gel: LocalGel, control: Control | None, values: object, loads: Float[Array, "n 2"] | None, options: Following
 ) -> Path:
-    """`sweep` under differentiation, jit or vmap; states that are not reached are nan, with their status.
+    """`sweep` under differentiation; states that are not reached are nan, with their status.
 
-    Differentiation flags, and warns of, states without a meaningful derivative (`IllPosedDerivative`).
+    Flags, and warns of, states without a meaningful derivative (`IllPosedDerivative`).
     """
     if options.adaptive and is_traced(values):
         ends = "(first, last)"
@@ -121,9 +115,7 @@ def _states(static, floats, rest):
     """
     inputs = static.join(floats, rest)
     if is_traced(inputs):
-        if static.ends is not None:
-            raise ValueError(f"{control_name(inputs[2])}: chosen steps cannot be found inside jit or vmap; give a list of values")
-        return _scanned(*inputs, static.options)
+        raise ValueError(INSIDE_JIT)
     model, gel, control, values, loads = inputs
     values = check_values(static.ends or list(np.asarray(values)), control_name(control), unit_of(control)).numbers
     problem = prepare(model, gel, loads, control=control)
@@ -143,10 +135,9 @@ def _states_jvp(static, primals, tangents):
     floats, rest = primals
     x, report = _states(static, floats, rest)
     model, gel, control, values, loads = static.join(floats, rest)
-    _warn_of_ill_posed(report, static.options.branch, control_name(control))
+    _warn_of_ill_posed(report, control_name(control))
     zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
-    none = jnp.zeros if is_traced(primals) else np.zeros  # NumPy's need no program each
-    floats_dot = [none(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
+    floats_dot = [np.zeros(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
     model_dot, gel_dot, control_dot, values_dot, loads_dot = static.join(floats_dot, zeros)
     if static.ends is not None:
         values, values_dot = report["value"], jnp.zeros_like(report["value"])
@@ -173,9 +164,6 @@ def _of_states(x, problem, value, p):
     now, mu = problem.at(value)
     branch = p if held_stretch(problem.model) is None else None
     return total_energy(x, now.model, now.gel, mu, now.loads, branch), state_pressure(x, now.model, now.gel, mu, branch), mu
-
-
-# --- outside jit -------------------------------------------------------------------------------------------------------------
 
 
 def _columns(problem, states, stop, values, options):
@@ -208,77 +196,17 @@ def _columns(problem, states, stop, values, options):
     )
 
 
-def _warn_of_ill_posed(report, branch, name):
-    """Warn (`IllPosedDerivative`) of every state whose derivative is ill-posed; inside jit when the program runs."""
-    asked = {key: report[key] for key in ("value", "status", "negative_pivots")}
-    if is_traced(asked):
-        jax.debug.callback(functools.partial(_warn, branch=branch, name=name), **asked)
+def _warn_of_ill_posed(report, name):
+    """Warn (`IllPosedDerivative`) of every state whose derivative is ill-posed; of those that `jax.vmap` wraps once they are unwrapped."""
+    warn = functools.partial(_warn, name)
+    if is_traced(report):
+        jax.debug.callback(warn, report["value"], report["status"])
     else:
-        _warn(**asked, branch="symmetric", name=name)  # a sweep outside jit has tried to leave an unstable branch
+        warn(report["value"], report["status"])
 
 
-def _warn(value, status, negative_pivots, branch, name):
-    status, unstable = np.asarray(status), (np.asarray(negative_pivots) > 0) & (branch == "stable")
-    texts = [(Status(int(s)).text, status == s) for s in np.unique(status[status != Status.CONVERGED])]
-    texts.append(("the state is unstable, and inside jit or vmap no branch is left", unstable & (status == Status.CONVERGED)))
-    for text, where in texts:
-        if np.any(where):
-            at = ", ".join(f"{one:.6g}" for one in np.asarray(value)[where])
-            warnings.warn(f"sweep: ill-posed derivative at {name} = {at}: {text}", IllPosedDerivative, stacklevel=3)
-
-
-# --- inside jit and vmap -----------------------------------------------------------------------------------------------------
-
-
-def _scanned(model, gel, control, values, loads, options):
-    """States and report of `_states` as one traced loop; linear extrapolation between states.
-
-    The branch that continues the dry state is followed whatever its stability; states that are not reached are nan.
-    """
-    problem = prepare(model, gel, loads, control=control)
-    start, pressure = dry_state(problem, values[0])
-
-    def step(carry, value):
-        (value_1, x_1, p_1), (value_2, x_2, p_2), count = carry
-        apart = (count > 1) & (value_1 != value_2)
-        ratio = jnp.where(apart, (value - value_1) / jnp.where(apart, value_1 - value_2, 1.0), 0.0)
-        x, p, report = solve_traced(problem, value, x_1 + ratio * (x_1 - x_2), p_1 + ratio * (p_1 - p_2))
-        report |= _examined(problem, value, x, p, report["status"], options.contact)
-        x = jnp.where(report["status"] == Status.CROSSED, jnp.nan, x)
-        return ((value, x, p), (value_1, x_1, p_1), count + 1), (x, p, report)
-
-    _, (x, p, report) = jax.lax.scan(step, ((values[0], start, pressure),) * 2 + (0,), values)
-    report |= dict(zip(("energy", "pressure", "mu"), _of_states(x, problem, values, p), strict=True))
-    many = values.shape
-    flags = dict(switched=jnp.zeros(many, dtype=bool), contact_active=jnp.ones(many, dtype=bool))
-    return x, dict(report, value=values, operators=problem.operators, **flags)
-
-
-def _examined(problem, value, x, p, status, contact):
-    """Status, negative_pivots and lowest_eigenvalue of one traced state (n, 2), by a factor of its own tangent on the host."""
-    network = problem.operators.network
-    problem, mu = problem.at(value)
-    now = linearise(problem, x, p, mu)
-    patterns = problem.pattern, problem.without_contact.pattern
-    examine = functools.partial(_examine, patterns, contact)
-    shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))
-    system = tangent(problem, x, p, now), border(problem, now)
-    arrays = status, x, system, network, outline_arcs(x, problem.model), walls(x, problem.model.lists.topology)
-    found = jax.pure_callback(examine, shapes, *arrays, vmap_method="sequential")
-    return dict(zip(("status", "negative_pivots", "lowest_eigenvalue"), found, strict=True))
-
-
-def _examine(patterns, contact, status, x, system, network, arcs, held):
-    """`_examined` on the host; the factor serves the derivatives of the state, see `linalg.solve_near`."""
-    if status != Status.CONVERGED:
-        return status, np.asarray(-1), np.asarray(np.nan)
-    try:
-        made = factor(patterns[0], *system)
-        remember(made, x)
-        lowest, nearest = extreme_eigenvalues(made, network_matrix(patterns[1], network))
-        negative = made.negative_pivots
-    except SingularTangent:
-        negative, lowest, nearest = -1, 0.0, 0.0
-    crossing = crosses([np.asarray(arc) for arc in arcs], np.asarray(held))
-    flagged = for_derivatives(Status.CONVERGED, nearest, crossing=crossing, contact=contact == "on")
-    return np.asarray(int(flagged), dtype=status.dtype), np.asarray(negative), np.asarray(lowest)
+def _warn(name, values, status):
+    values, status = np.asarray(values), np.asarray(status)
+    for one in np.unique(status[status != Status.CONVERGED]):
+        at = ", ".join(f"{value:.6g}" for value in values[status == one])
+        warnings.warn(f"sweep: ill-posed derivative at {name} = {at}: {Status(int(one)).text}", IllPosedDerivative, stacklevel=3)

@@ -51,8 +51,7 @@ def sweep(
     begins: to the bit that of a sweep that was not interrupted. Raises ValueError for a gel, control or values that cannot be used and
     ``SweepFailed`` where the first state is not found; later failures end the path early, with the reason in ``path.stop`` and
     ``path.stop_text``. Differentiating a state without a meaningful derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and
-    ``jax.vmap``, for given values only, states that are not reached are nan, and the branch that continues the dry state is followed
-    whatever its stability.
+    ``jax.vmap`` a sweep is refused.
     """
     values = values_of(mu, control, values)
     options = Following(branch, contact, formulation, isinstance(values, tuple) and len(values) >= 2, max_steps, symmetry)

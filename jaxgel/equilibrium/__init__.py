@@ -12,7 +12,6 @@ from .newton import (
     assess_equilibrium,
     iterate,
     solve,
-    solve_traced,
     starting,
     with_own_factor,
 )
@@ -54,7 +53,6 @@ __all__ = [
     "solve_bordered",
     "solve_incremental",
     "solve_pinned",
-    "solve_traced",
     "solve_weak",
     "starting",
     "state_tangents",

@@ -6,25 +6,23 @@ changes along a sweep traced.
 
 import dataclasses
 import functools
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
-from ..linalg import Factor, SingularTangent, factor
+from ..linalg import Factor, SingularTangent
 from ..mechanics import (
     Linearisation,
     Problem,
-    border,
     condensed_rhs,
     factorised_tangent,
     linearise,
     pressure_step,
     scatter,
     step_limit,
-    tangent,
     touches,
 )
 from .state import State, acting_problem, control_pressure, of_control
@@ -211,48 +209,3 @@ def with_own_factor(problem: Problem, state: State) -> State:
         return dataclasses.replace(found, newton_iterations=state.newton_iterations)
     acting = acting_problem(problem, state)
     return dataclasses.replace(state, factor=factorised_tangent(acting, state.x, state.pressure, state.linearisation))
-
-
-# --- inside jit and vmap -----------------------------------------------------------------------------------------------------
-
-
-def solve_traced(problem: Problem, value: Scalar, x: Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array, dict[str, Any]]:
-    """`solve` inside jit or vmap: positions (n, 2), pressures (g,) and a dict of status, newton_iterations and residual.
-
-    The loop is a ``while_loop``; only the sparse solves leave for the host. Positions are nan where it did not converge.
-    """
-    start = problem.placed(x, value)
-    problem, mu = problem.at(value)
-    free, pattern = problem.free, problem.pattern
-
-    def solved(linearisation):
-        return (linearisation.residual_norm < TOLERANCE) & (linearisation.violation < CONSTRAINT_TOLERANCE)
-
-    def going(iterate):
-        _, _, linearisation, iterations = iterate
-        finite = jnp.isfinite(linearisation.residual_norm + linearisation.violation)
-        return ~solved(linearisation) & finite & (iterations < MAX_ITERATIONS)
-
-    def step(iterate):
-        x, p, linearisation, iterations = iterate
-        system = tangent(problem, x, p, linearisation), border(problem, linearisation)
-        rhs = condensed_rhs(problem, linearisation, linearisation)
-        shape = jax.ShapeDtypeStruct((len(free),), x.dtype)
-        dx = jax.pure_callback(functools.partial(_host_step, pattern), shape, rhs, *system, vmap_method="sequential")
-        return *_advanced(problem, x, p, mu, dx, linearisation, linearisation, 1.0), iterations + 1
-
-    first = (start, pressure, linearise(problem, start, pressure, mu), jnp.asarray(0))
-    x, p, linearisation, iterations = jax.lax.while_loop(going, step, first)
-    finite = jnp.isfinite(linearisation.residual_norm + linearisation.violation)
-    failed = jnp.where(finite, int(Status.NOT_CONVERGED), int(Status.NOT_FINITE))
-    done = solved(linearisation)
-    report = dict(status=jnp.where(done, int(Status.CONVERGED), failed), newton_iterations=iterations, residual=linearisation.residual_norm)
-    return jnp.where(done, x, jnp.nan), p, report
-
-
-def _host_step(pattern, rhs, *system):
-    """Newton correction (f,); nan where the tangent is singular."""
-    try:
-        return factor(pattern, *system).solve(rhs)[0]
-    except SingularTangent:
-        return np.full(rhs.shape, np.nan)

@@ -1,9 +1,7 @@
 """Solutions of K dx = b with the tangents K of many states, one JAX primitive and its rules.
 
-They are found on the host, with the factors that the sweep left behind (`linalg.solve_near`): outside ``jax.jit`` by products or one
-compiled assembly per state, inside by a callback. Outside they lie between compiled programs, not in one: the compilation cache on disk of
-JAX 0.10.1 keeps no program that calls the host, and would leave the whole of a derivative rule to be compiled by every process. JAX keeps
-them from 0.11.2 on.
+They are found on the host, with the factors that the sweep left behind (`linalg.solve_near`), by products or one compiled assembly per
+state. They lie between compiled programs, not in one.
 """
 
 import dataclasses
@@ -116,22 +114,8 @@ def _solved_exactly(solutions, k, pattern, x, pressure, rhs):
     return made is not None
 
 
-def _solved_traced(rhs, *leaves, structure):
-    """Inside jit and vmap, by one callback for each state."""
-    x, pressure, values, problem = jax.tree.unflatten(structure, leaves)
-    pattern = problem.pattern
-
-    def on_host(x, rhs, *system):
-        return _solve_columns(pattern, np.asarray(x), rhs, _product(pattern, *system), lambda: system)
-
-    def solution(rhs, x, pressure, value):
-        system = _system(problem, x, pressure, value)
-        return jax.pure_callback(on_host, jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), x, rhs, *system, vmap_method="sequential")
-
-    def one(state):
-        return lax.cond(jnp.any(state[0] != 0), solution, lambda rhs, *_: jnp.zeros_like(rhs), *state)
-
-    return lax.map(one, (rhs, x, pressure, values))
+def _refuse(*_, **__):
+    raise ValueError("derivatives of a sweep: are not available inside jax.jit; take them outside")
 
 
 def _solve_columns(pattern, x, rhs, product, system):
@@ -149,7 +133,7 @@ def _solved_batch(args, axes, *, structure):
     """Right-hand sides (b, k, f) for the same states are columns."""
     (rhs, *states), (axis, *others) = args, axes
     if any(other is not None for other in others):
-        return jax.vmap(functools.partial(_solved_traced, structure=structure), axes)(*args), 0
+        _refuse()
     columns = jnp.moveaxis(rhs, axis, -1)
     found = solutions.bind(columns.reshape(*columns.shape[:2], -1), *states, structure=structure)
     return found.reshape(columns.shape), columns.ndim - 1
@@ -158,7 +142,7 @@ def _solved_batch(args, axes, *, structure):
 solutions = primitive(
     "equilibrium_solutions",
     value=_solved,
-    traced=_solved_traced,
+    traced=_refuse,
     shapes=lambda rhs, *_, **__: rhs,
     jvp=_solutions_jvp,
     transpose=_solutions_transpose,

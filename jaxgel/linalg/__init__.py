@@ -4,7 +4,6 @@ from .dissection import dissect
 from .eigen import (
     Factorised,
     columnwise,
-    extreme_eigenvalues,
     inverse_iteration,
     lowest_mode,
     lowest_of_factor,
@@ -33,7 +32,6 @@ __all__ = [
     "bordered_product",
     "columnwise",
     "dissect",
-    "extreme_eigenvalues",
     "factor",
     "factorise",
     "host_border",

@@ -52,12 +52,6 @@ def network_matrix(pattern: Pattern, laplacian: Float[Array, " p"]) -> sp.csr_ma
     return matrix.copy()  # half of the entries were zero, but not given back
 
 
-def extreme_eigenvalues(factor: Factorised, stiffness: sp.csr_matrix) -> tuple[float, float]:
-    """The lowest eigenvalue of the factorised tangent, and the one nearest zero: the same where none is negative."""
-    nearest = nearest_modes(factor, stiffness, 1)[0][0]
-    return lowest_mode(factor, stiffness)[0] if factor.negative_pivots > 0 else nearest, nearest
-
-
 def lowest_mode(factor: Factorised, stiffness: sp.csr_matrix) -> tuple[float, Float[np.ndarray, " f"]]:
     """The lowest eigenvalue of the factorised tangent and its mode (f,), by shift-invert Lanczos."""
     negative = min(factor.negative_pivots, MOST_NEGATIVE)

@@ -34,7 +34,7 @@ from .mixed import (
     state_pressure,
 )
 from .operators import Operators, precomputed_operators
-from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps, walls
+from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, check_driven, prepare
 from .volumes import (
@@ -135,7 +135,6 @@ __all__ = [
     "touches",
     "unknowns",
     "volume_ratios",
-    "walls",
     "with_contact",
     "with_free_values",
 ]

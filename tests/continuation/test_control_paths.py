@@ -154,14 +154,6 @@ def test_derivatives_are_differences_of_sweeps(model, function, at, steps):
         assert float(backward[number]) == pytest.approx(float(of(at + away) - of(at - away)) / (2 * step), rel=2e-6)
 
 
-def test_a_sweep_along_a_control_works_inside_jit(model):
-    def reduction(values):
-        return jaxgel.area_reduction(jaxgel.sweep(model, GEL, control=Stretch("x", mu=-1.0), values=values, contact="off"))
-
-    values = jnp.array([1.0, 1.05])
-    np.testing.assert_allclose(jax.jit(reduction)(values), reduction(values), rtol=1e-9)
-
-
 def test_the_lowest_eigenvalue_is_differentiable_along_a_control(model):
     def lowest(value):
         path = jaxgel.sweep(model, GEL, control=Stretch("x", mu=-1.0), values=value[None])

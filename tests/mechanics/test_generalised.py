@@ -247,20 +247,6 @@ def test_the_energy_of_a_free_stretch_is_least_among_the_held_ones(model_at):
 
 
 @pytest.mark.slow
-def test_inside_jit_the_states_are_the_same(model_at):
-    model = model_at(None)
-    path = jaxgel.sweep(model, GEL, mu=[-2.0, -1.0])
-    x, stretch, pivots = jax.jit(lambda chi: _read_all(jaxgel.sweep(model, jaxgel.Gel(1e-3, chi), mu=jnp.array([-2.0, -1.0]))))(0.1)
-    np.testing.assert_allclose(x, path.x, atol=1e-9)
-    np.testing.assert_allclose(stretch, axial_stretch(path), rtol=1e-9)
-    assert list(pivots) == list(path.negative_pivots)
-
-
-def _read_all(path):
-    return path.x, axial_stretch(path), path.negative_pivots
-
-
-@pytest.mark.slow
 def test_onset_and_branch_of_a_symmetric_plate_with_a_free_stretch(cloud_of):
     """Sample 4: the located onset parts stable from unstable states, moves with chi as differences say, and the stable branch turns."""
     plate = dataclasses.replace(cloud_of("sample-4").plate, kinematics="generalised plane strain")
