@@ -14,7 +14,9 @@ from . import linalg as linalg
 from . import materials as materials
 from . import mechanics as mechanics
 from . import observables as observables
+from . import paper as paper
 from . import plotting as plotting
+from . import symmetry as symmetry
 from . import waves as waves
 from .bifurcation import Barrier as Barrier
 from .bifurcation import CriticalPoint as CriticalPoint

@@ -230,7 +230,7 @@ def _with_unstable(made, before, after):
     path = followed(analysis, start, None, longest, MAX_STATES, given=1, until=search)
     between = np.flatnonzero(path.negative_pivots > 0)
     between = between[:-1] if search.joined and end.kind != "fold" else between  # the last one may lie behind the end
-    return dataclasses.replace(made, unstable=path.chosen(between) if len(between) else None, joined=search.joined)
+    return dataclasses.replace(made, unstable=path[between] if len(between) else None, joined=search.joined)
 
 
 def _along(analysis, point, x):

@@ -33,6 +33,10 @@ class Cloud:
     topology: Topology
     """Lists and the reference, static."""
 
+    def __repr__(self) -> str:
+        """Sizes of the cloud."""
+        return f"Cloud of {len(self.topology.node_vertices)} nodes, {self.spacing:.4g} {self.plate.unit} apart, of {self.plate!r}"
+
     @property
     def nodes(self) -> Float[Array, "n 2"]:
         """Node positions, mm."""

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import overload
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +21,10 @@ _SCALARS = ("mu", "value", "status", "newton_iterations", "residual", "energy", 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Path:
-    """Accepted states of a sweep in the order in which they were found; k of them. ``path[i]`` is the `State` number i."""
+    """Accepted states of a sweep in the order in which they were found; k of them.
+
+    ``path[i]`` is the `State` number i, ``path[-3:]`` or ``path[[0, 4]]`` the path of some of them.
+    """
 
     model: Model
     """The discretised plate."""
@@ -96,8 +100,18 @@ class Path:
     def __len__(self) -> int:
         return len(self.mu)
 
-    def __getitem__(self, i: int) -> State:
-        """State number ``i``, without modes and factor."""
+    @overload
+    def __getitem__(self, i: int | np.integer) -> State: ...
+    @overload
+    def __getitem__(self, i: "slice | Sequence[int] | Int[Array, ' m'] | Bool[Array, ' k']") -> "Path": ...
+    def __getitem__(self, i: "int | np.integer | slice | Sequence[int] | Int[Array, ' m'] | Bool[Array, ' k']") -> "State | Path":
+        """State number ``i``, without modes and factor; of a slice, or an array of numbers or truth values as NumPy takes them, the path
+        of these states alone. IndexError beyond the path.
+        """
+        if not isinstance(i, int | np.integer):
+            return self._of_states(np.arange(len(self))[i if isinstance(i, slice) else np.asarray(i, dtype=None if len(i) else int)])
+        if not -len(self) <= i < len(self):
+            raise IndexError(f"path: has no state {i}; it has {len(self)}, counted from 0")
         stability = Stability(np.array([self.lowest_eigenvalue[i]]), None, int(self.negative_pivots[i]))
         return State(
             mu=float(self.mu[i]),
@@ -113,16 +127,17 @@ class Path:
             control=None if self.control is None else float(self.value[i]),
         )
 
-    def chosen(self, states: Sequence[int] | Int[Array, " m"]) -> "Path":
-        """The path of the states with these numbers alone."""
-        columns = {name: np.asarray(getattr(self, name))[list(states)] for name in ("x", "pressure", *_SCALARS)}
+    def _of_states(self, numbers):
+        columns = {name: np.asarray(getattr(self, name))[numbers] for name in ("x", "pressure", *_SCALARS)}
         columns["status"] = [Status(int(one)) for one in columns["status"]]
-        return dataclasses.replace(self, symmetry=tuple(self.symmetry[k] for k in states) if self.symmetry else (), **columns)
+        return dataclasses.replace(self, symmetry=tuple(self.symmetry[k] for k in numbers) if self.symmetry else (), **columns)
 
     def __repr__(self) -> str:
         """States, ends of the control, stability and how the sweep ended; `plotting` draws it."""
         if isinstance(self.x, jax.core.Tracer):
             return f"Path of {self.x.shape[0]} traced states of {self.model.n_nodes} nodes"
+        if len(self) == 0:
+            return f"Path of no states of {self.model.n_nodes} nodes"
         unstable = int(np.sum(np.asarray(self.negative_pivots) > 0))
         ended = self.stop_text or (self.stop.text if self.stop is not None else "differentiated")
         name, unit = control_name(self.control), f" {unit_of(self.control)}".rstrip()

@@ -41,7 +41,7 @@ def verify(
         check_reported(reported)
     except Invalid as invalid:
         reason = str(invalid)
-    end = path.chosen([len(path) - 1])
+    end = path[-1:]
     last = {name: np.nan if name == "axial_stretch" and is_film(path.model) else quantity(end)[0] for name, quantity in CURVES.items()}
     dry = plate, path.model.cloud, problem.gel_at(parameters)
     without = {c.name: c.without_sweep(*dry) for c in problem.constraints if c.dry or c.of_gel}

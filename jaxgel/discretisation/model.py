@@ -105,6 +105,10 @@ class Model:
     contact: object = None
     """The ``mechanics.Contact`` of hole boundaries with themselves; None where they may overlap."""
 
+    def __repr__(self) -> str:
+        """Sizes of the model."""
+        return f"Model of {self.n_nodes} nodes, {self.basis}, {sum(len(block.patches) for block in self.blocks)} patches"
+
     def at_axial_stretch(self, axial: Scalar) -> "Model":
         """The same model held at another axial stretch, which may be traced; ValueError for other than generalised plane strain."""
         plate = dataclasses.replace(self.cloud.plate, axial_stretch=axial)

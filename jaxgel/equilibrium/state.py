@@ -81,6 +81,11 @@ class State:
     control: float | None = None
     """Value of the control; None where that is the chemical potential."""
 
+    def __repr__(self) -> str:
+        """Where the state is, and how it stands."""
+        negative = {-1: "stability not computed", 0: "stable"}.get(self.negative_pivots, f"{self.negative_pivots} negative eigenvalues")
+        return f"State of {len(self.x)} nodes, mu = {self.mu:.6g} kT, {negative}: {self.status.text}"
+
     @property
     def value(self) -> float:
         """Value of the control, mu where there is none other."""

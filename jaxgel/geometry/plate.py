@@ -24,7 +24,7 @@ KINEMATICS = ("plane strain", "generalised plane strain", "plane stress")
         *("spacing", "nodes_per_hole", "cells", "core", "gel", "unit", "reference"),
     )
 )
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Plate:
     """A rectangular dry plate with holes; a JAX pytree whose leaves are the parameters of holes and regions and an axial stretch.
 
@@ -70,6 +70,11 @@ class Plate:
     """What a length of 1 stands for in figures and tables; swelling itself knows no length, so read every mm of this package as this."""
     reference: "Plate | None" = None  # pyright: ignore[reportGeneralTypeIssues]
     """The concrete plate that this one was moved from by ``at``; None for a plate that was not moved."""
+
+    def __repr__(self) -> str:
+        """Name, size and what is in it."""
+        inside = [f"{len(part)} {one}{'s' * (len(part) != 1)}" for one, part in (("hole", self.holes), ("region", self.regions)) if part]
+        return f"Plate {self.name!r}: " + ", ".join([f"{self.width:g} x {self.height:g} {self.unit}", *inside, self.kinematics])
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):

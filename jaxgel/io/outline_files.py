@@ -48,7 +48,7 @@ def dry_regions(plate: Plate) -> list[shapely.Polygon]:
 
 def swollen_gel(path: Path, k: int) -> shapely.Geometry:
     """The gel of state ``k`` of a path as a shapely polygon, mm; ValueError if its outline crosses itself."""
-    sides = shapely.linestrings(deformed_boundary(path.chosen([k]))[0])
+    sides = shapely.linestrings(deformed_boundary(path[[k]])[0])
     if not shapely.multilinestrings(sides).is_simple:
         raise ValueError(f"state: the outline at {control_name(path.control)} = {float(path.value[k]):.6g} crosses itself")
     faces = shapely.get_parts(shapely.polygonize(sides))

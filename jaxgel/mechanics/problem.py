@@ -9,7 +9,7 @@ import numpy as np
 
 from .._types import Array, Float, Scalar
 from .._validation import Inadmissible
-from ..controls import Control, check_fields, drives_stiffness, edge_motion, moves_edges, setting_of
+from ..controls import Control, check_fields, control_name, drives_stiffness, edge_motion, moves_edges, setting_of
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import AnyGel, LocalGel
@@ -46,6 +46,10 @@ class Problem:
         if operators is not None and drives_stiffness(self.control, self.gel):
             operators = dataclasses.replace(operators, network=operators.network * (gel.Nv / self.gel.Nv))
         return Problem(self.model, gel, loads, operators), jnp.asarray(setting.mu, dtype=float)
+
+    def __repr__(self) -> str:
+        """What is solved, in one line."""
+        return f"Problem along {control_name(self.control)} of a {self.model!r}"
 
     @property
     def moves_edges(self) -> bool:

@@ -198,7 +198,7 @@ def _entry(shown, *, others=(), rows_of_axes=1, **texts):
     from ..observables import FIELDS, field_values
     from ..plotting import plot_pattern
 
-    fields = [field_values(path.chosen([k]), "stretch") for path, k in shown]
+    fields = [field_values(path[[k]], "stretch") for path, k in shown]
     limits = float(min(map(np.min, fields))), float(max(np.percentile(f, 99) for f in fields))  # corners would take the whole scale
     columns = len(shown) // rows_of_axes
     size = (2.15 * columns + 0.9, 2.6 * rows_of_axes)

@@ -145,7 +145,7 @@ def _nearest(path: Path, at: Any) -> list[int]:
 
 def pictured_states(path: Path, states: Any, field: str | None) -> tuple[list, list]:
     """Two lists over the given ``states``: vertices (v, 2), and values (t,) on the triangles, or None without a field."""
-    chosen = path.chosen(states)
+    chosen = path[states]
     vertices = np.asarray(deformed_vertices(chosen))
     values = [None] * len(states) if field is None else list(field_on_triangles(chosen, vertices, field))
     return list(vertices), values

@@ -41,6 +41,34 @@ def test_given_steps_are_all_there_in_order(given, tiny_model):
     np.testing.assert_array_equal(np.stack([step.x for step in seen]), path.x)
 
 
+def test_slices_and_arrays_of_numbers_are_paths_of_these_states(given):
+    path, _ = given
+    for chosen in (slice(-3, None), slice(None, None, 4), [0, 7], np.array([9, 2]), path.mu > -2.0, np.zeros(10, dtype=bool)):
+        part, numbers = (
+            path[chosen],
+            np.arange(10)[chosen if isinstance(chosen, slice) else np.asarray(chosen, dtype=None if len(chosen) else int)],
+        )
+        assert isinstance(part, jaxgel.Path)
+        np.testing.assert_array_equal(part.mu, path.mu[numbers])
+        np.testing.assert_array_equal(part.x, path.x[numbers])
+        assert part.status == [path.status[k] for k in numbers]
+        assert len(part.symmetry) == len(numbers)
+    assert path[-1].mu == path[np.int64(9)].mu == path.mu[9]
+    with pytest.raises(IndexError, match=r"^path: has no state 10; it has 10"):
+        path[10]
+
+
+def test_what_a_notebook_shows_is_one_line_of_sizes(given, tiny_model):
+    path, _ = given
+    plate = tiny_model.cloud.plate
+    assert repr(plate) == "Plate 'plate': 4 x 4 mm, 1 hole, plane strain"
+    assert repr(tiny_model.cloud) == f"Cloud of 79 nodes, 0.5 mm apart, of {plate!r}"
+    assert repr(tiny_model) == f"Model of 79 nodes, quadratic, {sum(len(block.patches) for block in tiny_model.blocks)} patches"
+    assert repr(prepare(tiny_model, path.gel)) == f"Problem along mu of a {tiny_model!r}"
+    assert repr(path[0]) == "State of 79 nodes, mu = -4.9678 kT, stable: converged"
+    assert repr(path[:0]) == "Path of no states of 79 nodes"
+
+
 def test_energy_falls_with_mu_by_the_solvent_taken_up(given, tiny_model):
     """dE/dmu = -sum V (J - 1) at equilibrium, here by a central difference about each middle state."""
     middle = jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=[-2.0 - 1e-3, -2.0, -2.0 + 1e-3])

@@ -1,6 +1,8 @@
 """What the README shows can be typed."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -75,3 +77,21 @@ def test_the_installed_and_the_documented_dependencies_agree():
     names = {re.match(r"[\w-]+", entry).group() for entry in re.findall(r'"([^"]+)"', listed.group(1))}
     documented = {name.strip() for row in table.group().splitlines()[2:] if row for name in row.split("|")[1].split(",")}
     assert documented == names
+
+
+def test_every_dotted_name_of_the_documentation_resolves_after_importing_jaxgel_alone():
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    names = {name for page in pages for name in re.findall(r"(?<![\w./-])jaxgel(?:\.[A-Za-z_]\w*)+", page.read_text(encoding="utf-8"))}
+    names -= {name for name in names if name.rpartition(".")[2] in {"toml", "py", "html"}}
+    assert len(names) > 50
+    program = (
+        "import functools, sys, jaxgel\n"
+        "def missing(name):\n"
+        "    try:\n"
+        "        functools.reduce(getattr, name.split('.')[1:], jaxgel)\n"
+        "    except AttributeError:\n"
+        "        return name\n"
+        "print(*filter(None, map(missing, sys.argv[1:])))"
+    )
+    found = subprocess.run([sys.executable, "-c", program, *sorted(names)], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == []
