@@ -225,7 +225,7 @@ def test_derivatives_by_the_temperature_are_those_of_states_found_again(graded):
 
     zero = jax.tree.map(jnp.zeros_like, problem)
     dot = dataclasses.replace(zero, gel=dataclasses.replace(zero.gel, T=jax.tree.map(jnp.ones_like, gel.T)), operators=None)
-    x_dot = state_tangents(first.x[None], first.pressure[None], problem, jnp.zeros(1), dot, jnp.zeros(1), ((),))[0]
+    x_dot = state_tangents(first.x[None], first.pressure[None], problem, jnp.zeros(1), dot, jnp.zeros(1))[0]
     step = 0.01  # K: the fifth derivative leaves 1e-8, the states 1e-11 / step
     differences = (8 * (again(step) - again(-step)) - again(2 * step) + again(-2 * step)) / (12 * step)
     assert float(jax.jvp(height, (first.x,), (x_dot,))[1]) == pytest.approx(differences, rel=1e-6)
