@@ -33,7 +33,7 @@ SOME = ("moved, corner", "free, edge", "periodic", "more hole than gel")
 class States(SimpleNamespace):
     """One state that is no equilibrium; the areas are those of any motion."""
 
-    def chosen(self, _):
+    def __getitem__(self, _):
         return self
 
 
