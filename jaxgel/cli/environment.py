@@ -88,9 +88,3 @@ def quick_flags(found: str | None = None) -> list[str]:
     """
     found = version("jaxlib") if found is None else found
     return ["--xla_backend_optimization_level=2", *(["--xla_cpu_use_fusion_emitters=false"] if found.startswith("0.10.") else [])]
-
-
-def in_one_part(found: str | None = None) -> dict:
-    """Compiler options: LLVM compiles a program in one part, not 32: less work, but on one core; {} where unknown."""
-    found = version("jaxlib") if found is None else found
-    return {"xla_cpu_parallel_codegen_split_count": 1} if found.startswith("0.10.") else {}
