@@ -80,6 +80,5 @@ def _step(states, i):
     stability = Stability(np.array([values.pop("lowest_eigenvalue")]), None, values.pop("negative_pivots"))
     apart = int(states["apart"][i])  # -1, 0, 1: not looked at, contact acts, contact does not act
     status, active = Status[str(states["status"][i])], None if apart < 0 else not apart
-    symmetry = str(states["symmetry"][i]) if "symmetry" in states else ""  # not in files of version 0.1
     control = states["value"][i].item() if "value" in states else None
-    return State(**values, control=control, stability=stability, status=status, contact_active=active, symmetry=symmetry)
+    return State(**values, control=control, stability=stability, status=status, contact_active=active, symmetry=str(states["symmetry"][i]))

@@ -91,6 +91,6 @@ def refreshed(cloud: Cloud, plate: Plate, *, basis: str = "quadratic", dmax: flo
     fault = quality(cloud.at(values), basis=basis, dmax=dmax).fault
     if not fault:
         return cloud.at(plate), ""
-    asked = {name: getattr(cloud.topology, name) for name in ("spacing", "nodes_per_hole", "across", "follow_outlines")}
+    asked = {name: getattr(cloud.topology, name) for name in ("spacing", "nodes_per_hole", "across")}
     fresh = make_cloud(own, **asked)
     return fresh.at(plate), fault

@@ -15,7 +15,6 @@ from ..observables import BY_COLUMN, COLUMNS, OF_CELLS
 from .files import MAX_BYTES, guarded, read_arrays
 
 FORMAT = 3  # raised when the meaning of a file changes
-EARLIER = 2  # read too: its method "mixed" is today's "cells", and its clouds do not follow outlines
 STEP_ARRAYS = (
     "mu",
     "x",
@@ -100,9 +99,8 @@ def load_run(folder: str | File, *, max_bytes: int = MAX_BYTES) -> Run:
 
 
 def control_in(summary: dict[str, Any]) -> tuple[str, str]:
-    """Name and unit of the control of a run with that ``summary``; files of version 0.1 do not have it."""
-    control = summary.get("control", {"name": "mu", "unit": "kT"})
-    return control["name"], control["unit"]
+    """Name and unit of the control of a run with that ``summary``."""
+    return summary["control"]["name"], summary["control"]["unit"]
 
 
 def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
@@ -114,8 +112,8 @@ def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, An
 
 def _read_summary(content: bytes, _: int) -> dict[str, Any]:
     summary = json.loads(content)
-    if summary["format"] not in (EARLIER, FORMAT):
-        raise ValueError(f"format {summary['format']}, this version reads {EARLIER} and {FORMAT}")
+    if summary["format"] != FORMAT:
+        raise ValueError(f"format {summary['format']}, this version reads {FORMAT}")
     wanted = {
         "case": str,
         "options": dict,
@@ -133,11 +131,6 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
         raise ValueError("control has no name or unit")
     if summary["stop"] not in Status.__members__:
         raise ValueError(f"stop {summary['stop']!r} is no status")
-    if summary["format"] == EARLIER:
-        discretisation = summary["options"].setdefault("discretisation", {})
-        if discretisation.get("method", "mixed") == "mixed":
-            discretisation["method"] = "cells"
-        discretisation["follow_outlines"] = False
     return summary
 
 
@@ -157,11 +150,11 @@ def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
 def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
     arrays = read_arrays(content, max_bytes)
     (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
-    shapes = dict.fromkeys((*STEP_ARRAYS, "status", "apart"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
+    shapes = dict.fromkeys((*STEP_ARRAYS, "status", "symmetry", "apart"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
     shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
     if "modes" in arrays:
         shapes["modes"] = (len(arrays["modes"]), arrays["modes"].shape[1])
-    shapes |= {name: (k,) for name in ("symmetry", "value") if name in arrays}  # not in files of version 0.1
+    shapes |= {"value": (k,)} if "value" in arrays else {}
     if "rate" in arrays:
         shapes["rate"] = (n, 2)
     for name, shape in shapes.items():

@@ -83,17 +83,6 @@ def test_a_path_read_back_gives_the_same_observables(run_folder, path):
     assert again.status == path.status
 
 
-def test_the_method_of_an_earlier_run_keeps_its_meaning(copy):
-    """Until format 2 "mixed" was one pressure per cell."""
-    summary = json.loads((copy / "summary.json").read_text())
-    assert summary["options"]["discretisation"]["method"] == load_run(copy).summary["options"]["discretisation"]["method"] == "mixed"
-    (copy / "summary.json").write_text(json.dumps(summary | {"format": 2}))
-    assert load_run(copy).summary["options"]["discretisation"]["method"] == "cells"
-    del summary["options"]["discretisation"]["method"]
-    (copy / "summary.json").write_text(json.dumps(summary | {"format": 2}))
-    assert load_run(copy).summary["options"]["discretisation"]["method"] == "cells"
-
-
 def test_summary_names_case_options_versions_and_outcome(run_folder):
     summary = json.loads((run_folder / "summary.json").read_text())
     assert summary["case"] == "sample-1"
