@@ -16,19 +16,25 @@ from .case import Case, from_table
 
 
 def resumed(folder: File | str) -> Recorder:
-    """The `Recorder` of an interrupted run, its case in ``case`` and the accepted steps in ``steps``; none where it had just begun.
+    """The `Recorder` of an interrupted run, begun with its accepted states; none if it had no state yet.
 
     Raises ValueError for a folder that was not written by ``jaxgel run``, or not by this version, and for files that do not fit together.
     """
     summary = read_summary(folder)
     if not (File(folder) / "states.npz").is_file():
         case = from_table(summary["options"], summary["case"])
-        return Recorder(folder, case, case.model(), case.gel, seconds=summary["wall_seconds"])
+        return _begun(folder, case, case.model(), [], summary)
     case, model, steps = rebuilt(load_run(folder))
     if not _are_of([step.value for step in steps], case.sweep):
         name = case.sweep.control
         raise ValueError(f"folder: the {name} in {str(folder)!r} are not those of the case in its summary.json; run the case again")
-    return Recorder(folder, case, model, case.gel, steps=steps, seconds=summary["wall_seconds"])
+    return _begun(folder, case, model, steps, summary)
+
+
+def _begun(folder, case, model, steps, summary):
+    recorder = Recorder(folder, case, model, case.gel)
+    recorder.begin(steps, summary["wall_seconds"])
+    return recorder
 
 
 def _are_of(values, options):

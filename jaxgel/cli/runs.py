@@ -28,7 +28,9 @@ def run(args: Namespace) -> int:
     say = printer(args)
     model, d = case.model(), case.discretisation
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {d.basis} basis, {d.method} method")
-    return run_recorded(Recorder(folder, case, model, case.gel), args)
+    recorder = Recorder(folder, case, model, case.gel)
+    recorder.begin()
+    return run_recorded(recorder, args)
 
 
 def run_recorded(recorder: Recorder, args: Namespace) -> int:

@@ -46,9 +46,9 @@ FILES = (
 class Recorder:
     """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; pass it as ``on_step``.
 
-    ``case`` is the `cases.Case` of ``model``, whose contact is that of the sweep, and ``gel``; ``steps`` are those that an interrupted run
-    left after ``seconds``, to go on from. Without them earlier results in ``folder`` are removed; other files stay. With ``durable`` each
-    step is flushed to the disk, otherwise only `finish` does so. Raises ValueError when the folder cannot be written.
+    ``case`` is the `cases.Case` of ``model``, whose contact is that of the sweep, and ``gel``. With ``durable`` each step is flushed to the
+    disk, otherwise only `finish` does so. The files are begun by `begin`, or by the first step. Raises ValueError if the folder cannot be
+    written.
     """
 
     def __init__(
@@ -58,20 +58,24 @@ class Recorder:
         model: Model,
         gel: Any,
         *,
-        steps: Sequence[State] = (),
-        seconds: float = 0.0,
         durable: bool = True,
     ) -> None:
         self.folder, self.case, self.model, self.gel = open_folder(folder), case, model, gel
         self.control = case.control(model)
         self.records = []  # (step, row, outlines) of each accepted state
         self.stored = 0  # states that are on disk for good
-        self.started, self.durable = time.perf_counter() - seconds, durable
-        if not steps:
+        self.started, self.durable, self.begun = time.perf_counter(), durable, False
+
+    def begin(self, before: Sequence[State] = (), seconds: float = 0.0) -> None:
+        """Begin the files: with the states ``before`` of a run that was interrupted after ``seconds``, or without earlier results.
+
+        Without states the results of an earlier run are removed from the folder; other files stay.
+        """
+        self.begun, self.started = True, self.started - seconds
+        if not before:
             _clear(self.folder)
-        for step in steps:
+        for step in before:
             self._take(step)
-        self._write_history()
         self.finish("running", "the sweep has not ended")
 
     @property
@@ -91,6 +95,8 @@ class Recorder:
 
     def __call__(self, step: State) -> None:
         """Write one accepted step: first its row, then all states, so that there are never more states than rows."""
+        if not self.begun:
+            self.begin()
         row = self._take(step)
         with (self.folder / "history.csv").open("a", newline="") as stream:
             _csv_writer(stream).writerow(_csv_row(row))
@@ -111,6 +117,8 @@ class Recorder:
 
     def finish(self, status: str, text: str, stop: Status = Status.INTERRUPTED) -> None:
         """Complete the files with ``status`` "complete", "stopped", "interrupted" or "failed", the reason as ``text``, and its `Status`."""
+        if not self.begun:
+            self.begin()
         if len(self.records) > self.stored:  # Ctrl-C may have come between the row and its states
             self._write_states(durable=True)
         self._write_history()

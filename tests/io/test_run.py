@@ -160,6 +160,7 @@ def test_rows_from_the_first_self_contact_on_are_invalid(path, tmp_path, monkeyp
 @pytest.mark.parametrize("durable", [True, False])
 def test_after_every_step_the_folder_can_be_read(path, tmp_path, monkeypatch, durable):
     recorder, synced = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel, durable=durable), []
+    recorder.begin()
     monkeypatch.setattr("os.fsync", synced.append)
     with pytest.raises(ValueError, match="no accepted state"):
         load_run(tmp_path)
@@ -192,11 +193,13 @@ def test_ctrl_c_between_a_row_and_its_states_loses_neither(path, tmp_path, monke
     np.testing.assert_array_equal(load_run(tmp_path).mu, path.mu)
 
 
-def test_a_new_run_clears_its_own_files_and_no_others(path, tmp_path):
+def test_a_new_run_clears_its_own_files_and_no_others_when_it_begins(path, tmp_path):
     for name in ("pattern.png", "notes.txt"):
         (tmp_path / name).write_text("before")
     (tmp_path / "vtu").mkdir()
-    Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["notes.txt", "pattern.png", "vtu"]
+    recorder.begin()
     assert sorted(file.name for file in tmp_path.iterdir()) == ["history.csv", "notes.txt", "summary.json"]
 
 
