@@ -27,6 +27,18 @@ STEP_ARRAYS = (
     "switched",
     "stride",
 )
+ENTRIES = {
+    "case": str,
+    "options": dict,
+    "versions": dict,
+    "status": str,
+    "reason": str,
+    "stop": str,
+    "wall_seconds": float,
+    "control": dict,
+    "events": list,
+}
+"""Entries of summary.json that are read, with their types."""
 OF_LAST = ("modes", "rate")  # kept of the last step only
 ADDED = ("surface_stability",)  # columns that tables of earlier versions do not have: nan
 
@@ -112,22 +124,13 @@ def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, An
 
 def _read_summary(content: bytes, _: int) -> dict[str, Any]:
     summary = json.loads(content)
-    if summary["format"] != FORMAT:
-        raise ValueError(f"format {summary['format']}, this version reads {FORMAT}")
-    wanted = {
-        "case": str,
-        "options": dict,
-        "status": str,
-        "reason": str,
-        "stop": str,
-        "wall_seconds": float,
-        "versions": dict,
-        "events": list,
-    }
-    for key, kind in wanted.items():
-        if not isinstance(summary[key], kind):
+    if not isinstance(summary, dict) or summary.get("format") != FORMAT:
+        found = summary.get("format") if isinstance(summary, dict) else None
+        raise ValueError(f"format {found}, this version reads {FORMAT}")
+    for key, kind in ENTRIES.items():
+        if not isinstance(summary.get(key), kind):
             raise ValueError(f"{key} is not of type {kind.__name__}")
-    if not all(isinstance(part, str) for part in control_in(summary)):
+    if not all(isinstance(summary["control"].get(part), str) for part in ("name", "unit")):
         raise ValueError("control has no name or unit")
     if summary["stop"] not in Status.__members__:
         raise ValueError(f"stop {summary['stop']!r} is no status")
@@ -137,7 +140,7 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
 def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
     lines = content.decode().splitlines(keepends=True)
     complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
-    header, *rows = csv.reader(complete)
+    header, *rows = csv.reader(complete) if complete else [[]]
     missing = [name for name in ADDED if name not in header]
     known = (*(() if control == "mu" else (control,)), *(name for name in COLUMNS if name not in missing))
     if tuple(header) not in (known, (*known, *OF_CELLS)) or any(len(row) != len(header) for row in rows):
@@ -149,11 +152,14 @@ def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
 
 def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
     arrays = read_arrays(content, max_bytes)
+    missing = [name for name in (*STEP_ARRAYS, "status", "symmetry", "apart", "nodes") if name not in arrays]
+    if missing or arrays["x"].ndim != 3 or arrays["pressure"].ndim != 2:
+        raise ValueError(f"it has no {missing[0]}" if missing else "x or pressure is no array of states")
     (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
     shapes = dict.fromkeys((*STEP_ARRAYS, "status", "symmetry", "apart"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
-    shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
+    shapes |= {name: (k, *a.shape[1:2], 2) for name, a in arrays.items() if name.startswith("outline_")}
     if "modes" in arrays:
-        shapes["modes"] = (len(arrays["modes"]), arrays["modes"].shape[1])
+        shapes["modes"] = (*arrays["modes"].shape[:1], *arrays["modes"].shape[1:2])
     shapes |= {"value": (k,)} if "value" in arrays else {}
     if "rate" in arrays:
         shapes["rate"] = (n, 2)
