@@ -26,7 +26,7 @@ Every table is checked against `schema.case_schema` first.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path as File
 from typing import Any
 
@@ -100,9 +100,9 @@ class Case:
         """The control of the case's sweep on its ``model``; None for the chemical potential."""
         return self.sweep.driver(self.loads.of(model))
 
-    def path(self, model: Model, *, on_step: Callable[[State], object] | None = None, before: Sequence[State] = ()) -> Path:
-        """`Path` of the case's sweep on its ``model``; ``before`` are the accepted steps of an interrupted sweep, to go on from."""
-        return sweep_by_options(model, self.gel, self.sweep, loads=self.loads.of(model), on_step=on_step, before=before)
+    def path(self, model: Model, *, on_step: Callable[[State], object] | None = None) -> Path:
+        """`Path` of the case's sweep on its ``model``."""
+        return sweep_by_options(model, self.gel, self.sweep, loads=self.loads.of(model), on_step=on_step)
 
     def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
         """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.

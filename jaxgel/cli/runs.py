@@ -10,7 +10,7 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import one_of
-from ..cases import OutputOptions, load_case
+from ..cases import OutputOptions, load_case, path_of
 from ..continuation import Path
 from ..controls import control_name, unit_of
 from ..io import Progress, Recorder, interruptible, open_folder, write_loop, write_points
@@ -67,7 +67,7 @@ def _sweep(recorder, quiet):
             progress.show(step.value, step.newton_iterations, recorder.records[-1][1]["rotation_deg"])
             stop_if_asked()
 
-        return case.path(recorder.model, on_step=on_step, before=recorder.steps)
+        return path_of(recorder, on_step)
 
 
 def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:

@@ -26,7 +26,7 @@ from ..discretisation import Model
 from ..equilibrium import State, Status
 from ..observables import SELF_CONTACT, columns_of, events, history, outlines
 from .files import open_folder, write_atomically
-from .run import FORMAT, OF_LAST, STEP_ARRAYS, kind_of
+from .run import FORMAT, STEP_ARRAYS, kind_of
 
 NUMERICAL = ("jaxgel", "jax", "jaxlib", "numpy", "scipy")  # packages on which the last digits depend
 FILES = (
@@ -66,12 +66,12 @@ class Recorder:
         self.stored = 0  # states that are on disk for good
         self.started, self.durable, self.begun = time.perf_counter(), durable, False
 
-    def begin(self, before: Sequence[State] = (), seconds: float = 0.0) -> None:
-        """Begin the files: with the states ``before`` of a run that was interrupted after ``seconds``, or without earlier results.
+    def begin(self, before: Sequence[State] = ()) -> None:
+        """Begin the files, with the states ``before`` of a run that was interrupted.
 
         Without states the results of an earlier run are removed from the folder; other files stay.
         """
-        self.begun, self.started = True, self.started - seconds
+        self.begun = True
         if not before:
             _clear(self.folder)
         for step in before:
@@ -134,8 +134,6 @@ class Recorder:
         arrays |= {} if self.control is None else {"value": np.array([step.value for step in steps])}
         arrays["status"] = np.array([step.status.name for step in steps])
         arrays["symmetry"] = np.array([step.symmetry for step in steps])
-        arrays["apart"] = np.array([-1 if step.contact_active is None else not step.contact_active for step in steps], dtype=np.int8)
-        arrays |= {name: np.asarray(last) for name in OF_LAST if (last := getattr(steps[-1], name)) is not None}
         arrays["nodes"] = np.asarray(self.model.cloud.nodes)
         for i, loops in enumerate(zip(*(loops for _, _, loops in self.records), strict=True)):
             arrays[f"outline_{i}"] = np.array(loops)

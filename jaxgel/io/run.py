@@ -25,7 +25,6 @@ STEP_ARRAYS = (
     "negative_pivots",
     "lowest_eigenvalue",
     "switched",
-    "stride",
 )
 ENTRIES = {
     "case": str,
@@ -39,7 +38,6 @@ ENTRIES = {
     "events": list,
 }
 """Entries of summary.json that are read, with their types."""
-OF_LAST = ("modes", "rate")  # kept of the last step only
 ADDED = ("surface_stability",)  # columns that tables of earlier versions do not have: nan
 
 
@@ -60,7 +58,7 @@ class Run:
     """Columns of ``history.csv``: name -> (k,) array, status a list of texts."""
     states: dict[str, np.ndarray]
     """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm, and the rest
-    of each step; value (k,) of another control than mu; modes (f, m) and rate (n, 2) those of the last, where it has them."""
+    of each step; value (k,) of another control than mu."""
 
     @property
     def control(self) -> tuple[str, str]:
@@ -101,12 +99,10 @@ def load_run(folder: str | File, *, max_bytes: int = MAX_BYTES) -> Run:
     if states is None:
         raise ValueError(f"folder: {str(folder)!r} holds no accepted state; its run ended as {summary['status']!r}: {summary['reason']}")
     k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in history.csv
-    if k < len(states["mu"]):
-        states = {name: a for name, a in states.items() if name not in OF_LAST}  # of a state whose row was cut off with the machine
     for name, column in (("mu", "mu"), *([("value", control_in(summary)[0])] if "value" in states else [])):
         if not np.array_equal(states[name][:k], table[column][:k]):
             raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their {column} differ")
-    states = {name: a if name in ("nodes", *OF_LAST) else a[:k] for name, a in states.items()}
+    states = {name: a if name == "nodes" else a[:k] for name, a in states.items()}
     return Run(folder, summary, {name: column[:k] for name, column in table.items()}, states)
 
 
@@ -152,23 +148,19 @@ def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
 
 def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
     arrays = read_arrays(content, max_bytes)
-    missing = [name for name in (*STEP_ARRAYS, "status", "symmetry", "apart", "nodes") if name not in arrays]
+    missing = [name for name in (*STEP_ARRAYS, "status", "symmetry", "nodes") if name not in arrays]
     if missing or arrays["x"].ndim != 3 or arrays["pressure"].ndim != 2:
         raise ValueError(f"it has no {missing[0]}" if missing else "x or pressure is no array of states")
     (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
-    shapes = dict.fromkeys((*STEP_ARRAYS, "status", "symmetry", "apart"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
+    shapes = dict.fromkeys((*STEP_ARRAYS, "status", "symmetry"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
     shapes |= {name: (k, *a.shape[1:2], 2) for name, a in arrays.items() if name.startswith("outline_")}
-    if "modes" in arrays:
-        shapes["modes"] = (*arrays["modes"].shape[:1], *arrays["modes"].shape[1:2])
     shapes |= {"value": (k,)} if "value" in arrays else {}
-    if "rate" in arrays:
-        shapes["rate"] = (n, 2)
     for name, shape in shapes.items():
         if arrays[name].shape != shape or arrays[name].dtype.kind not in "bfiU":
             raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
-    for name in {"mu", "value", "x", "pressure", *OF_LAST} & arrays.keys():
+    for name in {"mu", "value", "x", "pressure"} & arrays.keys():
         if not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} is not finite")
     if not np.all(np.diff(arrays.get("value", arrays["mu"]))) or not set(arrays["status"]) <= Status.__members__.keys():
         raise ValueError("a value of the control is repeated, or a status is unknown")
-    return arrays
+    return {name: arrays[name] for name in shapes}

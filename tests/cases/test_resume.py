@@ -1,4 +1,4 @@
-"""An interrupted run goes on from its folder to the numbers of an uninterrupted one, and what cannot be continued is refused."""
+"""An interrupted run goes on from its last state to those of an uninterrupted one, and what cannot be continued is refused."""
 
 import json
 import os
@@ -71,19 +71,20 @@ def run_of(mu, parent):
 
 @pytest.mark.parametrize("run", [pytest.param("given", marks=pytest.mark.slow), "swept"])
 @pytest.mark.parametrize("first", [pytest.param(True, marks=pytest.mark.slow), False], ids=["after the first", "in the middle"])
-def test_a_run_killed_after_a_state_ends_with_the_same_bits(run, first, request, tmp_path):
+def test_a_run_killed_after_a_state_ends_with_the_same_states(run, first, request, tmp_path):
     folder, path = request.getfixturevalue(run)
-    killed = tmp_path / f"after-{1 if first else len(path) // 2}"
+    k = 1 if first else len(path) // 2
+    killed = tmp_path / f"after-{k}"
     shutil.copytree(folder.with_name(killed.name), killed)
     assert load_run(killed).summary["status"] == "running"
     assert cli.main(["resume", str(killed), "--quiet", "--no-plots"]) == 0
-    assert_same(killed, folder)
+    assert_same(killed, folder, k)
     assert (killed / "series.pvd").is_file()
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
-def test_a_run_killed_twice_at_any_moment_ends_with_the_same_bits(swept, tmp_path):
+def test_a_run_killed_twice_at_any_moment_ends_with_the_same_states(swept, tmp_path):
     """The proof with twenty kills is benchmarks/kill.py."""
     folder, moments = tmp_path / "killed", np.random.default_rng(11)
     command = ["run", str(swept[0].parent / "tiny.toml"), "--out", str(folder), "--quiet", "--no-plots"]
@@ -100,12 +101,18 @@ def test_a_run_killed_twice_at_any_moment_ends_with_the_same_bits(swept, tmp_pat
     assert_same(folder, swept[0])
 
 
-def assert_same(folder, other):
-    """The two runs agree to the bit but for the time they took."""
-    assert (folder / "states.npz").read_bytes() == (other / "states.npz").read_bytes()
-    assert (folder / "history.csv").read_bytes() == (other / "history.csv").read_bytes()
-    one, two = (json.loads((f / "summary.json").read_text()) for f in (folder, other))
-    assert one | {"wall_seconds": 0} == two | {"wall_seconds": 0}
+def assert_same(folder, other, k=1):
+    """The two runs have the same first ``k`` states, end alike, and have the same states at equal mu, to the solver's tolerance."""
+    one, two = load_run(folder), load_run(other)
+    np.testing.assert_array_equal(one.x[:k], two.x[:k])
+    assert one.mu[-1] == two.mu[-1]
+    _, i, j = np.intersect1d(one.mu, two.mu, return_indices=True)
+    np.testing.assert_allclose(one.x[i], two.x[j], atol=1e-9)
+    for name in ("energy", "J_mean", "area_reduction", "rotation_deg"):
+        np.testing.assert_allclose(one.history[name][i], two.history[name][j], rtol=1e-9, atol=1e-9)
+    assert {key: one.summary[key] for key in ("status", "reason", "stop")} == {
+        key: two.summary[key] for key in ("status", "reason", "stop")
+    }
 
 
 def test_a_path_read_back_is_the_one_that_was_written(swept):
@@ -154,16 +161,6 @@ def other_mu(folder):
     edit(folder, options=options | {"sweep": sweep | {"mu_start": -4.0, "mu": [-4.0, -1.0]}})
 
 
-def other_modes(folder):
-    arrays = dict(np.load(folder / "states.npz"))
-    np.savez(folder / "states.npz", **(arrays | {"modes": arrays["modes"][1:]}))
-
-
-def other_rate(folder):
-    arrays = dict(np.load(folder / "states.npz"))
-    np.savez(folder / "states.npz", **(arrays | {"rate": arrays["nodes"][1:]}))
-
-
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -179,8 +176,6 @@ def other_rate(folder):
         (lambda folder: (folder / "summary.json").unlink(), r"holds none of design"),
         (other_nodes, "run the case again"),
         (other_mu, r"are not those of the case in its summary\.json"),
-        (other_modes, "run the case again"),
-        (other_rate, "is damaged"),
     ],
 )
 def test_what_cannot_be_continued_is_one_line(swept, tmp_path, capsys, damage, message):
