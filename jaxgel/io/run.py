@@ -38,7 +38,6 @@ ENTRIES = {
     "events": list,
 }
 """Entries of summary.json that are read, with their types."""
-ADDED = ("surface_stability",)  # columns that tables of earlier versions do not have: nan
 
 
 def kind_of(column: str) -> type:
@@ -55,7 +54,7 @@ class Run:
     summary: dict[str, Any]
     """Content of ``summary.json``."""
     history: dict[str, Any]
-    """Columns of ``history.csv``: name -> (k,) array, status a list of texts."""
+    """Columns of ``history.csv``: name -> (k,) array, status a list of texts; nan in a column that the file does not have."""
     states: dict[str, np.ndarray]
     """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm, and the rest
     of each step; value (k,) of another control than mu."""
@@ -137,11 +136,14 @@ def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
     lines = content.decode().splitlines(keepends=True)
     complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
     header, *rows = csv.reader(complete) if complete else [[]]
-    missing = [name for name in ADDED if name not in header]
-    known = (*(() if control == "mu" else (control,)), *(name for name in COLUMNS if name not in missing))
-    if tuple(header) not in (known, (*known, *OF_CELLS)) or any(len(row) != len(header) for row in rows):
-        raise ValueError(f"columns are not {', '.join(known)}")
-    table = {name: [row[i] for row in rows] for i, name in enumerate(header)} | {name: ["nan"] * len(rows) for name in missing}
+    if any(len(row) != len(header) for row in rows):
+        raise ValueError(f"a row has not {len(header)} columns")
+    driven = () if control == "mu" else (control,)
+    known = (*driven, *COLUMNS, *(name for name in OF_CELLS if name in header))
+    missing = next((name for name in known if name not in header and (name in (*driven, "mu") or kind_of(name) is not float)), None)
+    if missing is not None:
+        raise ValueError(f"it has no column {missing}")
+    table = {name: [row[header.index(name)] for row in rows] if name in header else ["nan"] * len(rows) for name in known}
     kinds = {name: kind_of(name) for name in table}
     return {name: c if kinds[name] is str else np.array(c, dtype=float).astype(kinds[name]) for name, c in table.items()}
 

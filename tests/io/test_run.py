@@ -209,6 +209,22 @@ def test_a_row_cut_off_by_a_crash_is_left_out(copy):
     assert len(load_run(copy).mu) == len(load_run(copy).history["mu"]) == 3
 
 
+def test_a_table_of_other_columns_is_read(copy):
+    """As of a version that had neither the surface's stability nor the smallest gap, but another quantity."""
+    with (copy / "history.csv").open(newline="") as stream:
+        rows = [dict(row) for row in csv.DictReader(stream)]
+    kept = [name for name in rows[0] if name not in ("surface_stability", "min_gap")]
+    expected = load_run(copy).history
+    lines = [",".join(["porosity", *kept]), *(",".join(["0.5", *(row[name] for name in kept)]) for row in rows)]
+    (copy / "history.csv").write_text("\n".join(lines) + "\n")
+    found = load_run(copy).history
+    assert list(found) == list(expected) and np.isnan(found["min_gap"]).all()
+    np.testing.assert_array_equal(found["energy"], expected["energy"])
+    (copy / "history.csv").write_text("mu,energy\n-1.0,2.0\n")
+    with pytest.raises(ValueError, match=r"history\.csv.*: it has no column status$"):
+        load_run(copy)
+
+
 def test_a_failed_write_leaves_the_old_file(tmp_path):
     file = tmp_path / "summary.json"
     file.write_text("old")
