@@ -39,12 +39,12 @@ from ..continuation import Path, SweepOptions
 from ..controls import Control
 from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import State
-from ..geometry import Plate, check_plate
+from ..geometry import KINDS, Plate, check_plate
 from ..io import hole_table, hole_tables, mask_table, mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
 from ..mechanics import Loads, check_edges, check_room, with_contact
 from .samples import sample
-from .schema import GELS, HOLES, MATERIAL, OPTIONS, PARAMETERS, OutputOptions, case_schema
+from .schema import GELS, MATERIAL, OPTIONS, PARAMETERS, OutputOptions, case_schema
 from .user_energy import user_gel
 
 ENDS: dict[str, Callable] = {"low": min, "high": max}  # of the values of a picture
@@ -227,7 +227,7 @@ def _plate(table, holes, regions, name):
 
 def _outline(where, table):
     try:
-        return HOLES[table["kind"]](**{key: value for key, value in _in_radians(table).items() if key != "kind"})
+        return KINDS[table["kind"]](**{key: value for key, value in _in_radians(table).items() if key != "kind"})
     except ValueError as problem:
         raise ValueError(f"{where}: {problem}") from None
 

@@ -72,9 +72,6 @@ def _sweep(recorder, quiet):
 
 def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
     """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")  # before pyplot, which would look for a screen
     from ..io import write_series
     from ..plotting import animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
 
@@ -133,9 +130,6 @@ def critical(args: Namespace) -> int:
 
 
 def _draw_modes(model, points, control, folder):
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from ..plotting import plot_modes, save_figure
 
     save_figure(plot_modes(model, points, control=control)[0].figure, folder / "modes.png")
@@ -168,9 +162,6 @@ def loop(args: Namespace) -> int:
 
 
 def _draw_loop(found, quantity, folder):
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from ..plotting import plot_loop, save_figure
 
     save_figure(plot_loop(found, quantity).figure, folder / "loop.png")

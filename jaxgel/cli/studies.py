@@ -29,10 +29,6 @@ def design(args: Namespace) -> int:
 
 def run_design(study: Study, folder: File | str, args: Namespace, resume: bool = False) -> int:
     """Search, verify and report a study; the exit code."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")  # before pyplot, which would look for a screen
-
     say, resume = printer(args), resume or getattr(args, "resume", False)
     workers = _workers(args, GRADIENT_THREADS, calls_each=1) if study.starts > 1 else contextlib.nullcontext()
     try:

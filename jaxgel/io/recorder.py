@@ -6,7 +6,6 @@ run, Ctrl-C or a loss of power, the finished states stay readable and `jaxgel re
 
 import collections
 import csv
-import io
 import json
 import os
 import platform
@@ -25,7 +24,7 @@ from ..controls import control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import State, Status
 from ..observables import SELF_CONTACT, columns_of, events, history, outlines
-from .files import open_folder, write_atomically
+from .files import open_folder, write_atomically, write_csv, write_json
 from .run import FORMAT, STEP_ARRAYS, kind_of
 
 NUMERICAL = ("jaxgel", "jax", "jaxlib", "numpy", "scipy")  # packages on which the last digits depend
@@ -99,7 +98,7 @@ class Recorder:
             self.begin()
         row = self._take(step)
         with (self.folder / "history.csv").open("a", newline="") as stream:
-            _csv_writer(stream).writerow(_csv_row(row))
+            csv.writer(stream, lineterminator="\n").writerow(_csv_row(row))
             stream.flush()
             if self.durable:
                 os.fsync(stream.fileno())
@@ -140,14 +139,7 @@ class Recorder:
         return arrays
 
     def _write_history(self) -> None:
-        def write(stream: Any) -> None:
-            text = io.StringIO(newline="")
-            writer = _csv_writer(text)
-            writer.writerow(self.columns)
-            writer.writerows(_csv_row(row) for _, row, _ in self.records)
-            stream.write(text.getvalue().encode())
-
-        write_atomically(self.folder / "history.csv", write)
+        write_csv(self.folder / "history.csv", self.columns, [_csv_row(row) for _, row, _ in self.records])
 
     def _write_summary(self, status: str, text: str, stop: Status, *, durable: bool = True) -> None:
         table = self.table
@@ -186,10 +178,6 @@ def _clear(folder: File) -> None:
         shutil.rmtree(folder / "vtu")
 
 
-def _csv_writer(stream: Any) -> Any:
-    return csv.writer(stream, lineterminator="\n")
-
-
 def _csv_row(row: dict[str, Any]) -> list[str]:
     kinds = {name: kind_of(name) for name in row}
     return [repr(kinds[name](value)) if kinds[name] is not str else value for name, value in row.items()]
@@ -207,12 +195,7 @@ def write_points(points: list[CriticalPoint], folder: File, options: dict[str, A
     entries = [
         {k: None if v != v else v for k, v in row.items()} | {"symmetries": p.symmetries} for row, p in zip(rows, points, strict=True)
     ]
-    text = json.dumps({"options": options, "points": entries}, indent=1, allow_nan=False, ensure_ascii=False)
-    write_atomically(folder / "critical.json", lambda stream: stream.write(text.encode()))
-    table = io.StringIO(newline="")
-    writer = csv.DictWriter(table, names)
-    writer.writeheader()
-    writer.writerows(rows)
-    write_atomically(folder / "critical.csv", lambda stream: stream.write(table.getvalue().encode()))
+    write_json(folder / "critical.json", {"options": options, "points": entries})
+    write_csv(folder / "critical.csv", names, [list(row.values()) for row in rows])
     arrays = {f"{name}_{k}": getattr(point, name) for k, point in enumerate(points) for name in ("x", "modes")}
     write_atomically(folder / "critical.npz", lambda stream: np.savez(stream, **arrays))
