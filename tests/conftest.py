@@ -7,6 +7,7 @@ import gc
 import os
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 # before anything imports NumPy or JAX: the test processes share the cores, and what one of them has compiled
@@ -23,13 +24,14 @@ if os.environ.get("JAXGEL_CHECK_SHAPES", "0") != "0":  # before jaxgel is import
 
     shape_checks.install()
 
-from jaxgel.cli.environment import in_one_part, quick_flags
+from jaxgel.cli.environment import quick_flags
 
 # read when the first program is compiled: most tests compile more than they compute, and a program in parts is more work
 os.environ.setdefault(
     "XLA_FLAGS",
     " ".join(
-        [flag.replace("level=2", "level=0") for flag in quick_flags()] + [f"--{name}={value}" for name, value in in_one_part().items()]
+        [flag.replace("level=2", "level=0") for flag in quick_flags()]
+        + ["--xla_cpu_parallel_codegen_split_count=1"] * version("jaxlib").startswith("0.10.")
     ),
 )
 

@@ -19,9 +19,9 @@ import numpy as np
 
 import jaxgel
 from jaxgel.cases import case as cases
-from jaxgel.cases import schema as sections
 from jaxgel.continuation import SweepFailed
 from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE
+from jaxgel.geometry import KINDS
 from jaxgel.materials import bulk_stiffness
 from jaxgel.mechanics import ROUND_OFF, all_volumes, carries_volume, free_dofs, network_energy, residual, touches, volume_ratios
 
@@ -127,7 +127,7 @@ def random_table(rng):
 
 def random_hole(rng, width, height):
     """The table of a random hole, somewhere in the plate or cut by its edge."""
-    kind, size = str(rng.choice(list(sections.HOLES))), min(width, height) * rng.uniform(0.08, 0.3)
+    kind, size = str(rng.choice(list(KINDS))), min(width, height) * rng.uniform(0.08, 0.3)
     centre = (rng.uniform(-0.5, 0.5, 2) * [width, height]).tolist()
     if kind == "polygon":
         angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))

@@ -1,6 +1,6 @@
 """Imperfections: loads that push along a bifurcation's mode, and sweeps under them, as `SweepOptions` say for every command."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -29,24 +29,20 @@ def sweep_by_options(
     loads: Float[Array, "n 2"] | None = None,
     push: Float[Array, "n 2"] | None = None,
     on_step: Callable[[State], object] | None = None,
-    before: Sequence[State] = (),
+    start: State | None = None,
 ) -> Path:
     """`Path` of a model along the options' branch, with their control and contact, and under their imperfection besides ``loads``, kT/v mm.
 
     The control "load" multiplies the loads, but not the imperfection. ``values``, ``control`` and ``push`` (n, 2), kT/v mm, take the place
-    of the options' own values, control and imperfection. ``before`` are the accepted states of an interrupted sweep, with which the path
-    then begins. ValueError for an imperfection where there is no bifurcation, or where model, gel or values are traced: its load has no
-    derivative.
+    of the options' own values, control and imperfection. The sweep goes on from ``start``, see `sweep`. ValueError for an imperfection if
+    there is no bifurcation, or if model, gel or values are traced: its load has no derivative.
     """
     control = options.driver(loads) if control is None else control
-    if values is None:
-        values = options.left([state.value for state in before])
-        if not len(values):
-            return Path.from_states(model, gel, before, control=control)
+    values = options.values if values is None else values
     push = imperfection_load(model, gel, options, loads=loads) if push is None else push
     dead = [part for part in (push, None if options.control == "load" else loads) if part is not None]
     driven = {"mu": values} if control is None else {"control": control, "values": values}
-    keywords = keywords_of(options, "sweep") | {"loads": sum(dead) if dead else None, "on_step": on_step, "start": list(before) or None}
+    keywords = keywords_of(options, "sweep") | {"loads": sum(dead) if dead else None, "on_step": on_step, "start": start}
     return sweep(model, gel, **driven, **keywords)
 
 

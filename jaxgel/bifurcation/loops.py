@@ -61,12 +61,15 @@ class Loop:
         return self.jumps_down[-1] if self.jumps_down else None
 
     @property
-    def width(self) -> Scalar:
-        """Width of the loop in the control's unit: how much later it jumps on the way up than down; 0 without jumps, nan with one only."""
+    def width(self) -> Scalar | None:
+        """Width of the loop in the control's unit: how much later it jumps on the way up than down; 0 without jumps.
+
+        None if it is not known: with one jump only, with jumps that were not located, and without a way down.
+        """
         if self.fold_up is None and self.fold_down is None:
-            return float("nan") if self.unlocated or self.down is None else 0.0
+            return None if self.unlocated or self.down is None else 0.0
         if self.fold_up is None or self.fold_down is None:
-            return float("nan")
+            return None
         rising = float(self.up.value[-1]) > float(self.up.value[0])
         return (self.fold_up.value - self.fold_down.value) * (1.0 if rising else -1.0)
 
@@ -111,7 +114,8 @@ class Loop:
             for point in points
         ]
         branch = "" if self.unstable is None else f"; unstable branch of {len(self.unstable)} states" + (", joined" if self.joined else "")
-        return f"width {float(self.width):.6g}{self._unit}, jumps {', '.join(said)}{branch}"
+        width = "width unknown" if self.width is None else f"width {float(self.width):.6g}{self._unit}"
+        return f"{width}, jumps {', '.join(said)}{branch}"
 
     def __repr__(self) -> str:
         ways = [path.value[[0, -1]] for path in (self.up, self.down) if path is not None]
@@ -271,7 +275,7 @@ class _End:
         spacing = self.made.up.model.cloud.spacing
         try:
             other = _state_at(self.analysis, self.made.down, state.value, self.made.jumps_down)
-        except (ArithmeticError, ValueError):  # the way down ended before, or no state was found
+        except (StateNotFound, Inadmissible):  # no state was found, or the way down ended before
             return False
         return float(np.abs(np.asarray(other.x) - np.asarray(state.x)).max()) < SAME * spacing
 

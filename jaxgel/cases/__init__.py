@@ -4,7 +4,7 @@ from .case import Case, from_table, load_case
 from .map_runs import POINT, TABLE, run_map
 from .page import write_page
 from .parameter_map import MapStudy, load_map, resumed_map
-from .resume import load_path, other_versions, resumed
+from .resume import load_path, other_versions, path_of, resumed
 from .samples import GRID, SIDE, sample, sample_names
 from .schema import OutputOptions, case_schema
 from .study import Study, load_study, study_from_table
@@ -33,6 +33,7 @@ __all__ = [
     "load_path",
     "load_study",
     "other_versions",
+    "path_of",
     "resumed",
     "resumed_map",
     "resumed_study",

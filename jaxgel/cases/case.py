@@ -26,7 +26,7 @@ Every table is checked against `schema.case_schema` first.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path as File
 from typing import Any
 
@@ -39,12 +39,12 @@ from ..continuation import Path, SweepOptions
 from ..controls import Control
 from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import State
-from ..geometry import Plate, check_plate
+from ..geometry import KINDS, Plate, check_plate
 from ..io import hole_table, hole_tables, mask_table, mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
 from ..mechanics import Loads, check_edges, check_room, with_contact
 from .samples import sample
-from .schema import GELS, HOLES, MATERIAL, OPTIONS, PARAMETERS, OutputOptions, case_schema
+from .schema import GELS, MATERIAL, OPTIONS, PARAMETERS, OutputOptions, case_schema
 from .user_energy import user_gel
 
 ENDS: dict[str, Callable] = {"low": min, "high": max}  # of the values of a picture
@@ -100,9 +100,9 @@ class Case:
         """The control of the case's sweep on its ``model``; None for the chemical potential."""
         return self.sweep.driver(self.loads.of(model))
 
-    def path(self, model: Model, *, on_step: Callable[[State], object] | None = None, before: Sequence[State] = ()) -> Path:
-        """`Path` of the case's sweep on its ``model``; ``before`` are the accepted steps of an interrupted sweep, to go on from."""
-        return sweep_by_options(model, self.gel, self.sweep, loads=self.loads.of(model), on_step=on_step, before=before)
+    def path(self, model: Model, *, on_step: Callable[[State], object] | None = None) -> Path:
+        """`Path` of the case's sweep on its ``model``."""
+        return sweep_by_options(model, self.gel, self.sweep, loads=self.loads.of(model), on_step=on_step)
 
     def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
         """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.
@@ -227,7 +227,7 @@ def _plate(table, holes, regions, name):
 
 def _outline(where, table):
     try:
-        return HOLES[table["kind"]](**{key: value for key, value in _in_radians(table).items() if key != "kind"})
+        return KINDS[table["kind"]](**{key: value for key, value in _in_radians(table).items() if key != "kind"})
     except ValueError as problem:
         raise ValueError(f"{where}: {problem}") from None
 

@@ -4,7 +4,7 @@ Its folder holds map.json (the study and its points), points.csv (one row for ea
 in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended; jaxgel plot draws one of
 them. All points share the cloud of the study's own plate, placed on their holes, and with it all compiled programs: put the case in the
 middle of its parameters' range. A point too far away for that, where outlines move by more than about a third of the spacing, gets a cloud
-of its own (``own_cloud`` in its row), and costs its compilation and about 0.2 GB of memory for programs; `Workers` then take a new process.
+of its own, and costs its compilation and about 0.2 GB of memory for programs.
 
 A cluster under MPI (mpi4py) runs a map by ``mpiexec -n 65 python -m mpi4py.futures script.py`` with the script
 
@@ -65,12 +65,11 @@ def run_point(text: str, values: dict, folder: str) -> dict:
     ``text`` is JSON with the study's name and table, ``values`` a point. For an executor's processes.
     """
     study, cloud = _prepared(text)
-    began, recorder, own, place = time.perf_counter(), None, False, open_folder(folder)
+    began, recorder, place = time.perf_counter(), None, open_folder(folder)
     (place / POINT).unlink(missing_ok=True)
     try:
         case = study.at(values)
         model = case.model(cloud)
-        own = model.cloud.topology is not cloud.topology
         recorder = Recorder(place, case, model, case.gel, durable=False)
         path = case.path(model, on_step=recorder)
         status, reason = "complete" if path.stop.ok else "stopped", path.stop_text
@@ -80,7 +79,7 @@ def run_point(text: str, values: dict, folder: str) -> dict:
         status, reason = "failed", failure(problem, place)
     if recorder is not None:
         recorder.finish(status, reason)
-    row = dict(status=status, own_cloud=own, **_last_state(recorder), seconds=round(time.perf_counter() - began, 3), reason=reason)
+    row = dict(status=status, **_last_state(recorder), seconds=round(time.perf_counter() - began, 3), reason=reason)
     write_json(place / POINT, {"format": FORMAT, "values": values, "row": row})
     return row
 
@@ -123,7 +122,7 @@ def _begin(study, folder, resume):
 
 def _lost(reason):
     """Row of a point whose process was lost too often."""
-    return dict(status="lost", own_cloud=False, **_last_state(None), seconds=None, reason=reason)
+    return dict(status="lost", **_last_state(None), seconds=None, reason=reason)
 
 
 def _write_table(study, rows, folder):

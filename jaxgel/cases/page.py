@@ -13,25 +13,24 @@ from ..continuation import Path
 from ..controls import control_name, unit_of
 from ..io import load_run, write_atomically
 from ..materials import ACCEPTED
-from ..observables import FIELDS, QUANTITIES, control_quantity, deformed_vertices, events, field_values, history, outlines, parameter_values
+from ..observables import (
+    FIELDS,
+    QUANTITIES,
+    Quantity,
+    control_quantity,
+    deformed_vertices,
+    events,
+    field_values,
+    history,
+    outlines,
+    parameter_values,
+)
 from .resume import load_path
 
 PAGE = "view.html"
 TEMPLATE = "page.html"
 RESOLUTION = 5000  # steps per plate width in which the page keeps positions
 COLOURS = 64
-CURVES = (
-    "area_reduction",
-    "rotation",
-    "core_rotation",
-    "J_mean",
-    "energy",
-    "lowest_eigenvalue",
-    "surface_ratio",
-    "surface_stability",
-    "min_gap",
-)
-"""Quantities that the page shows."""
 
 
 def write_page(folder: str | File, out: str | File | None = None) -> File:
@@ -69,7 +68,7 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
         "about": f"{len(cloud.nodes)} nodes, {_parameters(path)}; open dots are unstable states",
         "control": {"label": driven.plain_label(), "unit": "" if driven.unit == "1" else driven.unit},
         "value": np.asarray(path.value).tolist(),
-        "columns": {name: _column(name, table, cloud) for name in CURVES},
+        "columns": {name: _column(quantity, table, cloud) for name, quantity in QUANTITIES.items() if quantity.viewed},
         "unstable": (np.asarray(table["negative_pivots"]) > 0).tolist(),
         "events": [{"text": event["text"], "state": event["state"]} for event in events(table)],
         "box": [*used.min(axis=(0, 1)).tolist(), *used.max(axis=(0, 1)).tolist()],
@@ -87,9 +86,8 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
     }
 
 
-def _column(name: str, table: dict[str, Any], cloud: Cloud) -> dict[str, Any]:
+def _column(quantity: Quantity, table: dict[str, Any], cloud: Cloud) -> dict[str, Any]:
     """Label and values of a quantity; a value that is not finite is None."""
-    quantity = QUANTITIES[name]
     values = quantity.scale * np.asarray(table[quantity.column], dtype=float)
     label = quantity.plain_label(cloud.topology.plate.unit)
     return {"label": label, "values": [float(value) if np.isfinite(value) else None for value in values]}

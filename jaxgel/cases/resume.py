@@ -1,34 +1,61 @@
 """An interrupted run, continued."""
 
-import dataclasses
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path as File
-from typing import Any
 
 import numpy as np
 
-from ..continuation import Path
-from ..discretisation import Model
-from ..equilibrium import Stability, State, Status
-from ..io import NUMERICAL, STEP_ARRAYS, Recorder, load_run, read_summary
-from ..mechanics import all_volumes, free_dofs
+from ..bifurcation import sweep_by_options
+from ..continuation import Path, SweepOptions
+from ..equilibrium import State, Status
+from ..io import NUMERICAL, STEP_ARRAYS, Recorder, Run, load_run, read_summary
+from ..mechanics import all_volumes, localised
 from .case import Case, from_table
 
 
 def resumed(folder: File | str) -> Recorder:
-    """The `Recorder` of an interrupted run, its case in ``case`` and the accepted steps in ``steps``; none where it had just begun.
+    """The `Recorder` of an interrupted run, begun with its accepted states; none if it had no state yet.
 
     Raises ValueError for a folder that was not written by ``jaxgel run``, or not by this version, and for files that do not fit together.
     """
-    summary = read_summary(folder)
-    if not (File(folder) / "states.npz").is_file():
-        case = from_table(summary["options"], summary["case"])
-        return Recorder(folder, case, case.model(), case.gel, seconds=summary["wall_seconds"])
-    case, model, steps = rebuilt(load_run(folder))
-    if not _are_of([step.value for step in steps], case.sweep):
-        name = case.sweep.control
-        raise ValueError(f"folder: the {name} in {str(folder)!r} are not those of the case in its summary.json; run the case again")
-    return Recorder(folder, case, model, case.gel, steps=steps, seconds=summary["wall_seconds"])
+    if (File(folder) / "states.npz").is_file():
+        case, path = _rebuilt(load_run(folder))
+        model, states = path.model, [path[k] for k in range(len(path))]
+        if not _are_of(path.value.tolist(), case.sweep):
+            name = case.sweep.control
+            raise ValueError(f"folder: the {name} in {str(folder)!r} are not those of the case in its summary.json; run the case again")
+    else:
+        summary = read_summary(folder)
+        case, states = from_table(summary["options"], summary["case"]), []
+        model = case.model()
+    recorder = Recorder(folder, case, model, case.gel)
+    recorder.begin(states)
+    return recorder
+
+
+def path_of(recorder: Recorder, on_step: Callable[[State], object]) -> Path:
+    """`Path` of a recorder's case: the states that it has, and those that a sweep from the last one finds; ``on_step`` as in `sweep`."""
+    case, model, states = recorder.case, recorder.model, recorder.steps
+    if not states:
+        return case.path(model, on_step=on_step)
+    values = _left(case.sweep, [state.value for state in states])
+    if not values:
+        return Path.from_states(model, case.gel, states, control=recorder.control)
+    loads, last = case.loads.of(model), states[-1]
+    rest = sweep_by_options(model, case.gel, case.sweep, values=values, loads=loads, on_step=on_step, start=last)
+    states = [*states, *(rest[k] for k in range(len(rest)))]
+    return Path.from_states(model, case.gel, states, control=recorder.control, stop=rest.stop, stop_text=rest.stop_text)
+
+
+def _left(options: SweepOptions, done: list[float]) -> list[float] | tuple[float, ...]:
+    """The values that are left of a sweep after states at those ``done``; empty if none is."""
+    if options.given:
+        return options.values[len(done) :]
+    goals = options.turns[1:]
+    for value in done[1:]:
+        goals = goals[1:] if goals and value == goals[0] else goals
+    return (done[-1], *goals) if goals else ()
 
 
 def _are_of(values, options):
@@ -48,38 +75,36 @@ def other_versions(folder: File | str) -> str:
 
 
 def load_path(folder: File | str) -> Path:
-    """The `path.Path` of a run's folder, to the bit, on the model built again from the options in its ``summary.json``.
+    """The `path.Path` of a run's folder on the model built again from the options in its ``summary.json``.
 
     Raises ValueError as `load_run`, and when the model differs from the stored one (written by another version).
     """
-    run = load_run(folder)
-    case, model, steps = rebuilt(run)
-    stop, text = Status[run.summary["stop"]], run.summary["reason"]
-    return Path.from_states(model, case.gel, steps, control=case.control(model), stop=stop, stop_text=text)
+    return _rebuilt(load_run(folder))[1]
 
 
-def rebuilt(run: Any) -> tuple[Case, Model, list[State]]:
-    """The `cases.Case` of a `Run`, its model with contact, and the accepted `State`s; ValueError where they do not fit together."""
-    case = from_table(run.summary["options"], run.summary["case"])
-    if (case.sweep.control, "value" in run.states) != (run.control[0], run.control[0] != "mu"):
-        raise ValueError(f"folder: the control of the run in {str(run.folder)!r} is not that of its case; run the case again")
-    model, states = case.model(), run.states
-    nodes, modes = np.asarray(model.cloud.nodes), states.get("modes")
+def _rebuilt(run: Run) -> tuple[Case, Path]:
+    """The `cases.Case` and the `Path` of a `Run`, whose model has contact; ValueError if they do not fit together."""
+    again = f"in {str(run.folder)!r}"
+    try:
+        case = from_table(run.summary["options"], run.summary["case"])
+    except ValueError as problem:
+        raise ValueError(f"folder: the case {again} is not one of this version of jaxgel: {problem}; run the case again") from None
+    states = run.states
+    if (case.sweep.control, "value" in states) != (run.control[0], run.control[0] != "mu"):
+        raise ValueError(f"folder: the control of the run {again} is not that of its case; run the case again")
+    model = case.model()
+    nodes = np.asarray(model.cloud.nodes)
     fits = nodes.shape == states["nodes"].shape and np.abs(nodes - states["nodes"]).max() <= 1e-9
-    fits = fits and states["pressure"].shape[1] == len(all_volumes(model)) and len(states["x"][0]) == len(nodes)
-    if not (fits and (modes is None or len(modes) == len(free_dofs(model.lists.topology)))):
-        raise ValueError(f"folder: the nodes in {str(run.folder)!r} are not those of this version of jaxgel; run the case again")
-    steps = [_step(states, i) for i in range(len(run.mu))]
-    stability = dataclasses.replace(steps[-1].stability, vectors=modes)
-    return case, model, [*steps[:-1], dataclasses.replace(steps[-1], stability=stability, rate=states.get("rate"))]
-
-
-def _step(states, i):
-    """The accepted step ``i`` of the arrays of ``states.npz``."""
-    values = {name: states[name][i] if states[name].ndim > 1 else states[name][i].item() for name in STEP_ARRAYS}
-    stability = Stability(np.array([values.pop("lowest_eigenvalue")]), None, values.pop("negative_pivots"))
-    apart = int(states["apart"][i])  # -1, 0, 1: not looked at, contact acts, contact does not act
-    status, active = Status[str(states["status"][i])], None if apart < 0 else not apart
-    symmetry = str(states["symmetry"][i]) if "symmetry" in states else ""  # not in files of version 0.1
-    control = states["value"][i].item() if "value" in states else None
-    return State(**values, control=control, stability=stability, status=status, contact_active=active, symmetry=symmetry)
+    if not (fits and states["pressure"].shape[1] == len(all_volumes(model)) and len(states["x"][0]) == len(nodes)):
+        raise ValueError(f"folder: the nodes {again} are not those of this version of jaxgel; run the case again")
+    return case, Path(
+        model=model,
+        gel=localised(model, case.gel),
+        status=[Status[name] for name in states["status"]],
+        symmetry=tuple(map(str, states["symmetry"])),
+        value=states.get("value"),
+        control=case.control(model),
+        stop=Status[run.summary["stop"]],
+        stop_text=run.summary["reason"],
+        **{name: states[name] for name in STEP_ARRAYS},
+    )

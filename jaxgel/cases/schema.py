@@ -25,7 +25,7 @@ from .._validation import (
 )
 from ..continuation import SweepOptions
 from ..discretisation import DiscretisationOptions
-from ..geometry import CONDITIONS, EDGES, KINEMATICS, Circle, Ellipse, Fourier, Plate, Polygon, Rectangle, Superellipse
+from ..geometry import CONDITIONS, EDGES, KINDS, KINEMATICS, Plate
 from ..io import IMAGE, MASK, OUTLINE
 from ..materials import Gel, Pnipam, Polyelectrolyte, named_parameters
 from ..mechanics import Loads
@@ -92,7 +92,7 @@ def field_texts(cls: type) -> dict[str, str]:
 
 def hole_texts(kind: str) -> dict[str, str]:
     """Entry of a hole of a kind -> what it means."""
-    texts = field_texts(HOLES[kind])
+    texts = field_texts(KINDS[kind])
     return texts | ({"angle_deg": texts["angle"].replace("rad.", "degrees.")} if "angle" in texts else {})
 
 
@@ -117,7 +117,7 @@ def _plate():
 
 def _hole(material=None):
     """The kind decides about the other entries; those of a region say which ``material`` it has."""
-    kinds = {kind: _parameters(kind) for kind in HOLES} | {"outline": OUTLINE, "image": IMAGE}
+    kinds = {kind: _parameters(kind) for kind in KINDS} | {"outline": OUTLINE, "image": IMAGE}
     any_material = {key: {} for key in material or ()}  # what it may be is said once, for all kinds
     kinds = {kind: rule | {"properties": rule["properties"] | any_material} for kind, rule in kinds.items()}
     rules = [{"if": {"properties": {"kind": {"const": kind}}}, "then": rule} for kind, rule in kinds.items()]
@@ -126,7 +126,7 @@ def _hole(material=None):
 
 
 def _parameters(kind):
-    cls = HOLES[kind]
+    cls = KINDS[kind]
     properties = {
         name: _array(shape, POSITIVE if name in cls.positive else NUMBER) | {"description": field_texts(cls)[name]}
         for name, shape in cls.shapes.items()
@@ -175,7 +175,6 @@ MATERIAL = {
     | {"description": "The gel of a region: what differs from that of the plate."},
     "elastomer": tabled(ELASTOMER, list(ELASTOMER)) | {"description": "A passive material in place of a gel; it takes no solvent."},
 }
-HOLES = {kind.__name__.lower(): kind for kind in (Circle, Ellipse, Rectangle, Superellipse, Fourier, Polygon)}
 _CONDITION = word(CONDITIONS)
 PLATE = {
     "width": POSITIVE,

@@ -38,7 +38,7 @@ def user_gel(name: str, numbers: dict[str, Any], folder: str | File) -> Gel:
         values = [gel.network(1.2 * jnp.eye(2), one), gel.volumetric(jnp.asarray(1.44), one)]
     except Exception as problem:  # the user's code may raise anything
         reason = f"{type(problem).__name__}: {problem}"
-        raise ValueError(f"{where} makes no gel of {', '.join(numbers)}: {' '.join(reason.split())}") from None
+        raise ValueError(f"{where} makes no gel of {', '.join(numbers)}: {' '.join(reason.split())}") from problem
     if not all(hasattr(gel, attribute) for attribute in ATTRIBUTES) or not all(jnp.shape(v) == () and jnp.isfinite(v) for v in values):
         raise ValueError(f"{where} must return a gel with {', '.join(ATTRIBUTES)} whose energies are finite numbers at a stretch of 1.2")
     return gel
@@ -51,7 +51,7 @@ def _function(name, where, folder):
         made = next((_from_file(file) for file in files if file.is_file()), None) or importlib.import_module(module)
     except Exception as problem:
         reason = f"{type(problem).__name__}: {problem}"
-        raise ValueError(f"{where}: cannot import {module!r} from {str(files[0].parent)!r}: {' '.join(reason.split())}") from None
+        raise ValueError(f"{where}: cannot import {module!r} from {str(files[0].parent)!r}: {' '.join(reason.split())}") from problem
     if not callable(getattr(made, attribute, None)):
         raise ValueError(f"{where}: module {module!r} has no function {attribute!r}")
     return getattr(made, attribute)

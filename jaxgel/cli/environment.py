@@ -30,7 +30,7 @@ def check_jaxlib(found: str | None = None) -> None:
 
 
 def prepare_environment(cache: str | None = None) -> bool:
-    """Set what JAX reads when it is imported; variables that the user has set are kept.
+    """Set what JAX and Matplotlib read when they are imported; variables that the user has set are kept.
 
     Where JAX is imported already nothing is set, and the result is False. ``cache`` is the folder of compiled programs or "off", see
     `cache_folder`.
@@ -42,6 +42,7 @@ def prepare_environment(cache: str | None = None) -> bool:
     os.environ["XLA_FLAGS"] = " ".join([own, *(flag for flag in quick_flags() if flag.split("=")[0] not in own)]).strip()
     if (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()) == 1:
         os.environ.setdefault("NPROC", "2")  # XLA's threads: a host callback waits on one for its arguments, which another one copies
+    os.environ.setdefault("MPLBACKEND", "Agg")  # Matplotlib would look for a screen
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA writes its machine's features for every program from the cache
     folder = cache_folder(cache)
     if folder is None:
@@ -88,9 +89,3 @@ def quick_flags(found: str | None = None) -> list[str]:
     """
     found = version("jaxlib") if found is None else found
     return ["--xla_backend_optimization_level=2", *(["--xla_cpu_use_fusion_emitters=false"] if found.startswith("0.10.") else [])]
-
-
-def in_one_part(found: str | None = None) -> dict:
-    """Compiler options: LLVM compiles a program in one part, not 32: less work, but on one core; {} where unknown."""
-    found = version("jaxlib") if found is None else found
-    return {"xla_cpu_parallel_codegen_split_count": 1} if found.startswith("0.10.") else {}

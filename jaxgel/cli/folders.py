@@ -3,9 +3,10 @@
 from argparse import Namespace
 from pathlib import Path as File
 
+from .._validation import one_of
 from ..cases import OutputOptions, from_table, load_case, load_path, other_versions, resumed, resumed_map, resumed_study, write_page
 from ..geometry import frame_of, reference_plate
-from ..io import dry_gel, dry_regions, load_run, open_folder, swollen_gel, write_mask, write_outline
+from ..io import FORMATS, dry_gel, dry_regions, load_run, open_folder, swollen_gel, write_mask, write_outline
 from ..io import export as write_netcdf
 from ..materials import WithHoles
 from ..observables import state_at
@@ -49,6 +50,7 @@ def outline(args: Namespace) -> int:
 
     ValueError for a value beyond the ends of the run. Beside a dry outline it writes the masks of a printed gel.
     """
+    one_of("--format", args.format, FORMATS)
     case, regions = None, []
     if args.mu is not None:
         path = load_path(args.source)

@@ -19,7 +19,6 @@ OPTIONS = {
 RUN, DESIGN, STARTS, MAP = "summary.json", "design.json", "starts.json", "map.json"
 COUNTS = {"divisions": 64, "most": 100, "states": 1000, "workers": 1024}
 """Options that are no entries of a case -> most that is accepted."""
-FORMATS = ("dxf", "svg", "stl", "png")
 
 
 def check_inputs(args: Namespace) -> None:
@@ -85,8 +84,6 @@ def _check_outline(args):
         raise ValueError(f"--pixels-per-mm: {args.pixels_per_mm:g} is not a number of pixels above 0")
     if args.mu is not None and not math.isfinite(args.mu):
         raise ValueError(f"--mu/--at: {args.mu:g} is not a finite number")
-    if args.format not in FORMATS:
-        raise ValueError(f"--format: {args.format!r} is unknown; {did_you_mean(args.format, FORMATS)}")
     if Path(args.source).is_dir():
         _has_run(args.source)
     elif args.mu is not None:

@@ -42,7 +42,7 @@ def parser() -> tuple[argparse.ArgumentParser, dict]:
     _case_commands(add)
     _study_commands(add)
     _folder_commands(add)
-    _cache_option(add("doctor.doctor", "doctor", "show versions, float64 and threads, and audit the compiled kernels"))
+    _cache_option(add("doctor.doctor", "doctor", "show versions, float64 and threads, and check two computations"))
     p = add("starting.init", "init", "write a commented case file to start from")
     p.add_argument("name", metavar="NAME", nargs="?", help="the file's name, without .toml (default: case, or the built-in name)")
     p.add_argument("--from", dest="sample", metavar="SAMPLE", help="export a built-in case (see jaxgel samples) with all its numbers")

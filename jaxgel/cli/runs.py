@@ -10,7 +10,7 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import one_of
-from ..cases import OutputOptions, load_case
+from ..cases import OutputOptions, load_case, path_of
 from ..continuation import Path
 from ..controls import control_name, unit_of
 from ..io import Progress, Recorder, interruptible, open_folder, write_loop, write_points
@@ -28,7 +28,9 @@ def run(args: Namespace) -> int:
     say = printer(args)
     model, d = case.model(), case.discretisation
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {d.basis} basis, {d.method} method")
-    return run_recorded(Recorder(folder, case, model, case.gel), args)
+    recorder = Recorder(folder, case, model, case.gel)
+    recorder.begin()
+    return run_recorded(recorder, args)
 
 
 def run_recorded(recorder: Recorder, args: Namespace) -> int:
@@ -65,14 +67,11 @@ def _sweep(recorder, quiet):
             progress.show(step.value, step.newton_iterations, recorder.records[-1][1]["rotation_deg"])
             stop_if_asked()
 
-        return case.path(recorder.model, on_step=on_step, before=recorder.steps)
+        return path_of(recorder, on_step)
 
 
 def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
     """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")  # before pyplot, which would look for a screen
     from ..io import write_series
     from ..plotting import animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
 
@@ -131,9 +130,6 @@ def critical(args: Namespace) -> int:
 
 
 def _draw_modes(model, points, control, folder):
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from ..plotting import plot_modes, save_figure
 
     save_figure(plot_modes(model, points, control=control)[0].figure, folder / "modes.png")
@@ -166,9 +162,6 @@ def loop(args: Namespace) -> int:
 
 
 def _draw_loop(found, quantity, folder):
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from ..plotting import plot_loop, save_figure
 
     save_figure(plot_loop(found, quantity).figure, folder / "loop.png")
@@ -176,7 +169,7 @@ def _draw_loop(found, quantity, folder):
 
 def check_grad(args: Namespace) -> int:
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
-    from .taylor_test import OBJECTIVES, check_gradient, failures, write_table
+    from .taylor_test import OBJECTIVES, check_gradient, write_table
 
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / case.name)
@@ -187,17 +180,16 @@ def check_grad(args: Namespace) -> int:
         return STOPPED
     write_table(rows, folder)
     say = printer(args)
-    say(f"{'objective':<15} {'family':<10} {'slope':>10}  {'remainder at h = 1, 1/2, 1/4 ...':<50} {'rate':>6}")
+    say(f"{'objective':<15} {'family':<16} {'slope':>11} {'difference':>11}  {'remainder at h = 1, 1/2, 1/4':<31} {'rate':>6}")
     for row in rows:
         remainders = " ".join(f"{r:9.2e}" for r in row.remainders)
-        say(f"{row.objective:<15} {row.family:<10} {row.slope:10.3e}  {remainders:<50} {row.rate:6.3f}")
+        say(f"{row.objective:<15} {row.family:<16} {row.slope:11.4e} {row.difference:11.4e}  {remainders:<31} {row.rate:6.3f}")
     left_out = [name for name in OBJECTIVES if name not in {row.objective for row in rows}]
     if left_out:
         say(f"left out, without a value or a derivative at the last state: {', '.join(left_out)}")
-    failed = failures(rows)
+    failed = [f"{row.objective} by {row.family}" for row in rows if not row.ok]
     if failed:
-        named = ", ".join(f"{objective} by {family}" for objective, family in failed)
-        print(f"jaxgel: the remainder does not fall as h^2: {named}", file=sys.stderr)
+        print(f"jaxgel: the remainder does not fall as h^2: {', '.join(failed)}", file=sys.stderr)
     return STOPPED if failed else DONE
 
 

@@ -16,6 +16,7 @@ from ..io import Workers, dask_executor, open_folder
 from .environment import DONE, INTERRUPTED, STOPPED, limit_threads
 from .runs import printer
 
+POINTS_EACH = 50  # points of a map in one process, as those with a cloud of their own leave programs in its memory
 GRADIENT_THREADS = 2  # of XLA: a host callback waits on one for its arguments, which another one copies
 SHOWN = ("start", "start_value", "best_value", "feasible", "outcome", "evaluations", "distance", "reason")  # columns of starts.csv
 
@@ -28,13 +29,8 @@ def design(args: Namespace) -> int:
 
 def run_design(study: Study, folder: File | str, args: Namespace, resume: bool = False) -> int:
     """Search, verify and report a study; the exit code."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")  # before pyplot, which would look for a screen
-
     say, resume = printer(args), resume or getattr(args, "resume", False)
-    new_process = bool  # after every search: no other one uses the programs of its clouds
-    workers = _workers(args, GRADIENT_THREADS, new_process) if study.starts > 1 else contextlib.nullcontext()
+    workers = _workers(args, GRADIENT_THREADS, calls_each=1) if study.starts > 1 else contextlib.nullcontext()
     try:
         with workers as executor:
             found, verified = run_study(study, open_folder(folder), executor=executor, resume=resume, quiet=args.quiet)
@@ -89,22 +85,17 @@ def map_points(args: Namespace) -> int:
     return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)
 
 
-def _own_cloud(row):
-    """Whether a map's point left programs in its process that no other point uses."""
-    return row["own_cloud"]
-
-
-def _workers(args, threads, spent):
-    """Context with the executor that the options ask for; ``threads`` and ``spent`` are of processes on this machine."""
+def _workers(args, threads, calls_each):
+    """Context with the executor that the options ask for; ``threads`` and ``calls_each`` are of processes on this machine."""
     if args.scheduler:
         return dask_executor(args.scheduler)
-    return Workers(args.workers or usable_cores(), functools.partial(limit_threads, threads), spent)
+    return Workers(args.workers or usable_cores(), functools.partial(limit_threads, threads), calls_each)
 
 
 def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> int:
     """Run the points of a map and report; the exit code."""
     try:
-        with _workers(args, 1, _own_cloud) as executor:
+        with _workers(args, 1, POINTS_EACH) as executor:
             rows = run_map(study, folder, executor, resume=resume, quiet=args.quiet)
     except KeyboardInterrupt:
         print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)

@@ -45,9 +45,6 @@ def _check(case):
 
 
 def _draw(onset, model, folder):
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from ..plotting import plot_lattice, plot_zone, save_figure
 
     save_figure(plot_zone(onset, model).figure, folder / "zone.png")

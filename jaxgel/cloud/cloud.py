@@ -68,7 +68,6 @@ def make_cloud(
     spacing: float | None = None,
     nodes_per_hole: int | None = None,
     across: int | None = None,
-    follow_outlines: bool = True,
 ) -> Cloud:
     """Node cloud of a plate: grid points ``spacing`` apart (mm) outside the holes, and ``nodes_per_hole`` on each whole hole.
 
@@ -77,7 +76,7 @@ def make_cloud(
     (or on the edge) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate
     made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Squares are
     halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side, and grid points near an outline node are moved
-    away from it (``clearance``); ``follow_outlines=False`` does neither, as before version 0.2. The periodic edges of a plate may be
+    away from it (``clearance``). The periodic edges of a plate may be
     moved along with it, ``cloud.topology.frame``: its frame is arbitrary and must not cross a hole. Raises ValueError for an unusable
     plate, a spacing that is not positive or leaves a ligament without a node, an ``across`` that is not at least 2, and where more than
     ``quadtree.MAX_HALVINGS`` halvings are needed.
@@ -86,7 +85,7 @@ def make_cloud(
     release_programs_where_crowded()  # a new cloud needs new ones
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
-        topology = make_topology(reference, spacing, nodes_per_hole, across, follow_outlines)
+        topology = make_topology(reference, spacing, nodes_per_hole, across)
     cloud = Cloud(reference, jax.device_put(topology.partition.vertices), topology)
     return cloud if reference is plate else cloud.at(plate)
 

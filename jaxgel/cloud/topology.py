@@ -40,8 +40,6 @@ class Topology:
     """Nodes on the outline of each whole hole."""
     across: int | None
     """Nodes asked for across every ligament; None for no refinement."""
-    follow_outlines: bool
-    """Whether squares are halved where nodes of an outline are close, and grid points moved away from them."""
     background: Background
     """The background squares; their vertices come first, outline vertices follow them, cut points come last."""
     partition: Partition
@@ -63,11 +61,6 @@ class Topology:
     def n_background(self) -> int:
         """Number of background vertices."""
         return len(self.background.vertices)
-
-    @property
-    def wall_nodes(self) -> dict[str, Int[np.ndarray, " _"]]:
-        """Former name of ``edge_nodes``."""
-        return self.edge_nodes
 
     @functools.cached_property
     def free_edge_nodes(self) -> Int[np.ndarray, " e"]:
@@ -141,7 +134,7 @@ class Topology:
         return found
 
 
-def make_topology(plate: Plate, spacing: float | None, nodes_per_hole: int | None, across: int | None, follow_outlines: bool) -> Topology:
+def make_topology(plate: Plate, spacing: float | None, nodes_per_hole: int | None, across: int | None) -> Topology:
     """``Topology`` of a concrete plate; arguments and errors as of ``make_cloud``."""
     check_plate(plate)
     given, frame = plate, frame_of(plate)
@@ -162,13 +155,11 @@ def make_topology(plate: Plate, spacing: float | None, nodes_per_hole: int | Non
     n = len(background.vertices)
     interfaces, own = make_interfaces(plate, background, n + len(points))
     lines, points = outlines + interfaces, np.concatenate([points, own])
-    if follow_outlines:
-        refined += [intervals(points[loop(o)[::OUTLINE_SEGMENTS] - n]) for o in lines]
+    refined += [intervals(points[loop(o)[::OUTLINE_SEGMENTS] - n]) for o in lines]
     halved = make_background(plate, spacing, refined)
     outlines, interfaces = (tuple(renumbered(o, len(halved.vertices) - n) for o in part) for part in (outlines, interfaces))
-    if follow_outlines:
-        halved = with_clearance(plate, halved, outlines, interfaces, points)
-    topology = assemble(plate, spacing, halved, outlines, points, nodes_per_hole, across, follow_outlines, interfaces, (given, frame))
+    halved = with_clearance(plate, halved, outlines, interfaces, points)
+    topology = assemble(plate, spacing, halved, outlines, points, nodes_per_hole, across, interfaces, (given, frame))
     check_ligaments(topology)
     return topology
 
@@ -181,7 +172,6 @@ def assemble(
     points: Float[np.ndarray, "o 2"],
     nodes_per_hole: int = 0,
     across: int | None = None,
-    follow_outlines: bool = True,
     interfaces: tuple[Outline, ...] = (),
     source: tuple[Plate, Frame] | None = None,
 ) -> Topology:
@@ -206,7 +196,6 @@ def assemble(
         spacing=spacing,
         nodes_per_hole=nodes_per_hole,
         across=across,
-        follow_outlines=follow_outlines,
         background=background,
         partition=part,
         outlines=outlines,

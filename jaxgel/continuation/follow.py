@@ -286,5 +286,5 @@ def _approached(problem, value, failed):
     for found in adaptive(attempt, [float(mu) - FAR_BELOW, float(mu)], [], MAX_STEPS):
         spent += found.newton_iterations
         if found.mu == float(mu):
-            return dataclasses.replace(of_control(problem, found, value), newton_iterations=spent, stride=float("nan"))
+            return dataclasses.replace(of_control(problem, found, value), newton_iterations=spent)
     return dataclasses.replace(failed, newton_iterations=spent)

@@ -140,15 +140,6 @@ class SweepOptions:
             return dataclasses.replace(self, mu=tuple(values), steps=None, back=False)
         return dataclasses.replace(self, value_list=tuple(values), steps=None, start=None, end=None, back=False)
 
-    def left(self, done: Sequence[float]) -> list[float] | tuple[float, ...]:
-        """What `sweep` takes to go on after states at the values ``done``; empty where nothing is left."""
-        if self.given:
-            return self.values[len(done) :]
-        goals = list(self.values[1:])
-        for value in done[1:]:
-            goals = goals[1:] if goals and value == goals[0] else goals
-        return self.values if goals else ()
-
     def check(self, gel: AnyGel, plate: Plate, *, loaded: bool) -> None:
         """ValueError, one line, for a control that the gel, the edges of the ``plate`` or its loads do not know."""
         if self.control == "stretch" and set(plate.edges.values()) == {"free"}:

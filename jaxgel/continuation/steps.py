@@ -55,41 +55,26 @@ def _reach(attempt, target, states):
 def adaptive(attempt: Callable, ends: list[float], before: list[State], max_steps: int) -> Steps:
     """States from the first to the last of the ``ends`` by way of those between, at which the control turns; at most ``max_steps``.
 
-    The number of Newton iterations of a state sets the next step.
+    The number of Newton iterations of a state sets the next step; the first of each way is an eighth of it.
     """
-    states, left = list(before), legs_left(ends, before)
-    for number, (first, last) in enumerate(left, len(ends) - 1 - len(left)):
-        turned = number > 0 and states[-1].value == first
-        status, value = yield from _leg(attempt, first, last, states, max_steps, turned)
+    states = list(before)
+    for first, last in itertools.pairwise(ends):
+        status, value = yield from _leg(attempt, first, last, states, max_steps)
         if status is not Status.CONVERGED:
             break
     return status, value
 
 
-def legs_left(ends: list[float], before: list[State]) -> list[tuple[float, float]]:
-    """The ways between the ``ends`` that are left, after states ``before`` of an interrupted sweep, or one from elsewhere."""
-    legs = list(itertools.pairwise(ends))
-    for state in before:
-        if len(legs) > 1 and state.value == legs[0][1]:
-            del legs[0]
-    return legs
-
-
-def _leg(attempt, first, last, states, max_steps, turned):
-    """States between two values, the first of which is found if there are no ``states`` yet; these are added to.
-
-    Where the control has just ``turned`` the first step is a short one again.
-    """
-    least, spent, begun = 1e-5 * abs(last - first), 0, bool(states)
-    kept = states[-1].stride if begun and not turned else np.nan
-    step = kept if np.isfinite(kept) else abs(last - first) / 8
-    goal = _ahead(states[-1].value, step, last) if begun else first
+def _leg(attempt, first, last, states, max_steps):
+    """States between two values, the first of which is found if there are no ``states`` yet; these are added to."""
+    least, spent, step = 1e-5 * abs(last - first), 0, abs(last - first) / 8
+    goal = _ahead(states[-1].value, step, last) if states else first
     while len(states) < max_steps:
         found = attempt(goal, states)
         spent += found.newton_iterations
         if found.status.ok:
             step *= 2.0 if found.newton_iterations < 4 else GROWTH.get(found.newton_iterations, 0.6)
-            found, spent = dataclasses.replace(found, newton_iterations=spent, stride=step), 0
+            found, spent = dataclasses.replace(found, newton_iterations=spent), 0
             states.append(found.light)
             yield found
             if goal == last:

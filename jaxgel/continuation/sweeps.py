@@ -14,7 +14,6 @@ from .autodiff import first_state_failed, is_traced, traced_sweep
 from .follow import Followed, Following
 from .options import MAX_STEPS, check_sweep
 from .path import Path
-from .steps import legs_left
 
 Values = list[float] | tuple[float, ...] | Float[Array, " k"]
 
@@ -30,7 +29,7 @@ def sweep(
     contact: str = "on",
     loads: Float[Array, "n 2"] | None = None,
     on_step: Callable[[State], None] | None = None,
-    start: State | list[State] | None = None,
+    start: State | None = None,
     max_steps: int = MAX_STEPS,
     formulation: str = "total",
     symmetry: str = "auto",
@@ -47,8 +46,7 @@ def sweep(
     ``load_vector``. ``formulation="incremental"`` is the paper's algorithm instead of the total energy; like weak conditions it has neither
     contact nor other branches. ``symmetry="auto"`` finds symmetric states on a fundamental region of the plate (see ``symmetry``): the same
     states, sooner; ``"off"`` does not. ``on_step(state)`` is called with each accepted `State`, which still has its factor, of a symmetric
-    state by blocks; ``start`` is a State to continue from, or the list of all states of an interrupted sweep, with which the path then
-    begins: to the bit that of a sweep that was not interrupted. Raises ValueError for a gel, control or values that cannot be used and
+    state by blocks; ``start`` is a State to continue from. Raises ValueError for a gel, control or values that cannot be used and
     ``SweepFailed`` where the first state is not found; later failures end the path early, with the reason in ``path.stop`` and
     ``path.stop_text``. Differentiating a state without a meaningful derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and
     ``jax.vmap`` a sweep is refused.
@@ -66,16 +64,13 @@ def sweep(
     numbers = check_values(values, control_name(control), unit_of(control)).numbers
     problem = prepare(model, gel, loads, control=control, operators=False)
     check_sweep(problem, numbers)
-    before = [] if start is None else [start] if isinstance(start, State) else list(start)
-    if any((state.control is None) != (control is None) for state in before):
+    if start is not None and (start.control is None) != (control is None):
         raise ValueError(f"start: is no state of a sweep along {control_name(control)}; leave it out, the first state is looked for")
-    goal = legs_left(numbers.tolist(), before)[0][1] if options.adaptive else numbers[0]
-    if before and goal == before[-1].value:
-        raise ValueError(f"{control_name(control)}: {before[-1].value:g} is the value of the start, the sweep must leave it")
-    states = [] if isinstance(start, State) else list(before)
+    if start is not None and numbers[int(options.adaptive)] == start.value:
+        raise ValueError(f"{control_name(control)}: {start.value:g} is the value of the start, the sweep must leave it")
     with few_threads(2 * model.n_nodes):
-        followed = Followed(problem, numbers.tolist(), options, before)
-        states += followed.light_states(on_step)
+        followed = Followed(problem, numbers.tolist(), options, [] if start is None else [start])
+        states = followed.light_states(on_step)
     if not states:
         raise first_state_failed(model, control, numbers[0], followed.stop)
     text = "" if followed.stop.ok else f"stopped after {control_name(control)} = {followed.value:.6g}: {followed.stop.text}"

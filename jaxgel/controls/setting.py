@@ -15,10 +15,8 @@ from jax.core import Tracer
 
 from .._types import Array, Float, Scalar
 from .._validation import Inadmissible
-from ..geometry import Plate
+from ..geometry import EDGES, Plate
 from ..materials import check_gel, named_parameters, varies
-
-SIDES = ("left", "right", "bottom", "top")
 
 
 @jax.tree_util.register_dataclass
@@ -163,8 +161,8 @@ def _numbers(control, value, gel):
     except ValueError as problem:
         raise type(problem)(f"{control.name} = {value:g}: {problem}") from None
     motion = [np.ravel(leaf) for leaf in jax.tree.leaves((setting.deformation, setting.displacement, setting.loads))]
-    if setting.displacement is not None and not set(setting.displacement) <= set(SIDES):
-        raise ValueError(f"{control.name}: displacement of {sorted(setting.displacement)} is not accepted, edges are {', '.join(SIDES)}")
+    if setting.displacement is not None and not set(setting.displacement) <= set(EDGES):
+        raise ValueError(f"{control.name}: displacement of {sorted(setting.displacement)} is not accepted, edges are {', '.join(EDGES)}")
     own = np.concatenate([np.zeros(0), *motion])
     if not np.isfinite(own).all():
         raise Inadmissible(f"{control.name}: what acts at {value:g} is not finite")

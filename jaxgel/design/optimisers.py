@@ -185,9 +185,7 @@ def mma(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high: 
     solver.set_maxeval(INNER)
     try:
         solver.optimize(centre)
-    except Exception as problem:
+    except (nlopt.ForcedStop, nlopt.RoundoffLimited, RuntimeError):  # the last is nlopt's own failure without a reason
         if raised:
             raise raised[0] from None
-        if isinstance(problem, nlopt.RoundoffLimited | RuntimeError):  # RuntimeError is nlopt's own failure without a reason
-            raise Stuck from None
-        raise
+        raise Stuck from None

@@ -1,8 +1,8 @@
 """What a gel that switches is judged by: functions of a path's model and gel that drive it up and down by a control of their own.
 
-Each is an objective, or the function of a `criteria.Constraint`, of a `DesignProblem`; its path need not come near the switch. Where there
-is no such point the value is nan, and the design invalid. A control may be a function of the path, as one whose loads are those of the
-path's model. Functions with the same values, control and loads share one loop for each path.
+Each is an objective, or the function of a `criteria.Constraint`, of a `DesignProblem`; its path need not come near the switch. A design
+without such a point, or whose states are not found, is invalid: `StateNotFound` says which. A control may be a function of the path, as
+one whose loads are those of the path's model. Functions with the same values, control and loads share one loop for each path.
 """
 
 import dataclasses
@@ -26,19 +26,26 @@ Driver = Control | Callable[[Path], Control | None] | None
 def fold_up(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
     """Function of a path: the value of ``loop.fold_up`` of its model and gel under a ``control``, mu in kT without one, see `loop`."""
     drive = _Drive(values, control, loads)
-    return lambda path: _value(_loop(path, drive).fold_up)
+    return lambda path: _value("fold_up", _loop(path, drive).fold_up)
 
 
 def fold_down(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
     """Function of a path: the value of ``loop.fold_down``, as `fold_up`."""
     drive = _Drive(values, control, loads)
-    return lambda path: _value(_loop(path, drive).fold_down)
+    return lambda path: _value("fold_down", _loop(path, drive).fold_down)
 
 
 def loop_width(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
     """Function of a path: ``loop.width``, in the unit of the control, as `fold_up`; 0 without jumps."""
     drive = _Drive(values, control, loads)
-    return lambda path: jnp.asarray(_loop(path, drive).width)
+
+    def width(path):
+        found = _loop(path, drive)
+        if found.width is None:
+            raise StateNotFound(f"it has no loop_width: {found.text}; {found.stop_text}")
+        return jnp.asarray(found.width)
+
+    return width
 
 
 def barrier_height(at: float, values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
@@ -49,13 +56,9 @@ def barrier_height(at: float, values: Ends, control: Driver = None, loads: Loads
     def height(path):
         between, driver = _loop(path, drive, True), drive.control_of(path)
         if between.down is None:
-            return jnp.asarray(jnp.nan)
+            raise StateNotFound(f"it has no barrier: the loop has no way down, {between.stop_text}")
         driven = {"mu": at} if driver is None else {"control": driver, "value": at}
-        try:
-            found = barrier(path.model, path.gel, between=between, contact=_contact(path), loads=drive.loads_of(path), **driven)
-        except StateNotFound:  # one stable state, or no saddle
-            return jnp.asarray(jnp.nan)
-        return found[0].height
+        return barrier(path.model, path.gel, between=between, contact=_contact(path), loads=drive.loads_of(path), **driven)[0].height
 
     return height
 
@@ -67,7 +70,7 @@ def onset(values: Ends, control: Driver = None, loads: Loads | None = None) -> O
     @once_per_owner
     def first(path):
         points = critical_points(path.model, path.gel, **drive.between(path), loads=drive.loads_of(path), most=1)
-        return _value(points[0] if points else None)
+        return _value("onset", points[0] if points else None)
 
     return first
 
@@ -120,5 +123,7 @@ def _contact(path):
     return "off" if path.model.contact is None else "on"
 
 
-def _value(point):
-    return jnp.asarray(jnp.nan if point is None else point.value)
+def _value(name, point):
+    if point is None:
+        raise StateNotFound(f"it has no {name}")
+    return jnp.asarray(point.value)

@@ -11,6 +11,7 @@ from jax.flatten_util import ravel_pytree
 from .._types import Array, Float
 from ..cloud import Cloud
 from ..continuation import Path
+from ..equilibrium import StateNotFound
 from ..mechanics import is_film
 from ..observables import CURVES, min_gap, surface_ratio
 from .lagrangian import Invalid
@@ -32,22 +33,22 @@ def verify(
     plate, count = problem.plate(parameters), len(problem.mu)
     between = np.interp(np.arange(2 * count - 1) / 2, np.arange(count), problem.mu).tolist()
     path = problem.path(parameters, problem.make_cloud(plate, spacing), between if mu is None else mu)
-    reported = {name: float(function(path)) for name, function in problem.reported.items()}
     reason = "valid: stable, no self-contact"
     try:
         if not path.stop.ok:
             raise Invalid(path.stop_text)
         check_path(path, problem.allow_unstable)
-        check_reported(reported)
-    except Invalid as invalid:
+        check_reported({name: float(function(path)) for name, function in problem.reported.items()})
+        problem.objective(path)
+    except (Invalid, StateNotFound) as invalid:
         reason = str(invalid)
     end = path[-1:]
     last = {name: np.nan if name == "axial_stretch" and is_film(path.model) else quantity(end)[0] for name, quantity in CURVES.items()}
     dry = plate, path.model.cloud, problem.gel_at(parameters)
-    without = {c.name: c.without_sweep(*dry) for c in problem.constraints if c.dry or c.of_gel}
+    without = {c.name: float(np.min(c.without_sweep(*dry))) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(
-        value=_number(problem.objective(path)),
-        constraints={c.name: float(np.min(without[c.name] if c.name in without else c.function(path))) for c in problem.constraints},
+        value=_value(problem.objective, path),
+        constraints={c.name: without[c.name] if c.name in without else _value(c.function, path) for c in problem.constraints},
         valid=reason.startswith("valid"),
         reason=reason,
         nodes=path.model.n_nodes,
@@ -56,9 +57,17 @@ def verify(
         min_gap=_number(np.min(min_gap(path))),
         surface_ratio=_number(np.max(surface_ratio(path))),
         last={name: _number(value) for name, value in last.items()},
-        reported={name: _number(value) for name, value in reported.items()},
+        reported={name: _value(function, path) for name, function in problem.reported.items()},
     )
     return found, path
+
+
+def _value(function, path):
+    """The least value of a function of a path, None if the path does not have it."""
+    try:
+        return _number(np.min(function(path)))
+    except StateNotFound:
+        return None
 
 
 def _number(value):

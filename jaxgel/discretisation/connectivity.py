@@ -195,14 +195,12 @@ def _rows_of(owner, count, groups):
 def _groups_of_similar_size(linear, owner, patch_of_cell):
     """Patch numbers in groups: of linear and of constant pressures, without and with cut cells.
 
-    Every group is a part of each compiled program. Fewer than ``FEW`` patches without cut cells do not pay for that and join the others;
-    without linear pressures they do not, as files of version 0.1 have their pressures in that order.
+    Every group is a part of each compiled program. Fewer than ``FEW`` patches without cut cells do not pay for that and join the others.
     """
     is_cut = np.bincount(owner) > len(EDGE_POINTS) ** 2
     cut = np.bincount(patch_of_cell, is_cut) > 0
-    if linear.any():
-        for kind in (linear, ~linear):
-            cut |= kind & (np.sum(kind & ~cut) < FEW)
+    for kind in (linear, ~linear):
+        cut |= kind & (np.sum(kind & ~cut) < FEW)
     kinds = [linear & ~cut, linear & cut, ~linear & ~cut, ~linear & cut]
     return tuple(group for group in map(np.flatnonzero, kinds) if len(group))
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from .._validation import FLAG, POSITIVE, check_options, keywords_of, option, whole, word
+from .._validation import POSITIVE, check_options, keywords_of, option, whole, word
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate
 from ..linalg import SOLVERS
@@ -24,8 +24,6 @@ class DiscretisationOptions:
     """Nodes on the outline of a whole hole."""
     across: int | None = option(None, whole(2), "cloud")
     """Least number of nodes across every ligament, by local refinement."""
-    follow_outlines: bool = option(True, FLAG, "cloud")
-    """Halve squares along outlines whose nodes are closer than theirs; false makes the clouds of version 0.1."""
     basis: str = option("quadratic", word(BASES), "model")
     """Basis of the shape functions"""
     dmax: float | None = option(None, POSITIVE | {"maximum": 10.0}, "model")

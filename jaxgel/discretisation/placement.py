@@ -31,10 +31,14 @@ class Quality:
     """Least weight of a quadrature point over its weight when the cloud was made: 1 there, 0 or less where a cell is inside out."""
     largest_cell: float
     """Largest area of a cell over its area when the cloud was made."""
-    deepest_gap: float
-    """How far a support reaches, over the spacing, beyond a point in whose neighbour list its node is missing; 0 where none does."""
-    steepest: float
-    """Largest gradient of a shape function over 1 / spacing: it grows where a point's neighbours come to lie on too few lines."""
+    deepest_gap: float | None = None
+    """How far a support reaches, over the spacing, beyond a point in whose neighbour list its node is missing; 0 if none does, None if a
+    cell is inside out."""
+    steepest: float | None = None
+    """Largest gradient of a shape function over 1 / spacing: it grows where a point's neighbours come to lie on too few lines. None if a
+    cell is inside out, and if the cloud is ``refused``."""
+    refused: str = ""
+    """Why the cloud cannot be discretised, in one line; empty if it can."""
 
     @property
     def fault(self) -> str:
@@ -43,11 +47,11 @@ class Quality:
             return f"a cell has shrunk to {self.smallest_cell:.2f} of its area"
         if not self.largest_cell < LARGEST_CELL:
             return f"a cell has grown to {self.largest_cell:.2f} of its area"
-        if not self.deepest_gap < DEEPEST_GAP:
+        if self.deepest_gap is not None and not self.deepest_gap < DEEPEST_GAP:
             return f"a support reaches {self.deepest_gap:.2f} spacings beyond its neighbour lists"
-        return (
-            f"the neighbours of a point lie on too few lines: gradients of {self.steepest:.0f}" if not self.steepest < STEEPEST_KEPT else ""
-        )
+        if self.steepest is not None and not self.steepest < STEEPEST_KEPT:
+            return f"the neighbours of a point lie on too few lines: gradients of {self.steepest:.0f}"
+        return self.refused
 
 
 def cell_sizes(cloud: Cloud) -> tuple[float, float]:
@@ -62,7 +66,7 @@ def quality(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None
     """``Quality`` of a cloud where it is placed now, for supports of ``dmax`` spacings (2.95); it needs concrete positions."""
     topology, sizes, dmax = cloud.topology, cell_sizes(cloud), DMAX if dmax is None else dmax
     if not sizes[0] > 0:
-        return Quality(*sizes, np.inf, np.inf)
+        return Quality(*sizes)
     quadrature, before, now = topology.quadrature, topology.partition.vertices, np.asarray(cloud.vertices)
     support, points = dmax * topology.node_spacing, (np.asarray(quadrature.points(before)), np.asarray(quadrature.points(now)))
     nodes = before[topology.node_vertices], now[topology.node_vertices]
@@ -74,8 +78,8 @@ def quality(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None
     depth = np.where(listed, 0.0, (support[j] - near["v"]) / topology.node_spacing[j])
     try:
         blocks = discretise(cloud, basis=basis, dmax=dmax).blocks
-    except Inadmissible:  # it says what `steepest` says
-        return Quality(*sizes, float(depth.max(initial=0.0)), np.inf)
+    except Inadmissible as problem:
+        return Quality(*sizes, float(depth.max(initial=0.0)), refused=str(problem))
     steepest = max(float(np.abs(np.asarray(block.dphi)).max()) for block in blocks) * float(topology.node_spacing.min())
     return Quality(*sizes, float(depth.max(initial=0.0)), steepest)
 
@@ -91,6 +95,6 @@ def refreshed(cloud: Cloud, plate: Plate, *, basis: str = "quadratic", dmax: flo
     fault = quality(cloud.at(values), basis=basis, dmax=dmax).fault
     if not fault:
         return cloud.at(plate), ""
-    asked = {name: getattr(cloud.topology, name) for name in ("spacing", "nodes_per_hole", "across", "follow_outlines")}
+    asked = {name: getattr(cloud.topology, name) for name in ("spacing", "nodes_per_hole", "across")}
     fresh = make_cloud(own, **asked)
     return fresh.at(plate), fault

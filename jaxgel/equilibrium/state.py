@@ -67,8 +67,6 @@ class State:
     """Whether the state left an unstable branch: it does not continue the states before it."""
     contact_active: bool | None = None
     """Whether an outline is so near itself that contact acts; None where that was not looked at."""
-    stride: float = float("nan")
-    """Step of the control that an adaptive sweep tries next, in its unit; nan for given values."""
     symmetry: str = ""
     """Name of the group of symmetries with which it was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
     rate: Float[Array, "n 2"] | None = None

@@ -153,7 +153,7 @@ def _traces(model):
     points, weight, components, hats = [], [], [], []
     for edge, (axis, _) in edge_lines(topology.plate).items():
         held = {"roller": [axis], "fixed": [0, 1], "free": []}[topology.plate.edges[edge]]
-        wall = nodes[topology.wall_nodes[edge]]
+        wall = nodes[topology.edge_nodes[edge]]
         start, along = wall[:-1, None], np.diff(wall, axis=0)[:, None]
         s = (1 + POINTS) / 2
         hat = np.zeros((len(start), len(s), len(wall)))

@@ -212,7 +212,7 @@ class Polygon(Hole):
         return jnp.sum(x * jnp.roll(y, -1) - y * jnp.roll(x, -1)) / 2
 
 
-KINDS: Mapping[str, type[Hole]] = {kind.__name__.lower(): kind for kind in (Circle, Ellipse, Superellipse, Fourier, Rectangle, Polygon)}
+KINDS: Mapping[str, type[Hole]] = {kind.__name__.lower(): kind for kind in (Circle, Ellipse, Rectangle, Superellipse, Fourier, Polygon)}
 """Name of each kind of hole, as written in a case file, and its class."""
 
 

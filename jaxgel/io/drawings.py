@@ -79,7 +79,7 @@ def read_outlines(file: str | File) -> list[Float[np.ndarray, "_ 2"]]:
         raise ValueError(f"file: cannot read {str(file)!r}: {problem.strerror or problem}") from None
     except ImportError as problem:
         raise ValueError(f"file: {str(file)!r} needs {problem.name}; pip install 'jaxgel[outline]'") from None
-    except Exception as problem:  # the libraries raise exceptions of their own for a damaged file
+    except ValueError as problem:
         raise ValueError(f"file: {str(file)!r} is no drawing that can be read: {' '.join(str(problem).split())}") from None
     outlines = [without_repeats(np.asarray(line, dtype=float)) for line in drawing.outlines]
     omissions = drawing.omissions + Counter(Omission("outline", "", "no area") for line in outlines if not len(line))

@@ -62,7 +62,12 @@ def read_dxf(file: File) -> Drawing:
     """
     import ezdxf
 
-    document = ezdxf.readfile(file)
+    try:
+        document = ezdxf.readfile(file)
+    except OSError:
+        raise
+    except Exception as problem:  # of many kinds, for a damaged file
+        raise ValueError(str(problem)) from problem
     unit = document.units if UNIT.search(file.read_bytes()) else 0  # without one ezdxf gives the default of new files, metres
     if unit not in range(len(UNITS)):
         raise ValueError(f"$INSUNITS: {unit} is no unit; 0 to {len(UNITS) - 1}")

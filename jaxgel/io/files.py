@@ -3,7 +3,6 @@
 import csv
 import io
 import json
-import math
 import os
 import traceback
 import zipfile
@@ -85,28 +84,23 @@ def failure(problem: Exception, folder: File) -> str:
 
 
 def guarded(file: File, read: Callable[[bytes, int], Any], max_bytes: int = MAX_BYTES) -> Any:
-    """``read(bytes, max_bytes)`` of a file, with everything that the parsers raise on damaged bytes turned into one ValueError."""
+    """``read(bytes, max_bytes)`` of a file; ValueError, one line, for one that cannot be read, is too large or damaged."""
     try:
         if file.stat().st_size > max_bytes:
             raise ValueError(f"it has {file.stat().st_size} bytes, more than the {max_bytes} allowed")
         return read(file.read_bytes(), max_bytes)
-    except Exception as problem:
+    except (OSError, ValueError, RecursionError, csv.Error) as problem:
         raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {one_line(problem)[:200]}") from None
 
 
 def read_arrays(content: bytes, max_bytes: int = MAX_BYTES) -> dict[str, np.ndarray]:
-    """Name -> array of the bytes of an .npz file, their sizes checked before they are read; ValueError for objects."""
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        if sum(member.file_size for member in archive.infolist()) > max_bytes:
-            raise ValueError(f"its arrays take more than the {max_bytes} bytes allowed")
-        return {m.filename.removesuffix(".npy"): read_array(archive.read(m)) for m in archive.infolist()}
-
-
-def read_array(content: bytes) -> np.ndarray:
-    """The array in the bytes of an .npy file, its size checked first."""
-    stream = io.BytesIO(content)
-    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    shape, fortran, dtype = read_header[np.lib.format.read_magic(stream)](stream)
-    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(content) - stream.tell():
-        raise ValueError(f"an array {shape} of {dtype} does not fit its bytes")
-    return np.frombuffer(content, dtype, offset=stream.tell()).reshape(shape, order="F" if fortran else "C")
+    """Name -> array of the bytes of an .npz file, whose size is checked before they are read; ValueError for objects."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > max_bytes:
+            raise ValueError(f"its arrays take {size} bytes, more than the {max_bytes} allowed")
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return {name: np.asarray(arrays[name]) for name in arrays.files}
+    except Exception as problem:  # zipfile, zlib and numpy raise many kinds for damaged bytes
+        raise ValueError(one_line(problem)) from problem

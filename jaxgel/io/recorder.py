@@ -6,7 +6,6 @@ run, Ctrl-C or a loss of power, the finished states stay readable and `jaxgel re
 
 import collections
 import csv
-import io
 import json
 import os
 import platform
@@ -25,8 +24,8 @@ from ..controls import control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import State, Status
 from ..observables import SELF_CONTACT, columns_of, events, history, outlines
-from .files import open_folder, write_atomically
-from .run import FORMAT, OF_LAST, STEP_ARRAYS, kind_of
+from .files import open_folder, write_atomically, write_csv, write_json
+from .run import FORMAT, STEP_ARRAYS, kind_of
 
 NUMERICAL = ("jaxgel", "jax", "jaxlib", "numpy", "scipy")  # packages on which the last digits depend
 FILES = (
@@ -46,9 +45,9 @@ FILES = (
 class Recorder:
     """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; pass it as ``on_step``.
 
-    ``case`` is the `cases.Case` of ``model``, whose contact is that of the sweep, and ``gel``; ``steps`` are those that an interrupted run
-    left after ``seconds``, to go on from. Without them earlier results in ``folder`` are removed; other files stay. With ``durable`` each
-    step is flushed to the disk, otherwise only `finish` does so. Raises ValueError when the folder cannot be written.
+    ``case`` is the `cases.Case` of ``model``, whose contact is that of the sweep, and ``gel``. With ``durable`` each step is flushed to the
+    disk, otherwise only `finish` does so. The files are begun by `begin`, or by the first step. Raises ValueError if the folder cannot be
+    written.
     """
 
     def __init__(
@@ -58,20 +57,24 @@ class Recorder:
         model: Model,
         gel: Any,
         *,
-        steps: Sequence[State] = (),
-        seconds: float = 0.0,
         durable: bool = True,
     ) -> None:
         self.folder, self.case, self.model, self.gel = open_folder(folder), case, model, gel
         self.control = case.control(model)
         self.records = []  # (step, row, outlines) of each accepted state
         self.stored = 0  # states that are on disk for good
-        self.started, self.durable = time.perf_counter() - seconds, durable
-        if not steps:
+        self.started, self.durable, self.begun = time.perf_counter(), durable, False
+
+    def begin(self, before: Sequence[State] = ()) -> None:
+        """Begin the files, with the states ``before`` of a run that was interrupted.
+
+        Without states the results of an earlier run are removed from the folder; other files stay.
+        """
+        self.begun = True
+        if not before:
             _clear(self.folder)
-        for step in steps:
+        for step in before:
             self._take(step)
-        self._write_history()
         self.finish("running", "the sweep has not ended")
 
     @property
@@ -91,9 +94,11 @@ class Recorder:
 
     def __call__(self, step: State) -> None:
         """Write one accepted step: first its row, then all states, so that there are never more states than rows."""
+        if not self.begun:
+            self.begin()
         row = self._take(step)
         with (self.folder / "history.csv").open("a", newline="") as stream:
-            _csv_writer(stream).writerow(_csv_row(row))
+            csv.writer(stream, lineterminator="\n").writerow(_csv_row(row))
             stream.flush()
             if self.durable:
                 os.fsync(stream.fileno())
@@ -111,6 +116,8 @@ class Recorder:
 
     def finish(self, status: str, text: str, stop: Status = Status.INTERRUPTED) -> None:
         """Complete the files with ``status`` "complete", "stopped", "interrupted" or "failed", the reason as ``text``, and its `Status`."""
+        if not self.begun:
+            self.begin()
         if len(self.records) > self.stored:  # Ctrl-C may have come between the row and its states
             self._write_states(durable=True)
         self._write_history()
@@ -126,22 +133,13 @@ class Recorder:
         arrays |= {} if self.control is None else {"value": np.array([step.value for step in steps])}
         arrays["status"] = np.array([step.status.name for step in steps])
         arrays["symmetry"] = np.array([step.symmetry for step in steps])
-        arrays["apart"] = np.array([-1 if step.contact_active is None else not step.contact_active for step in steps], dtype=np.int8)
-        arrays |= {name: np.asarray(last) for name in OF_LAST if (last := getattr(steps[-1], name)) is not None}
         arrays["nodes"] = np.asarray(self.model.cloud.nodes)
         for i, loops in enumerate(zip(*(loops for _, _, loops in self.records), strict=True)):
             arrays[f"outline_{i}"] = np.array(loops)
         return arrays
 
     def _write_history(self) -> None:
-        def write(stream: Any) -> None:
-            text = io.StringIO(newline="")
-            writer = _csv_writer(text)
-            writer.writerow(self.columns)
-            writer.writerows(_csv_row(row) for _, row, _ in self.records)
-            stream.write(text.getvalue().encode())
-
-        write_atomically(self.folder / "history.csv", write)
+        write_csv(self.folder / "history.csv", self.columns, [_csv_row(row) for _, row, _ in self.records])
 
     def _write_summary(self, status: str, text: str, stop: Status, *, durable: bool = True) -> None:
         table = self.table
@@ -180,10 +178,6 @@ def _clear(folder: File) -> None:
         shutil.rmtree(folder / "vtu")
 
 
-def _csv_writer(stream: Any) -> Any:
-    return csv.writer(stream, lineterminator="\n")
-
-
 def _csv_row(row: dict[str, Any]) -> list[str]:
     kinds = {name: kind_of(name) for name in row}
     return [repr(kinds[name](value)) if kinds[name] is not str else value for name, value in row.items()]
@@ -201,12 +195,7 @@ def write_points(points: list[CriticalPoint], folder: File, options: dict[str, A
     entries = [
         {k: None if v != v else v for k, v in row.items()} | {"symmetries": p.symmetries} for row, p in zip(rows, points, strict=True)
     ]
-    text = json.dumps({"options": options, "points": entries}, indent=1, allow_nan=False, ensure_ascii=False)
-    write_atomically(folder / "critical.json", lambda stream: stream.write(text.encode()))
-    table = io.StringIO(newline="")
-    writer = csv.DictWriter(table, names)
-    writer.writeheader()
-    writer.writerows(rows)
-    write_atomically(folder / "critical.csv", lambda stream: stream.write(table.getvalue().encode()))
+    write_json(folder / "critical.json", {"options": options, "points": entries})
+    write_csv(folder / "critical.csv", names, [list(row.values()) for row in rows])
     arrays = {f"{name}_{k}": getattr(point, name) for k, point in enumerate(points) for name in ("x", "modes")}
     write_atomically(folder / "critical.npz", lambda stream: np.savez(stream, **arrays))

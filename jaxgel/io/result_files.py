@@ -17,12 +17,12 @@ def write_loop(loop: Loop, folder: File, options: dict[str, Any]) -> None:
 
     The table has the way, "up", "down" or "unstable", the value of the control, and the columns of `history`.
     """
-    control, width = loop.up.control, float(loop.width)
+    control = loop.up.control
     record = {
         "options": options,
         "control": control_name(control),
         "unit": unit_of(control),
-        "width": width if np.isfinite(width) else None,
+        "width": None if loop.width is None else float(loop.width),
         "fold_up": _point_entry(loop.fold_up),
         "fold_down": _point_entry(loop.fold_down),
         "jumps_up": [_point_entry(point) for point in loop.jumps_up],

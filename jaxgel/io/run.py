@@ -15,7 +15,6 @@ from ..observables import BY_COLUMN, COLUMNS, OF_CELLS
 from .files import MAX_BYTES, guarded, read_arrays
 
 FORMAT = 3  # raised when the meaning of a file changes
-EARLIER = 2  # read too: its method "mixed" is today's "cells", and its clouds do not follow outlines
 STEP_ARRAYS = (
     "mu",
     "x",
@@ -26,10 +25,19 @@ STEP_ARRAYS = (
     "negative_pivots",
     "lowest_eigenvalue",
     "switched",
-    "stride",
 )
-OF_LAST = ("modes", "rate")  # kept of the last step only
-ADDED = ("surface_stability",)  # columns that tables of earlier versions do not have: nan
+ENTRIES = {
+    "case": str,
+    "options": dict,
+    "versions": dict,
+    "status": str,
+    "reason": str,
+    "stop": str,
+    "wall_seconds": float,
+    "control": dict,
+    "events": list,
+}
+"""Entries of summary.json that are read, with their types."""
 
 
 def kind_of(column: str) -> type:
@@ -46,10 +54,10 @@ class Run:
     summary: dict[str, Any]
     """Content of ``summary.json``."""
     history: dict[str, Any]
-    """Columns of ``history.csv``: name -> (k,) array, status a list of texts."""
+    """Columns of ``history.csv``: name -> (k,) array, status a list of texts; nan in a column that the file does not have."""
     states: dict[str, np.ndarray]
     """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm, and the rest
-    of each step; value (k,) of another control than mu; modes (f, m) and rate (n, 2) those of the last, where it has them."""
+    of each step; value (k,) of another control than mu."""
 
     @property
     def control(self) -> tuple[str, str]:
@@ -90,19 +98,16 @@ def load_run(folder: str | File, *, max_bytes: int = MAX_BYTES) -> Run:
     if states is None:
         raise ValueError(f"folder: {str(folder)!r} holds no accepted state; its run ended as {summary['status']!r}: {summary['reason']}")
     k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in history.csv
-    if k < len(states["mu"]):
-        states = {name: a for name, a in states.items() if name not in OF_LAST}  # of a state whose row was cut off with the machine
     for name, column in (("mu", "mu"), *([("value", control_in(summary)[0])] if "value" in states else [])):
         if not np.array_equal(states[name][:k], table[column][:k]):
             raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their {column} differ")
-    states = {name: a if name in ("nodes", *OF_LAST) else a[:k] for name, a in states.items()}
+    states = {name: a if name == "nodes" else a[:k] for name, a in states.items()}
     return Run(folder, summary, {name: column[:k] for name, column in table.items()}, states)
 
 
 def control_in(summary: dict[str, Any]) -> tuple[str, str]:
-    """Name and unit of the control of a run with that ``summary``; files of version 0.1 do not have it."""
-    control = summary.get("control", {"name": "mu", "unit": "kT"})
-    return control["name"], control["unit"]
+    """Name and unit of the control of a run with that ``summary``."""
+    return summary["control"]["name"], summary["control"]["unit"]
 
 
 def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
@@ -114,62 +119,50 @@ def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, An
 
 def _read_summary(content: bytes, _: int) -> dict[str, Any]:
     summary = json.loads(content)
-    if summary["format"] not in (EARLIER, FORMAT):
-        raise ValueError(f"format {summary['format']}, this version reads {EARLIER} and {FORMAT}")
-    wanted = {
-        "case": str,
-        "options": dict,
-        "status": str,
-        "reason": str,
-        "stop": str,
-        "wall_seconds": float,
-        "versions": dict,
-        "events": list,
-    }
-    for key, kind in wanted.items():
-        if not isinstance(summary[key], kind):
+    if not isinstance(summary, dict) or summary.get("format") != FORMAT:
+        found = summary.get("format") if isinstance(summary, dict) else None
+        raise ValueError(f"format {found}, this version reads {FORMAT}")
+    for key, kind in ENTRIES.items():
+        if not isinstance(summary.get(key), kind):
             raise ValueError(f"{key} is not of type {kind.__name__}")
-    if not all(isinstance(part, str) for part in control_in(summary)):
+    if not all(isinstance(summary["control"].get(part), str) for part in ("name", "unit")):
         raise ValueError("control has no name or unit")
     if summary["stop"] not in Status.__members__:
         raise ValueError(f"stop {summary['stop']!r} is no status")
-    if summary["format"] == EARLIER:
-        discretisation = summary["options"].setdefault("discretisation", {})
-        if discretisation.get("method", "mixed") == "mixed":
-            discretisation["method"] = "cells"
-        discretisation["follow_outlines"] = False
     return summary
 
 
 def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
     lines = content.decode().splitlines(keepends=True)
     complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
-    header, *rows = csv.reader(complete)
-    missing = [name for name in ADDED if name not in header]
-    known = (*(() if control == "mu" else (control,)), *(name for name in COLUMNS if name not in missing))
-    if tuple(header) not in (known, (*known, *OF_CELLS)) or any(len(row) != len(header) for row in rows):
-        raise ValueError(f"columns are not {', '.join(known)}")
-    table = {name: [row[i] for row in rows] for i, name in enumerate(header)} | {name: ["nan"] * len(rows) for name in missing}
+    header, *rows = csv.reader(complete) if complete else [[]]
+    if any(len(row) != len(header) for row in rows):
+        raise ValueError(f"a row has not {len(header)} columns")
+    driven = () if control == "mu" else (control,)
+    known = (*driven, *COLUMNS, *(name for name in OF_CELLS if name in header))
+    missing = next((name for name in known if name not in header and (name in (*driven, "mu") or kind_of(name) is not float)), None)
+    if missing is not None:
+        raise ValueError(f"it has no column {missing}")
+    table = {name: [row[header.index(name)] for row in rows] if name in header else ["nan"] * len(rows) for name in known}
     kinds = {name: kind_of(name) for name in table}
     return {name: c if kinds[name] is str else np.array(c, dtype=float).astype(kinds[name]) for name, c in table.items()}
 
 
 def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
     arrays = read_arrays(content, max_bytes)
+    missing = [name for name in (*STEP_ARRAYS, "status", "symmetry", "nodes") if name not in arrays]
+    if missing or arrays["x"].ndim != 3 or arrays["pressure"].ndim != 2:
+        raise ValueError(f"it has no {missing[0]}" if missing else "x or pressure is no array of states")
     (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
-    shapes = dict.fromkeys((*STEP_ARRAYS, "status", "apart"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
-    shapes |= {name: (k, a.shape[1], 2) for name, a in arrays.items() if name.startswith("outline_")}
-    if "modes" in arrays:
-        shapes["modes"] = (len(arrays["modes"]), arrays["modes"].shape[1])
-    shapes |= {name: (k,) for name in ("symmetry", "value") if name in arrays}  # not in files of version 0.1
-    if "rate" in arrays:
-        shapes["rate"] = (n, 2)
+    shapes = dict.fromkeys((*STEP_ARRAYS, "status", "symmetry"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
+    shapes |= {name: (k, *a.shape[1:2], 2) for name, a in arrays.items() if name.startswith("outline_")}
+    shapes |= {"value": (k,)} if "value" in arrays else {}
     for name, shape in shapes.items():
         if arrays[name].shape != shape or arrays[name].dtype.kind not in "bfiU":
             raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
-    for name in {"mu", "value", "x", "pressure", *OF_LAST} & arrays.keys():
+    for name in {"mu", "value", "x", "pressure"} & arrays.keys():
         if not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} is not finite")
     if not np.all(np.diff(arrays.get("value", arrays["mu"]))) or not set(arrays["status"]) <= Status.__members__.keys():
         raise ValueError("a value of the control is repeated, or a status is unknown")
-    return arrays
+    return {name: arrays[name] for name in shapes}

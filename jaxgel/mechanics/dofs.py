@@ -52,7 +52,7 @@ Free = Int[Array, "f ..."] | Strained
 @once_per_owner
 def free_dofs(topology: Topology) -> Free:
     """The unknowns ``free``, see above; ValueError as `check_edges`."""
-    plate, walls = topology.plate, topology.wall_nodes
+    plate, walls = topology.plate, topology.edge_nodes
     free = ~held_dofs(topology)
     if "periodic" in plate.edges.values():
         first = periodic_images(topology)
@@ -69,7 +69,7 @@ def held_dofs(topology: Topology) -> Bool[np.ndarray, "n 2"]:
     held = np.zeros((len(topology.node_vertices), 2), dtype=bool)
     for edge in EDGES:
         for component in held_components(topology.plate.edges, edge):
-            held[topology.wall_nodes[edge], component] = True
+            held[topology.edge_nodes[edge], component] = True
     return held
 
 
@@ -130,7 +130,7 @@ def periodic_images(topology: Topology) -> Int[np.ndarray, " n"]:
     for edge, opposite, along in (("right", "left", 1), ("top", "bottom", 0)):
         if plate.edges[edge] != "periodic":
             continue
-        here, there = topology.wall_nodes[edge], topology.wall_nodes[opposite]
+        here, there = topology.edge_nodes[edge], topology.edge_nodes[opposite]
         if len(here) != len(there) or np.abs(nodes[here, along] - nodes[there, along]).max() > 1e-9 * topology.spacing:
             raise Inadmissible(f"edges: {edge} and {opposite} are periodic but their nodes do not face each other; refine them alike")
         first[here] = first[there]
@@ -152,7 +152,7 @@ def _strains(topology):
     """Fields (m, n, 2) and ends (m, 2) of the macroscopic unknowns, see `Strained`: of F11 and F12 = F21 that of the right edge beyond the
     left one, of F22 that of the top beyond the bottom.
     """
-    plate, walls = topology.plate, topology.wall_nodes
+    plate, walls = topology.plate, topology.edge_nodes
     sides, beyond = np.array([plate.width, plate.height]), np.zeros((len(topology.node_vertices), 2))
     for axis, (edge, opposite) in enumerate((("right", "left"), ("top", "bottom"))):
         if plate.edges[edge] == "periodic":
@@ -169,7 +169,7 @@ def _strains(topology):
 def _period(topology, axis):
     """The nodes at the right and left end of the bottom edge of a cell that is periodic along x, axis 0; along y those of the left edge."""
     edge, opposite = (("right", "left"), ("top", "bottom"))[axis]
-    return int(topology.wall_nodes[edge][0]), int(topology.wall_nodes[opposite][0])
+    return int(topology.edge_nodes[edge][0]), int(topology.edge_nodes[opposite][0])
 
 
 def deformation_of(x: Float[Array, "n 2"], topology: Topology, held: Float[Array, "2 2"] | None = None) -> Float[Array, "2 2"]:
@@ -259,7 +259,7 @@ def _edge_displacement(topology, displacement):
         prescribed = {}
         for edge in EDGES:
             if component in held_components(plate.edges, edge):
-                prescribed |= dict.fromkeys(topology.wall_nodes[edge].tolist(), edge)
+                prescribed |= dict.fromkeys(topology.edge_nodes[edge].tolist(), edge)
         at = np.array(list(prescribed), dtype=int)
         values = host.array([displacement[edge][component] for edge in prescribed.values()])
         columns.append(_carried(nodes, at, values, plate.width, host))

@@ -119,7 +119,7 @@ def walls(x: Float[Array, "n 2"], topology: Topology) -> Float[Array, "e 2 2"]:
     """Ends (e, 2, 2), mm, of the edges that are held, at nodal positions ``x`` (n, 2); the plate lies to the left of each."""
     nodes, ends = topology.partition.vertices[topology.node_vertices], []
     for edge, (axis, coordinate) in edge_lines(topology.plate).items():
-        wall = topology.wall_nodes[edge]
+        wall = topology.edge_nodes[edge]
         if held_components(topology.plate.edges, edge) and len(wall) > 1:
             along = np.argsort(nodes[wall, 1 - axis])[[0, -1]]
             ends.append(wall[along if (coordinate > 0) == (axis == 0) else along[::-1]])

@@ -49,6 +49,12 @@ class Quantity:
     """Type of the values in ``history.csv``."""
     recorded: str | None = None
     """Field of the path that the table takes instead of evaluating ``function``."""
+    studied: bool = False
+    """Whether design studies take it; ``function`` is differentiable then."""
+    plotted: tuple[str, str] | None = None
+    """The figure of curves that shows it, see `plotting.CURVES`, and its words in the legend; None for none."""
+    viewed: bool = False
+    """Whether the page of a run shows its curve."""
     of_cells: bool = False
     """Whether only the tables of periodic cells with a free macroscopic deformation have its ``column``."""
 
@@ -92,11 +98,12 @@ def _macroscopic(i, j):
         return macroscopic_deformation(path)[:, i, j]
 
     label, text = f"macroscopic deformation $F_{{{i + 1}{j + 1}}}$", f"component {i + 1}{j + 1} of the macroscopic deformation gradient"
-    return Quantity(name, component, "1", label, text, ".4f", differentiable=True, column=name, of_cells=True)
+    return Quantity(name, component, "1", label, text, ".4f", differentiable=True, column=name, of_cells=True, studied=True)
 
 
-_ANGLE: dict[str, Any] = dict(unit="degree", digits=".3f", differentiable=True)
+_ANGLE: dict[str, Any] = dict(unit="degree", digits=".3f", viewed=True)
 _RATIO: dict[str, Any] = dict(unit="1", digits=".4f")
+_STUDIED: dict[str, Any] = dict(differentiable=True, studied=True)
 _COUNT: dict[str, Any] = dict(unit="1", digits="d", kind=int)
 
 _TABLE = (
@@ -119,14 +126,25 @@ _TABLE = (
         **_COUNT,
     ),
     Quantity("residual", attrgetter("residual"), "1", "residual", "residual over the forces of the network", ".1e", column="residual"),
-    Quantity("energy", attrgetter("energy"), "kT/v mm2", "energy", "total energy", ".6g", differentiable=True, column="energy"),
+    Quantity(
+        "energy", attrgetter("energy"), "kT/v mm2", "energy", "total energy", ".6g", differentiable=True, column="energy", viewed=True
+    ),
     Quantity(
         "J_min", smallest_volume_ratio, label="smallest volume ratio $J$", text="smallest volume ratio of a cell", column="J_min", **_RATIO
     ),
     Quantity(
         "J_max", largest_volume_ratio, label="largest volume ratio $J$", text="largest volume ratio of a cell", column="J_max", **_RATIO
     ),
-    Quantity("J_mean", mean_volume_ratio, label="mean volume ratio $J$", text="mean volume ratio", column="J_mean", **_RATIO),
+    Quantity(
+        "J_mean",
+        mean_volume_ratio,
+        label="mean volume ratio $J$",
+        text="mean volume ratio",
+        column="J_mean",
+        plotted=("J", "mean"),
+        viewed=True,
+        **_RATIO,
+    ),
     Quantity(
         "area_reduction",
         area_reduction,
@@ -135,18 +153,36 @@ _TABLE = (
         text="reduction of the area of the holes",
         digits=".3f",
         percent=True,
-        differentiable=True,
         column="area_reduction",
+        plotted=("area_reduction", "all holes"),
+        viewed=True,
+        **_STUDIED,
     ),
-    Quantity("rotation", rotation_angle, label="rotation", text="rotation of the midline", column="rotation_deg", **_ANGLE),
-    Quantity("core_rotation", core_rotation, label="core rotation", text="rotation of the core", column="core_rotation_deg", **_ANGLE),
+    Quantity(
+        "rotation",
+        rotation_angle,
+        label="rotation",
+        text="rotation of the midline",
+        column="rotation_deg",
+        plotted=("rotation", "midline"),
+        **_ANGLE | _STUDIED,
+    ),
+    Quantity(
+        "core_rotation",
+        core_rotation,
+        label="core rotation",
+        text="rotation of the core",
+        column="core_rotation_deg",
+        plotted=("rotation", "core"),
+        **_ANGLE | _STUDIED,
+    ),
     Quantity(
         "axial_stretch",
         axial_stretch,
         label="axial stretch",
         text="stretch of the thickness in generalised plane strain",
-        differentiable=True,
         **_RATIO,
+        **_STUDIED,
     ),
     Quantity(
         "negative_pivots",
@@ -162,20 +198,33 @@ _TABLE = (
         unit="1",
         label="lowest eigenvalue over the network's",
         text="lowest eigenvalue of the tangent over the network's stiffness",
-        differentiable=True,
         column="lowest_eigenvalue",
         recorded="lowest_eigenvalue",
+        viewed=True,
+        **_STUDIED,
     ),
-    Quantity("min_gap", min_gap_once, "mm", "smallest gap", "smallest gap between the sides of a hole", ".3f", column="min_gap"),
-    Quantity("gap", gap, "mm", "smallest gap", "smallest gap between the sides of a hole, with derivatives", ".3f", differentiable=True),
+    Quantity(
+        "min_gap",
+        min_gap_once,
+        "mm",
+        "smallest gap",
+        "smallest gap between the sides of a hole",
+        ".3f",
+        column="min_gap",
+        plotted=("min_gap", "within a hole"),
+        viewed=True,
+    ),
+    Quantity("gap", gap, "mm", "smallest gap", "smallest gap between the sides of a hole, with derivatives", ".3f", **_STUDIED),
     Quantity(
         "surface_ratio",
         surface_ratio,
         unit="1",
         label="surface stretch ratio",
         text="largest ratio of normal to tangential stretch along the outlines",
-        differentiable=True,
         column="surface_ratio",
+        plotted=("surface_ratio", "largest"),
+        viewed=True,
+        **_STUDIED,
     ),
     Quantity(
         "surface_stability",
@@ -183,8 +232,10 @@ _TABLE = (
         unit="1",
         label="surface stability",
         text="least stability of the free surfaces to short waves: below 0 they wrinkle",
-        differentiable=True,
         column="surface_stability",
+        plotted=("surface_stability", "least"),
+        viewed=True,
+        **_STUDIED,
     ),
     Quantity(
         "crease_indicator",
@@ -192,7 +243,7 @@ _TABLE = (
         unit="1",
         label="softened surface stretch ratio",
         text="softened largest ratio of normal to tangential stretch along the outlines",
-        differentiable=True,
+        **_STUDIED,
     ),
     *(_macroscopic(i, j) for i, j in ((0, 0), (1, 1), (0, 1))),
 )
@@ -218,17 +269,6 @@ OF_CELLS = tuple(column for column, quantity in BY_COLUMN.items() if quantity.of
 _SOLVED = ("mu", "energy", "residual", "newton_iterations", "negative_pivots", "lowest_eigenvalue")
 OF_POSITIONS = tuple(name for name, quantity in QUANTITIES.items() if quantity.kind is not str and name not in _SOLVED)
 """Quantities that need nothing of a state but its positions, pressures and control: limits of stability have them, too."""
-_STUDIED = (
-    "rotation",
-    "core_rotation",
-    "area_reduction",
-    "surface_ratio",
-    "crease_indicator",
-    "surface_stability",
-    "gap",
-    "axial_stretch",
-    "lowest_eigenvalue",
-)
 
 
 def columns_of(plate: Plate, control: str = "mu") -> tuple[str, ...]:
@@ -237,7 +277,7 @@ def columns_of(plate: Plate, control: str = "mu") -> tuple[str, ...]:
     return own if control == "mu" else (control, *own)
 
 
-CURVES = {name: QUANTITIES[name].function for name in (*_STUDIED, *OF_CELLS)}
+CURVES = {quantity.name: quantity.function for quantity in _TABLE if quantity.studied}
 """Quantities that design studies take: name -> differentiable function of a path, with (k,) values."""
 
 

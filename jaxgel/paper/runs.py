@@ -83,6 +83,7 @@ def _recorded(item, runs, folder, name):
         entry = item(runs)
     except Exception as problem:
         place = traceback.extract_tb(problem.__traceback__)[-1]
+        (folder / f"{name}.traceback.txt").write_text("".join(traceback.format_exception(problem)), encoding="utf-8")
         text = " ".join(str(problem).split()) or "no message"
         return {"verdict": f"failed: {text}", "error": f"{type(problem).__name__}: {text} ({place.name})"}
     if entry.figure is not None:

@@ -15,14 +15,8 @@ from ..continuation import Path
 from ..observables import CREASE_RATIO, QUANTITIES, SELF_CONTACT, events, history
 from .style import COLOURS, LINE, SHADE, WALL, length_unit, quantity_of, styled
 
-CURVES = {
-    "rotation": {"rotation": "midline", "core_rotation": "core"},
-    "area_reduction": {"area_reduction": "all holes"},
-    "J": {"J_mean": "mean"},
-    "surface_ratio": {"surface_ratio": "largest"},
-    "surface_stability": {"surface_stability": "least"},
-    "min_gap": {"min_gap": "within a hole"},
-}
+_PLOTTED = [(*quantity.plotted, quantity.name) for quantity in QUANTITIES.values() if quantity.plotted]
+CURVES = {figure: {name: text for of, text, name in _PLOTTED if of == figure} for figure, *_ in _PLOTTED}
 """Figure of curves -> name in ``QUANTITIES`` of each curve, and its words in the legend; the first one labels the axis."""
 AGAINST = ("mu", "free_stretch")  # besides another control
 RISES, FALLS = ">", "<"  # markers of states where the control turns: the way that it goes
@@ -33,7 +27,7 @@ MARKS = {"bifurcation": ":", "leap": (0, (1, 3)), "crease": "-.", "wrinkle": (0,
 def plot_curve(
     path: Path, quantity: str, *, ax: Axes | None = None, against: str | None = None, table: dict[str, Any] | None = None
 ) -> Axes:
-    """Axes with one quantity of ``CURVES`` ("rotation", "area_reduction", "J", "surface_ratio", "surface_stability", "min_gap")
+    """Axes with one quantity of ``CURVES`` ("J", "area_reduction", "rotation", "min_gap", "surface_ratio", "surface_stability")
     of every state.
 
     ``against`` is the name of the control, by default, "mu" or "free_stretch"; ``table`` saves computing `history` again. Where the control

@@ -217,7 +217,7 @@ def _draw_edges(ax: Axes, cloud: Cloud, vertices: Float[np.ndarray, "k v 2"]) ->
     plate, topology, thick = cloud.plate, cloud.topology, 0.025 * max(cloud.plate.width, cloud.plate.height)
     dry, x = np.asarray(cloud.nodes), vertices[-1, topology.node_vertices]
     for edge, (axis, coordinate) in edge_lines(plate).items():
-        wall = topology.wall_nodes[edge]
+        wall = topology.edge_nodes[edge]
         if not held_components(plate.edges, edge) or len(wall) < 2:
             continue
         ends = wall[np.argsort(dry[wall, 1 - axis])[[0, -1]]]

@@ -13,6 +13,7 @@ import jaxgel
 from jaxgel.continuation import StabilityAnalysis
 from jaxgel.controls import Driven, Load, Setting
 from jaxgel.design import barrier_height, fold_up, loop_width, onset
+from jaxgel.equilibrium import StateNotFound
 from jaxgel.io import write_loop
 from jaxgel.mechanics import prepare, restrict
 from jaxgel.plotting import plot_loop
@@ -301,7 +302,10 @@ def test_switches_are_objectives_of_a_path(beam, loop):
         jaxgel.barrier(beam.model, beam.gel, control=beam.control(), value=AT, between=loop)[0].height, rel=1e-8
     )
     tame = (-0.2, 0.2), beam.control(-3.0)
-    assert np.isnan(fold_up(*tame)(path)) and np.isnan(barrier_height(AT, *tame)(path))
+    with pytest.raises(StateNotFound, match="it has no fold_up"):
+        fold_up(*tame)(path)
+    with pytest.raises(StateNotFound):
+        barrier_height(AT, *tame)(path)
     assert loop_width(*tame)(path) == 0
 
 
@@ -309,7 +313,8 @@ def test_an_onset_is_an_objective_of_a_path(beam):
     path = jaxgel.sweep(beam.model, beam.gel, mu=[-3.0])
     (point,) = jaxgel.critical_points(beam.model, beam.gel, mu=(-3.0, -1.5), most=1)
     assert onset((-3.0, -1.5))(path) == point.value
-    assert np.isnan(onset((-3.0, -2.5))(path))
+    with pytest.raises(StateNotFound, match="it has no onset"):
+        onset((-3.0, -2.5))(path)
 
 
 @pytest.mark.slow
@@ -413,7 +418,7 @@ def test_ends_that_are_no_ends_are_refused(beam, values, message):
 def test_a_loop_that_cannot_go_on_says_why(beam):
     """After three states of both ways together."""
     loop = beam.loop(max_steps=3)
-    assert loop.down is None and np.isnan(loop.width)
+    assert loop.down is None and loop.width is None
     assert loop.stop_text.startswith("stopped after load = ") and "raise max_steps" in loop.stop_text
     with pytest.raises(ValueError, match=r"^load: the loop has no way down, stopped after"):
         loop.states_at(0.0)

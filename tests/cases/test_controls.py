@@ -32,13 +32,6 @@ def test_values_of_a_control(entries, values, ends, tmp_path):
     assert load_case(tmp_path / "again.toml").sweep == case.sweep == from_table(case.table(), "driven").sweep
 
 
-def test_what_is_left_of_an_interrupted_sweep():
-    options = SweepOptions(control="chi", start=0.5, end=0.3, back=True, steps="auto")
-    assert options.left([0.5, 0.4, 0.3, 0.4]) == (0.5, 0.3, 0.5) == options.left([0.5])
-    assert options.left([0.5, 0.4, 0.3, 0.4, 0.5]) == ()
-    assert SweepOptions(control="chi", value_list=(0.3, 0.4, 0.2)).left([0.3]) == [0.4, 0.2]
-
-
 def test_the_control_that_the_names_stand_for():
     ends = {"start": 1.0, "end": 1.1, "at_mu": -0.5}
     stretch = SweepOptions(control="stretch", direction="x", **ends).driver(None)

@@ -23,7 +23,6 @@ VALUES = {
     "spacing": 1.1,
     "nodes_per_hole": 9,
     "across": 3,
-    "follow_outlines": False,
     "basis": "linear",
     "dmax": 2.7,
     "method": "displacement",
@@ -184,7 +183,7 @@ def perform(command, section, name, folder):
         raise Reached
     if command == "resume":
         case = load_case(str(file))
-        Recorder(folder / "out", case, case.model(), case.gel)
+        Recorder(folder / "out", case, case.model(), case.gel).begin()
         return cli.main(["resume", str(folder / "out"), "--quiet"])
     return cli.main([command, str(file), "--quiet", "--out", str(folder / "out")])
 
@@ -238,7 +237,7 @@ def test_options_that_are_not_of_a_case_stay_what_they_were(asked):
     """None leaves the default of the plate or the method to `make_cloud` and `discretise`."""
     options = DiscretisationOptions()
     options.model(options.cloud(load_case("square").plate))
-    assert asked["cloud"] == dict(spacing=None, nodes_per_hole=None, across=None, follow_outlines=True)
+    assert asked["cloud"] == dict(spacing=None, nodes_per_hole=None, across=None)
     assert asked["model"] == dict(basis="quadratic", dmax=None, method="mixed", quadrature="conforming", solver="auto")
 
 

@@ -1,4 +1,4 @@
-"""An interrupted run goes on from its folder to the numbers of an uninterrupted one, and what cannot be continued is refused."""
+"""An interrupted run goes on from its last state to those of an uninterrupted one, and what cannot be continued is refused."""
 
 import json
 import os
@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -72,19 +71,20 @@ def run_of(mu, parent):
 
 @pytest.mark.parametrize("run", [pytest.param("given", marks=pytest.mark.slow), "swept"])
 @pytest.mark.parametrize("first", [pytest.param(True, marks=pytest.mark.slow), False], ids=["after the first", "in the middle"])
-def test_a_run_killed_after_a_state_ends_with_the_same_bits(run, first, request, tmp_path):
+def test_a_run_killed_after_a_state_ends_with_the_same_states(run, first, request, tmp_path):
     folder, path = request.getfixturevalue(run)
-    killed = tmp_path / f"after-{1 if first else len(path) // 2}"
+    k = 1 if first else len(path) // 2
+    killed = tmp_path / f"after-{k}"
     shutil.copytree(folder.with_name(killed.name), killed)
     assert load_run(killed).summary["status"] == "running"
     assert cli.main(["resume", str(killed), "--quiet", "--no-plots"]) == 0
-    assert_same(killed, folder)
+    assert_same(killed, folder, k)
     assert (killed / "series.pvd").is_file()
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
-def test_a_run_killed_twice_at_any_moment_ends_with_the_same_bits(swept, tmp_path):
+def test_a_run_killed_twice_at_any_moment_ends_with_the_same_states(swept, tmp_path):
     """The proof with twenty kills is benchmarks/kill.py."""
     folder, moments = tmp_path / "killed", np.random.default_rng(11)
     command = ["run", str(swept[0].parent / "tiny.toml"), "--out", str(folder), "--quiet", "--no-plots"]
@@ -101,12 +101,18 @@ def test_a_run_killed_twice_at_any_moment_ends_with_the_same_bits(swept, tmp_pat
     assert_same(folder, swept[0])
 
 
-def assert_same(folder, other):
-    """The two runs agree to the bit but for the time they took."""
-    assert (folder / "states.npz").read_bytes() == (other / "states.npz").read_bytes()
-    assert (folder / "history.csv").read_bytes() == (other / "history.csv").read_bytes()
-    one, two = (json.loads((f / "summary.json").read_text()) for f in (folder, other))
-    assert one | {"wall_seconds": 0} == two | {"wall_seconds": 0}
+def assert_same(folder, other, k=1):
+    """The two runs have the same first ``k`` states, end alike, and have the same states at equal mu, to the solver's tolerance."""
+    one, two = load_run(folder), load_run(other)
+    np.testing.assert_array_equal(one.x[:k], two.x[:k])
+    assert one.mu[-1] == two.mu[-1]
+    _, i, j = np.intersect1d(one.mu, two.mu, return_indices=True)
+    np.testing.assert_allclose(one.x[i], two.x[j], atol=1e-9)
+    for name in ("energy", "J_mean", "area_reduction", "rotation_deg"):
+        np.testing.assert_allclose(one.history[name][i], two.history[name][j], rtol=1e-9, atol=1e-9)
+    assert {key: one.summary[key] for key in ("status", "reason", "stop")} == {
+        key: two.summary[key] for key in ("status", "reason", "stop")
+    }
 
 
 def test_a_path_read_back_is_the_one_that_was_written(swept):
@@ -116,24 +122,6 @@ def test_a_path_read_back_is_the_one_that_was_written(swept):
         np.testing.assert_array_equal(leaf, original)
     for name in set(path.__dataclass_fields__) - {"model", "gel"}:
         np.testing.assert_array_equal(getattr(again, name), getattr(path, name), err_msg=name)
-
-
-def test_a_run_interrupted_in_version_0_1_goes_on_to_what_that_version_found(tmp_path):
-    """``run-0.1`` was written by version 0.1, killed after three of six states; here is the last one of its uninterrupted run.
-
-    Cells along a hole had straight sides then, 96 around this one, which lack 7e-4 of its area, and whole squares that slivers had joined
-    were integrated as two triangles: energy and volume differ by 2e-5, the area of the hole, 0.04 less than it was, by 1e-4. The gap, then
-    the distance of points that depended on the cloud, is another quantity now.
-    """
-    folder = tmp_path / "run-0.1"
-    shutil.copytree(Path(__file__).with_name("run-0.1"), folder)
-    assert cli.main(["resume", str(folder), "--quiet", "--no-plots"]) == 0
-    history = load_run(folder).history
-    assert history["mu"].tolist() == [-4.9, -4.0, -3.0, -2.0, -1.5, -1.2]
-    found = [history[name][-1] for name in ("energy", "J_mean", "area_reduction", "lowest_eigenvalue")]
-    stored = [-1.533798273312853, 1.1436315041839755, -0.04054379895893767, 0.42340484611556767]
-    for value, before, tolerance in zip(found, stored, (3e-5, 1e-5, 5e-3, 2e-3), strict=True):  # twice what was found
-        assert value == pytest.approx(before, rel=tolerance)
 
 
 def test_a_complete_run_is_only_drawn_again(swept, tmp_path, monkeypatch):
@@ -173,24 +161,14 @@ def other_mu(folder):
     edit(folder, options=options | {"sweep": sweep | {"mu_start": -4.0, "mu": [-4.0, -1.0]}})
 
 
-def other_modes(folder):
-    arrays = dict(np.load(folder / "states.npz"))
-    np.savez(folder / "states.npz", **(arrays | {"modes": arrays["modes"][1:]}))
-
-
-def other_rate(folder):
-    arrays = dict(np.load(folder / "states.npz"))
-    np.savez(folder / "states.npz", **(arrays | {"rate": arrays["nodes"][1:]}))
-
-
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
         (
-            lambda folder: edit(folder, format=1),
-            r"summary\.json' is damaged or not written by jaxgel: format 1, this version reads 2 and 3",
+            lambda folder: edit(folder, format=2),
+            r"summary\.json' is damaged or not written by jaxgel: format 2, this version reads 3",
         ),
-        (lambda folder: edit(folder, format=99), "format 99, this version reads 2 and 3"),
+        (lambda folder: edit(folder, format=99), "format 99, this version reads 3"),
         (lambda folder: edit(folder, stop="GONE"), "'GONE' is no status"),
         (lambda folder: (folder / "summary.json").write_text("{"), r"summary\.json' is damaged"),
         (lambda folder: (folder / "states.npz").write_bytes(b"PK"), r"states\.npz' is damaged"),
@@ -198,8 +176,6 @@ def other_rate(folder):
         (lambda folder: (folder / "summary.json").unlink(), r"holds none of design"),
         (other_nodes, "run the case again"),
         (other_mu, r"are not those of the case in its summary\.json"),
-        (other_modes, "run the case again"),
-        (other_rate, "is damaged"),
     ],
 )
 def test_what_cannot_be_continued_is_one_line(swept, tmp_path, capsys, damage, message):

@@ -66,7 +66,7 @@ def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
     arguments = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
     arguments += ["--solver", "iterative", "--mu-start", "-4.9", "--mu-end", "-4.8", "--steps", "2", "--no-plots", "--quiet"]
     assert cli.main(["run", str(tmp_path / "tiny.toml"), *arguments, "--out", str(tmp_path / "out")]) == 3
-    options |= {"solver": "iterative", "follow_outlines": True}
+    options |= {"solver": "iterative"}
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["options"]["discretisation"] == options
     (model,) = models
     assert model.n_nodes == len(jaxgel.make_cloud(tiny_plate).nodes)

@@ -1,4 +1,4 @@
-"""The audit that ``jaxgel doctor`` makes beyond the 16,384 rows after which a jaxlib went wrong, and the releases that are refused."""
+"""What ``jaxgel doctor`` computes beyond the 16,384 rows after which a jaxlib went wrong, and the releases that are refused."""
 
 import tomllib
 from pathlib import Path
@@ -9,51 +9,27 @@ import pytest
 
 from jaxgel.cli import command_line as cli
 from jaxgel.cli import doctor, environment, starting
-from jaxgel.materials import osmotic
+from jaxgel.materials import Gel, cauchy_stress
 
 
-def test_compiled_kernels_agree_with_small_batches():
-    found = list(doctor.audit())
-    assert len(found) == 6
-    assert [(f.name, f.difference) for f in found if not f.ok] == []
-
-
-def test_the_known_digits_are_a_root_of_the_free_gel():
+def test_the_known_stretch_is_that_of_a_stress_free_gel():
     """The stress of a free gel vanishes: Nv (stretch - 1 / stretch) / stretch + p = 0 in plane strain."""
-    stretch, Nv = doctor.SWOLLEN, doctor.GEL.Nv
-    F = np.diag([stretch, stretch])
-    np.testing.assert_allclose(np.diag(doctor.cauchy_stress(F, -1.0, doctor.GEL)), 0, atol=1e-13)
-    assert abs(float(osmotic(stretch**2, -1.0, doctor.GEL))) < Nv
+    F = np.diag(2 * [doctor.SWOLLEN])
+    np.testing.assert_allclose(np.diag(cauchy_stress(F, -1.0, Gel(Nv=1e-3, chi=0.2))), 0, atol=1e-13)
 
 
-def test_a_wrong_program_is_found(monkeypatch):
-    """As jaxlib 0.10.2 did: beyond 16,384 rows the sums are wrong, here of one row by a thousandth of its sum."""
+def test_the_command_computes_what_is_known_and_finds_a_wrong_program(monkeypatch, capsys):
+    """As jaxlib 0.10.2 did: beyond 16,384 rows the values are wrong, here by a thousandth."""
+    assert cli.main(["doctor"]) == 0
+    assert "float64: on" in capsys.readouterr().out
     compiled = jax.jit
 
-    def wrong(function, **options):
-        def program(*args):
-            value = np.asarray(compiled(function, **options)(*args))
-            return value * np.where(np.arange(len(value)) >= 16_384, 1 + 1e-3, 1.0)
+    def wrong(function):
+        return lambda *args: np.asarray(compiled(function)(*args)) * np.where(np.arange(doctor.POINTS) >= 16_384, 1 + 1e-3, 1.0)
 
-        return program
-
-    kernels = {"sum": doctor.kernels()["matrix times row of 3, squared, summed"]}
-    monkeypatch.setattr(doctor, "kernels", lambda: kernels)
     monkeypatch.setattr(doctor.jax, "jit", wrong)
-    assert [found.ok for found in doctor.audit()] == [False, True]
-    monkeypatch.setattr(doctor, "POINTS", 16_384)
-    assert [found.ok for found in doctor.audit()] == [True, True]
-
-
-def test_the_command_reports_every_kernel(monkeypatch, capsys):
-    kinds = {True: doctor.Finding("sound", 1e-15), False: doctor.Finding("broken", float("nan"))}
-    for ok, code in ((True, 0), (False, 3)):
-        monkeypatch.setattr(doctor, "audit", lambda ok=ok: [kinds[ok]])
-        assert cli.main(["doctor"]) == code
-        printed = capsys.readouterr()
-        assert "float64: on" in printed.out
-        assert kinds[ok].name in printed.out
-        assert ("computes wrongly: broken" in printed.err) == (not ok)
+    assert cli.main(["doctor"]) == 3
+    assert "computes wrongly: sums of three squares, free swelling; install another jaxlib" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("jaxlib", list(environment.REFUSED))
@@ -78,5 +54,3 @@ def test_only_known_flags_are_given_to_xla():
     fusion = "--xla_cpu_use_fusion_emitters=false"
     assert fusion in environment.quick_flags("0.10.1")
     assert fusion not in environment.quick_flags("0.11.2") + environment.quick_flags("0.12.0.1")
-    assert environment.in_one_part("0.10.1")
-    assert not environment.in_one_part("0.12.0.1")

@@ -86,11 +86,11 @@ def test_new_spacing_scales_the_nodes_on_holes_with_it(cloud_of):
     assert [len(o.s) // OUTLINE_SEGMENTS for o in asked.topology.outlines] == [32, 32, 32, 32]
 
 
-def test_wall_nodes_are_in_order_along_every_edge(cloud_of):
+def test_edge_nodes_are_in_order_along_every_edge(cloud_of):
     cloud = cloud_of("lattice")
     nodes = np.asarray(cloud.nodes)
     for edge, (axis, coordinate) in edge_lines(cloud.plate).items():
-        wall = cloud.topology.wall_nodes[edge]
+        wall = cloud.topology.edge_nodes[edge]
         np.testing.assert_allclose(nodes[wall, axis], coordinate, atol=1e-12)
         assert np.all(np.diff(nodes[wall, 1 - axis]) > 0)
         assert len(wall) == np.sum(np.abs(nodes[:, axis] - coordinate) < 1e-6)

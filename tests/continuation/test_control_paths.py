@@ -64,16 +64,6 @@ def test_adaptive_steps_go_to_every_turning_point_and_back(model):
     assert jaxgel.area_reduction(path)[turn + 1] == pytest.approx(back, abs=2e-2)  # linear between states
 
 
-@pytest.mark.parametrize("kept", [1, 4, 6])
-def test_an_interrupted_sweep_that_turns_goes_on_to_the_bit(model, kept):
-    seen = []
-    whole = jaxgel.sweep(model, GEL, mu=(-3.0, -0.5, -2.0), on_step=lambda state: seen.append(state.light))
-    assert len(whole) > kept
-    rest = jaxgel.sweep(model, GEL, mu=(-3.0, -0.5, -2.0), start=seen[:kept])
-    np.testing.assert_array_equal(rest.mu, whole.mu)
-    np.testing.assert_array_equal(rest.x, whole.x)
-
-
 def test_a_stretched_plate_is_that_whose_edges_are_held_stretched(model):
     path = jaxgel.sweep(model, GEL, control=Stretch("x", mu=-1.0), values=[1.0, 1.1, 1.0])
     held = jaxgel.sweep(_model(_plate(deformation=((1.1, 0.0), (0.0, 1.0)))), GEL, mu=[-3.0, -1.0])

@@ -29,7 +29,7 @@ def test_both_formulations_have_the_same_equilibria(paths):
 
 def test_rollers_come_back_to_their_place(paths):
     model, x = paths[1].model, paths[1].x
-    wall = model.cloud.topology.wall_nodes
+    wall = model.cloud.topology.edge_nodes
     nodes = np.asarray(model.cloud.nodes)
     for edge, axis in (("left", 0), ("right", 0), ("bottom", 1)):
         np.testing.assert_allclose(x[:, wall[edge], axis], np.broadcast_to(nodes[wall[edge], axis], (len(x), len(wall[edge]))), atol=1e-13)

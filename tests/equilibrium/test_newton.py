@@ -67,7 +67,7 @@ def test_equilibrium_has_no_residual_but_on_held_components(problem, state):
 def test_walls_push_back_with_balanced_forces(problem, state):
     force = np.asarray(jax.jit(residual)(state.x, problem.model, problem.gel, -1.5, problem.loads))
     np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-9 * np.abs(force).max())
-    walls = problem.model.cloud.topology.wall_nodes
+    walls = problem.model.cloud.topology.edge_nodes
     assert np.sum(force[walls["right"], 0]) < 0 < np.sum(force[walls["left"], 0])  # the gel presses outwards
 
 

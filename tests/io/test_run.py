@@ -4,13 +4,14 @@ import csv
 import dataclasses
 import json
 import shutil
+import zipfile
 
 import numpy as np
 import pytest
 
 from jaxgel.cases import case as cases
 from jaxgel.cases import load_path
-from jaxgel.io import Recorder, files, load_run, write_atomically
+from jaxgel.io import Recorder, load_run, write_atomically
 from jaxgel.observables import BY_COLUMN, COLUMNS, SELF_CONTACT, area_reduction, events, history, min_gap, outlines, rotation_angle
 
 INTERFACE = (
@@ -80,17 +81,6 @@ def test_a_path_read_back_gives_the_same_observables(run_folder, path):
     np.testing.assert_array_equal(rotation_angle(again), rotation_angle(path))
     np.testing.assert_array_equal(area_reduction(again), area_reduction(path))
     assert again.status == path.status
-
-
-def test_the_method_of_an_earlier_run_keeps_its_meaning(copy):
-    """Until format 2 "mixed" was one pressure per cell."""
-    summary = json.loads((copy / "summary.json").read_text())
-    assert summary["options"]["discretisation"]["method"] == load_run(copy).summary["options"]["discretisation"]["method"] == "mixed"
-    (copy / "summary.json").write_text(json.dumps(summary | {"format": 2}))
-    assert load_run(copy).summary["options"]["discretisation"]["method"] == "cells"
-    del summary["options"]["discretisation"]["method"]
-    (copy / "summary.json").write_text(json.dumps(summary | {"format": 2}))
-    assert load_run(copy).summary["options"]["discretisation"]["method"] == "cells"
 
 
 def test_summary_names_case_options_versions_and_outcome(run_folder):
@@ -170,6 +160,7 @@ def test_rows_from_the_first_self_contact_on_are_invalid(path, tmp_path, monkeyp
 @pytest.mark.parametrize("durable", [True, False])
 def test_after_every_step_the_folder_can_be_read(path, tmp_path, monkeypatch, durable):
     recorder, synced = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel, durable=durable), []
+    recorder.begin()
     monkeypatch.setattr("os.fsync", synced.append)
     with pytest.raises(ValueError, match="no accepted state"):
         load_run(tmp_path)
@@ -202,11 +193,13 @@ def test_ctrl_c_between_a_row_and_its_states_loses_neither(path, tmp_path, monke
     np.testing.assert_array_equal(load_run(tmp_path).mu, path.mu)
 
 
-def test_a_new_run_clears_its_own_files_and_no_others(path, tmp_path):
+def test_a_new_run_clears_its_own_files_and_no_others_when_it_begins(path, tmp_path):
     for name in ("pattern.png", "notes.txt"):
         (tmp_path / name).write_text("before")
     (tmp_path / "vtu").mkdir()
-    Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    recorder = Recorder(tmp_path, cases.load_case("sample-1"), path.model, path.gel)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["notes.txt", "pattern.png", "vtu"]
+    recorder.begin()
     assert sorted(file.name for file in tmp_path.iterdir()) == ["history.csv", "notes.txt", "summary.json"]
 
 
@@ -214,6 +207,22 @@ def test_a_row_cut_off_by_a_crash_is_left_out(copy):
     file = copy / "history.csv"
     file.write_bytes(file.read_bytes()[:-30])
     assert len(load_run(copy).mu) == len(load_run(copy).history["mu"]) == 3
+
+
+def test_a_table_of_other_columns_is_read(copy):
+    """As of a version that had neither the surface's stability nor the smallest gap, but another quantity."""
+    with (copy / "history.csv").open(newline="") as stream:
+        rows = [dict(row) for row in csv.DictReader(stream)]
+    kept = [name for name in rows[0] if name not in ("surface_stability", "min_gap")]
+    expected = load_run(copy).history
+    lines = [",".join(["porosity", *kept]), *(",".join(["0.5", *(row[name] for name in kept)]) for row in rows)]
+    (copy / "history.csv").write_text("\n".join(lines) + "\n")
+    found = load_run(copy).history
+    assert list(found) == list(expected) and np.isnan(found["min_gap"]).all()
+    np.testing.assert_array_equal(found["energy"], expected["energy"])
+    (copy / "history.csv").write_text("mu,energy\n-1.0,2.0\n")
+    with pytest.raises(ValueError, match=r"history\.csv.*: it has no column status$"):
+        load_run(copy)
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path):
@@ -261,10 +270,12 @@ def test_files_above_the_size_limit_are_not_read(copy):
         load_run(copy, max_bytes=1000)
 
 
-def test_an_array_that_claims_more_than_its_bytes_is_refused():
+def test_an_array_that_claims_more_than_its_bytes_is_refused(copy):
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + b"\n"
-    with pytest.raises(ValueError, match="does not fit its bytes"):
-        files.read_array(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(8))
+    with zipfile.ZipFile(copy / "states.npz", "w") as archive:
+        archive.writestr("mu.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(8))
+    with pytest.raises(ValueError, match=r"states\.npz.*damaged or not written by jaxgel"):
+        load_run(copy)
 
 
 def test_a_folder_without_a_run_is_named(tmp_path):

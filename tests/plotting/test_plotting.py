@@ -114,7 +114,7 @@ def test_events_are_marked_and_what_is_invalid_is_shaded(path, monkeypatch):
 def test_names_that_do_not_exist_are_refused(path):
     with pytest.raises(ValueError, match="field: 'pressure' is not one of J, stretch"):
         plot_pattern(path, field="pressure")
-    with pytest.raises(ValueError, match="quantity: 'turn' is not one of rotation"):
+    with pytest.raises(ValueError, match="quantity: 'turn' is not one of J, area_reduction, rotation"):
         plot_curve(path, "turn")
 
 

@@ -81,7 +81,7 @@ def test_edges_that_cannot_be_moved_at_once_move_in_steps():
     edges = {"left": "free", "right": "free", "bottom": "fixed", "top": "fixed"}
     path, X = swept(jaxgel.Plate(2, 1, edges=edges, displacement={"top": (0.0, 0.25)}), [-4.0], spacing=0.25)
     forces = np.asarray(jax.jit(residual)(path.x[0], path.model, GEL, -4.0, jnp.zeros_like(path.x[0])))
-    top, bottom = (forces[path.model.lists.topology.wall_nodes[edge]].sum(axis=0) for edge in ("top", "bottom"))
+    top, bottom = (forces[path.model.lists.topology.edge_nodes[edge]].sum(axis=0) for edge in ("top", "bottom"))
     assert top[1] > 1e-4
     np.testing.assert_allclose(top + bottom, 0.0, atol=1e-9)
     np.testing.assert_allclose(path.x[0][np.abs(X[:, 1] - 0.5) < 1e-9, 1], 0.75, rtol=0, atol=1e-14)
@@ -129,7 +129,7 @@ def test_sheared_cell_keeps_its_period_and_its_mean_deformation():
     """Opposite sides differ by the macroscopic deformation of the period, so the mean deformation gradient of gel and hole is F."""
     F = np.array([[1.1, 0.15], [0.0, 1.05]])
     path, X = swept(jaxgel.Plate(2, 2, HOLE, edges="periodic", deformation=F.tolist()), [-1.5], spacing=0.2, nodes_per_hole=20)
-    walls = path.model.lists.topology.wall_nodes
+    walls = path.model.lists.topology.edge_nodes
     for low, high, period in (("left", "right", [2.0, 0.0]), ("bottom", "top", [0.0, 2.0])):
         apart = path.x[0][walls[high]] - path.x[0][walls[low]]
         np.testing.assert_allclose(apart, np.tile(F @ period, (len(apart), 1)), rtol=0, atol=1e-14)
@@ -185,7 +185,7 @@ def test_a_case_file_can_say_all_of_it():
     model = case.model()
     np.testing.assert_allclose(case.loads.of(model).sum(axis=0), [0.0, 2 * 1e-3 - 2 * 1e-4], atol=1e-15)
     path = jaxgel.sweep(model, case.gel, mu=[-2.0], loads=case.loads.of(model))
-    base = path.model.lists.topology.wall_nodes["bottom"]
+    base = path.model.lists.topology.edge_nodes["bottom"]
     np.testing.assert_allclose(path.x[0][base], np.asarray(model.cloud.nodes)[base] * [1.1, 1.0] + [0.0, 0.5], atol=1e-14)
 
 

@@ -82,15 +82,19 @@ def test_the_way_back_has_the_states_of_the_way_there(turned):
 
 
 @pytest.mark.parametrize("states", [1, "middle", "all but one"])
-def test_a_killed_run_ends_with_the_same_bits(states, folder, tmp_path):
-    count = len(load_run(folder).mu)
-    killed = tmp_path / f"after-{ {'middle': count // 2 + 1, 'all but one': count - 1}.get(states, states) }"
+def test_a_killed_run_goes_on_from_its_last_state_by_way_of_the_turning_point(states, folder, tmp_path):
+    whole = load_run(folder)
+    count = len(whole.mu)
+    k = {"middle": count // 2 + 1, "all but one": count - 1}.get(states, states)
+    killed = tmp_path / f"after-{k}"
     shutil.copytree(folder.with_name(killed.name), killed)
     assert cli.main(["resume", str(killed), "--quiet", "--no-plots"]) == 0
-    for name in ("states.npz", "history.csv"):
-        assert (killed / name).read_bytes() == (folder / name).read_bytes()
-    one, two = (json.loads((place / "summary.json").read_text()) for place in (killed, folder))
-    assert one | {"wall_seconds": 0} == two | {"wall_seconds": 0}
+    run = load_run(killed)
+    np.testing.assert_array_equal(run.x[:k], whole.x[:k])
+    assert (run.value[0], run.value.min(), run.value[-1]) == (0.5, 0.3, 0.5)
+    for value in (0.3, 0.5):
+        x, expected = (r.x[np.flatnonzero(r.value == value)[-1]] for r in (run, whole))
+        np.testing.assert_allclose(x, expected, atol=1e-9)
 
 
 def test_a_run_of_another_control_is_refused_in_one_line(folder, tmp_path, capsys):

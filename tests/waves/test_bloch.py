@@ -79,7 +79,7 @@ def test_a_wave_has_the_curvature_that_its_eigenvalue_says(waves):
     total = sum(jax.jit(curvature)(jnp.asarray(state.x), jnp.asarray(v), *at) for v in (field.real, field.imag))
     assert float(total) == pytest.approx(value, rel=1e-8)
     phase = np.exp(2j * K)  # of the right and the top edge, 2 mm away
-    walls = problem.model.cloud.topology.wall_nodes
+    walls = problem.model.cloud.topology.edge_nodes
     for edge, opposite, factor in (("right", "left", phase[0]), ("top", "bottom", phase[1])):
         np.testing.assert_allclose(field[walls[edge]], factor * field[walls[opposite]], atol=1e-12)
 
