@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from .._types import Float
+from .._validation import GONE
 from ..equilibrium import Status
 from ..observables import BY_COLUMN, COLUMNS, OF_CELLS
 from .files import MAX_BYTES, guarded, read_arrays
 
 FORMAT = 3  # raised when the meaning of a file changes
-EARLIER = 2  # read too: its method "mixed" is today's "cells", and its clouds do not follow outlines
 STEP_ARRAYS = (
     "mu",
     "x",
@@ -114,8 +114,8 @@ def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, An
 
 def _read_summary(content: bytes, _: int) -> dict[str, Any]:
     summary = json.loads(content)
-    if summary["format"] not in (EARLIER, FORMAT):
-        raise ValueError(f"format {summary['format']}, this version reads {EARLIER} and {FORMAT}")
+    if summary["format"] != FORMAT:
+        raise ValueError(f"format {summary['format']}, this version reads {FORMAT}")
     wanted = {
         "case": str,
         "options": dict,
@@ -133,11 +133,11 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
         raise ValueError("control has no name or unit")
     if summary["stop"] not in Status.__members__:
         raise ValueError(f"stop {summary['stop']!r} is no status")
-    if summary["format"] == EARLIER:
-        discretisation = summary["options"].setdefault("discretisation", {})
-        if discretisation.get("method", "mixed") == "mixed":
-            discretisation["method"] = "cells"
-        discretisation["follow_outlines"] = False
+    for name, now in GONE.items():
+        section, entry = name.split(".")
+        had = summary["options"].get(section, {}).pop(entry, now)
+        if had != now and now is not None:
+            raise ValueError(f"{name} {had!r} is not in this version; read it with version 0.2")
     return summary
 
 

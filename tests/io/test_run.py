@@ -82,15 +82,18 @@ def test_a_path_read_back_gives_the_same_observables(run_folder, path):
     assert again.status == path.status
 
 
-def test_the_method_of_an_earlier_run_keeps_its_meaning(copy):
-    """Until format 2 "mixed" was one pressure per cell."""
+def test_a_run_of_version_0_2_is_read_if_its_method_is_there_still(copy):
     summary = json.loads((copy / "summary.json").read_text())
-    assert summary["options"]["discretisation"]["method"] == load_run(copy).summary["options"]["discretisation"]["method"] == "mixed"
-    (copy / "summary.json").write_text(json.dumps(summary | {"format": 2}))
-    assert load_run(copy).summary["options"]["discretisation"]["method"] == "cells"
-    del summary["options"]["discretisation"]["method"]
-    (copy / "summary.json").write_text(json.dumps(summary | {"format": 2}))
-    assert load_run(copy).summary["options"]["discretisation"]["method"] == "cells"
+    options = summary["options"]
+    before = {"plate": options["plate"] | {"cells": 40}, "discretisation": options["discretisation"] | {"quadrature": "conforming"}}
+    for method in ("mixed", "cells"):
+        before["discretisation"]["method"] = method
+        (copy / "summary.json").write_text(json.dumps(summary | {"options": options | before}))
+        if method == "mixed":
+            assert load_run(copy).summary == summary
+            continue
+        with pytest.raises(ValueError, match=r"discretisation\.method 'cells' is not in this version; read it with version 0\.2"):
+            load_run(copy)
 
 
 def test_summary_names_case_options_versions_and_outcome(run_folder):
