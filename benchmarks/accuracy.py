@@ -1,6 +1,6 @@
 """Accuracy of jaxgel against refined finite elements (references.json, jaxgel/paper/finite_elements.json), one table per row of `ROWS`.
 
-    python benchmarks/accuracy.py [--rows core midline ...] [--nodes 1000 1800] [--method mixed] [--across 4] [--option dmax=3.5]
+    python benchmarks/accuracy.py [--rows core midline ...] [--nodes 1000 1800] [--across 4] [--option dmax=3.5]
 
 Every table says what is measured, the error of each cloud and the target. The rows core, midline, energy and nodal share one sweep of
 sample 1 per cloud; nodal and outline solve the finite elements again for the displacement at the nodes (NGSolve, extra ``[bench]``).
@@ -57,9 +57,8 @@ LAST = {"core": -0.9178, "midline": AT, "energy": -0.9178}  # mu up to which the
 class Runs:
     """Models and sweeps of the discretisation that the command line asks for."""
 
-    def __init__(self, *, method=None, across=None, options=()):
-        self.across = across
-        self.options = ({"method": method} if method else {}) | dict(options)
+    def __init__(self, *, across=None, options=()):
+        self.across, self.options = across, dict(options)
 
     def model(self, plate, **cloud):
         return jaxgel.discretise(jaxgel.make_cloud(plate, across=self.across, **cloud), **self.options)
@@ -316,18 +315,16 @@ def searched(moved):
 
 
 def row_time(runs, options):
-    """A sweep of sample 1 in 30 states beside one with a pressure per cell, in turns: medians, seconds."""
+    """A sweep of sample 1 in 30 states: seconds."""
     plate, mu = jaxgel.sample("sample-1"), np.linspace(-4.9678, -0.9178, 30)
-    heading("30 states of sample 1, one after the other in turns: seconds, median of 7")
-    line("nodes", ("method", "cells", "ratio"))
+    heading("30 states of sample 1: seconds, median of 7")
+    line("nodes", ("seconds",))
     found = {}
     for nodes in options.nodes:
-        cloud = jaxgel.make_cloud(plate, spacing=SPACINGS[nodes])
-        models = [jaxgel.discretise(cloud, **runs.options), jaxgel.discretise(cloud, method="cells")]
-        taken = [[seconds_of(jaxgel.sweep, model, plate.gel, mu=mu) for model in models] for _ in range(8)][1:]  # the first ones compile
-        medians = np.median(taken, axis=0)
-        found[nodes] = *medians, medians[0] / medians[1]
-        line(len(cloud.nodes), [f"{value:.2f}" for value in found[nodes]])
+        model = runs.model(plate, spacing=SPACINGS[nodes])
+        taken = [seconds_of(jaxgel.sweep, model, plate.gel, mu=mu) for _ in range(8)][1:]  # the first one compiles
+        found[nodes] = np.median(taken)
+        line(model.n_nodes, [f"{found[nodes]:.2f}"])
     return found
 
 
@@ -360,13 +357,12 @@ def main():
     parser.add_argument("--sensitivity-nodes", type=int, choices=SPACINGS, default=1800, help="cloud of the sensitivities (1800)")
     parser.add_argument("--outline-nodes", type=int, nargs="+", default=list(OUTLINE_NODES), help="per hole, for the row outline")
     parser.add_argument("--cases", nargs="+", choices=ONSETS, default=list(ONSETS), metavar="CASE", help="of the onsets (all)")
-    parser.add_argument("--method", help="of jaxgel.discretise (its default)")
     parser.add_argument("--across", type=int, help="of jaxgel.make_cloud (its default)")
     parser.add_argument("--option", nargs="+", default=[], metavar="NAME=VALUE", help="further options of jaxgel.discretise")
     parser.add_argument("--out", type=Path, help="file for the numbers")
     options = parser.parse_args()
-    runs = Runs(method=options.method, across=options.across, options=[parsed(text) for text in options.option])
-    print(f"jaxgel at {Path(jaxgel.__file__).parent}, across {runs.across}, {runs.options or 'default method'}")
+    runs = Runs(across=options.across, options=[parsed(text) for text in options.option])
+    print(f"jaxgel at {Path(jaxgel.__file__).parent}, across {runs.across}, {runs.options or 'default options'}")
     found = {row: ROWS[row](runs, options) for row in options.rows}
     if options.out:
         options.out.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
 """The tables of the how-to pages: python benchmarks/howto.py [rotations] [cell] [box]
 
-``rotations`` is sample 1 by spacing, basis and method (docs/howto/discretisation.md); ``cell`` is the onset of buckling of the periodic
+``rotations`` is sample 1 by spacing and basis (docs/howto/discretisation.md); ``cell`` is the onset of buckling of the periodic
 cell of 2 x 2 holes, the lattice without end, by spacing (docs/howto/boundary.md); ``box`` is the lowest eigenvalue of a gel without holes
 by its pressure, and the pressures in three samples (docs/howto/trust.md). Without names all.
 """
@@ -12,7 +12,7 @@ import numpy as np
 import jaxgel
 
 MU = [-2.9678, -1.9678, -1.4678, -0.9678]
-ROWS = [dict(spacing=spacing) for spacing in (1.1, 22 / 30, 0.55, 22 / 60)] + [dict(basis="linear"), dict(method="displacement")]
+ROWS = [dict(spacing=spacing) for spacing in (1.1, 22 / 30, 0.55, 22 / 60)] + [dict(basis="linear")]
 SPACINGS = (0.2, 0.125, 0.1, 1 / 12, 0.0625)  # mm
 PRESSURES = (60, 45, 40, 20, 0, -200, -400, -600, -800)  # Nv
 

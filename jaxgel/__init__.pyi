@@ -76,8 +76,6 @@ from .materials import free_energy as free_energy
 from .materials import free_swelling as free_swelling
 from .materials import homogeneous_states as homogeneous_states
 from .materials import limits_of_stability as limits_of_stability
-from .materials import paper_stress as paper_stress
-from .materials import paper_tangent as paper_tangent
 from .materials import uniaxial_swelling as uniaxial_swelling
 from .mechanics import Loads as Loads
 from .mechanics import load_vector as load_vector
@@ -92,6 +90,8 @@ from .observables import rotation_angle as rotation_angle
 from .observables import surface_ratio as surface_ratio
 from .observables import surface_stability as surface_stability
 from .observables import volume_ratio as volume_ratio
+from .paper import paper_stress as paper_stress
+from .paper import paper_tangent as paper_tangent
 from .waves import LatticeOnset as LatticeOnset
 from .waves import lattice_onset as lattice_onset
 from .waves import primitive_cell as primitive_cell

@@ -123,20 +123,13 @@ def coarse_path(coarse_model):
 def tiny_plate():
     """A plate of 4 x 4 mm with one round hole, free at the top; its gel is that of the samples."""
     hole = jaxgel.Circle(centre=(0.1, -0.2), radius=1.1)
-    return jaxgel.Plate(4, 4, [hole], edges={"top": "free"}, spacing=0.5, nodes_per_hole=12, cells=6, gel=jaxgel.Gel(Nv=1e-3, chi=1e-4))
+    return jaxgel.Plate(4, 4, [hole], edges={"top": "free"}, spacing=0.5, nodes_per_hole=12, gel=jaxgel.Gel(Nv=1e-3, chi=1e-4))
 
 
 @pytest.fixture(scope="session")
 def tiny_model(tiny_plate):
     """The tiny plate with 79 nodes, small enough for dense Hessians."""
     return jaxgel.discretise(jaxgel.make_cloud(tiny_plate))
-
-
-@pytest.fixture(scope="session")
-def tiny_displacement_model(tiny_plate):
-    """The tiny plate with the paper's scheme: J at every Gauss point of square cells."""
-    cloud = jaxgel.make_cloud(tiny_plate)
-    return jaxgel.discretise(cloud, basis="linear", dmax=2.5, method="displacement", quadrature="paper")
 
 
 @pytest.fixture(scope="session")

@@ -185,7 +185,7 @@ def _loop(problem, ends, options, unstable, on_step):
         way = Followed(prepared, [*ends, ends[0]], options)
         states = way.light_states(on_step)
         if not states:
-            raise first_state_failed(problem.model, problem.control, ends[0], way.stop)
+            raise first_state_failed(problem.control, ends[0], way.stop)
         return _with_limits(prepared, states, ends, way.stop, unstable)
 
 

@@ -19,7 +19,7 @@ A table has the sections of a case file, all but ``plate`` optional:
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [list]; or control = "temperature" ..., from, to, steps, or
                        values = [list], at_mu; back = true; branch, imperfection, contact
-    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, method, quadrature, solver
+    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, solver
     [output]           figures, animation, paraview (true or false)
 
 Every table is checked against `schema.case_schema` first.
@@ -66,7 +66,7 @@ class Case:
     sweep: SweepOptions
     """Control, its values and branch."""
     discretisation: DiscretisationOptions
-    """Cloud and method."""
+    """Cloud and discretisation."""
     output: OutputOptions
     """Files to write."""
     source: dict
@@ -85,15 +85,11 @@ class Case:
         check_edges(self.plate)
         if self.sweep.control != "stretch":
             check_room(self.plate)
-        options = self.discretisation
-        if self.plate.reference is not None and options.quadrature == "paper":  # its cells do not follow moving holes
-            cloud = options.cloud(dataclasses.replace(self.plate, reference=None))
-        else:
-            cloud = self.cloud() if cloud is None else cloud
-            if self.plate.reference is not None:
-                check_plate(self.plate)
-                cloud, _ = options.refreshed(cloud, self.plate)
-        model = options.model(cloud)
+        cloud = self.cloud() if cloud is None else cloud
+        if self.plate.reference is not None:
+            check_plate(self.plate)
+            cloud, _ = self.discretisation.refreshed(cloud, self.plate)
+        model = self.discretisation.model(cloud)
         return with_contact(model, self.gel) if self.sweep.contact == "on" else model
 
     def control(self, model: Model) -> Control | None:

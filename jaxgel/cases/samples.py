@@ -11,7 +11,7 @@ from ..geometry import Circle, Ellipse, Plate, Rectangle
 from ..materials import Gel
 
 SIDE = 22.0  # of the plates of samples 1-9
-GRID = 40  # background intervals and quadrature cells per side
+GRID = 40  # background intervals per side
 _CIRCLES = (2 * math.sqrt(20) + 1) / 2  # distance of a circle's centre from the axes: the largest leave 1 mm between them
 _SQUARES = (math.sqrt(20 * math.pi) + 1) / 2  # the same for squares
 
@@ -22,7 +22,7 @@ def sample_names() -> list[str]:
 
 
 def sample(name: str) -> Plate:
-    """The plate of a case of the paper with the paper's gel, node spacing, nodes per hole, quadrature cells and wall conditions.
+    """The plate of a case of the paper with the paper's gel, node spacing, nodes per hole and wall conditions.
 
     "sample-1" ... "sample-9", "lattice" or "square". Raises ValueError for another name.
     """
@@ -36,7 +36,7 @@ def _four_holes(name, distance, hole):
     centres = [(x * distance, y * distance) for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     holes = [hole(centre, 0.0 if centre[0] * centre[1] > 0 else math.pi / 2) for centre in centres]
     gel = Gel(Nv=1e-3, chi=1e-4)
-    return Plate(SIDE, SIDE, holes, name=name, spacing=SIDE / GRID, nodes_per_hole=40, cells=GRID, gel=gel)
+    return Plate(SIDE, SIDE, holes, name=name, spacing=SIDE / GRID, nodes_per_hole=40, gel=gel)
 
 
 def _ellipses(length, width):
@@ -56,13 +56,13 @@ def _lattice(name):
     """Lengths in 1e-3 mm; the edge cuts the outer holes to halves and quarters."""
     holes = [Circle(centre, 0.9) for centre in itertools.product((-4.0, -2.0, 0.0, 2.0, 4.0), repeat=2)]
     gel = Gel(Nv=1e-3, chi=1e-5)
-    return Plate(8.0, 8.0, holes, name=name, spacing=8.0 / GRID, nodes_per_hole=20, cells=20, core=(1.0, 1.0), gel=gel, unit="1e-3 mm")
+    return Plate(8.0, 8.0, holes, name=name, spacing=8.0 / GRID, nodes_per_hole=20, core=(1.0, 1.0), gel=gel, unit="1e-3 mm")
 
 
 def _square(name):
     """The unit square for uniaxial swelling, free at the top."""
     gel = Gel(Nv=1e-3, chi=0.1)
-    return Plate(1.0, 1.0, edges={"top": "free"}, name=name, spacing=1 / 6, cells=6, gel=gel)
+    return Plate(1.0, 1.0, edges={"top": "free"}, name=name, spacing=1 / 6, gel=gel)
 
 
 _SAMPLES = {

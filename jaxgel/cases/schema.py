@@ -186,7 +186,6 @@ PLATE = {
     "displacement": tabled(dict.fromkeys(EDGES, PAIR)),
     "spacing": POSITIVE,
     "nodes_per_hole": whole(3),
-    "cells": whole(1, 300),
     "core": PAIR,
     "unit": TEXT,
 }  # fields of `geometry.Plate`; the first two are required

@@ -14,7 +14,7 @@ OPTIONS = {
         *("control", "mu_start", "mu_end", "from", "to", "back", "values", "at_mu", "direction"),
         *("steps", "branch", "imperfection", "contact"),
     ),
-    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "method", "quadrature", "solver"),
+    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "solver"),
 }  # sections of a case file and their entries that are options of commands
 RUN, DESIGN, STARTS, MAP = "summary.json", "design.json", "starts.json", "map.json"
 COUNTS = {"divisions": 64, "most": 100, "states": 1000, "workers": 1024}

@@ -66,9 +66,7 @@ def _case_commands(add):
     _choice(p, "sweep", "contact", "where a hole's sides meet: keep them apart, let them overlap, or stop (default: on)")
     p.add_argument("--across", type=_whole, metavar="N", help="at least N nodes across every ligament, by local refinement")
     _choice(p, "discretisation", "basis", "basis of the shape functions (default: quadratic)")
-    p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95, paper quadrature 3.5)")
-    _choice(p, "discretisation", "method", "pressures linear over patches (mixed), one pressure per cell (cells), or displacement only")
-    _choice(p, "discretisation", "quadrature", "cells along the true outline, or the paper's (default: conforming)")
+    p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95)")
     _choice(p, "discretisation", "solver", "how linear systems are solved (default: auto, by their size)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation")
 

@@ -26,8 +26,8 @@ def run(args: Namespace) -> int:
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / case.name)
     say = printer(args)
-    model, d = case.model(), case.discretisation
-    say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {d.basis} basis, {d.method} method")
+    model = case.model()
+    say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {model.basis} basis")
     recorder = Recorder(folder, case, model, case.gel)
     recorder.begin()
     return run_recorded(recorder, args)

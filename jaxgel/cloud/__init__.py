@@ -7,7 +7,7 @@ from .cloud import Cloud, make_cloud, place
 from .ligaments import find_ligaments
 from .morph import thin_plate_matrix
 from .outlines import OUTLINE_SEGMENTS, Outline, loop
-from .quadrature import EDGE_POINTS, edge_points, square_cells
+from .quadrature import EDGE_POINTS
 from .quadtree import make_background
 from .topology import GRADING, Topology, assemble
 
@@ -23,7 +23,6 @@ __all__ = [
     "assemble",
     "boundary_edges",
     "contour_edges",
-    "edge_points",
     "find_ligaments",
     "loop",
     "make_background",
@@ -31,6 +30,5 @@ __all__ = [
     "narrow_ligament",
     "partition",
     "place",
-    "square_cells",
     "thin_plate_matrix",
 ]

@@ -1,4 +1,4 @@
-"""Quadrature points of the integration cells, which move with the cells' vertices, and the paper's fixed ones.
+"""Quadrature points of the integration cells, which move with the cells' vertices.
 
 A parallelogram, such as a whole background square, and a quadrilateral that a mirror of its piece keeps carry 2 x 2 Gauss points, which do
 not prefer one of the diagonals; the rest is integrated over its triangles. Index letters: ``p`` point, ``k`` vertex.
@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Int
-from ..geometry import Plate
 from .cells import Partition
 
 EDGE_POINTS = np.array([0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12)])  # equal weights, exact for cubics
@@ -90,20 +89,3 @@ def _rule(corners, owner, values, slopes, share):
     e, q = len(corners), len(values)
     columns = np.repeat(corners, q, axis=0), np.tile(values, (e, 1)), np.tile(slopes, (e, 1, 1))
     return *columns, np.full(e * q, share), np.repeat(owner, q)
-
-
-@jax.jit
-def edge_points(vertices: Float[Array, "v 2"], edges: Int[Array, "e 2"]) -> Float[Array, "r 2"]:
-    """Two Gauss points of each edge, r = 2 e, for these positions of the vertices."""
-    start, end = vertices[edges[:, 0]], vertices[edges[:, 1]]
-    return (start[:, None] + EDGE_POINTS[:, None] * (end - start)[:, None]).reshape(-1, 2)
-
-
-def square_cells(plate: Plate, side: int) -> tuple[Float[np.ndarray, "c 16 2"], Float[np.ndarray, "c 16"]]:
-    """Gauss points and weights of the paper's ``side`` x ``side`` background cells with 4 x 4 points each."""
-    g, w = np.polynomial.legendre.leggauss(4)
-    middle = (np.arange(side) + 0.5) / side - 0.5
-    centres = np.stack(np.meshgrid(middle * plate.width, middle * plate.height, indexing="ij"), axis=-1).reshape(-1, 1, 2)
-    half = np.array([plate.width, plate.height]) / (2 * side)
-    local = np.stack(np.meshgrid(g, g, indexing="ij"), axis=-1).reshape(1, -1, 2) * half
-    return centres + local, np.broadcast_to(np.outer(w, w).ravel() * half.prod(), (len(centres), 16))

@@ -5,8 +5,9 @@ from .eigenvalue import lowest_eigenvalue
 from .follow import Followed, Following
 from .options import BRANCHES, CONTACT, SweepOptions, check_sweep
 from .path import Path, check_is_path
-from .predictor import predict
+from .predictor import extrapolated, predict
 from .stability import ACCURACY, StabilityAnalysis, oriented
+from .steps import given_values
 from .sweeps import sweep, values_of
 from .switching import across
 
@@ -24,7 +25,9 @@ __all__ = [
     "across",
     "check_is_path",
     "check_sweep",
+    "extrapolated",
     "first_state_failed",
+    "given_values",
     "is_traced",
     "lowest_eigenvalue",
     "oriented",

@@ -124,7 +124,7 @@ def _states(static, floats, rest):
         followed = Followed(problem, values.tolist(), static.options)
         states = followed.light_states(lambda state: remember(state.factor, state.x))
     if not states:
-        raise first_state_failed(model, control, values[0], followed.stop)
+        raise first_state_failed(control, values[0], followed.stop)
     values = np.array([state.value for state in states]) if static.ends else values
     return _columns(problem, states, followed.stop, values, static.options)
 
@@ -151,10 +151,10 @@ def _states_jvp(static, primals, tangents):
     return (x, report), (x_dot, report_dot)
 
 
-def first_state_failed(model: Model, control: Control | None, value: float, status: Status) -> SweepFailed:
+def first_state_failed(control: Control | None, value: float, status: Status) -> SweepFailed:
     """The error of a sweep whose first state was not found."""
     what = f"sweep: no equilibrium at {control_name(control)} = {value:.6g}: {status.text}"
-    return SweepFailed(what + (remedy(model, status) if control is None else ""))
+    return SweepFailed(what + (remedy(status) if control is None else ""))
 
 
 @jax.jit

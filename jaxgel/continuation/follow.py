@@ -20,19 +20,15 @@ from ..equilibrium import (
     dry_state,
     of_control,
     of_outlines,
-    prepare_incremental,
-    prepare_weak,
     relax,
     relax_along,
     solve,
-    solve_incremental,
-    solve_weak,
 )
 from ..linalg import SingularTangent
 from ..materials import gel_in_groups, rises_always
-from ..mechanics import Problem, all_volumes, carries_volume, free_dofs, restrict, touches, volume_ratios
+from ..mechanics import Problem, all_volumes, carries_volume, restrict, touches, volume_ratios
 from .frames import Frames
-from .options import BRANCHES, CONTACT, FORMULATIONS, MAX_STEPS, SYMMETRY
+from .options import BRANCHES, CONTACT, MAX_STEPS, SYMMETRY
 from .predictor import EXTRAPOLATED, predict, same_branch
 from .steps import Steps, adaptive, given_values
 from .switching import stable_state
@@ -55,8 +51,6 @@ class Following:
     """Branch to follow where the plate is symmetric, "stable" or "symmetric"."""
     contact: str = "on"
     """Where hole boundaries meet, keep them apart ("on"), let them overlap ("off"), or "stop"."""
-    formulation: str = "total"
-    """"total" energy, or "incremental": the paper's algorithm."""
     adaptive: bool = False
     """Whether the values of the control are the ends and turning points of adaptive steps."""
     max_steps: int = MAX_STEPS
@@ -67,7 +61,7 @@ class Following:
     """Whether a stable branch that ends is left by relaxation without contact too, and an unstable state ends the sweep."""
 
     def __post_init__(self) -> None:
-        for name, choices in (("branch", BRANCHES), ("contact", CONTACT), ("formulation", FORMULATIONS), ("symmetry", SYMMETRY)):
+        for name, choices in (("branch", BRANCHES), ("contact", CONTACT), ("symmetry", SYMMETRY)):
             one_of(name, getattr(self, name), choices)
 
 
@@ -94,27 +88,15 @@ class Followed:
 
 def follow(problem: Problem, values: list[float], options: Following, before: list[State] | tuple = ()) -> Steps:
     """Yield the accepted states at the ``values`` after those ``before``, each with its factor; returns how it ended, see `steps`."""
-    attempt = _attempt_of(problem, options, values)
+    longest = SNAP * scale_of(problem.control)
+    if options.jumps:
+        longest = min(longest, SNAP * float(np.ptp(values)))
+    attempt = _Attempt(Frames(problem, symmetry=options.symmetry == "auto"), options.branch == "stable", options.jumps, longest)
     if options.contact == "stop":
         attempt = _until_contact(attempt, problem.model)
     if options.adaptive:
         return adaptive(attempt, values, list(before), options.max_steps)
     return given_values(attempt, values, list(before))
-
-
-def _attempt_of(problem, options, values) -> Callable:
-    """Function of a value and the states before it that gives the `State` there, whatever its status."""
-    model, free = problem.model, free_dofs(problem.model.lists.topology)
-    if options.formulation == "incremental":
-        own = prepare_incremental(model, problem.gel, problem.loads, free)
-        return lambda value, states: solve_incremental(own, value, predict(problem, value, same_branch(states))[0] if states else None)
-    if model.conditions != "nodes":
-        own = prepare_weak(model, problem.gel, problem.loads, free)
-        return lambda value, states: solve_weak(own, value, *predict(problem, value, same_branch(states)))
-    longest = SNAP * scale_of(problem.control)
-    if options.jumps:
-        longest = min(longest, SNAP * float(np.ptp(values)))
-    return _Attempt(Frames(problem, symmetry=options.symmetry == "auto"), options.branch == "stable", options.jumps, longest)
 
 
 def _until_contact(attempt, model):

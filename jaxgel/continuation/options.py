@@ -17,7 +17,6 @@ from ..mechanics import Problem, check_driven, check_room
 BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
 CONTROLS = ("mu", "temperature", "chi", "pH", "salt", "stretch", "load")
-FORMULATIONS = ("total", "incremental")
 SYMMETRY = ("auto", "off")
 DIGITS = 100.0  # least network stiffness over the round-off of the bulk stiffness: two digits of it are left in the tangent
 LOW_MU = -12.0  # kT: above it J - 1 is far above round-off

@@ -23,14 +23,22 @@ def predict(problem: Problem, value: float, history: list[State]) -> tuple[Float
     without any.
 
     The first state of a sweep has its rate of change, which serves where it is alone.
-    The polynomial goes through as many of the last states as would have predicted the last one best, and through one more where that is
-    all of them: a polynomial of high degree is good on a smooth path and leaves the branch where that has turned.
     """
     if not history:
         return dry_state(problem, value)
     if len(history) == 1 and history[0].rate is not None:
         last, share = history[0], value - history[0].value
         return np.asarray(last.x) + share * last.rate, np.asarray(last.pressure) + share * pressure_rate(problem, last, last.rate)
+    return extrapolated(value, history)
+
+
+def extrapolated(value: float, states: list[State]) -> tuple[Float[Array, "n 2"], Float[Array, "..."]]:
+    """Positions and pressures at a ``value`` of the control by the polynomial through the last states, at least one.
+
+    It goes through as many of them as would have predicted the last one best, and through one more where that is all of them: a polynomial
+    of high degree is good on a smooth path and leaves the branch where that has turned.
+    """
+    history = states[-EXTRAPOLATED:]
     at = np.array([state.value for state in history])
     x = np.stack([np.asarray(state.x) for state in history])
     misses = [np.linalg.norm(np.tensordot(_weights(at[-k - 1 : -1], at[-1]), x[-k - 1 : -1], 1) - x[-1]) for k in range(1, len(at))]

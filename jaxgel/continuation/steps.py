@@ -19,7 +19,7 @@ GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of an adaptive step after s
 Steps = Generator[State, None, tuple[Status, float]]
 
 
-def given_values(attempt: Callable, values: list[float], before: list[State]) -> Steps:
+def given_values(attempt: Callable[[float, list[State]], State], values: list[float], before: list[State]) -> Steps:
     """States at the given values, after those ``before``; a failed step is cut, its intermediate states are not kept."""
     states = list(before)
     for value in values:

@@ -8,7 +8,7 @@ from .._types import Array, Float
 from ..controls import Control, check_values, control_name, unit_of
 from ..discretisation import Model
 from ..equilibrium import State
-from ..materials import AnyGel, varies
+from ..materials import AnyGel
 from ..mechanics import localised, prepare, with_contact
 from .autodiff import first_state_failed, is_traced, traced_sweep
 from .follow import Followed, Following
@@ -31,7 +31,6 @@ def sweep(
     on_step: Callable[[State], None] | None = None,
     start: State | None = None,
     max_steps: int = MAX_STEPS,
-    formulation: str = "total",
     symmetry: str = "auto",
 ) -> Path:
     """`Path` of equilibria at the given values ``mu`` (k,), kT, or at ``values`` (k,) of another ``control``, which may rise and fall.
@@ -43,8 +42,7 @@ def sweep(
     Either way ``path.negative_pivots`` says of each state whether it is stable (0). Where the sides of a hole meet, ``contact="on"`` keeps
     them apart (range and stiffness: ``mechanics.with_contact``), ``"off"`` lets them overlap, and ``"stop"`` ends the sweep. With contact a
     stable branch that ends, or turns unstable, is left by relaxation (``switched``). ``loads`` (n, 2) are dead nodal forces, see
-    ``load_vector``. ``formulation="incremental"`` is the paper's algorithm instead of the total energy; like weak conditions it has neither
-    contact nor other branches. ``symmetry="auto"`` finds symmetric states on a fundamental region of the plate (see ``symmetry``): the same
+    ``load_vector``. ``symmetry="auto"`` finds symmetric states on a fundamental region of the plate (see ``symmetry``): the same
     states, sooner; ``"off"`` does not. ``on_step(state)`` is called with each accepted `State`, which still has its factor, of a symmetric
     state by blocks; ``start`` is a State to continue from. Raises ValueError for a gel, control or values that cannot be used and
     ``SweepFailed`` where the first state is not found; later failures end the path early, with the reason in ``path.stop`` and
@@ -52,13 +50,10 @@ def sweep(
     ``jax.vmap`` a sweep is refused.
     """
     values = values_of(mu, control, values)
-    options = Following(branch, contact, formulation, isinstance(values, tuple) and len(values) >= 2, max_steps, symmetry)
+    options = Following(branch, contact, isinstance(values, tuple) and len(values) >= 2, max_steps, symmetry)
     gel = localised(model, gel)
     traced = is_traced((model, gel, values, loads, control))
-    by_energy = formulation == "total" and model.conditions == "nodes"
-    model = with_contact(model, gel) if contact == "on" and by_energy else dataclasses.replace(model, contact=None)
-    if not by_energy:
-        _check_comparison(model, formulation, traced, varies(gel), control)
+    model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
     if traced:
         return traced_sweep(model, gel, control, values, loads, options)
     numbers = check_values(values, control_name(control), unit_of(control)).numbers
@@ -72,7 +67,7 @@ def sweep(
         followed = Followed(problem, numbers.tolist(), options, [] if start is None else [start])
         states = followed.light_states(on_step)
     if not states:
-        raise first_state_failed(model, control, numbers[0], followed.stop)
+        raise first_state_failed(control, numbers[0], followed.stop)
     text = "" if followed.stop.ok else f"stopped after {control_name(control)} = {followed.value:.6g}: {followed.stop.text}"
     return Path.from_states(model, gel, states, control=control, stop=followed.stop, stop_text=text)
 
@@ -90,19 +85,3 @@ def values_of(mu: Values | None, control: Control | None, values: Values | None)
     if values is None:
         raise ValueError(f"values: are missing, those of the control {control_name(control)!r}")
     return values
-
-
-def _check_comparison(model, formulation, traced, with_fields, control):
-    """ValueError for what weak conditions and the incremental formulation cannot do."""
-    what = "formulation: 'incremental'" if formulation == "incremental" else f"conditions: {model.conditions!r}"
-    plate, ask = model.lists.topology.plate, "use the total formulation and conditions at the nodes"
-    if traced:
-        raise ValueError(f"{what} cannot be differentiated; {ask}")
-    if plate.kinematics != "plane strain":
-        raise ValueError(f"{what} knows plane strain only; {ask}")
-    if with_fields:
-        raise ValueError(f"{what} knows no parameters that vary over the plate; {ask}")
-    if control is not None:
-        raise ValueError(f"{what} knows no control but mu; {ask}")
-    if plate.moved or "periodic" in plate.edges.values():
-        raise ValueError(f"{what} knows neither periodic edges nor edges that move; {ask}")

@@ -1,11 +1,11 @@
 """Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
-from .checks import BASES, METHODS, QUADRATURES
+from .checks import BASES
 from .connectivity import Connectivity, plate_edge_ends
-from .interpolation import MIDLINE_POINTS, Interpolation, NodalField, core_probe, in_plane, make_probe, midline_points, midline_probe
+from .interpolation import MIDLINE_POINTS, Interpolation, NodalField, core_probe, make_probe, midline_points, midline_probe
 from .model import Model, PatchBlock, discretise
 from .moving_least_squares import KINDS, n_monomials, shape_functions, shape_functions_and_gradients
-from .neighbours import reaching_nodes
+from .neighbours import pad_nodes, reaching_nodes
 from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
 from .pressures import group_weights
@@ -14,9 +14,7 @@ from .weights import cubic_spline_weight, singular_weight
 __all__ = [
     "BASES",
     "KINDS",
-    "METHODS",
     "MIDLINE_POINTS",
-    "QUADRATURES",
     "SPENT",
     "Connectivity",
     "DiscretisationOptions",
@@ -30,11 +28,11 @@ __all__ = [
     "cubic_spline_weight",
     "discretise",
     "group_weights",
-    "in_plane",
     "make_probe",
     "midline_points",
     "midline_probe",
     "n_monomials",
+    "pad_nodes",
     "plate_edge_ends",
     "quality",
     "reaching_nodes",

@@ -10,8 +10,7 @@ from .._types import Float, Int
 from .._validation import Inadmissible
 from ..cloud import Topology, narrow_ligament
 from ..linalg import SOLVERS
-from .interpolation import in_plane
-from .moving_least_squares import KINDS, n_monomials
+from .moving_least_squares import n_monomials
 
 if TYPE_CHECKING:
     from .model import Model
@@ -19,35 +18,13 @@ if TYPE_CHECKING:
 STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
 REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
 BASES = ("linear", "quadratic")
-METHODS = ("mixed", "cells", "displacement")
-QUADRATURES = ("conforming", "paper")
-CONDITIONS = ("nodes", "penalty", "lagrange")
-INTERPOLATING = ("imls", "iicvmls")
 
 
-def check_options(basis: str, method: str, quadrature: str, kind: str, solver: str) -> None:
+def check_options(basis: str, solver: str) -> None:
     """Raise ValueError, which names the option and what is accepted, for an unknown one."""
     n_monomials(basis)
-    if method not in METHODS:
-        raise ValueError(f"method: {method!r} is not one of {', '.join(METHODS)}")
-    if quadrature not in QUADRATURES:
-        raise ValueError(f"quadrature: {quadrature!r} is not 'conforming' or 'paper'")
-    if kind not in KINDS:
-        raise ValueError(f"kind: {kind!r} is not one of {', '.join(KINDS)}")
     if solver not in SOLVERS:
         raise ValueError(f"solver: {solver!r} is not one of {', '.join(SOLVERS)}")
-
-
-def check_conditions(kind: str, conditions: str, penalty: float) -> None:
-    """Raise ValueError for unknown ``conditions``, for ones that this ``kind`` of shape functions cannot fulfil, and a bad penalty."""
-    if conditions not in CONDITIONS:
-        raise ValueError(f"conditions: {conditions!r} is not one of {', '.join(CONDITIONS)}")
-    if conditions == "nodes" and kind not in INTERPOLATING:
-        raise ValueError(
-            f"kind: {kind!r} does not interpolate, so conditions at the nodes need 'imls' or 'iicvmls'; or use 'penalty', 'lagrange'"
-        )
-    if not 0 < penalty < np.inf:
-        raise ValueError(f"penalty: {penalty!r} is not a finite number above 0 (kT/v per mm)")
 
 
 def check_support(
@@ -92,7 +69,7 @@ def check_reproduction(model: "Model") -> None:
     nodes, steepest = np.asarray(model.cloud.nodes), STEEPEST_ACCEPTED / model.cloud.topology.node_spacing.min()
     for block in model.blocks:
         dphi = np.asarray(block.dphi)
-        F = np.asarray(in_plane(np.einsum("cai,cqaj->cqij", nodes[block.nodes], dphi), axis=2))
+        F = np.einsum("cai,cqaj->cqij", nodes[block.nodes], dphi)
         error = np.abs(F - np.eye(2)).max(axis=(2, 3))
         poor = ~(error < REPRODUCTION) | ~(np.abs(dphi).max(axis=(2, 3)) < steepest)
         bad = np.argwhere(poor & (np.asarray(block.weight) > 0))

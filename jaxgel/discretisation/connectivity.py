@@ -13,8 +13,8 @@ import scipy.sparse as sp
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
-from ..cloud import EDGE_POINTS, Topology, edge_points, square_cells
-from ..geometry import edge_lines, inside_holes
+from ..cloud import EDGE_POINTS, Topology
+from ..geometry import edge_lines
 from .checks import check_support
 from .neighbours import pad_nodes, pad_rows, reaching_nodes
 from .patches import patches
@@ -68,8 +68,8 @@ class Contour:
 
     ends: Int[np.ndarray, "e 2"]
     """Vertex numbers."""
-    middles: tuple[Int[np.ndarray, "e 3"], Float[np.ndarray, "e 3"]] | None
-    """Vertex numbers and weights of the middle of every edge, where patches have curved sides; None where the sides are chords."""
+    middles: tuple[Int[np.ndarray, "e 3"], Float[np.ndarray, "e 3"]]
+    """Vertex numbers and weights of the middle of every edge."""
     cell: Int[np.ndarray, " e"]
     """Cell numbers, ascending."""
     owner: Int[np.ndarray, " e"]
@@ -85,16 +85,9 @@ class Contour:
     """Numbers of the `points` that lie on interfaces, and the weights of the nodes in the patches' lists in the trace there, see
     ``cloud.curves``; None without interfaces."""
 
-    @property
-    def rule(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """The points at which a flux through a straight edge is taken, as fractions of it, and their shares of its length."""
-        if self.middles is None:
-            return EDGE_POINTS, np.full(len(EDGE_POINTS), 1 / len(EDGE_POINTS))
-        return np.array([0.0, 0.5, 1.0]), np.array([1.0, 4.0, 1.0]) / 6
-
     def points(self, vertices: Float[Array, "v 2"]) -> Float[Array, "r 2"]:
-        """Points of the contours, r = 2 e, for these positions of the vertices: start and middle of every edge, or two Gauss points."""
-        return edge_points(vertices, self.ends) if self.middles is None else _starts_and_middles(vertices, self.ends, *self.middles)
+        """Points of the contours, r = 2 e, for these positions of the vertices: start and middle of every edge."""
+        return _starts_and_middles(vertices, self.ends, *self.middles)
 
 
 @jax.jit
@@ -103,19 +96,19 @@ def _starts_and_middles(vertices, ends, at, weights):
 
 
 @once_per_owner
-def conforming_connectivity(topology: Topology, method: str, basis: str, dmax: float, skin: float) -> Connectivity:
-    """``Connectivity`` of the patches of a ``method``; nodes that come closer by ``skin`` (mm) are listed too.
+def make_connectivity(topology: Topology, basis: str, dmax: float, skin: float) -> Connectivity:
+    """``Connectivity`` of the patches of a cloud; nodes that come closer by ``skin`` (mm) are listed too.
 
     Raises ValueError where a point has too few neighbours for the basis.
     """
     with jax.ensure_compile_time_eval():  # made of numbers, also inside jit
-        return _conforming(topology, method, basis, dmax, skin)
+        return _connected(topology, basis, dmax, skin)
 
 
-def _conforming(topology, method, basis, dmax, skin):
+def _connected(topology, basis, dmax, skin):
     part, quadrature = topology.partition, topology.quadrature
-    patch_of_cell, linear = patches(topology, method)
-    contour = _contour(topology, patch_of_cell, curved=method == "mixed")
+    patch_of_cell, linear = patches(topology)
+    contour = _contour(topology, patch_of_cell)
     inner, on_edge = np.asarray(quadrature.points(part.vertices)), np.asarray(contour.points(part.vertices))
     support = dmax * topology.node_spacing
     points, cells = np.concatenate([inner, on_edge]), np.concatenate([quadrature.owner, np.repeat(contour.cell, 2)])
@@ -141,15 +134,14 @@ def _conforming(topology, method, basis, dmax, skin):
     return Connectivity(topology, nodes, supports, patch_of_cell, linear, quadrature.owner, points_of, groups, contour)
 
 
-def _contour(topology, patch_of_cell, *, curved):
+def _contour(topology, patch_of_cell):
     """``Contour`` of the cells, without what depends on node lists."""
     part = topology.partition
     ends, cell = part.contour_edges
     start, end = (cell * len(part.vertices) + vertex for vertex in ends.T)
     order = np.argsort(start)
     following = order[np.searchsorted(start, end, sorter=order)]
-    middles = topology.middles(ends) if curved else None
-    return Contour(ends, middles, cell, patch_of_cell[cell], following, np.full_like(ends, -1), ())
+    return Contour(ends, topology.middles(ends), cell, patch_of_cell[cell], following, np.full_like(ends, -1), ())
 
 
 def _traces(topology, contour):
@@ -162,14 +154,9 @@ def _traces(topology, contour):
     order = np.argsort(key)
     other = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
     along = np.flatnonzero((key[other] == reverse) & (region != region[other]))
-    if contour.middles is None:
-        first, last = (traces[ends[along, k]] for k in range(2))
-        parts = [(2 * along + k, (1 - share) * first + share * last) for k, share in enumerate(EDGE_POINTS)]
-    else:
-        starts, (at, weights) = np.flatnonzero(np.diff(traces.indptr)[ends[:, 0]]), contour.middles
-        middle = sum(traces[at[along, k]].multiply(weights[along, k, None]) for k in range(3))
-        parts = [(2 * starts, traces[ends[starts, 0]]), (2 * along + 1, middle)]
-    return np.concatenate([own for own, _ in parts]), sp.vstack([rows for _, rows in parts]).tocoo()
+    starts, (at, weights) = np.flatnonzero(np.diff(traces.indptr)[ends[:, 0]]), contour.middles
+    middle = sum(traces[at[along, k]].multiply(weights[along, k, None]) for k in range(3))
+    return np.concatenate([2 * starts, 2 * along + 1]), sp.vstack([traces[ends[starts, 0]], middle]).tocoo()
 
 
 def _in_lists(traces, owner, nodes):
@@ -203,33 +190,6 @@ def _groups_of_similar_size(linear, owner, patch_of_cell):
         cut |= kind & (np.sum(kind & ~cut) < FEW)
     kinds = [linear & ~cut, linear & cut, ~linear & ~cut, ~linear & cut]
     return tuple(group for group in map(np.flatnonzero, kinds) if len(group))
-
-
-@once_per_owner
-def paper_connectivity(
-    topology: Topology, basis: str, dmax: float, cells: int | None
-) -> tuple[Connectivity, Float[Array, "p 2"], Float[Array, " p"]]:
-    """``Connectivity``, points and weights of square cells with 4 x 4 Gauss points each, points in holes dropped (Table 1).
-
-    ``cells`` is the number of cells per side; None takes the plate's own at its own spacing, else one cell per node.
-    """
-    plate = topology.plate
-    own = plate.cells if plate.cells and topology.spacing == plate.spacing else round(min(plate.width, plate.height) / topology.spacing)
-    points, weight = square_cells(plate, own if cells is None else cells)
-    outside = ~inside_holes(plate, points.reshape(-1, 2)).reshape(weight.shape)
-    counts = outside.sum(axis=1)
-    counts = counts[counts > 0]
-    points, weight = points[outside], weight[outside]
-    support = dmax * topology.node_spacing
-    outside, members = np.zeros(len(points), dtype=int), np.arange(len(counts))
-    check_support(topology, points, outside, support, basis)
-    nodes, supports = pad_nodes(*reaching_nodes(topology, points, np.repeat(members, counts), outside, support, 0.0), support)
-    numbers = pad_rows(np.arange(len(points)), counts, members)
-    none = np.zeros(0, dtype=int)
-    contour = Contour(np.full((0, 2), -1), None, none, none, none, np.full((0, 2), -1), ())
-    owner = np.repeat(members, counts)
-    lists = Connectivity(topology, nodes, supports, members, np.zeros(len(members), bool), owner, (numbers,), (members,), contour)
-    return lists, points, weight
 
 
 def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, "e 2"]:

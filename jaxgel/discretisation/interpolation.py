@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 
 from .._memo import once_per_owner
-from .._types import Array, Float, Inexact, Int
+from .._types import Array, Float, Int
 from ..cloud import Cloud, Topology
 from ..geometry import Frame, inside_holes
 from .moving_least_squares import shape_functions, shape_functions_and_gradients
@@ -42,20 +42,20 @@ class Interpolation:
     """Node numbers."""
     support: Float[Array, "p a"]
     """Support radius of each node, mm; 0 for padding."""
-    phi: Inexact[Array, "p a"]
+    phi: Float[Array, "p a"]
     """Shape functions."""
-    dphi: Inexact[Array, "p a 2"]
+    dphi: Float[Array, "p a 2"]
     """Their gradients, 1/mm."""
 
     @jax.jit
     def position(self, x: Float[Array, "n d"]) -> Float[Array, "p d"]:
         """Deformed positions of the points for nodal positions ``x``, mm, or other fields (d) of the nodes."""
-        return in_plane(jnp.einsum("pa,pai->pi", self.phi, x[self.nodes]))
+        return jnp.einsum("pa,pai->pi", self.phi, x[self.nodes])
 
     @jax.jit
     def deformation_gradient(self, x: Float[Array, "n 2"]) -> Float[Array, "p 2 2"]:
         """Deformation gradients at the points."""
-        return in_plane(jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi), axis=1)
+        return jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi)
 
 
 @jax.tree_util.register_pytree_node_class
@@ -65,7 +65,7 @@ class NodalField:
     It belongs to the model's cloud as that was made, on its reference plate. As the parameter of a gel it moves with the nodes: where a
     design moves holes, each point of the material keeps its value, as with `materials.WithHoles`. On another cloud, a finer one for
     instance, it is read where that cloud's points are on its own reference plate.
-    The shape functions are the interpolating ones, ``kind="imls"``, with the basis and ``dmax`` of the model: values at nodes and
+    The shape functions are those of the model: values at nodes and
     polynomials of the basis are reproduced. Raises ValueError for another number of values than the model has nodes.
 
     >>> import jax.numpy as jnp
@@ -115,7 +115,7 @@ class NodalField:
             found = neighbours_of_points(topology, dmax, points, 0.0)
             lists, supports = (np.pad(part, ((0, 0), (0, 1))) for part in found)  # one column at least
             own = np.arange(len(points))
-            phi = np.asarray(evaluate_points(nodes, points, lists, supports, own, basis=basis, kind="imls", gradients=False))
+            phi = np.asarray(evaluate_points(nodes, points, lists, supports, own, basis=basis, gradients=False))
         missed = np.linalg.norm(np.einsum("pa,pai->pi", phi, nodes[lists]) - points, axis=1)
         reached = (missed < 1e-6 * topology.spacing) & (np.abs(phi).sum(axis=1) < LARGEST_SUM)
         values = jnp.einsum("pa,pa->p", np.where(reached[:, None], phi, 0.0), jnp.asarray(self.values)[lists])
@@ -134,13 +134,13 @@ def make_probe(model: "Model", points: Float[Array, "p 2"], reference_points: Fl
     reference_points = np.asarray(points if reference_points is None else reference_points)
     topology = model.cloud.topology
     neighbours = neighbours_of_points(topology, model.dmax, reference_points, SKIN * topology.spacing * is_moved(model.cloud))
-    return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
+    return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis)
 
 
 def midline_probe(model: "Model") -> Interpolation:
     """``Interpolation`` at the points (p, 2) of the gel on y = 0 in the dry plate, from left to right; it follows the model's cloud."""
     points, neighbours = _midline(model.cloud.topology, model.dmax)
-    return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
+    return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis)
 
 
 def midline_points(topology: Topology, dmax: float) -> Float[np.ndarray, "p 2"]:
@@ -151,7 +151,7 @@ def midline_points(topology: Topology, dmax: float) -> Float[np.ndarray, "p 2"]:
 def core_probe(model: "Model") -> Interpolation:
     """``Interpolation`` at the plate's core point (1, 2) on the model's cloud; its gradients are nan where the core lies in a hole."""
     points, neighbours, in_hole = _core(model.cloud.topology, model.dmax)
-    probe = interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis, model.kind)
+    probe = interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis)
     return dataclasses.replace(probe, dphi=jnp.full_like(probe.dphi, jnp.nan)) if in_hole else probe
 
 
@@ -160,11 +160,10 @@ def interpolate(
     points: Float[Array, "p 2"],
     neighbours: tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]],
     basis: str,
-    kind: str,
 ) -> Interpolation:
     """``Interpolation`` at points with their lists of ``neighbours``, see ``neighbours_of_points``."""
     lists, supports = neighbours
-    phi, dphi = evaluate_points(cloud.nodes, points, lists, supports, np.arange(len(lists)), basis=basis, kind=kind)
+    phi, dphi = evaluate_points(cloud.nodes, points, lists, supports, np.arange(len(lists)), basis=basis)
     return Interpolation(points, lists, supports, phi, dphi)
 
 
@@ -176,9 +175,8 @@ def evaluate_points(
     owner: Int[np.ndarray, " p"],
     *,
     basis: str,
-    kind: str,
     gradients: bool = True,
-) -> Inexact[Array, "p a"] | tuple[Inexact[Array, "p a"], Inexact[Array, "p a 2"]]:
+) -> Float[Array, "p a"] | tuple[Float[Array, "p a"], Float[Array, "p a 2"]]:
     """Shape functions at ``points`` with the node lists and supports of their owners, and their gradients.
 
     Without ``gradients`` only the values; with them the pair of values (p, a) and gradients (p, a, 2).
@@ -188,7 +186,7 @@ def evaluate_points(
     numbers = np.minimum(np.arange(count + -count % GROUP), count - 1).reshape(-1, GROUP)
     own = [owner[some] for some in numbers]
     at = zip(_rows(points, numbers), _rows(nodes, [lists[some] for some in own]), own, strict=True)
-    groups = [_evaluated(*some, supports[of], basis=basis, kind=kind, gradients=gradients) for *some, of in at]
+    groups = [_evaluated(*some, supports[of], basis=basis, gradients=gradients) for *some, of in at]
     values = tuple(_joined(parts, count, width) for parts in zip(*groups, strict=True))
     return values if gradients else values[0]
 
@@ -219,30 +217,17 @@ def _concatenated(parts, count, width):
     return jnp.concatenate(parts)[:count, :width]
 
 
-@functools.partial(jax.jit, static_argnames=("basis", "kind", "gradients"))
-def _evaluated(points, neighbours, supports, *, basis, kind, gradients):
+@functools.partial(jax.jit, static_argnames=("basis", "gradients"))
+def _evaluated(points, neighbours, supports, *, basis, gradients):
     """Shape functions (g, a) at points (g, 2) with neighbours (g, a, 2) and supports (g, a) of their own, and their gradients."""
 
     @jax.checkpoint
     def one(point):
         function = shape_functions_and_gradients if gradients else shape_functions
-        values = function(*point, basis=basis, kind=kind)
-        values = values if gradients else (values,)
-        return [value.real if kind == "iicvmls" else value for value in values]
+        values = function(*point, basis=basis, kind="imls")
+        return values if gradients else (values,)
 
     return lax.map(one, (points, neighbours, supports), batch_size=BATCH)
-
-
-def in_plane(field: Inexact[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
-    """A sum of shape functions and nodal values: as it is, or, for complex shape functions, which act on x1 + i x2, in components.
-
-    The components lie along ``axis``.
-    """
-    if not jnp.iscomplexobj(field):
-        return field
-    first, second = jnp.moveaxis(field, axis, 0)
-    z = first + 1j * second
-    return jnp.stack([z.real, z.imag], axis=axis)
 
 
 @once_per_owner

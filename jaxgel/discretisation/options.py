@@ -6,14 +6,14 @@ from .._validation import POSITIVE, check_options, keywords_of, option, whole, w
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate
 from ..linalg import SOLVERS
-from .checks import BASES, METHODS, QUADRATURES
+from .checks import BASES
 from .model import Model, discretise
 from .placement import refreshed
 
 
 @dataclasses.dataclass(frozen=True)
 class DiscretisationOptions:
-    """Choices of `make_cloud` and `discretise`, checked when they are made; None leaves the default of the plate or the method.
+    """Choices of `make_cloud` and `discretise`, checked when they are made; None leaves the default of the plate or the discretisation.
 
     A field's ``stage`` says which of the two takes it as a keyword: `cloud` and `model` pass all of theirs on.
     """
@@ -28,10 +28,6 @@ class DiscretisationOptions:
     """Basis of the shape functions"""
     dmax: float | None = option(None, POSITIVE | {"maximum": 10.0}, "model")
     """Support radius over spacing."""
-    method: str = option("mixed", word(METHODS), "model")
-    """Pressures linear over patches, one pressure per cell, or displacement only"""
-    quadrature: str = option("conforming", word(QUADRATURES), "model")
-    """Cells along the true outline, or the paper's"""
     solver: str = option("auto", word(SOLVERS), "model")
     """How linear systems are solved"""
 

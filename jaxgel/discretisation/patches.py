@@ -19,21 +19,15 @@ ROUND_OFF = 1e-9  # of areas, relative
 
 
 @once_per_owner
-def patches(topology: Topology, method: str) -> tuple[Int[np.ndarray, " c"], Bool[np.ndarray, " p"]]:
-    """The patch (c,) of every cell, and whether each patch (p,) has a linear pressure.
-
-    For other methods than "mixed" every cell is a patch of its own with a constant one.
-    """
-    n_cells = topology.partition.n_cells
-    if method != "mixed":
-        return np.arange(n_cells), np.zeros(n_cells, dtype=bool)
+def patches(topology: Topology) -> tuple[Int[np.ndarray, " c"], Bool[np.ndarray, " p"]]:
+    """The patch (c,) of every cell, and whether each patch (p,) has a linear pressure."""
     area, centre = _areas_and_centres(topology)
     block, square, complete = _blocks_of_squares(topology, centre)
     block = _connected_parts(topology, block)
     whole, size = (np.bincount(block, of) for of in (area > square * (1 - ROUND_OFF), area / square))
     linear = (whole >= SQUARES) & (size > SQUARES * (1 + ROUND_OFF)) & (np.bincount(block, complete) > 0)
     linear &= np.bincount(block, _in_narrow_ligament(topology, centre)) == 0
-    alone = len(linear) + np.arange(n_cells)
+    alone = len(linear) + np.arange(topology.partition.n_cells)
     patch = np.unique(np.where(linear[block], block, alone), return_inverse=True)[1]
     is_linear = np.zeros(patch.max() + 1, dtype=bool)
     is_linear[patch] = linear[block]

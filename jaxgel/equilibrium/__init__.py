@@ -3,7 +3,6 @@
 from .bordered_newton import Conditions, solve_bordered, solve_pinned
 from .derivatives import first_order_only, no_tangents, with_derivatives_of, without_derivatives
 from .implicit import state_tangents
-from .incremental import prepare_incremental, solve_incremental, strain_matrices
 from .newton import (
     CONSTRAINT_TOLERANCE,
     MAX_ITERATIONS,
@@ -18,7 +17,6 @@ from .newton import (
 from .relaxation import relax, relax_along
 from .state import Stability, State, accepted, acting_problem, control_force, dry_state, of_control, pressure_rate
 from .status import NEARLY_SINGULAR, StateNotFound, Status, for_derivatives, of_outlines, remedy
-from .weak import negative_eigenvalues, prepare_weak, solve_weak, strain_operators
 
 __all__ = [
     "CONSTRAINT_TOLERANCE",
@@ -39,25 +37,18 @@ __all__ = [
     "first_order_only",
     "for_derivatives",
     "iterate",
-    "negative_eigenvalues",
     "no_tangents",
     "of_control",
     "of_outlines",
-    "prepare_incremental",
-    "prepare_weak",
     "pressure_rate",
     "relax",
     "relax_along",
     "remedy",
     "solve",
     "solve_bordered",
-    "solve_incremental",
     "solve_pinned",
-    "solve_weak",
     "starting",
     "state_tangents",
-    "strain_matrices",
-    "strain_operators",
     "with_derivatives_of",
     "with_own_factor",
     "without_derivatives",

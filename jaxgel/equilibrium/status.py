@@ -60,15 +60,9 @@ _TEXTS = {
 }
 
 
-def remedy(model: Model, status: Status) -> str:
+def remedy(status: Status) -> str:
     """What to change where not even the first state of a sweep was found, to follow the text of its `Status`."""
-    if status is Status.SELF_CONTACT:
-        return "; sweep with contact = 'on'"
-    return (
-        "; method = 'displacement' locks where the edges leave little room: take 'mixed'"
-        if model.method == "displacement"
-        else "; start at a lower mu"
-    )
+    return "; sweep with contact = 'on'" if status is Status.SELF_CONTACT else "; start at a lower mu"
 
 
 def of_iterate(residual: float, solved: bool | np.bool_, exhausted: bool) -> Status | None:

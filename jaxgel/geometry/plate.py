@@ -21,7 +21,7 @@ KINEMATICS = ("plane strain", "generalised plane strain", "plane stress")
 @pytree(
     meta=(
         *("width", "height", "edges", "deformation", "displacement", "kinematics", "name"),
-        *("spacing", "nodes_per_hole", "cells", "core", "gel", "unit", "reference"),
+        *("spacing", "nodes_per_hole", "core", "gel", "unit", "reference"),
     )
 )
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -60,8 +60,6 @@ class Plate:
     """Default distance of background nodes, mm; None for 1/40 of the shorter side."""
     nodes_per_hole: int = 40
     """Default number of nodes on the outline of each whole hole."""
-    cells: int | None = None
-    """Default number of background cells per side for the paper's quadrature."""
     core: Sequence[float] | None = None
     """Point whose rotation is the plate's core rotation, mm; None for the middle of the plate, of a periodic one that of its frame."""
     gel: object = None

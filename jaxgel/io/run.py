@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._types import Float
+from .._validation import GONE
 from ..equilibrium import Status
 from ..observables import BY_COLUMN, COLUMNS, OF_CELLS
 from .files import MAX_BYTES, guarded, read_arrays
@@ -129,6 +130,11 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
         raise ValueError("control has no name or unit")
     if summary["stop"] not in Status.__members__:
         raise ValueError(f"stop {summary['stop']!r} is no status")
+    for name, now in GONE.items():
+        section, entry = name.split(".")
+        had = summary["options"].get(section, {}).pop(entry, now)
+        if had != now and now is not None:
+            raise ValueError(f"{name} {had!r} is not in this version; read it with version 0.2")
     return summary
 
 

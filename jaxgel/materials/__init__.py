@@ -19,7 +19,6 @@ from .composite import (
     takes_solvent,
     with_matrix,
 )
-from .deng2020 import paper_free_energy, paper_stress, paper_tangent, voigt
 from .fields import (
     LocalValues,
     PixelField,
@@ -153,9 +152,6 @@ __all__ = [
     "neo_hookean",
     "network_at",
     "osmotic",
-    "paper_free_energy",
-    "paper_stress",
-    "paper_tangent",
     "phase_of",
     "pnipam_chi",
     "pnipam_energy",
@@ -170,7 +166,6 @@ __all__ = [
     "uniaxial_swelling",
     "value",
     "varies",
-    "voigt",
     "volume_ratio_at",
     "with_matrix",
     "with_parameters",

@@ -28,7 +28,7 @@ from ..materials import Varying, elementwise, gel_at_points, neo_hookean, networ
 from .contact import contact_force, contact_tangents
 from .dofs import Strained, gather, scatter
 from .mixed import Linearisation, border, network_force, nodal_sum, pressure_step, stretch_of, stretch_step, volume_gradients
-from .operators import AreaForms, add_cell_matrices, area_form_sum
+from .operators import add_cell_matrices, area_form_sum
 from .pairs import contact_pairs
 from .problem import Problem
 from .volumes import all_volumes, by_block, held_stretch, stiffness_at
@@ -50,7 +50,7 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
 
     def patch(arrays):
         x, dphi, weight, p, forms, k_over_V, G, parameters = arrays
-        S = coupling(p, forms, dphi, weight)
+        S = area_form_sum(p, forms)
         H = k_over_V[:, None, None] * G
         outer = [[jnp.sum(H[:, i, :, None] * G[:, k, None], axis=0) for k in range(2)] for i in range(2)]
         K = jnp.stack([outer[0][0], outer[0][1] + S, outer[1][0] - S, outer[1][1]], axis=-1)
@@ -100,16 +100,6 @@ def _network_change(problem, linearisation, x, dx, stretch_step):
     return jax.jvp(lambda *at: network_force(at[0], model, gel, problem.operators, at[1]), (x, axial), (dx, stretch_step))[1]
 
 
-def coupling(
-    p: Float[Array, " g"], forms: AreaForms | None, dphi: Float[Array, "q a 2"], weight: Float[Array, " q"]
-) -> Float[Array, "a a"]:
-    """Sum over the groups of a patch of p S: the antisymmetric form whose values x_1 . S x_2 are the sum of p V J."""
-    if forms is not None:
-        return area_form_sum(p, forms)
-    half = jnp.einsum("q,qa,qb->ab", p * weight, dphi[..., 0], dphi[..., 1])
-    return half - half.T
-
-
 def factorised_tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation) -> Factor:
     """Factor of the `tangent` with its `mixed.border` condensed; raises `linalg.SingularTangent`."""
     return factor(problem.pattern, tangent(problem, x, p, linearisation), border(problem, linearisation))
@@ -131,7 +121,7 @@ def _add_contact(total, x, model):
 def is_sparse(problem: Problem) -> bool:
     """Whether `TangentOperator` multiplies by sparse matrices."""
     model = problem.model
-    own = model.method != "displacement" and problem.gel.network is neo_hookean and model.contact is None and model.lists.unknowns is None
+    own = problem.gel.network is neo_hookean and model.contact is None and model.lists.unknowns is None
     own = own and not isinstance(problem.free, Strained) and not drives_stiffness(problem.control, problem.gel)
     return own and held_stretch(model) is not None and len(problem.free) <= ONE_THREAD
 
@@ -219,8 +209,7 @@ def _state_terms(problem, x, pressure, values):
         total = jnp.zeros(len(operators.pairs))
         parts = zip(model.blocks, by_block(pressure, model), operators.area_forms, operators.slots, strict=True)
         for block, p, forms, slot in parts:
-            arrays = p, forms, block.dphi, block.weight
-            total = add_cell_matrices(total, lambda arrays: coupling(*arrays), arrays, slot, block.nodes.shape[1])
+            total = add_cell_matrices(total, lambda arrays: area_form_sum(*arrays), (p, forms), slot, block.nodes.shape[1])
         return [G.swapaxes(2, 3) for G in gradients], stiffness, total
 
     return lax.map(of_state, (x, pressure, values))

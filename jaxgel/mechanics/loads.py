@@ -1,8 +1,7 @@
 """Dead loads, body force and edge traction, as nodal forces that are consistent with the shape functions.
 
-The integrals run over the cells and edges that partition the dry gel, with the points of the conforming quadrature, whatever the
-model's own quadrature is, and along edges with those of the fluxes through cells. So the sum of the nodal forces is the total load, and a
-uniform traction balances a uniform stress.
+The integrals run over the cells and edges that partition the dry gel, along edges with the points of the fluxes through cells. So the sum
+of the nodal forces is the total load, and a uniform traction balances a uniform stress.
 """
 
 import dataclasses
@@ -18,6 +17,7 @@ from .._validation import PAIR, check_kind, did_you_mean, finite_numbers, tabled
 from ..discretisation import Model, make_probe, plate_edge_ends
 from ..geometry import EDGES, edge_lines, held_components
 
+SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # shares of start, middle and end of an edge
 BALANCE = 1e-9  # largest resultant, over the sum of the forces' sizes, that counts as none
 
 
@@ -100,20 +100,19 @@ def _edge_load(model, edge, force):
     on = np.abs(part.vertices[ends][:, :, axis] - coordinate).max(axis=1) < 1e-9 * topology.spacing
     ends = ends[on]
 
-    fractions, shares = model.lists.contour.rule
-    points = _along(model.cloud.vertices, ends, fractions)
+    points = _along(model.cloud.vertices, ends)
     length = jnp.linalg.norm(jnp.diff(model.cloud.vertices[ends], axis=1)[:, 0], axis=1)
-    load = jnp.outer(length, shares).ravel()[:, None] * _at_points(force, topology.frame.to_given(points), f"traction: {edge}")
-    wall = np.repeat(plate_edge_ends(topology, ends), len(shares), axis=0)
+    load = jnp.outer(length, SIMPSON).ravel()[:, None] * _at_points(force, topology.frame.to_given(points), f"traction: {edge}")
+    wall = np.repeat(plate_edge_ends(topology, ends), len(SIMPSON), axis=0)
     if np.all(wall < 0):
-        return _true_trace(model, points, np.asarray(_along(part.vertices, ends, fractions)), load)
+        return _true_trace(model, points, np.asarray(_along(part.vertices, ends)), load)
     return _linear_trace(model, points, wall, 1 - axis, load)
 
 
-def _along(vertices, ends, fractions):
-    """Points (e k, 2) at the ``fractions`` (k,) of the straight edges between the ``ends`` (e, 2)."""
+def _along(vertices, ends):
+    """Start, middle and end (3 e, 2) of the straight edges between the ``ends`` (e, 2)."""
     start, end = vertices[ends[:, 0], None], vertices[ends[:, 1], None]
-    return (start + fractions[:, None] * (end - start)).reshape(-1, 2)
+    return (start + np.array([[0.0], [0.5], [1.0]]) * (end - start)).reshape(-1, 2)
 
 
 def _true_trace(model, points, reference_points, load):

@@ -159,16 +159,14 @@ def _places(blocks, outline):
 
 def _reference_places(model):
     """`_places` of the cloud that was placed, numbers, for a cloud that a design has moved."""
-    if model.quadrature == "paper":  # it cannot be moved
-        return _places(model.blocks, _surface_points(model))
     with jax.ensure_compile_time_eval():  # numbers, also inside jit
-        parts, outline = _reference_quadrature(model.lists, model.method == "mixed")
+        parts, outline = _reference_quadrature(model.lists)
         blocks = [dataclasses.replace(block, **own) for block, own in zip(model.blocks, parts, strict=True)]
         return _places(blocks, outline)
 
 
 @once_per_owner
-def _reference_quadrature(lists: Connectivity, mixed: bool):
+def _reference_quadrature(lists: Connectivity):
     """Per block the fields of `PatchBlock` that say where its points and groups were before holes moved; and `_reference_surface`."""
     topology, parts = lists.topology, []
     vertices = topology.partition.vertices
@@ -176,20 +174,15 @@ def _reference_quadrature(lists: Connectivity, mixed: bool):
     for numbers, patches in zip(lists.points, lists.patches, strict=True):
         at = np.where(numbers >= 0, numbers, numbers[:, :1])
         X, w = points[at], jnp.where(numbers >= 0, weight[at], 0.0)
-        groups = group_weights(X, w, bool(lists.linear[patches[0]])) if mixed else None
-        parts.append({"position": X, "weight": w, "group_weight": groups})
+        parts.append({"position": X, "weight": w, "group_weight": group_weights(X, w, bool(lists.linear[patches[0]]))})
     return parts, jnp.asarray(_reference_surface(topology))
 
 
 def _group_positions(block):
     """Positions (c, g, 2), mm, of the volume groups of a block."""
     X = block.position
-    if block.carrying == 0:
-        return X
     total = jnp.einsum("cq,cqi->ci", block.weight, X)[:, None]
     volume = jnp.sum(block.weight, axis=1)[:, None, None]
-    if block.group_weight is None:
-        return total / volume
     shares = contour_shares(block)[:, None]
     own = total * shares + jnp.einsum("cq,cqg,cqi->cgi", block.weight, block.group_weight, X)
     return jnp.where(shares > 0, own / group_volumes(block)[..., None], total / volume)

@@ -44,10 +44,8 @@ from .volumes import (
     all_volumes,
     by_block,
     carries_volume,
-    cofactors,
     held_stretch,
     linearised_about,
-    local_positions,
     pressure_at,
     pressure_rate,
     ratio_at,
@@ -229,13 +227,7 @@ def volume_gradients(x: Float[Array, "n 2"], model: Model, operators: Operators)
     """Per block the gradients (c, g, 2, a) of the groups' volumes V J, mm, and the volume ratios J of all groups; 2 for padding."""
     gradients, content = [], []
     for block, forms in zip(model.blocks, operators.area_forms, strict=True):
-        if forms is not None:
-            G, contents = area_gradients(forms, x, block.nodes)
-        else:
-            local = local_positions(x, block.nodes)
-            cofactor = block.weight[..., None, None] * cofactors(jnp.einsum("cai,cqaj->cqij", local, block.dphi))
-            G = jnp.einsum("cqij,cqaj->cqia", cofactor, block.dphi)
-            contents = 0.5 * jnp.einsum("cgia,cai->cg", G, local)  # V J is quadratic in x
+        G, contents = area_gradients(forms, x, block.nodes)
         gradients.append(G)
         content.append(contents.ravel())
     volumes = all_volumes(model)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._types import Array, Float, Inexact, Int
+from .._types import Array, Float, Int
 from ..discretisation import Model, PatchBlock
 from ..materials import LocalGel, gel_at_points, value
 from .dofs import Free, unknowns
@@ -37,7 +37,7 @@ class Operators:
     network: Float[Array, " p"]
     """Sum of w Nv dphi_i . dphi_j over all quadrature points, kT/v: the stiffness of the dry network, in each direction."""
     area_forms: tuple
-    """Per block the `AreaForms` of its volume groups; None where every quadrature point is a group."""
+    """Per block the `AreaForms` of its volume groups."""
     free: Free
     """Free degrees of freedom, see `dofs`."""
 
@@ -90,22 +90,17 @@ class AreaForms:
     shape functions at the quadrature points, or the rows of the contours, as A and B.
     """
 
-    rows: Inexact[Array, "*c s a"]
+    rows: Float[Array, "*c s a"]
     """The matrices S_g one after the other, s = g a; or the rows A and then B, s = 2 r."""
     weights: Float[Array, "*c g r"] | None
     """The weights w; None for matrices."""
 
 
-def area_forms(block: PatchBlock) -> AreaForms | None:
-    """The `AreaForms` of a block; None where every quadrature point is a group."""
-    if block.carrying == 0:
-        return None
-    first, second, weights = block.dphi[..., 0], block.dphi[..., 1], block.weight[..., None]
-    if block.group_weight is not None:
-        first, second = (jnp.concatenate(both, axis=1) for both in ((first, block.contour[:, 0]), (second, block.contour[:, 1])))
-        inside = jnp.broadcast_to(contour_shares(block), (*block.contour.shape[:1], block.contour.shape[2], block.n_groups))
-        weights = jnp.concatenate([weights * block.group_weight, inside], axis=1)
-    weights = weights.swapaxes(1, 2)
+def area_forms(block: PatchBlock) -> AreaForms:
+    """The `AreaForms` of a block."""
+    first, second = (jnp.concatenate([block.dphi[..., k], block.contour[:, k]], axis=1) for k in range(2))
+    inside = jnp.broadcast_to(contour_shares(block), (*block.contour.shape[:1], block.contour.shape[2], block.n_groups))
+    weights = jnp.concatenate([block.weight[..., None] * block.group_weight, inside], axis=1).swapaxes(1, 2)
     if 4 * weights.shape[2] < block.n_groups * first.shape[2]:
         return AreaForms(jnp.concatenate([first, second], axis=1), weights)
 

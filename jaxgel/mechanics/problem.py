@@ -31,7 +31,7 @@ class Problem:
     loads: Float[Array, "n 2"]
     """Dead nodal loads, kT/v mm."""
     operators: Operators | None
-    """Precomputed operators of the model; None for formulations that assemble dense matrices, and for rates of change."""
+    """Precomputed operators of the model; None for rates of change, and until they are needed."""
     control: Control | None = None
     """What drives a sweep; None for the chemical potential."""
 
@@ -130,7 +130,7 @@ def prepare(
 ) -> Problem:
     """`Problem` of a model and a gel under a ``control``; ``loads`` (n, 2) are dead nodal forces in kT/v mm, none by default.
 
-    Without ``operators`` it has none, for formulations that assemble dense matrices.
+    Without ``operators`` it has none yet: what is refused need not wait for them.
     """
     loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads)
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), localised(model, gel))

@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 
 from .._types import Array, Bool, Float, Scalar
-from ..discretisation import Model, PatchBlock, in_plane
+from ..discretisation import Model, PatchBlock
 from ..materials import (
     LocalGel,
     bulk_stiffness,
@@ -64,7 +64,7 @@ def held_stretch(model: Model) -> Scalar | None:
 
 def deformation_gradients(x: Float[Array, "n 2"], block: PatchBlock) -> jax.Array:
     """Deformation gradients (c, q, 2, 2) at the quadrature points of a block for nodal positions ``x`` (n, 2)."""
-    return in_plane(jnp.einsum("cai,cqaj->cqij", local_positions(x, block.nodes), block.dphi), axis=2)
+    return jnp.einsum("cai,cqaj->cqij", local_positions(x, block.nodes), block.dphi)
 
 
 def local_positions(x: Float[Array, "n 2"], nodes: Array) -> Float[Array, "c a 2"]:
@@ -84,14 +84,12 @@ def cofactors(F: Float[Array, "*b 2 2"]) -> Float[Array, "*b 2 2"]:
 
 def group_volumes(block: PatchBlock) -> Float[Array, "c g"]:
     """Dry volumes (c, g) of a block's volume groups, mm^2; 0 for padding. A held group counts the whole patch."""
-    if block.carrying == 0:
-        return block.weight
     return jnp.sum(block.weight, axis=1, keepdims=True) / np.where(_carries(block), block.carrying, 1)
 
 
 def _carries(block):
     """Which groups (g,) of a patch carry its volume."""
-    return np.arange(block.n_groups) < (block.carrying or block.n_groups)
+    return np.arange(block.n_groups) < block.carrying
 
 
 def all_volumes(model: Model) -> Float[Array, " g"]:
@@ -129,9 +127,7 @@ def ratios_of(gradients: list, x: Float[Array, "n 2"], model: Model) -> Float[Ar
 def contents(F: Float[Array, "c q 2 2"], x: Float[Array, "n 2"], block: PatchBlock) -> Float[Array, "c g"]:
     """Volumes V J (c, g) of a block's groups, mm^2."""
     J = block.weight * 0.5 * jnp.sum(F * cofactors(F), axis=(2, 3))
-    if block.group_weight is None:
-        return jnp.sum(J, axis=1, keepdims=True) if block.has_mean else J
-    y = in_plane(jnp.einsum("csra,cai->csri", block.contour, local_positions(x, block.nodes)), axis=3)
+    y = jnp.einsum("csra,cai->csri", block.contour, local_positions(x, block.nodes))
     area = jnp.sum(y[:, 0, :, 0] * y[:, 1, :, 1] - y[:, 0, :, 1] * y[:, 1, :, 0], axis=1)
     return jnp.einsum("cq,cqg->cg", J, block.group_weight) + area[:, None] * contour_shares(block)
 
@@ -143,8 +139,6 @@ def contour_shares(block: PatchBlock) -> Float[np.ndarray, " g"]:
 
 def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c q"]:
     """The field of a patch, volume ratio or pressure, at the quadrature points of a block, from its values in the volume groups."""
-    if block.group_weight is None:
-        return jnp.broadcast_to(values, block.weight.shape)
     own = jnp.where(_carries(block), values, 0.0)
     return jnp.einsum("cqg,cg->cq", block.group_weight, own) + (own @ contour_shares(block))[:, None]
 

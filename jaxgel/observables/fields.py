@@ -190,8 +190,7 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """Cauchy stress (k, n, 3) at the nodes, components xx, yy, xy, kT/v.
 
     The pressure at a node is the mean over the cells that have the node as a corner of their triangles; on the outline of a region it is
-    the stress inside the region. With the paper's quadrature it is
-    the mean over all cells that the node's support reaches, weighted with the node's part in their stiffness.
+    the stress inside the region.
     """
     model = path.model
     probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
@@ -258,12 +257,6 @@ def _over_cells(values: list[Float[Array, "_ _"]], model: Model) -> Float[Array,
 
 def _node_mean(model: Model) -> Callable[[Float[Array, " c"]], Float[Array, " n"]]:
     """Function that takes values of the cells to their means over the cells around each node, see `cauchy_stress`."""
-    if model.quadrature == "paper":
-        touches = jnp.zeros((model.n_nodes, model.n_cells))
-        for block in model.blocks:
-            part = jnp.einsum("cq,cqai->ca", block.weight, block.dphi**2)
-            touches = touches.at[block.nodes, block.patches[:, None]].add(part)
-        return (touches / touches.sum(axis=1, keepdims=True)).__matmul__
     topology, part = model.lists.topology, model.lists.topology.partition
     number = np.full(len(part.vertices), -1)
     number[topology.node_vertices] = np.arange(model.n_nodes)

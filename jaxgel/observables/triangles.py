@@ -17,7 +17,7 @@ FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
 def field_values(path: Path, field: str) -> Float[np.ndarray, "k t"]:
     """Values (k, t) of a field of ``FIELDS`` on the triangles of a path's cloud, constant in each cell; ValueError for another name.
 
-    "J" is `observables.volume_ratio`; with the paper's quadrature, whose cells are other squares, and for "stretch" it follows
+    "J" is `observables.volume_ratio`; "stretch" follows
     from the deformation gradient between the vertices, averaged over the dry volume of a cell.
     """
     return field_on_triangles(path, np.asarray(deformed_vertices(path)), field)
@@ -28,7 +28,7 @@ def field_on_triangles(path: Path, vertices: Float[np.ndarray, "k v 2"], field: 
     """Values (k, t) of a field, with the deformed vertices (k, v, 2) at hand."""
     one_of("field", field, FIELDS)
     triangles, cells = np.asarray(path.model.cloud.triangles), np.asarray(path.model.cloud.cell_of_triangle)
-    if field == "J" and path.model.quadrature == "conforming":
+    if field == "J":
         return np.asarray(volume_ratio(path))[:, cells]
     dry = _edges(np.asarray(path.model.cloud.vertices)[triangles])
     F = _edges(vertices[:, triangles]) @ np.linalg.inv(dry)
@@ -36,8 +36,7 @@ def field_on_triangles(path: Path, vertices: Float[np.ndarray, "k v 2"], field: 
     average = scipy.sparse.csr_array((volume, (cells, np.arange(len(cells)))), shape=(cells.max() + 1, len(cells)))
     average = average / average.sum(axis=1)[:, None]
     F = np.stack([(average @ state.reshape(-1, 4)).reshape(-1, 2, 2) for state in F])
-    values = np.linalg.det(F) if field == "J" else np.linalg.svd(F, compute_uv=False)[..., 0]
-    return values[:, cells]
+    return np.linalg.svd(F, compute_uv=False)[..., 0][:, cells]
 
 
 def _edges(corners: Float[np.ndarray, "*b 3 2"]) -> Float[np.ndarray, "*b 2 2"]:

@@ -2,9 +2,12 @@
 
 from .counts import PRINTED, table_1
 from .items import CLOSING, CONDITION, CONFIRMED, CONTRADICTED, FINITE_ELEMENTS, Claim, Entry, Number, Runs, at, bow, crossing, stability
+from .newton import SchemePath, equilibria, scheme_path
 from .report import REPORT
 from .runs import run_paper
+from .scheme import Scheme, make_scheme, scheme_energy
 from .square import METHODS, TIMED
+from .stress import paper_free_energy, paper_stress, paper_tangent, voigt
 
 __all__ = [
     "CLOSING",
@@ -20,10 +23,20 @@ __all__ = [
     "Entry",
     "Number",
     "Runs",
+    "Scheme",
+    "SchemePath",
     "at",
     "bow",
     "crossing",
+    "equilibria",
+    "make_scheme",
+    "paper_free_energy",
+    "paper_stress",
+    "paper_tangent",
     "run_paper",
+    "scheme_energy",
+    "scheme_path",
     "stability",
     "table_1",
+    "voigt",
 ]

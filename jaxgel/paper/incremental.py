@@ -4,30 +4,28 @@ from typing import Any
 
 import numpy as np
 
-from ..continuation import sweep
 from .items import COLOURS, CONFIRMED, CONTRADICTED, Entry, Number, Runs, pyplot
+from .newton import ALGORITHMS, equilibria
+from .scheme import make_scheme
 
 SAME = 1e-8  # mm, largest difference of positions that are the same
 
 
 def algorithm(runs: Runs) -> Entry:
     """Section 4: increments from the freely swollen state against the total energy."""
-    options = dict(method="displacement", quadrature="paper", kind="iicvmls", basis="linear")
     mu = [-3.9678, -2.9678, -1.9678, -1.4678]
-    model = runs.model("sample-1", 1.1, **options)
-    gel = model.cloud.plate.gel
-    paths = {}
-    for name in ("total", "incremental"):
+    cloud, found = runs.cloud("sample-1", 1.1), {}
+    scheme = make_scheme(cloud)
+    for name in ALGORITHMS:
         runs.on_state(f"sample-1, {name}")
-        paths[name] = sweep(model, gel, mu=mu, contact="off", branch="symmetric", formulation=name)
-    count = min(map(len, paths.values()))
+        found[name] = list(equilibria(scheme, cloud.plate.gel, mu, algorithm=name))
     table = []
-    for k in range(count):
-        difference = np.abs(np.asarray(paths["total"].x[k]) - np.asarray(paths["incremental"].x[k])).max()
-        iterations = {f"newton_{name}": int(path.newton_iterations[k]) for name, path in paths.items()}
-        table.append({"nodes": model.n_nodes, "mu": mu[k], "largest_difference_mm": float(difference)} | iterations)
+    for total, incremental in zip(*found.values(), strict=False):
+        iterations = {f"newton_{name}": states[len(table)].newton_iterations for name, states in found.items()}
+        difference = float(np.abs(total.x - incremental.x).max())
+        table.append({"nodes": len(total.x), "mu": total.mu, "largest_difference_mm": difference} | iterations)
     worst = max(row["largest_difference_mm"] for row in table)
-    done = count == len(mu) and worst < SAME
+    done = len(table) == len(mu) and worst < SAME
     return Entry(
         title="Section 4: the paper's incremental algorithm against the total energy",
         paper="Increments of u' from the free-swelling state, u' = (1 - l) X on the rollers, K = K_L0 + K_L1 + K_NL.",

@@ -18,6 +18,8 @@ from ..cloud import Cloud, make_cloud
 from ..continuation import Path, sweep
 from ..discretisation import Model, discretise, make_probe
 from ..observables import area_reduction, core_rotation, min_gap, rotation_angle, surface_ratio
+from .newton import scheme_path
+from .scheme import make_scheme
 
 CONFIRMED, CONDITION, CONTRADICTED = "confirmed", "confirmed with a condition", "contradicted"
 FINITE_ELEMENTS = json.loads(files("jaxgel.paper").joinpath("finite_elements.json").read_text(encoding="utf-8"))
@@ -102,25 +104,19 @@ class Runs:
     def __init__(self, on_state: Callable[[str], Any] = lambda _: None) -> None:
         self.on_state, self.shared, self._kept = on_state, {}, {}
 
-    def path(
-        self, name: str, mu: Any, *, spacing: float | None = None, discretisation: dict[str, Any] | None = None, **options: Any
-    ) -> Path:
-        """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing (the paper's by default).
-
-        ``discretisation`` are options of `discretise`, the others of `sweep`.
-        """
-        discretisation = discretisation or {}
-        key = (name, tuple(mu), spacing, tuple(sorted(discretisation.items())), tuple(sorted(options.items())))
+    def path(self, name: str, mu: Any, *, spacing: float | None = None, **options: Any) -> Path:
+        """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing (the paper's by default); ``options`` of `sweep`."""
+        key = (name, tuple(mu), spacing, tuple(sorted(options.items())))
         if key not in self._kept:
-            model = self.model(name, spacing, **discretisation)
-            self._kept[key] = sweep(model, model.cloud.plate.gel, mu=list(mu), on_step=self._report(name, model), **options)
+            model = self.model(name, spacing)
+            self._kept[key] = sweep(model, model.cloud.plate.gel, mu=list(mu), on_step=self._report(name, model.n_nodes), **options)
         return self._kept[key]
 
-    def model(self, name: str, spacing: float | None = None, **options: Any) -> Model:
-        """Model of a sample; see `discretise` for the options."""
-        key = ("model", name, spacing, tuple(sorted(options.items())))
+    def model(self, name: str, spacing: float | None = None) -> Model:
+        """Model of a sample."""
+        key = ("model", name, spacing)
         if key not in self._kept:
-            self._kept[key] = discretise(self.cloud(name, spacing), **options)
+            self._kept[key] = discretise(self.cloud(name, spacing))
         return self._kept[key]
 
     def cloud(self, name: str, spacing: float | None = None) -> Cloud:
@@ -131,8 +127,8 @@ class Runs:
             self._kept[key] = make_cloud(sample(name), spacing=spacing)
         return self._kept[key]
 
-    def _report(self, name: str, model: Model) -> Callable:
-        return lambda step: self.on_state(f"{name}, {model.n_nodes} nodes, mu = {step.mu:.4f}")
+    def _report(self, name: str, n_nodes: int) -> Callable:
+        return lambda step: self.on_state(f"{name}, {n_nodes} nodes, mu = {step.mu:.4f}")
 
     def stopping(self, number: int, intervals: int = GRID) -> Path:
         """Path of sample ``number`` as the paper computes it, without contact, until outlines overlap, on the symmetric branch.
@@ -152,8 +148,13 @@ class Runs:
 
     def stiff(self, number: int) -> Path:
         """Path of sample ``number`` in the paper's own discretisation, displacements alone at its Gauss points: it locks, but goes far."""
-        options = dict(discretisation=dict(method="displacement", quadrature="paper"), branch="symmetric", contact="stop")
-        return self.path(f"sample-{number}", [mu for mu in DETAILED + BEYOND if mu <= -0.2678], **options)
+        key = ("stiff", number)
+        if key not in self._kept:
+            name = f"sample-{number}"
+            scheme, mu = make_scheme(self.cloud(name), basis="quadratic", kind="imls"), [mu for mu in DETAILED + BEYOND if mu <= -0.2678]
+            report = self._report(name, len(scheme.cloud.nodes))
+            self._kept[key] = scheme_path(scheme, scheme.cloud.plate.gel, mu, until_overlap=True, on_step=report)
+        return self._kept[key]
 
     def shown(self, number: int, mu: float) -> tuple[Path, int]:
         """Path and number of the state that shows sample ``number`` at ``mu``, or its last one before.

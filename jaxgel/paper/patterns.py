@@ -26,6 +26,7 @@ from .items import (
     rows,
     unstable_from,
 )
+from .newton import SchemePath
 
 BENT = 0.05  # mm, from which a pillar's centre line counts as bent
 
@@ -190,7 +191,7 @@ def _how(path):
 
 
 def _locks(path):
-    return path.model.method == "displacement"
+    return isinstance(path, SchemePath)
 
 
 def _entry(shown, *, others=(), rows_of_axes=1, **texts):
@@ -228,7 +229,7 @@ def _rows(number, path, shown):
         "negative_pivots": path.negative_pivots,
         "shown": [int(k in shown) for k in range(len(path))],
     }
-    how = dict(contact="on" if path.model.contact is not None else "stop", method=path.model.method)
+    how = dict(contact="on" if path.model.contact is not None else "stop", method="displacement" if _locks(path) else "mixed")
     return rows(columns, path=number + 1, case=path.model.cloud.topology.plate.name, **how)
 
 

@@ -2,41 +2,40 @@
 
 import statistics
 import time
+from collections.abc import Callable
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..cases import sample
-from ..cloud import make_cloud
-from ..continuation import Path, SweepFailed, sweep
+from ..cloud import Cloud, make_cloud
+from ..continuation import sweep
 from ..discretisation import discretise, make_probe
+from ..equilibrium import State
 from ..geometry import Plate
 from ..materials import uniaxial_swelling
 from .items import COLOURS, CONDITION, CONFIRMED, CONTRADICTED, Claim, Entry, Number, Runs, pyplot
+from .newton import equilibria
+from .scheme import make_scheme
 
 MU = [-4.9, -4.0, -3.0, -2.5, -2.0, -1.5, -1.2, -1.0, -0.8, -0.6, -0.4, -0.3, -0.2, -0.1, -0.05, 0.0]
 SIDES = (7, 9, 11, 13, 15)
 REPEATS = 3
 ENOUGH = 4.0  # s of one point, after which it is not repeated
 LIMIT = 5.0  # s, of every point
-_PAPER = dict(basis="linear", quadrature="paper", dmax=3.5)
 _PENALTY = dict(conditions="penalty", penalty=1e3)
-METHODS: dict[str, dict[str, Any]] = {
-    "IICVEFG, mixed, consistent (default)": dict(),
-    "IICVEFG, mixed, paper's cells": _PAPER | dict(kind="iicvmls"),
-    "IICVEFG, displacement (as printed)": _PAPER | dict(kind="iicvmls", method="displacement"),
-    **{
-        f"ICVEFG, displacement, penalty 1e{k}": _PAPER | dict(kind="icvmls", method="displacement", conditions="penalty", penalty=10.0**k)
-        for k in (2, 3, 4, 5)
-    },
-    "IICVEFG, displacement, penalty 1e3": _PAPER | _PENALTY | dict(kind="iicvmls", method="displacement"),
-    "ICVEFG, mixed, penalty 1e3": _PAPER | _PENALTY | dict(kind="icvmls"),
-    "EFG, displacement, penalty 1e3": _PAPER | _PENALTY | dict(kind="mls", method="displacement"),
-    "EFG, mixed, penalty 1e3": _PAPER | _PENALTY | dict(kind="mls"),
-    "EFG, mixed, multipliers": _PAPER | dict(kind="mls", conditions="lagrange"),
+METHODS: dict[str, dict[str, Any] | None] = {
+    "IICVEFG, mixed, consistent (default)": None,
+    "IICVEFG, mixed, paper's cells": dict(method="cells"),
+    "IICVEFG, displacement (as printed)": dict(),
+    **{f"ICVEFG, displacement, penalty 1e{k}": dict(kind="icvmls", conditions="penalty", penalty=10.0**k) for k in (2, 3, 4, 5)},
+    "IICVEFG, displacement, penalty 1e3": _PENALTY,
+    "ICVEFG, mixed, penalty 1e3": _PENALTY | dict(kind="icvmls", method="cells"),
+    "EFG, displacement, penalty 1e3": _PENALTY | dict(kind="mls"),
+    "EFG, mixed, penalty 1e3": _PENALTY | dict(kind="mls", method="cells"),
+    "EFG, mixed, multipliers": dict(kind="mls", method="cells", conditions="lagrange"),
 }
+"""Name -> the variant of the paper's scheme, options of `make_scheme`; None for the default of `discretise`."""
 DEFAULT, PRINTED, OTHER = "IICVEFG, mixed, consistent (default)", "IICVEFG, displacement (as printed)", "ICVEFG, displacement, penalty 1e3"
 ALIKE = "IICVEFG, displacement, penalty 1e3"
 PLAIN = "EFG, displacement, penalty 1e3"
@@ -51,23 +50,28 @@ def stretches(runs: Runs) -> dict[str, np.ndarray]:
 
 
 def _stretches(runs, name):
-    values = np.full(len(MU), np.nan)
-    try:
-        model = discretise(runs.cloud("square"), **METHODS[name])
-        gel, say = model.cloud.plate.gel, lambda step: runs.on_state(f"{name}, mu = {step.mu:.2f}")
-        path = sweep(model, gel, mu=MU, branch="symmetric", on_step=say)
-    except SweepFailed:
-        return values
-    values[: len(path)] = stretch(path)
+    cloud, values = runs.cloud("square"), np.full(len(MU), np.nan)
+    states, positions = _swollen(cloud, name, MU, lambda state: runs.on_state(f"{name}, mu = {state.mu:.2f}"))
+    half = cloud.plate.height / 2
+    for k, state in enumerate(states):
+        (_, below), (_, above) = positions(state.x, np.array([[0.0, -half], [0.0, half]]))
+        values[k] = (above - below) / (2 * half)
     return values
 
 
-def stretch(path: Path) -> jax.Array:
-    """Stretch l2 (k,) between the middles of the bottom and the top of the square."""
-    half = path.model.cloud.plate.height / 2
-    ends = make_probe(path.model, np.array([[0.0, -half], [0.0, half]]))
-    y = np.asarray(jax.vmap(ends.position)(jnp.asarray(path.x)))
-    return (y[:, 1, 1] - y[:, 0, 1]) / (2 * half)
+def _swollen(cloud: Cloud, name: str, mu: list[float], on_step: Callable[[State], Any] = lambda _: None) -> tuple[list[State], Callable]:
+    """States of the square by a method, and the function of nodal values and points of the dry plate that gives deformed positions."""
+    options, gel = METHODS[name], cloud.plate.gel
+    if options is None:
+        model = discretise(cloud)
+        path = sweep(model, gel, mu=mu, branch="symmetric", on_step=on_step)
+        return [path[k] for k in range(len(path))], lambda x, points: np.asarray(make_probe(model, points).position(x))
+    scheme = make_scheme(cloud, **options)
+    states = []
+    for state in equilibria(scheme, gel, mu):
+        on_step(state)
+        states.append(state)
+    return states, scheme.positions
 
 
 def errors(runs: Runs) -> dict[str, np.ndarray]:
@@ -182,7 +186,7 @@ def fig_4(runs: Runs) -> Entry:
 
 def _square(side):
     """The unit square with side x side nodes."""
-    return Plate(1.0, 1.0, edges={"top": "free"}, spacing=1 / (side - 1), cells=side - 1, gel=sample("square").gel)
+    return Plate(1.0, 1.0, edges={"top": "free"}, spacing=1 / (side - 1), gel=sample("square").gel)
 
 
 def _timed(cloud, name):
@@ -190,8 +194,8 @@ def _timed(cloud, name):
 
     What a method spends beyond, until it gives its branch up, is not counted.
     """
-    seconds, cpu, gel = [], [], cloud.plate.gel
-    sweep(discretise(cloud, **METHODS[name]), gel, mu=MU[:2], branch="symmetric")  # compiles
+    seconds, cpu = [], []
+    _swollen(cloud, name, MU[:2])  # compiles
     while len(seconds) < REPEATS and sum(seconds) < ENOUGH:
         now = start = time.perf_counter(), time.process_time()
 
@@ -199,7 +203,7 @@ def _timed(cloud, name):
             nonlocal now
             now = time.perf_counter(), time.process_time()
 
-        path = sweep(discretise(cloud, **METHODS[name]), gel, mu=MU, branch="symmetric", on_step=reached)
+        states, _ = _swollen(cloud, name, MU, reached)
         for times, a, b in zip((seconds, cpu), start, now, strict=True):
             times.append(b - a)
     return {
@@ -208,8 +212,8 @@ def _timed(cloud, name):
         "runs": len(seconds),
         "seconds": statistics.median(seconds),
         "cpu_seconds": statistics.median(cpu),
-        "newton_iterations": int(np.sum(path.newton_iterations)),
-        "reached_mu": float(path.mu[-1]),
+        "newton_iterations": sum(state.newton_iterations for state in states),
+        "reached_mu": states[-1].mu,
     }
 
 

@@ -63,10 +63,7 @@ class Images:
 
 def symmetries_of(problem: Problem) -> tuple[str, ...]:
     """The group of a problem: the symmetries that keep its plate, cloud, gel and loads to round-off; none where only nearly."""
-    model = problem.model
-    if model.quadrature == "paper" or model.conditions != "nodes":
-        return ()
-    found = images(model.lists)
+    found = images(problem.model.lists)
     if not found or not _is_isotropic(problem.gel):
         return ()
     return _closed(tuple(name for name, image in found.items() if _keeps(image, problem)))

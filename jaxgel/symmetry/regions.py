@@ -79,9 +79,8 @@ def region(problem: Problem, group: tuple[str, ...]) -> Region:
 
 def counted(block: PatchBlock, sizes: Float[Array, " r"]) -> PatchBlock:
     """The patches of a block, each of which counts ``sizes`` (r,) times."""
-    contour = block.contour
-    if contour is not None:  # of the product of two rows that is an area
-        contour = contour * (1 + np.array([1.0, 0.0])[:, None, None] * (sizes[:, None, None, None] - 1))
+    one = np.array([1.0, 0.0])[:, None, None]  # an area is the product of two rows
+    contour = block.contour * (1 + one * (sizes[:, None, None, None] - 1))
     return dataclasses.replace(block, weight=block.weight * sizes[:, None], contour=contour)
 
 
@@ -228,12 +227,10 @@ def group_shares(model: Model, group: tuple[str, ...]) -> list[Float[np.ndarray,
 def _shares(block, here, there, slot, numbers, image):
     """Shares (r, g, g) of the pressures of patches in the rows ``there`` that those in the rows ``here`` have."""
     g = block.n_groups
-    if image is None or block.has_mean:
+    if image is None:
         return np.broadcast_to(np.eye(g), (len(here), g, g))
     real = numbers[here] >= 0
     at = np.where(real, slot[image[np.maximum(numbers[here], 0)]], 0)
-    if block.group_weight is None:  # every point is a group
-        return (at[:, :, None] == np.arange(g)) & real[:, :, None]
     weights, own = np.asarray(block.group_weight), np.asarray(block.weight)[here]
     own = np.where(real, own / own.sum(axis=1, keepdims=True), 0.0)
     overlap = np.einsum("cq,cqi,cqj->cij", own, weights[here], np.take_along_axis(weights[there], at[:, :, None], axis=1))

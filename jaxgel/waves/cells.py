@@ -82,4 +82,4 @@ def primitive_cell(plate: Plate) -> Plate:
         by = (sides - size) / 2
         holes.append(hole.translated(by - np.where(parts > 1, np.round((outline.mean(axis=0) + by) / size) * size, 0.0)))
     width, height = map(float, size)
-    return dataclasses.replace(plate, width=width, height=height, holes=tuple(holes), core=None, cells=None, reference=None)
+    return dataclasses.replace(plate, width=width, height=height, holes=tuple(holes), core=None, reference=None)

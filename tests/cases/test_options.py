@@ -25,8 +25,6 @@ VALUES = {
     "across": 3,
     "basis": "linear",
     "dmax": 2.7,
-    "method": "displacement",
-    "quadrature": "paper",
     "solver": "direct",
     "mu_start": -3.5,
     "mu_end": -1.2,
@@ -234,11 +232,11 @@ def test_every_option_has_a_stage_that_takes_it():
 
 
 def test_options_that_are_not_of_a_case_stay_what_they_were(asked):
-    """None leaves the default of the plate or the method to `make_cloud` and `discretise`."""
+    """None leaves the default of the plate or the discretisation to `make_cloud` and `discretise`."""
     options = DiscretisationOptions()
     options.model(options.cloud(load_case("square").plate))
     assert asked["cloud"] == dict(spacing=None, nodes_per_hole=None, across=None)
-    assert asked["model"] == dict(basis="quadratic", dmax=None, method="mixed", quadrature="conforming", solver="auto")
+    assert asked["model"] == dict(basis="quadratic", dmax=None, solver="auto")
 
 
 @pytest.mark.parametrize("entry", [{"mu_end": -1.0}, {"mu_start": -4.0}, {"steps": 5}])
@@ -247,15 +245,6 @@ def test_ends_and_steps_are_refused_where_a_case_lists_its_mu(entry, tmp_path):
     with pytest.raises(ValueError, match=rf"^sweep\.{next(iter(entry))}: .* has no effect, as the case lists its values of mu"):
         load_case(str(tmp_path / "case.toml"), {"sweep": entry})
     assert load_case(str(tmp_path / "case.toml"), {"sweep": {"mu": [-2.5]}}).sweep.values == [-2.5]
-
-
-@pytest.mark.parametrize("command", ["check-grad", "design"])
-def test_the_papers_quadrature_is_refused_where_holes_move(command, tmp_path, capsys):
-    text = PLATE + '[sweep]\nmu = [-3.0]\n[discretisation]\nspacing = 1.3\nquadrature = "paper"\n'
-    (tmp_path / "case.toml").write_text(text + (STUDY.format(at=-3.0) if command == "design" else ""))
-    assert cli.main([command, str(tmp_path / "case.toml"), "--quiet", "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "cannot follow moving holes" in error
 
 
 def test_output_options_are_those_of_files_that_a_command_draws():

@@ -92,7 +92,7 @@ def test_the_schema_knows_every_section_and_is_printed(validator, capsys):
     "change",
     [
         {"plate": PLATE | {"edges": "free"}},
-        {"plate": PLATE | {"edges": {"top": "free", "left": "fixed"}, "core": [1.0, 0.0], "cells": 8, "unit": "um", "spacing": 0.5}},
+        {"plate": PLATE | {"edges": {"top": "free", "left": "fixed"}, "core": [1.0, 0.0], "unit": "um", "spacing": 0.5}},
         {"plate": {"sample": "sample-1"}, "holes": []},
         {"holes": [CIRCLE, {"kind": "polygon", "vertices": [[0, 0], [1, 0], [0, 1]]}]},
         {"holes": [{"kind": "fourier", "centre": [0, 0], "radius": 1, "cos": [0.1], "sin": [0.0]}]},
@@ -132,7 +132,6 @@ def test_the_schema_knows_holes_from_drawings(validator):
         {"plate": PLATE | {"edges": {"topp": "free"}}},
         {"plate": PLATE | {"core": [1.0]}},
         {"plate": PLATE | {"unit": 3}},
-        {"plate": PLATE | {"cells": 0}},
         {"plate": PLATE | {"nodes_per_hole": 2}},
         {"plate": 3},
         {"holes": 3},

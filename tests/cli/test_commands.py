@@ -62,7 +62,7 @@ def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
 
     monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", fail)
     (tmp_path / "tiny.toml").write_text(CASE.replace("22.0", "4.0") + 'edges = { top = "free" }\n' + hole(0.1, -0.2, 1.1))
-    options = dict(spacing=tiny_plate.spacing, nodes_per_hole=12, basis="linear", dmax=2.5, method="displacement", quadrature="paper")
+    options = dict(spacing=tiny_plate.spacing, nodes_per_hole=12, basis="linear", dmax=2.5)
     arguments = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
     arguments += ["--solver", "iterative", "--mu-start", "-4.9", "--mu-end", "-4.8", "--steps", "2", "--no-plots", "--quiet"]
     assert cli.main(["run", str(tmp_path / "tiny.toml"), *arguments, "--out", str(tmp_path / "out")]) == 3
@@ -70,9 +70,7 @@ def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["options"]["discretisation"] == options
     (model,) = models
     assert model.n_nodes == len(jaxgel.make_cloud(tiny_plate).nodes)
-    assert {name: getattr(model, name) for name in ("basis", "dmax", "method", "quadrature", "solver")} == {
-        name: options[name] for name in ("basis", "dmax", "method", "quadrature", "solver")
-    }
+    assert all(getattr(model, name) == options[name] for name in ("basis", "dmax", "solver"))
 
 
 @pytest.mark.parametrize(

@@ -29,11 +29,10 @@ WHOLE_PLATE = PLATE | {
     "edges": {"top": "fixed"},
     "deformation": [[1.1, 0.0], [0.0, 1.0]],
     "displacement": {"top": [0.0, 0.1]},
-    "cells": 6,
     "core": [0.5, 0.5],
 }
 CASES = {f"hole {hole['kind']}": {"plate": PLATE, "holes": [hole]} for hole in HOLES} | {
-    "plate": {"plate": WHOLE_PLATE, "discretisation": {"quadrature": "paper", "spacing": 0.8}},
+    "plate": {"plate": WHOLE_PLATE, "discretisation": {"spacing": 0.8}},
     "options": {
         "plate": PLATE,
         "holes": HOLES[:1],

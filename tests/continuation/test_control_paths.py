@@ -165,7 +165,6 @@ def test_the_lowest_eigenvalue_is_differentiable_along_a_control(model):
         (dict(control=chi(), values=[0.1], mu=[-1.0]), "mu: is not accepted beside the control 'chi'"),
         (dict(control=chi(), values=[0.1, 0.1]), "chi: 0.1 is followed by 0.1"),
         (dict(control=chi(), values=[0.1, 3.0]), "chi = 3: chi: 3 is not accepted"),
-        (dict(control=chi(), values=[0.1], formulation="incremental"), "formulation: 'incremental' knows no control but mu"),
     ],
 )
 def test_arguments_that_do_not_fit_are_refused_in_one_line(model, arguments, message):

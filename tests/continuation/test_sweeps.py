@@ -222,9 +222,8 @@ def test_prediction_is_exact_on_a_polynomial_and_cautious_after_a_turn(tiny_mode
     np.testing.assert_allclose(x, 1.5)
 
 
-@pytest.mark.parametrize("method", ["mixed", pytest.param("displacement", marks=pytest.mark.slow)])
-def test_a_first_state_predicts_the_second_to_second_order(tiny_model, method):
-    model = tiny_model if method == "mixed" else jaxgel.discretise(tiny_model.cloud, method=method)
+def test_a_first_state_predicts_the_second_to_second_order(tiny_model):
+    model = tiny_model
     problem, steps, misses = prepare(model, model.cloud.plate.gel), 0.2 * 0.5 ** np.arange(3), []
     for step in steps:
         seen = []

@@ -103,15 +103,6 @@ def check_mirror_images(model):
         np.testing.assert_allclose(gap.min(axis=1), 0.0, atol=1e-9)  # of equal arc lengths, found to 1e-10 of the outline
 
 
-@pytest.mark.parametrize("fixture", ["coarse_model", "tiny_model"])
-def test_the_method_of_cells_gives_one_patch_with_one_pressure_per_cell(fixture, request):
-    model = jaxgel.discretise(request.getfixturevalue(fixture).cloud, method="cells")
-    np.testing.assert_array_equal(model.lists.patch_of_cell, np.arange(model.n_cells))
-    assert not model.lists.linear.any()
-    assert all(block.carrying == block.n_groups == 1 for block in model.blocks)
-    assert carries_volume(model).all()
-
-
 @pytest.mark.parametrize("fixture", ["coarse_model", "tiny_model", "buckling_model", "square_model", "slit_model"])
 def test_linear_patches_have_two_whole_squares_and_more(fixture, request):
     model = request.getfixturevalue(fixture)

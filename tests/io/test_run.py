@@ -83,6 +83,20 @@ def test_a_path_read_back_gives_the_same_observables(run_folder, path):
     assert again.status == path.status
 
 
+def test_a_run_of_version_0_2_is_read_if_its_method_is_there_still(copy):
+    summary = json.loads((copy / "summary.json").read_text())
+    options = summary["options"]
+    before = {"plate": options["plate"] | {"cells": 40}, "discretisation": options["discretisation"] | {"quadrature": "conforming"}}
+    for method in ("mixed", "cells"):
+        before["discretisation"]["method"] = method
+        (copy / "summary.json").write_text(json.dumps(summary | {"options": options | before}))
+        if method == "mixed":
+            assert load_run(copy).summary == summary
+            continue
+        with pytest.raises(ValueError, match=r"discretisation\.method 'cells' is not in this version; read it with version 0\.2"):
+            load_run(copy)
+
+
 def test_summary_names_case_options_versions_and_outcome(run_folder):
     summary = json.loads((run_folder / "summary.json").read_text())
     assert summary["case"] == "sample-1"

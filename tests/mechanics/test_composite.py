@@ -36,9 +36,8 @@ def layered(materials, spacing=0.5, **options):
 @pytest.mark.parametrize(
     "outline", [Circle((0.1, -0.2), 0.6), LAYER, Ellipse((0.0, 0.1), (0.7, 0.5), 0.4)], ids=["circle", "layer", "ellipse"]
 )
-@pytest.mark.parametrize("method", ["mixed", "cells"])
-def test_linear_displacements_are_reproduced_across_an_interface(outline, method):
-    model = discretise(make_cloud(Plate(2.0, 2.0, regions=[outline], spacing=0.25)), method=method)
+def test_linear_displacements_are_reproduced_across_an_interface(outline):
+    model = discretise(make_cloud(Plate(2.0, 2.0, regions=[outline], spacing=0.25)))
     F = np.array([[1.2, 0.1], [0.05, 0.9]])
     x = np.asarray(model.cloud.nodes) @ F.T
     for block in model.blocks:

@@ -61,7 +61,7 @@ def squeezed(slit):
 @pytest.mark.slow
 def test_corrections_that_throw_points_deep_into_each_other_are_halved(slit):
     """Newton's method else goes round in a circle of six iterations until the step is cut: 154 for the last state, 22 so."""
-    model = jaxgel.discretise(slit, method="cells")
+    model = jaxgel.discretise(jaxgel.make_cloud(slit.plate))
     path = jaxgel.sweep(model, GEL, mu=[-4.0, -3.0, -2.0, -1.5], contact="on")
     assert path.stop.ok
     assert path.newton_iterations[-1] < 35

@@ -142,10 +142,6 @@ def test_what_films_cannot_be_is_said_in_one_line(film, film_model):
         dataclasses.replace(film, kinematics="membrane")
     with pytest.raises(ValueError, match=r"is not accepted in plane stress, it must be neo_hookean$"):
         jaxgel.sweep(film_model, dataclasses.replace(GEL, network=Gent(30.0)), mu=MU)
-    with pytest.raises(ValueError, match="knows plane strain only"):
-        jaxgel.sweep(film_model, GEL, mu=MU, formulation="incremental")
-    with pytest.raises(ValueError, match=r"^quadrature: 'paper' knows plane strain only"):
-        jaxgel.discretise(jaxgel.make_cloud(film), quadrature="paper")
 
 
 def test_a_steeply_graded_film_has_a_smallest_stress():

@@ -105,8 +105,6 @@ def test_what_a_field_cannot_be_is_said_in_one_line(tiny_model):
         jaxgel.sweep(tiny_model, jaxgel.Gel(chi=lambda X: jnp.log(X[0])), mu=MU)
     with pytest.raises(ValueError, match=r"^Nv: the field gives an array of shape \(2,\), it must give one number for a position"):
         jaxgel.sweep(tiny_model, jaxgel.Gel(lambda X: X), mu=MU)
-    with pytest.raises(ValueError, match="knows no parameters that vary over the plate"):
-        jaxgel.sweep(tiny_model, jaxgel.Gel(pixels(SHARES)), mu=MU, formulation="incremental")
 
 
 def test_a_gel_on_a_model_fits_no_other_one(tiny_model, coarse_model):

@@ -100,18 +100,6 @@ def test_symmetric_branches_lose_the_area_of_finite_elements(name):
     np.testing.assert_allclose(jaxgel.core_rotation(path), 0.0, atol=0.02)
 
 
-@pytest.mark.slow
-def test_the_papers_scheme_locks():
-    """J at every Gauss point with the linear basis: 0.3 degrees where the gel turns by 14, with the same loss of area."""
-    plate = jaxgel.sample("sample-1")
-    model = jaxgel.discretise(jaxgel.make_cloud(plate), basis="linear", method="displacement", quadrature="paper")
-    assert (model.n_nodes, model.n_points, model.dmax) == (1009, 12284, 3.5)
-    path = jaxgel.sweep(model, plate.gel, mu=[-2.9678, -1.9678, -1.4678])
-    assert path.stop.ok
-    assert abs(float(jaxgel.rotation_angle(path)[-1])) < 0.6
-    assert float(jaxgel.area_reduction(path)[-1]) == pytest.approx(AREA[4], rel=2e-3)
-
-
 # --- symmetry ----------------------------------------------------------------------------------------------------------------
 
 
@@ -226,20 +214,13 @@ def test_freely_swollen_plate_has_no_stress_and_surface_ratio_one(coarse_path):
     np.testing.assert_allclose(jaxgel.surface_ratio(path), 1.0, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("method", "quadrature"),
-    [("mixed", "conforming"), pytest.param("displacement", "conforming", marks=pytest.mark.slow), ("mixed", "paper")],
-)
-def test_stress_of_the_uniaxially_swollen_square_is_the_closed_form(method, quadrature, square_model):
+def test_stress_of_the_uniaxially_swollen_square_is_the_closed_form(square_model):
     gel, mu = jaxgel.sample("square").gel, np.array([-2.0, -1.0])
-    cloud, own = square_model.cloud, (method, quadrature) == ("mixed", "conforming")
-    square_model = square_model if own else jaxgel.discretise(cloud, method=method, quadrature=quadrature)
     path = jaxgel.sweep(square_model, gel, mu=list(mu))
     stretch = np.asarray(jaxgel.uniaxial_swelling(mu, gel))
     sideways = gel.Nv * (1 / stretch - stretch)  # Nv l1^2/J - Nv l2^2/J: the pressure follows from zero stress along x2
     expected = np.stack([sideways, 0 * mu, 0 * mu], axis=1)[:, None]
-    atol = 1e-9 * gel.Nv if quadrature == "conforming" else 0.02 * gel.Nv  # the paper's quadrature integrates no linear field exactly
-    np.testing.assert_allclose(jaxgel.cauchy_stress(path), np.broadcast_to(expected, (2, 49, 3)), atol=atol)
+    np.testing.assert_allclose(jaxgel.cauchy_stress(path), np.broadcast_to(expected, (2, 49, 3)), atol=1e-9 * gel.Nv)
 
 
 def test_surface_ratio_grows_past_the_crease_limit_late_in_the_sweep(coarse_path):

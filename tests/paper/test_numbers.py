@@ -51,7 +51,7 @@ def folder(coarse_path, tmp_path_factory):
         off = {name: 1e-12 * 7.3**k * np.linspace(1, 2, len(exact)) for k, name in enumerate(paper_square.METHODS)}
         patch.setattr(paper_square, "_stretches", lambda _, name: exact * (1 + off[name]))
         patch.setattr(paper_square, "_timed", _timed)
-        patch.setattr(paper_square, "make_cloud", lambda plate: plate.cells + 1)
+        patch.setattr(paper_square, "make_cloud", lambda plate: round(1 / plate.spacing) + 1)
         patch.setattr(paper_curves, "CENTRE", 0)
         patch.setattr(paper, "Runs", lambda _: OnePath(coarse_path))
         patch.setattr(Figure, "savefig", lambda *_, **__: None)

@@ -81,13 +81,6 @@ def test_network_with_fibres_has_no_symmetry(plates):
     assert name_of(prepare(model, Gel(1e-3, 0.1, network=jaxgel.Gent(30.0)))) == "D4"
 
 
-def test_other_discretisations(plates, problem_of):
-    for method in ("cells", "displacement"):
-        assert name_of(problem_of(plates["D4"], method=method)) == "D4"
-    assert name_of(problem_of(Plate(4, 4, [Circle((0, 0), 1)], spacing=0.25, cells=16), quadrature="paper", basis="linear")) == "C1"
-    assert name_of(problem_of(plates["D4"], conditions="lagrange")) == "C1"
-
-
 def test_group_of_a_state(plates, problem_of):
     problem = problem_of(plates["D4"])
     group, x = symmetries_of(problem), np.array(problem.model.cloud.nodes)

@@ -24,7 +24,7 @@ OTHERS = {
     "film": dict(kinematics="plane stress", spacing=0.25),
     "free axial stretch": dict(kinematics="generalised plane strain", spacing=0.25),
 }
-OPTIONS = {"cells": dict(method="cells"), "displacement": dict(method="displacement"), "linear": dict(basis="linear")}
+OPTIONS = {"linear": dict(basis="linear")}
 NAMED = ["D4", "C4", "D2 (axes)", "D2 (diagonals)", "C2", "D1 (x -> -x)", "D1 (x <-> -y)"]
 
 

@@ -5,9 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
-from .gel import _det, free_energy, neo_hookean
-from .mixing import flory_rehner
-from .swelling import free_swelling
+from ..materials import flory_rehner, free_energy, free_swelling, neo_hookean
 
 
 def paper_free_energy(F_prime: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Float[Array, ""]:
@@ -30,7 +28,7 @@ def paper_tangent(G: Float[Array, "2 2"], mu: Scalar, gel: Any, stretch: Scalar 
     """Tangent D_ijkl = 2 dS_ij/dG_kl (2, 2, 2, 2), in kT/v, at ``G`` (2, 2); Eqs. (8)-(9). Arguments as of ``paper_stress``."""
     B, C, J = _paper_coefficients(G, mu, gel, stretch)
     inverse = _inverse(G)
-    return 2 * B / J**2 * _cofactor_derivative() + C * jnp.einsum("ji,lk->ijkl", inverse, inverse)
+    return 2 * B / J**2 * cofactor_derivative() + C * jnp.einsum("ji,lk->ijkl", inverse, inverse)
 
 
 def voigt(D: Float[Array, "2 2 2 2"]) -> Float[Array, "3 3"]:
@@ -52,7 +50,7 @@ def _paper_coefficients(G, mu, gel, stretch):
     return B, C, J
 
 
-def _cofactor_derivative():
+def cofactor_derivative() -> Float[Array, "2 2 2 2"]:
     """Q_ijkl (2, 2, 2, 2) of Eq. (9) with G33 = 1: dcof(G)_ij/dG_kl of cof(G)_ij = e_ik e_jl G_kl, with G_12 and G_21 varied together."""
     e = jnp.array([[0.0, 1.0], [-1.0, 0.0]])
     return (jnp.einsum("ik,jl->ijkl", e, e) + jnp.einsum("il,jk->ijkl", e, e)) / 2
@@ -60,3 +58,7 @@ def _cofactor_derivative():
 
 def _inverse(A):
     return jnp.array([[A[1, 1], -A[0, 1]], [-A[1, 0], A[0, 0]]]) / _det(A)
+
+
+def _det(A):
+    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]

@@ -1,0 +1,193 @@
+"""Equilibria of the paper's scheme at given chemical potentials, with dense matrices: up to a few thousand nodes.
+
+The pressure of each volume group is an unknown beside the positions, as in ``mechanics.mixed``: with the volume ratio J*(p) at which the
+gel has the pressure p, k = dp/dJ there, and G = d(V J)/dx,
+
+    dp = k (G^T dx / V + J - J*),    (network'' + sum_g [p d2(V J)/dx2 + (k/V) G G^T]) dx = - network' - sum_g [p + k (J - J*)] G
+
+Every p is feasible, and the matrix is the Hessian of the energy wherever J = J*(p).
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Generator, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._types import Array, Float
+from .._validation import one_of
+from ..continuation import Path, extrapolated, first_state_failed, given_values
+from ..equilibrium import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, Stability, State, Status, iterate, of_outlines
+from ..materials import Gel, bulk_stiffness, flory_rehner, neo_hookean, volume_ratio_at
+from ..mechanics import ROUND_OFF, state_pressure
+from .increments import incremented
+from .matrices import assembled, negative_eigenvalues, solved
+from .scheme import MINORS, Scheme, SchemeProblem, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
+
+ALGORITHMS = ("total", "incremental")
+EPS = np.finfo(float).eps
+PATIENCE = 8  # iterations without progress after which Newton's method is given up
+
+
+class SchemePath(Path):
+    """A path of the paper's scheme, which observables read by the interpolating shape functions of its ``model``."""
+
+
+def equilibria(
+    scheme: Scheme,
+    gel: Gel,
+    mu: Sequence[float],
+    *,
+    algorithm: str = "total",
+    until_overlap: bool = False,
+) -> Generator[State, None, tuple[Status, float]]:
+    """Yield the states at the chemical potentials ``mu``, kT, their ``x`` nodal values, while the branch goes on; returns how it ended.
+
+    ``algorithm="incremental"`` is the paper's, with increments from the freely swollen plate. A symmetric branch is followed whatever its
+    stability. ``until_overlap`` ends it where hole outlines overlap. Raises ValueError for a gel of another energy than the paper's,
+    neo-Hookean and Flory-Rehner.
+    """
+    one_of("algorithm", algorithm, ALGORITHMS)
+    if getattr(gel, "network", None) is not neo_hookean or gel.volumetric is not flory_rehner:
+        raise ValueError("gel: the paper's scheme needs the Flory-Rehner energy with a neo-Hookean network")
+    problem = SchemeProblem(scheme, jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel))
+    if algorithm == "incremental":
+        if scheme.cells.method != "displacement" or scheme.conditions != "nodes":
+            given = f"{scheme.cells.method!r} and {scheme.conditions!r}"
+            raise ValueError(f"algorithm: 'incremental' needs method 'displacement' and conditions at the 'nodes', not {given}")
+
+        def attempt(mu, before):
+            return incremented(problem, mu, extrapolated(mu, before)[0] if before else None)
+    else:
+        start = np.asarray(scheme.cloud.nodes), np.full(scheme.cells.volumes.shape, -float(gel.Nv))
+
+        def attempt(mu, before):
+            found = equilibrium(problem, mu, *(extrapolated(mu, before) if before else start))
+            if until_overlap and found.status.ok:
+                return dataclasses.replace(found, status=of_outlines(found.x, scheme.model, contact=False))
+            return found
+
+    return given_values(attempt, list(map(float, mu)), [])
+
+
+def scheme_path(scheme: Scheme, gel: Gel, mu: Sequence[float], *, on_step: Callable[[State], object] = id, **options: Any) -> SchemePath:
+    """`SchemePath` of the `equilibria`, with the same ``options``, for interpolating shape functions; SweepFailed without a state.
+
+    Its pressures are those at the volume ratios that its ``model`` has. ``on_step`` is called with each state.
+    """
+    model, stop, states = scheme.model, Status.CONVERGED, []
+
+    def followed():
+        nonlocal stop
+        stop, _ = yield from equilibria(scheme, gel, mu, **options)
+
+    for state in followed():
+        on_step(state)
+        states.append(dataclasses.replace(state, pressure=np.asarray(state_pressure(jnp.asarray(state.x), model, gel, state.mu))))
+    if not states:
+        raise first_state_failed(None, mu[0], stop)
+    return SchemePath.from_states(model, gel, states, stop=stop)
+
+
+def equilibrium(problem: SchemeProblem, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> State:
+    """`State` at ``mu``, whatever its status, from nodal values ``x`` and pressures; its stability is that within the edges."""
+    correction = NewtonCorrection(np.zeros(len(problem.scheme.rows)))
+    found = iterate(problem, State(float(mu), np.asarray(x), np.asarray(pressure)), correction)
+    found = dataclasses.replace(found, energy=float(scheme_energy(found.x, problem.scheme.cells, problem.gel, mu)))
+    if not found.status.ok:
+        return found
+    negative = negative_eigenvalues(correction.matrix) - len(problem.scheme.rows)
+    return dataclasses.replace(found, stability=Stability(np.array([np.nan]), None, negative))
+
+
+@dataclasses.dataclass
+class NewtonCorrection:
+    """Newton's corrections of the displacements and multipliers, see ``equilibrium.Correction``."""
+
+    multipliers: np.ndarray
+    matrix: np.ndarray | None = None
+    """(f + m, f + m) of the last correction."""
+    best: float = np.inf
+    improved: int = 0
+    terms: tuple = ()
+    """Condensed forces (N,), reactions of the edges (N,), displacements (N,) and `_residual`'s last value at the iterate."""
+
+    def assess(self, problem: SchemeProblem, state: State) -> tuple[float, bool]:
+        """Residual norm of the iterate over that of the network's forces, and whether it is an equilibrium."""
+        scheme, dry, x = problem.scheme, np.asarray(problem.scheme.cloud.nodes), np.asarray(state.x)
+        force, condensed, now = _residual(x, state.pressure, scheme.cells, problem.gel, state.mu)
+        u = (x - dry).ravel()
+        reaction = scheme.stiffness @ u + scheme.rows.T @ self.multipliers
+        residual = -np.asarray(force).ravel() - reaction
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
+            scale = float(now["network"]) + np.linalg.norm(reaction)
+            rounded = EPS * np.linalg.norm(np.abs(scheme.stiffness) @ np.abs(x).ravel()) / scale  # large terms of a stiff penalty cancel
+            size = max(np.linalg.norm(residual[scheme.free]) / scale, np.linalg.norm(scheme.rows @ u) / np.linalg.norm(dry))
+        self.terms = np.asarray(condensed).ravel(), reaction, u, now
+        error, allowed = float(now["violation"]), max(TOLERANCE, rounded)
+        total = max(size / allowed, error / CONSTRAINT_TOLERANCE)
+        if total < 0.5 * self.best:
+            self.best, self.improved = total, state.newton_iterations
+        solved = size < allowed and error < CONSTRAINT_TOLERANCE and state.newton_iterations > 0
+        return size if np.isfinite(error) else np.nan, bool(solved)
+
+    def exhausted(self, state: State) -> bool:
+        """Whether the iteration ends without a solution."""
+        return state.newton_iterations >= MAX_ITERATIONS or state.newton_iterations > self.improved + PATIENCE
+
+    def __call__(self, problem: SchemeProblem, state: State) -> State:
+        """The next iterate."""
+        scheme, m = problem.scheme, len(problem.scheme.rows)
+        condensed, reaction, u, now = self.terms
+        matrices = _tangents(state.x, state.pressure, now["stiffness"], scheme.cells, problem.gel)
+        K = assembled(matrices, scheme.cells, len(state.x)) + scheme.stiffness
+        kept = np.append(scheme.free, len(K) + np.arange(m))
+        self.matrix = np.block([[K, scheme.rows.T], [scheme.rows, np.zeros((m, m))]])[np.ix_(kept, kept)]
+        right = np.concatenate([(-condensed - reaction)[scheme.free], -scheme.rows @ u])
+        solution = solved(self.matrix, right)
+        dx = np.zeros(len(K))
+        dx[scheme.free] = solution[: len(scheme.free)]
+        x, pressure = _advanced(state.x, state.pressure, dx.reshape(-1, 2), now, scheme.cells)
+        self.multipliers = self.multipliers + solution[len(scheme.free) :]
+        return State(state.mu, x, pressure, newton_iterations=state.newton_iterations + 1)
+
+    def finish(self, problem: SchemeProblem, state: State) -> State:  # noqa: ARG002
+        """The solution, in NumPy arrays."""
+        return dataclasses.replace(state, x=np.asarray(state.x), pressure=np.asarray(state.pressure))
+
+
+@jax.jit
+def _residual(x, p, cells, gel, mu):
+    """Internal forces (n, 2), the same condensed, and what a Newton step needs of the state."""
+    J, real = volume_ratios(x, cells), cells.volumes > 0
+    star = volume_ratio_at(jnp.where(real, p, -gel.Nv), mu, gel)
+    stiffness, error = bulk_stiffness(star, gel), jnp.where(real, J - star, 0.0)
+    network = jax.grad(network_energy)(x, cells, gel)
+    of_pressure = jax.grad(lambda x, p: jnp.sum(p * cells.volumes * volume_ratios(x, cells)))
+    violation = jnp.max(jnp.abs(error) / (star - 1 + ROUND_OFF))
+    now = dict(stiffness=stiffness, error=error, violation=violation, network=jnp.linalg.norm(network))
+    return network + of_pressure(x, p), network + of_pressure(x, p + stiffness * error), now
+
+
+@jax.jit
+def _tangents(x, p, stiffness, cells, gel):
+    """Condensed tangents (c, 2 a, 2 a) of the cells."""
+    F, (c, q, a, _) = deformation_gradients(x, cells), cells.dphi.shape
+    B = strain_operators(cells.dphi).reshape(c, q, 4, 2 * a)
+    A = jax.vmap(jax.vmap(jax.hessian(lambda F: gel.network(F, gel))))(F).reshape(c, q, 4, 4)
+    weighted = jnp.einsum("cqij,cqja->cqia", cells.weight[..., None, None] * (A + p[..., None, None] * MINORS), B)
+    K = jnp.einsum("cxa,cxb->cab", B.reshape(c, 4 * q, -1), weighted.reshape(c, 4 * q, -1))
+    G = jnp.einsum("cq,cqi,cqia->cqa", cells.weight, F.reshape(c, q, 4) @ MINORS, B)
+    G = G if cells.method == "displacement" else jnp.sum(G, axis=1, keepdims=True)
+    k_over_V = jnp.where(cells.volumes > 0, stiffness / jnp.where(cells.volumes > 0, cells.volumes, 1.0), 0.0)
+    return K + jnp.einsum("cga,cgb->cab", k_over_V[..., None] * G, G)
+
+
+@jax.jit
+def _advanced(x, p, dx, now, cells):
+    """Positions and pressures after the step ``dx`` (n, 2)."""
+    dJ = jax.jvp(functools.partial(volume_ratios, cells=cells), (x,), (dx,))[1]
+    return x + dx, p + now["stiffness"] * (dJ + now["error"])
