@@ -32,9 +32,7 @@ from ..linalg import SingularTangent, extreme_eigenvalues, factor, network_matri
 from ..materials import LocalGel
 from ..mechanics import (
     Problem,
-    border,
     crosses,
-    held_stretch,
     linearise,
     outline_arcs,
     overlaps,
@@ -105,9 +103,8 @@ def traced_sweep(
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     given = report["value"] if options.adaptive else given
-    found = report.pop("energy"), report.pop("pressure")
-    inputs = Problem(model, gel, loads, None, control), given, jax.lax.stop_gradient(found[1])
-    energy, pressure, mu = with_derivatives_of(_of_states, (*found, report["mu"]), x, *inputs)
+    found = report.pop("energy"), report.pop("pressure"), report["mu"]
+    energy, pressure, mu = with_derivatives_of(_of_states, found, x, Problem(model, gel, loads, None, control), given)
     report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "mu", "value")}
     mu = given if control is None else mu
     return Path(model=model, gel=gel, mu=mu, value=given, control=control, x=x, pressure=pressure, energy=energy, **report)
@@ -167,12 +164,11 @@ def first_state_failed(model: Model, control: Control | None, value: float, stat
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(0, None, 0, 0))
-def _of_states(x, problem, value, p):
-    """Total energy (k,), pressures (k, g) and mu (k,) of the states ``x`` (k, n, 2) with ``p`` (k, g) at ``value`` (k,), in one program."""
+@functools.partial(jax.vmap, in_axes=(0, None, 0))
+def _of_states(x, problem, value):
+    """Total energy (k,), pressures (k, g) and mu (k,) of the states ``x`` (k, n, 2) at ``value`` (k,), in one program."""
     now, mu = problem.at(value)
-    branch = p if held_stretch(problem.model) is None else None
-    return total_energy(x, now.model, now.gel, mu, now.loads, branch), state_pressure(x, now.model, now.gel, mu, branch), mu
+    return total_energy(x, now.model, now.gel, mu, now.loads), state_pressure(x, now.model, now.gel, mu), mu
 
 
 # --- outside jit -------------------------------------------------------------------------------------------------------------
@@ -247,8 +243,8 @@ def _scanned(model, gel, control, values, loads, options):
         x = jnp.where(report["status"] == Status.CROSSED, jnp.nan, x)
         return ((value, x, p), (value_1, x_1, p_1), count + 1), (x, p, report)
 
-    _, (x, p, report) = jax.lax.scan(step, ((values[0], start, pressure),) * 2 + (0,), values)
-    report |= dict(zip(("energy", "pressure", "mu"), _of_states(x, problem, values, p), strict=True))
+    _, (x, _, report) = jax.lax.scan(step, ((values[0], start, pressure),) * 2 + (0,), values)
+    report |= dict(zip(("energy", "pressure", "mu"), _of_states(x, problem, values), strict=True))
     many = values.shape
     flags = dict(switched=jnp.zeros(many, dtype=bool), contact_active=jnp.ones(many, dtype=bool))
     return x, dict(report, value=values, operators=problem.operators, **flags)
@@ -262,18 +258,17 @@ def _examined(problem, value, x, p, status, contact):
     patterns = problem.pattern, problem.without_contact.pattern
     examine = functools.partial(_examine, patterns, contact)
     shapes = tuple(jax.ShapeDtypeStruct((), dtype) for dtype in (status.dtype, int, float))
-    system = tangent(problem, x, p, now), border(problem, now)
-    arrays = status, x, system, network, outline_arcs(x, problem.model), walls(x, problem.model.lists.topology)
+    arrays = status, x, tangent(problem, x, p, now), network, outline_arcs(x, problem.model), walls(x, problem.model.lists.topology)
     found = jax.pure_callback(examine, shapes, *arrays, vmap_method="sequential")
     return dict(zip(("status", "negative_pivots", "lowest_eigenvalue"), found, strict=True))
 
 
-def _examine(patterns, contact, status, x, system, network, arcs, held):
+def _examine(patterns, contact, status, x, pairs, network, arcs, held):
     """`_examined` on the host; the factor serves the derivatives of the state, see `linalg.solve_near`."""
     if status != Status.CONVERGED:
         return status, np.asarray(-1), np.asarray(np.nan)
     try:
-        made = factor(patterns[0], *system)
+        made = factor(patterns[0], pairs)
         remember(made, x)
         lowest, nearest = extreme_eigenvalues(made, network_matrix(patterns[1], network))
         negative = made.negative_pivots

@@ -17,7 +17,6 @@ from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import (
     Linearisation,
     Problem,
-    border,
     condensed_rhs,
     factorised_tangent,
     linearise,
@@ -235,10 +234,10 @@ def solve_traced(problem: Problem, value: Scalar, x: Array, pressure: jax.Array)
 
     def step(iterate):
         x, p, linearisation, iterations = iterate
-        system = tangent(problem, x, p, linearisation), border(problem, linearisation)
+        pairs = tangent(problem, x, p, linearisation)
         rhs = condensed_rhs(problem, linearisation, linearisation)
         shape = jax.ShapeDtypeStruct((len(free),), x.dtype)
-        dx = jax.pure_callback(functools.partial(_host_step, pattern), shape, rhs, *system, vmap_method="sequential")
+        dx = jax.pure_callback(functools.partial(_host_step, pattern), shape, rhs, pairs, vmap_method="sequential")
         return *_advanced(problem, x, p, mu, dx, linearisation, linearisation, 1.0), iterations + 1
 
     first = (start, pressure, linearise(problem, start, pressure, mu), jnp.asarray(0))
@@ -250,9 +249,9 @@ def solve_traced(problem: Problem, value: Scalar, x: Array, pressure: jax.Array)
     return jnp.where(done, x, jnp.nan), p, report
 
 
-def _host_step(pattern, rhs, *system):
+def _host_step(pattern, rhs, pairs):
     """Newton correction (f,); nan where the tangent is singular."""
     try:
-        return factor(pattern, *system).solve(rhs)[0]
+        return factor(pattern, pairs).solve(rhs)[0]
     except SingularTangent:
         return np.full(rhs.shape, np.nan)

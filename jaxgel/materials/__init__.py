@@ -71,7 +71,7 @@ from .responsive import (
     pnipam_energy,
     polyelectrolyte_energy,
 )
-from .surface import balanced_stretch, film_edge_volume_ratio, stretch_near, surface_stability, surface_volume_ratio
+from .surface import film_edge_volume_ratio, surface_stability, surface_volume_ratio
 from .swelling import (
     SMALLEST_SWELLING,
     free_swelling,
@@ -106,7 +106,6 @@ __all__ = [
     "StabilityLimits",
     "Varying",
     "WithHoles",
-    "balanced_stretch",
     "bulk_stiffness",
     "by_material",
     "cauchy_stress",
@@ -163,7 +162,6 @@ __all__ = [
     "rises_always",
     "split",
     "stiff_until",
-    "stretch_near",
     "surface_stability",
     "surface_volume_ratio",
     "takes_solvent",

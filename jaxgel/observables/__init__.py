@@ -2,7 +2,6 @@
 
 from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, deformed_boundary, dry_outlines, free_edge_misfit, outlines
 from .fields import (
-    axial_stretch,
     cauchy_stress,
     cell_volumes,
     deformed_vertices,
@@ -39,7 +38,6 @@ __all__ = [
     "area_reduction",
     "area_reduction_per_hole",
     "aspect_ratio",
-    "axial_stretch",
     "cauchy_stress",
     "cell_volumes",
     "columns_of",

@@ -10,7 +10,6 @@ from ..continuation import lowest_eigenvalue
 from ..geometry import Plate
 from .areas import area_reduction
 from .fields import (
-    axial_stretch,
     free_stretch,
     largest_volume_ratio,
     macroscopic_deformation,
@@ -141,14 +140,6 @@ _TABLE = (
     Quantity("rotation", rotation_angle, label="rotation", text="rotation of the midline", column="rotation_deg", **_ANGLE),
     Quantity("core_rotation", core_rotation, label="core rotation", text="rotation of the core", column="core_rotation_deg", **_ANGLE),
     Quantity(
-        "axial_stretch",
-        axial_stretch,
-        label="axial stretch",
-        text="stretch of the thickness in generalised plane strain",
-        differentiable=True,
-        **_RATIO,
-    ),
-    Quantity(
         "negative_pivots",
         attrgetter("negative_pivots"),
         label="negative pivots",
@@ -226,7 +217,6 @@ _STUDIED = (
     "crease_indicator",
     "surface_stability",
     "gap",
-    "axial_stretch",
     "lowest_eigenvalue",
 )
 

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 from .._types import Array, Float, Int
 from ..continuation import Path
 from ..materials import film_volume_ratio, gel_in_groups, phase_of, takes_solvent
-from ..mechanics import Problem, all_volumes, carries_volume, is_film, is_generalised, volume_ratios
-from .fields import axial_stretch
+from ..mechanics import Problem, all_volumes, axial_stretch, carries_volume, is_film, volume_ratios
 from .states import of_path
 
 NO_GEL = -1  # phase of what has none: elastomers, held moments of the volume ratio, padding
@@ -20,9 +19,7 @@ def phases(path: Path) -> Int[Array, "k g"]:
     `NO_GEL` where a group carries no gel. In a good solvent all others are 0. A group that changes its phase from one state to the next
     does so within a step: between neighbouring states that are both 0 or 2 the gel has jumped.
     """
-    x, values = jnp.asarray(path.x), jnp.asarray(path.value)
-    axial = axial_stretch(path) if is_generalised(path.model) else jnp.ones(len(x))
-    return _phases(x, values, axial, path.problem)
+    return _phases(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
 
 
 @of_path
@@ -34,15 +31,15 @@ def swollen_share(path: Path) -> Float[Array, " k"]:
 
 
 @jax.jit
-def _phases(x: Float[Array, "k n 2"], values: Float[Array, " k"], axial: Float[Array, " k"], problem: Problem) -> Int[Array, "k g"]:
+def _phases(x: Float[Array, "k n 2"], values: Float[Array, " k"], problem: Problem) -> Int[Array, "k g"]:
     model = problem.model
     swells = carries_volume(model) & (all_volumes(model) > 0) & takes_solvent(gel_in_groups(problem.gel))
 
-    def one(x, value, axial):
+    def one(x, value):
         now, mu = problem.at(value)
         there = gel_in_groups(now.gel)
         J = jnp.where(swells, volume_ratios(x, model), 2.0)
-        J = film_volume_ratio(J, mu, there) if is_film(model) else axial * J
+        J = film_volume_ratio(J, mu, there) if is_film(model) else axial_stretch(model) * J
         return jnp.where(swells, phase_of(J, there), NO_GEL)
 
-    return jax.vmap(one)(x, values, axial)
+    return jax.vmap(one)(x, values)
