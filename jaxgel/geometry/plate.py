@@ -111,11 +111,6 @@ class Plate:
         return tuple(hole.theta for hole in self.holes)  # pyright: ignore[reportGeneralTypeIssues]
 
     @property
-    def theta_of_regions(self) -> tuple[dict[str, Array], ...]:
-        """Parameters of the outlines of all regions, likewise."""
-        return tuple(region.theta for region in self.regions)
-
-    @property
     def with_regions_as_holes(self) -> "Plate":
         """The plate whose holes are the regions of this one: `arcs` and all that follows the outlines of holes serve for them too."""
         return dataclasses.replace(self, holes=self.regions, regions=(), reference=None)

@@ -17,8 +17,7 @@ from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, OF_POSITIONS, QUAN
 from .rotation import core_rotation, is_flat, rotation_angle
 from .states import States, state_at
 from .surface import CREASE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
-from .table import driven_column, events, history
-from .transitions import NO_GEL, phases, swollen_share
+from .table import events, history
 from .triangles import FIELDS, field_on_triangles, field_values
 from .wrinkling import surface_stability
 
@@ -28,7 +27,6 @@ __all__ = [
     "CREASE_RATIO",
     "CURVES",
     "FIELDS",
-    "NO_GEL",
     "OF_CELLS",
     "OF_POSITIONS",
     "QUANTITIES",
@@ -46,7 +44,6 @@ __all__ = [
     "crease_indicator",
     "deformed_boundary",
     "deformed_vertices",
-    "driven_column",
     "dry_outlines",
     "events",
     "field_on_triangles",
@@ -62,13 +59,11 @@ __all__ = [
     "min_gap",
     "outlines",
     "parameter_values",
-    "phases",
     "rotation_angle",
     "state_at",
     "surface_ratio",
     "surface_ratios",
     "surface_stability",
-    "swollen_share",
     "thickness_stretch",
     "volume_ratio",
 ]

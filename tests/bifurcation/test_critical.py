@@ -159,8 +159,7 @@ def test_an_imperfect_subcritical_branch_ends_in_a_fold(fold, subcritical):
     assert path.stop.ok and np.all(path.negative_pivots == 0)
     assert path.lowest_eigenvalue[-2] / path.lowest_eigenvalue[-1] == pytest.approx(2, rel=0.02)  # an error of 1e-7 makes 4 %
     # two states below the fold lead over it: there the determinant changes sign and mu turns
-    known = jaxgel.Path.from_states(model, gel, [jaxgel.bifurcation.solve_from(path, k, loads) for k in (1, 2)])
-    over = jaxgel.continue_branch(known, loads=loads, max_step=0.01, max_states=5)
+    over = jaxgel.continue_branch(path.chosen([1, 2]), loads=loads, max_step=0.01, max_states=5)
     assert np.all(over.mu < fold.mu) and over.mu[-1] < over.mu.max()
     np.testing.assert_array_equal(over.negative_pivots, np.arange(5) > int(np.argmax(over.mu)))
 
