@@ -58,7 +58,7 @@ from .gel import (
     osmotic,
 )
 from .mixing import flory_huggins, flory_rehner
-from .phases import Coexistence, HomogeneousStates, StabilityLimits, coexistence, homogeneous_states, limits_of_stability
+from .phases import HomogeneousStates, PhasePoints, coexistence, homogeneous_states, limits_of_stability
 from .responsive import (
     AnyGel,
     Ions,
@@ -69,7 +69,6 @@ from .responsive import (
     ions,
     pnipam_chi,
     pnipam_energy,
-    polyelectrolyte_energy,
 )
 from .surface import film_edge_volume_ratio, surface_stability, surface_volume_ratio
 from .swelling import (
@@ -90,7 +89,6 @@ __all__ = [
     "SMALLEST_SWELLING",
     "AnyGel",
     "ArrudaBoyce",
-    "Coexistence",
     "Composite",
     "Elastomer",
     "Filled",
@@ -100,10 +98,10 @@ __all__ = [
     "Ions",
     "LocalGel",
     "LocalValues",
+    "PhasePoints",
     "PixelField",
     "Pnipam",
     "Polyelectrolyte",
-    "StabilityLimits",
     "Varying",
     "WithHoles",
     "bulk_stiffness",
@@ -158,7 +156,6 @@ __all__ = [
     "phase_of",
     "pnipam_chi",
     "pnipam_energy",
-    "polyelectrolyte_energy",
     "rises_always",
     "split",
     "stiff_until",
