@@ -1,7 +1,7 @@
 """Bifurcations: critical points of a branch, folds, the branches that leave, further states, imperfections."""
 
 from .barriers import Barrier, barrier
-from .branches import continue_branch, solve_from, switch_branch
+from .branches import continue_branch, switch_branch
 from .critical import critical_points, located
 from .deflation import find_states_by_deflation
 from .imperfections import imperfection, imperfection_load, points_by_options, sweep_by_options
@@ -24,7 +24,6 @@ __all__ = [
     "located",
     "loop",
     "points_by_options",
-    "solve_from",
     "sweep_by_options",
     "switch_branch",
 ]

@@ -7,7 +7,6 @@ and the n nodes' displacements, so that folds are points like any other (Keller'
 
 from collections.abc import Callable
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
@@ -92,17 +91,6 @@ def continue_branch(
         raise Inadmissible(f"path: {len(path)} states do not give a direction; it needs two")
     analysis = StabilityAnalysis(prepare(path.model, path.gel, loads, control=path.control))
     return followed(analysis, [path[-2], path[-1]], mu_end, max_step, max_states, given=2)
-
-
-def solve_from(path: Path, k: int, loads: Float[Array, "n 2"] | None = None) -> State:
-    """`State` under other ``loads`` from state ``k`` of a path, at its value; ArithmeticError where Newton's method does not find one."""
-    check_is_path(path)
-    check_untraced("solve_from", path.x, loads)
-    analysis = StabilityAnalysis(prepare(path.model, path.gel, loads, control=path.control))
-    found = solve(analysis.problem, float(path.value[k]), jnp.asarray(path.x[k]), jnp.asarray(path.pressure[k]), own_factor=True)
-    if not found.status.ok:
-        raise StateNotFound(f"no state at {control_name(path.control)} = {float(path.value[k]):.6g}: {found.status.text}")
-    return _accepted(analysis, found, [])
 
 
 def followed(

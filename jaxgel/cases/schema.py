@@ -181,7 +181,7 @@ PLATE = {
     "height": POSITIVE,
     "edges": {"type": ["string", "object"], "if": {"type": "object"}, "then": tabled(dict.fromkeys(EDGES, _CONDITION)), "else": _CONDITION},
     "kinematics": word(KINEMATICS),
-    "axial_stretch": _or_free("number", POSITIVE),
+    "axial_stretch": POSITIVE,
     "deformation": _or_free("array", listed(listed(_or_free("number", NUMBER), 2, 2), 2, 2)),
     "displacement": tabled(dict.fromkeys(EDGES, PAIR)),
     "spacing": POSITIVE,

@@ -20,6 +20,8 @@ from ..symmetry import NAMES
 from .environment import DONE, INTERRUPTED, STOPPED
 from .inputs import changes
 
+ROWS_MAX = 9  # of the printed table of states
+
 
 def run(args: Namespace) -> int:
     """``jaxgel run``: sweep a case and write its folder."""
@@ -86,15 +88,15 @@ def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
         animate_pattern(path, folder / "pattern.gif")
 
 
-def _report(recorder, say, most_rows=9):
-    """Print a table of at most ``most_rows`` states, the events, and where the files are."""
+def _report(recorder, say):
+    """Print a table of at most ``ROWS_MAX`` states, the events, and where the files are."""
     table = recorder.table
     k, name, unit = len(recorder.records), control_name(recorder.control), unit_of(recorder.control)
     wide = max(8, len(name))
     if k:
         say(f"{name:>{wide}} {'free str.':>9} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
         say(f"{unit:>{wide}} {'':>9} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {recorder.model.cloud.topology.plate.unit:>7}")
-    for i in np.unique(np.linspace(0, k - 1, min(k, most_rows)).round().astype(int)) if k else ():
+    for i in np.unique(np.linspace(0, k - 1, min(k, ROWS_MAX)).round().astype(int)) if k else ():
         row = {name: column[i] for name, column in table.items()}
         unstable = ", unstable" if row["negative_pivots"] else ""
         say(

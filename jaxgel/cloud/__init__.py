@@ -1,6 +1,6 @@
 """The node cloud of a plate and its integration cells, which follow the holes."""
 
-from .cells import SLIVER, boundary_edges, contour_edges, partition
+from .cells import SLIVER, boundary_edges, partition
 from .checks import narrow_ligament
 from .clearance import CLEARANCE
 from .cloud import Cloud, make_cloud, place
@@ -22,7 +22,6 @@ __all__ = [
     "Topology",
     "assemble",
     "boundary_edges",
-    "contour_edges",
     "find_ligaments",
     "loop",
     "make_background",

@@ -3,7 +3,7 @@
 from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed, is_traced
 from .eigenvalue import lowest_eigenvalue
 from .follow import Followed, Following
-from .options import BRANCHES, CONTACT, SweepOptions, check_sweep
+from .options import SweepOptions, check_sweep
 from .path import Path, check_is_path
 from .predictor import extrapolated, predict
 from .stability import ACCURACY, StabilityAnalysis, oriented
@@ -13,8 +13,6 @@ from .switching import across
 
 __all__ = [
     "ACCURACY",
-    "BRANCHES",
-    "CONTACT",
     "Followed",
     "Following",
     "IllPosedDerivative",

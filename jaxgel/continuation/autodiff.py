@@ -26,7 +26,6 @@ from ..linalg import remember
 from ..materials import LocalGel
 from ..mechanics import (
     Problem,
-    held_stretch,
     overlaps,
     prepare,
     state_pressure,
@@ -99,9 +98,8 @@ def traced_sweep(
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     given = report["value"] if options.adaptive else given
-    found = report.pop("energy"), report.pop("pressure")
-    inputs = Problem(model, gel, loads, None, control), given, jax.lax.stop_gradient(found[1])
-    energy, pressure, mu = with_derivatives_of(_of_states, (*found, report["mu"]), x, *inputs)
+    found = report.pop("energy"), report.pop("pressure"), report["mu"]
+    energy, pressure, mu = with_derivatives_of(_of_states, found, x, Problem(model, gel, loads, None, control), given)
     report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "mu", "value")}
     mu = given if control is None else mu
     return Path(model=model, gel=gel, mu=mu, value=given, control=control, x=x, pressure=pressure, energy=energy, **report)
@@ -158,12 +156,11 @@ def first_state_failed(control: Control | None, value: float, status: Status) ->
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(0, None, 0, 0))
-def _of_states(x, problem, value, p):
-    """Total energy (k,), pressures (k, g) and mu (k,) of the states ``x`` (k, n, 2) with ``p`` (k, g) at ``value`` (k,), in one program."""
+@functools.partial(jax.vmap, in_axes=(0, None, 0))
+def _of_states(x, problem, value):
+    """Total energy (k,), pressures (k, g) and mu (k,) of the states ``x`` (k, n, 2) at ``value`` (k,), in one program."""
     now, mu = problem.at(value)
-    branch = p if held_stretch(problem.model) is None else None
-    return total_energy(x, now.model, now.gel, mu, now.loads, branch), state_pressure(x, now.model, now.gel, mu, branch), mu
+    return total_energy(x, now.model, now.gel, mu, now.loads), state_pressure(x, now.model, now.gel, mu), mu
 
 
 def _columns(problem, states, stop, values, options):

@@ -17,7 +17,6 @@ from ..equilibrium import Stability, State, acting_problem
 from ..linalg import factor, network_matrix
 from ..mechanics import (
     Problem,
-    border,
     linearise,
     precomputed_operators,
     restrict,
@@ -224,8 +223,8 @@ class RegionFrame(_Conditions):
         own_bases, at = self._bases_of(whole), (problem, state.x, state.pressure)
         state = dataclasses.replace(state, factor=None)  # free it before the next factorisation
         now = state.linearisation if state.linearisation is not None else linearise(*at, state.mu)
-        pairs, borders = np.asarray(tangent(*at, now)), [border(problem, now), *[None] * (len(own_bases) - 1)]  # symmetric as the stretch
-        factors = tuple(factor(basis.pattern, pairs, own) for basis, own in zip(own_bases, borders, strict=True))
+        pairs = np.asarray(tangent(*at, now))
+        factors = tuple(factor(basis.pattern, pairs) for basis in own_bases)
         blocks = Diagonal(factors, self._cuts)
         found = stability_of_factor(blocks, self._stiffness, blocks.product, None if modes is None else self._in_all_blocks(modes))
         inside = np.add.reduceat(found.vectors**2, self._cuts[:-1], axis=0)

@@ -42,15 +42,13 @@ class StabilityAnalysis:
         stability, start = self.by_nearby_factor(state, start)
         return (stability, state) if stability is not None else self.by_own_factor(state, start)
 
-    def by_own_factor(
-        self, state: State, start: Float[np.ndarray, "f m"] | None = None, *, accuracy: float = ACCURACY
-    ) -> tuple[Stability, State]:
+    def by_own_factor(self, state: State, start: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
         """`Stability` of a converged state, and that state with a factor of its own tangent. Davidson's iteration."""
         state = with_own_factor(self.problem, state)
-        return stability_of_factor(state.factor, self.stiffness, self.product(state), start, accuracy), state
+        return stability_of_factor(state.factor, self.stiffness, self.product(state), start), state
 
     def by_nearby_factor(
-        self, state: State, start: Float[np.ndarray, "f m"] | None, *, accuracy: float = ACCURACY
+        self, state: State, start: Float[np.ndarray, "f m"] | None
     ) -> tuple[Stability | None, Float[np.ndarray, "f m"] | None]:
         """`Stability` by the factor of a nearby tangent that the solution of a state left, from modes ``start`` (f, m) of a nearby state.
 
@@ -64,7 +62,7 @@ class StabilityAnalysis:
         followed, weights = inverse_iteration(state.factor, self.stiffness, start)
         m = pivots + 1
         lowest = followed[:, :m], weights[:, :m]
-        eigenvalues, vectors, converged = _davidson(state.factor, self.stiffness, self.product(state), *lowest, accuracy, own=False)
+        eigenvalues, vectors, converged = _davidson(state.factor, self.stiffness, self.product(state), *lowest, own=False)
         vectors, seen = np.concatenate([vectors, followed[:, m:]], axis=1), int(np.sum(eigenvalues < 0))
         if seen < pivots:
             return None, None
@@ -83,28 +81,27 @@ def stability_of_factor(
     stiffness: sp.csr_matrix,
     product: Callable[[Float[np.ndarray, "f m"]], Float[np.ndarray, "f m"]],
     start: Float[np.ndarray, "f m"] | None = None,
-    accuracy: float = ACCURACY,
 ) -> Stability:
     """`Stability` of a tangent by its own ``factor`` and its ``product`` with vectors; ``start`` are modes (f, m) of one nearby."""
     if start is not None:
         m = min(factor.negative_pivots + 1, TRACKED)
         if factor.negative_pivots >= TRACKED:  # the lowest ones are far from those that an inverse iteration finds first
             start, _ = inverse_iteration(factor, stiffness, start)
-        found = _from_modes(factor, stiffness, product, start, m, accuracy)
+        found = _from_modes(factor, stiffness, product, start, m)
         if int(np.sum(found.eigenvalues < 0)) == min(found.negative, m):
             return found  # otherwise an unstable mode is none of those that were followed
     followed, _ = inverse_iteration(factor, stiffness, lowest_of_factor(factor, stiffness))
-    return _from_modes(factor, stiffness, product, followed, TRACKED, accuracy)
+    return _from_modes(factor, stiffness, product, followed, TRACKED)
 
 
-def _from_modes(factor, stiffness, product, start, m, accuracy):
+def _from_modes(factor, stiffness, product, start, m):
     """`Stability` from the vectors ``start`` (f, w), of which the lowest ``m`` eigenvalues are made accurate."""
     followed, weights = inverse_iteration(factor, stiffness, start)
-    eigenvalues, vectors, _ = _davidson(factor, stiffness, product, followed[:, :m], weights[:, :m], accuracy, own=True)
+    eigenvalues, vectors, _ = _davidson(factor, stiffness, product, followed[:, :m], weights[:, :m], own=True)
     return Stability(eigenvalues, np.concatenate([vectors, followed[:, m:]], axis=1), factor.negative_pivots)
 
 
-def _davidson(factor, stiffness, product, vectors, weights, accuracy, own):
+def _davidson(factor, stiffness, product, vectors, weights, own):
     """The lowest eigenvalues (m,) of a tangent K, their vectors (f, m), and whether the iterations were enough.
 
     Corrections d = K_f^-1 r of the eigen-residual r = K v - lambda N v come from the factor of K_f. Where that is the tangent's ``own`` K d
@@ -116,12 +113,12 @@ def _davidson(factor, stiffness, product, vectors, weights, accuracy, own):
         vectors, weights, images = vectors @ turn, weights @ turn, images @ turn
         residual = images - weights * eigenvalues
         d = factor.apply(residual)
-        if 0 <= residual[:, 0] @ d[:, 0] <= IDLE * accuracy * eigenvalues[0]:
+        if 0 <= residual[:, 0] @ d[:, 0] <= IDLE * ACCURACY * eigenvalues[0]:
             return eigenvalues, vectors, True
         weighted = columnwise(stiffness.dot, d)
         share = vectors.T @ weighted
         d, weighted = d - vectors @ share, weighted - weights @ share
-        image, small = residual - images @ share, IDLE * accuracy if own else accuracy / NEAR
+        image, small = residual - images @ share, IDLE * ACCURACY if own else ACCURACY / NEAR
         better, turn = rayleigh_ritz(eigenvalues, images, d, image, weighted)
         gains = residual[:, 0] @ d[:, 0], better[0] - eigenvalues[0]  # parts of the first may cancel where the factor is indefinite
         last = np.abs(gains).max() <= small * min(abs(eigenvalues[0]), abs(better[0]))

@@ -18,15 +18,15 @@ MAX_SWITCHES = 6  # branches tried one after the other until one is stable
 
 
 def stable_state(
-    frames: Frames, state: State, stability: Stability, *, sign: int = 1, expected: Float[np.ndarray, "n 2"] | None = None
+    frames: Frames, state: State, stability: Stability, *, expected: Float[np.ndarray, "n 2"] | None = None
 ) -> tuple[State, Stability] | None:
     """`State` without negative eigenvalues and its `Stability`, reached from an unstable state at the same value; None if none is found.
 
-    Along ``sign`` times the mode of the lowest eigenvalue the way leads `across`, with the symmetries that the mode leaves. Loads that push
+    Along the mode of the lowest eigenvalue the way leads `across`, with the symmetries that the mode leaves. Loads that push
     choose the side, and before them the positions ``expected`` (n, 2), mm, of the branch that a sweep came along, where these lean to one.
     """
     for _ in range(MAX_SWITCHES):
-        mode = sign * oriented(stability.vectors[:, :1], frames.problem)[:, 0]
+        mode = oriented(stability.vectors[:, :1], frames.problem)[:, 0]
         frame = frames.along_mode(state, mode)
         mode, problem = frame.along(mode), frame.problem
         push = _lean(frame, mode, expected, state) or np.asarray(gather(problem.loads, problem.free)) @ mode

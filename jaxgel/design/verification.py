@@ -12,7 +12,6 @@ from .._types import Array, Float
 from ..cloud import Cloud
 from ..continuation import Path
 from ..equilibrium import StateNotFound
-from ..mechanics import is_film
 from ..observables import CURVES, min_gap, surface_ratio
 from .lagrangian import Invalid
 from .problem import DesignProblem
@@ -43,7 +42,7 @@ def verify(
     except (Invalid, StateNotFound) as invalid:
         reason = str(invalid)
     end = path[-1:]
-    last = {name: np.nan if name == "axial_stretch" and is_film(path.model) else quantity(end)[0] for name, quantity in CURVES.items()}
+    last = {name: quantity(end)[0] for name, quantity in CURVES.items()}
     dry = plate, path.model.cloud, problem.gel_at(parameters)
     without = {c.name: float(np.min(c.without_sweep(*dry))) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(

@@ -11,8 +11,8 @@ import dataclasses
 import numpy as np
 
 from .._types import Array, Float, Scalar
-from ..linalg import Bordered, host_border
-from ..mechanics import Problem, border, condensed_rhs, factorised_tangent, gather, restrict, tangent
+from ..linalg import Bordered
+from ..mechanics import Problem, condensed_rhs, factorised_tangent, gather, restrict, tangent
 from .newton import CONSTRAINT_TOLERANCE, TOLERANCE, advanced, iterate, starting
 from .state import State, control_force, of_control
 
@@ -109,8 +109,7 @@ class _Bordered:
         pattern = problem.pattern.fitting(pairs)
         sides = self.columns if b == m else np.concatenate([self.columns, -control_force(problem, state)[:, None]], axis=1)
         corner = np.concatenate([np.zeros((b, m)), slopes[:, None]], axis=1)[:, :b]
-        condensed = host_border(border(now, state.linearisation))
-        system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner, condensed)
+        system = Bordered(pattern.tree.order, pattern.matrix(pairs), -sides, self.conditions.rows, corner)
         rhs = np.asarray(condensed_rhs(now, state.linearisation, state.linearisation))
         dx, change = system.solve(rhs + self.columns @ self.forces, self.miss)
         self.forces = self.forces + change[:m]

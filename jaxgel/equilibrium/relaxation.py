@@ -11,7 +11,7 @@ import numpy as np
 
 from .._types import Array, Float, Scalar
 from ..linalg import Factor, SingularTangent, factor
-from ..mechanics import Problem, border, condensed_rhs, scatter, tangent
+from ..mechanics import Problem, condensed_rhs, scatter, tangent
 from .newton import advanced, assess_equilibrium, iterate, starting
 from .state import State, of_control
 from .status import of_outlines
@@ -61,7 +61,7 @@ class Damped:
     def __call__(self, problem: Problem, state: State) -> State:
         """The next iterate."""
         pairs = np.asarray(tangent(problem, state.x, state.pressure, state.linearisation))
-        self._factorise(problem, pairs, border(problem, state.linearisation))
+        self._factorise(problem, pairs)
         dx, _ = self.factor.solve(np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation)), refine=False)
         return advanced(problem, state, dx, state.linearisation)
 
@@ -69,13 +69,13 @@ class Damped:
         """The solution with the last factor."""
         return dataclasses.replace(state, factor=self.factor)
 
-    def _factorise(self, problem, pairs, border):
+    def _factorise(self, problem, pairs):
         """Factor of the damped tangent without negative pivots, with as little damping as that takes."""
         network = np.asarray(problem.operators.network)[:, None, None] * np.eye(2)
         while self.damping < LARGEST_DAMPING:
             shifted = pairs.copy()
             shifted[: len(network)] += self.damping * network
-            self.factor = factor(problem.pattern, shifted, border)
+            self.factor = factor(problem.pattern, shifted)
             if self.factor.negative_pivots == 0:
                 return
             self.damping = 2 * self.damping + 0.01

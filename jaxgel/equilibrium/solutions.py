@@ -15,8 +15,8 @@ from jax import lax
 
 from .._threads import ONE_THREAD, few_threads, usable_threads
 from ..discretisation import Model
-from ..linalg import RECENT_FACTORS, SingularTangent, bordered_product, host_border, solve_near
-from ..mechanics import TangentOperator, border, gather, hessian_product, is_sparse, linearise, scatter, tangent
+from ..linalg import RECENT_FACTORS, SingularTangent, solve_near
+from ..mechanics import TangentOperator, gather, hessian_product, is_sparse, linearise, scatter, tangent
 from .derivatives import Tangent, primitive, remade
 
 STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
@@ -49,15 +49,11 @@ class _Products:
         return of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)
 
 
-def _system(problem, x, pressure, value):
-    """The tangent (p, 2, 2) at the state ``x`` (n, 2) with ``pressure`` (g,) and its border, by the programs of the sweep."""
+def _pairs(problem, x, pressure, value):
+    """The tangent (p, 2, 2) at the state ``x`` (n, 2) with ``pressure`` (g,), by the programs of the sweep."""
     problem, mu = problem.at(value)
     now = linearise(problem, x, pressure, mu)
-    return tangent(problem, x, pressure, now), border(problem, now)
-
-
-def _product(pattern, pairs, border):
-    return functools.partial(bordered_product, pattern.matrix(pairs), host_border(border))
+    return tangent(problem, x, pressure, now)
 
 
 def _solutions_jvp(primals, tangents, *, structure):
@@ -90,8 +86,8 @@ def _solved(rhs, *leaves, structure):
     wanted = np.array([k for k in wanted if not _solved_exactly(solutions, k, pattern, x[k], pressure[k], rhs[k])], dtype=int)
 
     def solve(k, product=None):
-        system = functools.cache(lambda: _system(problem, x[k], pressure[k], values[k]))
-        solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or _product(pattern, *system()), system)
+        pairs = functools.cache(lambda: _pairs(problem, x[k], pressure[k], values[k]))
+        solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or pattern.matrix(pairs()).__matmul__, pairs)
 
     with few_threads(pattern.size):
         if is_sparse(problem) and len(wanted):
@@ -118,9 +114,9 @@ def _refuse(*_, **__):
     raise ValueError("derivatives of a sweep: are not available inside jax.jit; take them outside")
 
 
-def _solve_columns(pattern, x, rhs, product, system):
+def _solve_columns(pattern, x, rhs, product, pairs):
     """Solutions as the right-hand sides (f,) or (f, r) by `solve_near`, each as accurate as if it were alone; 0 for 0."""
-    return _columnwise(lambda b: solve_near(pattern, x, b, product, system), np.asarray(rhs))
+    return _columnwise(lambda b: solve_near(pattern, x, b, product, pairs), np.asarray(rhs))
 
 
 def _columnwise(solve, rhs):

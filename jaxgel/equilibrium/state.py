@@ -17,7 +17,6 @@ from ..mechanics import (
     carries_volume,
     energy_at,
     gather,
-    held_stretch,
     mu_force,
     pressure_at,
     pressure_step_of_mu,
@@ -113,8 +112,7 @@ class State:
 def accepted(problem: Problem, state: State, stability: Stability | None, *, switched: bool = False) -> State:
     """A converged state with its energy and stability."""
     acting = acting_problem(problem, state)
-    branch = state.pressure if held_stretch(problem.model) is None else None  # which of several axial stretches it has
-    energy = float(energy_at(state.x, acting.model, acting.gel, state.mu, acting.loads, branch))
+    energy = float(energy_at(state.x, acting.model, acting.gel, state.mu, acting.loads))
     return dataclasses.replace(state, energy=energy, stability=stability, switched=switched)
 
 
@@ -131,7 +129,7 @@ def of_control(problem: Problem, state: State, value: Scalar) -> State:
 def control_force(problem: Problem, state: State) -> Float[np.ndarray, " f"]:
     """Derivative (f,) of the residual of a state by the control, kT/v mm over the control's unit, edges that it moves included."""
     if problem.control is None:
-        return np.asarray(mu_force(problem, state.x, state.mu, state.pressure))
+        return np.asarray(mu_force(problem, state.x, state.mu))
     return np.asarray(_control_force(problem, state.x, state.value, state.pressure))
 
 
@@ -147,20 +145,20 @@ def _control_force(problem, x, value, pressure):
 def control_pressure(problem: Problem, state: State) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures in a Newton step with the unknowns at rest, kT/v over the control's unit."""
     if problem.control is None:
-        return np.asarray(pressure_step_of_mu(state.pressure, state.linearisation, problem, state.mu))
+        return np.asarray(pressure_step_of_mu(state.pressure, problem, state.mu))
     return pressure_rate(problem, state, jnp.zeros(state.x.shape))
 
 
 def pressure_rate(problem: Problem, state: State, rate: Float[Array, "n 2"]) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures of a state whose positions change at the ``rate``, mm over the control's unit."""
-    return np.asarray(_pressure_rate(problem, state.x, state.value, rate, state.pressure))
+    return np.asarray(_pressure_rate(problem, state.x, state.value, rate))
 
 
 @jax.jit
-def _pressure_rate(problem, x, value, rate, p):
+def _pressure_rate(problem, x, value, rate):
     def pressure(x, value):
         now, mu = problem.at(value)
-        return state_pressure(problem.placed(x, value), now.model, now.gel, mu, p)
+        return state_pressure(problem.placed(x, value), now.model, now.gel, mu)
 
     return jax.jvp(pressure, (x, value), (rate, 1.0))[1]
 
@@ -178,7 +176,7 @@ def dry_state(problem: Problem, value: Scalar | None = None) -> tuple[Float[Arra
         return start_positions(model.lists.topology, model.cloud.nodes), pressure
     x = problem.dry_positions(value)
     problem, mu = problem.at(value)
-    gel = problem.gel
-    J, axial = volume_ratios(x, model), axial_stretch(x, model, gel, mu)
+    J, axial = volume_ratios(x, model), axial_stretch(model)
     roomy = carries_volume(model) & (axial * J > 1)
-    return x, jnp.where(roomy, jnp.maximum(pressure_at(jnp.where(roomy, J, 2.0 / axial), model, gel, mu, axial), pressure), pressure)
+    there = pressure_at(jnp.where(roomy, J, 2.0 / axial), model, problem.gel, mu)
+    return x, jnp.where(roomy, jnp.maximum(there, pressure), pressure)

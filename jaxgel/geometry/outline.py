@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .plate import Plate
 
 OUTLINE_SAMPLES = 2048  # points per outline among which arcs are searched
+PANELS, POINTS = 256, 16  # of the quadrature of a smooth stretch's arc length: panels, and Gauss points of each
 NEWTON_STEPS = 8  # for the t at which a moved outline meets the plate's edge
 
 
@@ -205,22 +206,22 @@ def _crossing(outward, inside, outside):
     return min(found)[1:]
 
 
-def _length_table(hole, start, end, panels=256, order=16):
-    """Panel ends (panels + 1,) of the smooth stretch from t = ``start`` to ``end`` and the arc length (panels + 1,) up to them, mm."""
-    t = np.linspace(start, end, panels + 1)
-    x, w = leggauss(order)
+def _length_table(hole, start, end):
+    """Ends (p,) of the panels of the smooth stretch from t = ``start`` to ``end`` and the arc length (p,) up to them, mm."""
+    t = np.linspace(start, end, PANELS + 1)
+    x, w = leggauss(POINTS)
     at = t[:-1, None] + (x + 1) / 2 * np.diff(t)[:, None]
     lengths = np.asarray(_speeds(hole, at.ravel())).reshape(at.shape) @ w * np.diff(t) / 2
     return t, np.concatenate([[0.0], np.cumsum(lengths)])
 
 
-def _cuts(hole, t, lengths, n, order=16):
+def _cuts(hole, t, lengths, n):
     """The t (n,) that cut a stretch, given by its length table, into n pieces of equal length; without its end."""
     target = lengths[-1] * np.arange(n) / n
     panel = np.clip(np.searchsorted(lengths, target, side="right") - 1, 0, len(t) - 2)
     left, right = t[panel], t[panel + 1]
     cut = left + (right - left) * (target - lengths[panel]) / (lengths[panel + 1] - lengths[panel])
-    x, w = leggauss(order)
+    x, w = leggauss(POINTS)
     for _ in range(4):
         at = left[:, None] + (x + 1) / 2 * (cut - left)[:, None]
         speeds = np.asarray(_speeds(hole, np.concatenate([at.ravel(), cut])))

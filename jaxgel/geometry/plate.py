@@ -52,8 +52,8 @@ class Plate:
     kinematics: str = "plane strain"
     """"plane strain", thickness held, "generalised plane strain", one stretch of the whole thickness, or "plane stress", a thin film whose
     thickness swells freely."""
-    axial_stretch: Scalar | str | None = None
-    """Stretch of the thickness in generalised plane strain, a number that may be traced, or "free", the default: no axial force acts."""
+    axial_stretch: Scalar | None = None
+    """Stretch of the thickness in generalised plane strain, which needs it: a number > 0 that may be traced; 1 is plane strain."""
     name: str = "plate"
     """What tables and files call it."""
     spacing: float | None = None
@@ -112,11 +112,6 @@ class Plate:
     def theta(self) -> tuple[dict[str, Array], ...]:
         """Parameters of all holes: a tuple of dicts, name -> array; a pytree, the argument of ``at``."""
         return tuple(hole.theta for hole in self.holes)  # pyright: ignore[reportGeneralTypeIssues]
-
-    @property
-    def theta_of_regions(self) -> tuple[dict[str, Array], ...]:
-        """Parameters of the outlines of all regions, likewise."""
-        return tuple(region.theta for region in self.regions)
 
     @property
     def with_regions_as_holes(self) -> "Plate":
@@ -229,12 +224,14 @@ def _all_at(outlines, theta, name, kind):
 
 
 def _checked_stretch(value, kinematics):
-    """The axial stretch as an array (), None where it is free or the kinematics have none; ValueError for what is not accepted."""
-    if value is None or (isinstance(value, str) and value == "free" and kinematics == "generalised plane strain"):
-        return None
+    """The axial stretch as an array (), None if the kinematics have none; ValueError for what is not accepted."""
     if kinematics != "generalised plane strain":
+        if value is None:
+            return None
         raise ValueError(f"axial_stretch: {value!r} is not accepted in {kinematics}, only in generalised plane strain")
-    message = f"axial_stretch: {value!r} is not accepted, it must be a finite number > 0 or 'free'"
+    if value is None:
+        raise ValueError("axial_stretch: is missing; generalised plane strain takes a finite number > 0, 1 for plane strain")
+    message = f"axial_stretch: {value!r} is not accepted, it must be a finite number > 0"
     try:
         value = checked_parameter(value, (), "axial_stretch")
     except ValueError:

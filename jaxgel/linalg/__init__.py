@@ -11,7 +11,7 @@ from .eigen import (
     network_matrix,
     rayleigh_ritz,
 )
-from .factors import Border, Bordered, Factor, SingularTangent, bordered_product, factor, host_border, solve_near_factor
+from .factors import Bordered, Factor, SingularTangent, factor, solve_near_factor
 from .kept_factors import RECENT_FACTORS, FactorCache, Kept, remember, solve_near
 from .multifrontal import factorise
 from .pattern import SOLVERS, Pattern, View, analyse, standing
@@ -19,7 +19,6 @@ from .pattern import SOLVERS, Pattern, View, analyse, standing
 __all__ = [
     "RECENT_FACTORS",
     "SOLVERS",
-    "Border",
     "Bordered",
     "Factor",
     "FactorCache",
@@ -29,12 +28,10 @@ __all__ = [
     "SingularTangent",
     "View",
     "analyse",
-    "bordered_product",
     "columnwise",
     "dissect",
     "factor",
     "factorise",
-    "host_border",
     "inverse_iteration",
     "lowest_mode",
     "lowest_of_factor",

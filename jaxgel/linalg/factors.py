@@ -13,15 +13,13 @@ LU factors.
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from .._threads import few_threads
-from .._types import Array, Float, Int, Scalar
+from .._types import Array, Float, Int
 from .multifrontal import Fronts, factorise
 from .pattern import Pattern
 
@@ -40,26 +38,6 @@ class SingularTangent(ArithmeticError):
     """The factorisation met a zero pivot, or its solutions do not solve: the tangent is singular to working precision."""
 
 
-class Border(NamedTuple):
-    """A row and column that border a symmetric matrix and are condensed with it."""
-
-    column: Float[Array, " f"]
-    """(f,) its coupling to the unknowns."""
-    corner: Scalar
-    """Its entry on the diagonal."""
-
-
-def host_border(border: tuple[Float[Array, " f"], Scalar] | None) -> Border | None:
-    """A column and a corner as a `Border` of NumPy arrays."""
-    return None if border is None else Border(np.asarray(border[0]), float(border[1]))
-
-
-def bordered_product(matrix: sp.csc_matrix, border: Border | None, vectors: Columns) -> Columns:
-    """Products (f,) or (f, r) of a matrix with vectors, less those of column column^T / corner with a ``border``."""
-    image = matrix @ vectors
-    return image if border is None else image - np.multiply.outer(border.column, border.column @ vectors / border.corner)
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Factor:
     """A factorised tangent."""
@@ -70,31 +48,15 @@ class Factor:
     """The free-free matrix it was made from."""
     fronts: Fronts
     """Its triangular factors, front by front."""
-    border: Border | None = None
-    """What else is condensed: the tangent is then the matrix less column column^T / corner, and so are its products and solutions."""
 
-    @functools.cached_property
+    @property
     def negative_pivots(self) -> int:
-        """Number of negative pivots = number of negative eigenvalues of the tangent: the bordered matrix's less the corner's."""
-        if self.border is None:
-            return self.fronts.negative_pivots
-        return self.fronts.negative_pivots + int(self._condensed[1] < 0) - int(self.border.corner < 0)
-
-    @functools.cached_property
-    def _condensed(self):
-        """The solution (f,) for the border's column by the matrix alone, and the pivot () that is left of the corner."""
-        column, corner = self.border or Border(np.zeros(self.pattern.size), 1.0)
-        solution = self.fronts.solve(column)
-        for _ in range(2):
-            solution = solution + self.fronts.solve(column - self.matrix @ solution)
-        pivot = float(corner - column @ solution)
-        if not abs(pivot) > np.finfo(float).eps * max(abs(corner), abs(corner - pivot)):  # else it is what rounding left of the corner
-            raise SingularTangent("the pivot of the border vanishes")
-        return solution, pivot
+        """Number of negative pivots = number of negative eigenvalues of the tangent."""
+        return self.fronts.negative_pivots
 
     def product(self, vectors: Columns) -> Columns:
         """Products (f,) or (f, r) of the tangent with vectors."""
-        return bordered_product(self.matrix, self.border, vectors)
+        return self.matrix @ vectors
 
     def is_of(self, pressure: Float[Array, " g"]) -> bool:  # noqa: ARG002
         """Whether it is known to be of the very tangent of a state with this ``pressure``; no, it may be of one nearby."""
@@ -103,14 +65,7 @@ class Factor:
     def apply(self, rhs: Columns) -> Columns:
         """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""
         with few_threads(self.pattern.size):
-            return self._solve(rhs)
-
-    def _solve(self, rhs):
-        solution = self.fronts.solve(rhs)
-        if self.border is None:
-            return solution
-        column, pivot = self._condensed
-        return solution + np.multiply.outer(column, self.border.column @ solution / pivot)
+            return self.fronts.solve(rhs)
 
     def inverse(self, rhs: Columns) -> Columns:
         """Solution (f,) or (f, r) as accurate as that of a factor in double precision; not checked where the factor is one."""
@@ -146,7 +101,7 @@ class Factor:
     def solve_other(self, rhs: Float[np.ndarray, " f"], product: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, " f"] | None:
         """Solution (f,) for another matrix, see `solve_near_factor`."""
         with few_threads(len(rhs)):
-            return solve_near_factor(rhs, product, self._solve)
+            return solve_near_factor(rhs, product, self.fronts.solve)
 
     @functools.cached_property
     def size(self) -> int:
@@ -155,12 +110,12 @@ class Factor:
 
     @functools.cached_property
     def norm(self) -> float:
-        """Largest column sum of the matrix, an upper bound of its spectral norm, and the norm of what the border takes from it."""
+        """Largest column sum of the matrix, an upper bound of its spectral norm."""
         data, first = self.matrix.data, self.matrix.indptr[:-1]
         starts = np.split(first, range(COLUMNS_TOGETHER, len(first), COLUMNS_TOGETHER))
         stops = [*(start[0] for start in starts[1:]), len(data)]
         sums = (np.add.reduceat(np.abs(data[a[0] : b]), a - a[0]).max() for a, b in zip(starts, stops, strict=True))
-        return float(max(sums)) + (0.0 if self.border is None else float(self.border.column @ self.border.column / abs(self.border.corner)))
+        return float(max(sums))
 
 
 def solve_near_factor(
@@ -191,28 +146,22 @@ def solve_near_factor(
     return solution + z
 
 
-def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"], border: tuple[Float[Array, " f"], Scalar] | None = None) -> Factor:
-    """``Factor`` of the tangent given by pair blocks (n_pairs, 2, 2) and its `Border`, if any; raises ``SingularTangent``."""
+def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"]) -> Factor:
+    """``Factor`` of the tangent given by pair blocks (n_pairs, 2, 2); raises ``SingularTangent``."""
     pattern = pattern.fitting(pairs)
     entries = pattern.entries(pairs)
     matrix = pattern.matrix_of(entries)
-    if not (np.all(np.isfinite(matrix.data)) and all(np.all(np.isfinite(part)) for part in border or ())):
+    if not np.all(np.isfinite(matrix.data)):
         raise SingularTangent("the tangent is not finite")
     try:
         with few_threads(pattern.size), np.errstate(over="ignore", invalid="ignore"):
-            made = Factor(pattern, matrix, factorise(pattern.tree, entries, pattern.precision), host_border(border))
-            if border is not None:
-                _ = made.negative_pivots  # raises where the border's pivot vanishes
-            return made
+            return Factor(pattern, matrix, factorise(pattern.tree, entries, pattern.precision))
     except np.linalg.LinAlgError as error:
         raise SingularTangent(str(error)) from error
 
 
 class Bordered:
-    """Factor of [[K, sides], [rows^T, corner]] with the tangent K (f, f), eliminated in ``order`` where pivots allow; SingularTangent.
-
-    K is the ``matrix`` with what else is condensed in it, its `Border`, if any.
-    """
+    """Factor of [[K, sides], [rows^T, corner]], K the ``matrix`` (f, f), eliminated in ``order`` where pivots allow; SingularTangent."""
 
     def __init__(
         self,
@@ -221,12 +170,8 @@ class Bordered:
         sides: Float[np.ndarray, "f b"],
         rows: Float[np.ndarray, "f b"],
         corner: Float[np.ndarray, "b b"],
-        border: Border | None = None,
     ) -> None:
-        self.order, self.kept = order, 0 if border is None else 1
-        if border is not None:
-            sides, rows = (np.column_stack([np.asarray(border.column), part]) for part in (sides, rows))
-            corner = np.asarray(scipy.linalg.block_diag(border.corner, corner))
+        self.order = order
         self.matrix = sp.block_array([[matrix[order][:, order], sides[order]], [rows[order].T, corner]], format="csc")
         try:
             self.lu = splu(self.matrix, permc_spec="NATURAL", diag_pivot_thresh=PIVOTING, options=dict(Equil=False))
@@ -235,17 +180,17 @@ class Bordered:
 
     def solve(self, upper: np.ndarray, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solution (f,) and (b,) for right-hand sides (f,) and (b,), refined twice."""
-        rhs = np.concatenate([upper[self.order], np.zeros(self.kept), lower])
+        rhs = np.concatenate([upper[self.order], lower])
         solution = self.lu.solve(rhs)
         for _ in range(2):
             solution += self.lu.solve(rhs - self.matrix @ solution)
         x = np.empty(len(upper))
         x[self.order] = solution[: len(upper)]
-        return x, solution[len(upper) + self.kept :]
+        return x, solution[len(upper) :]
 
     @classmethod
     def of(
         cls, factor: Factor, sides: Float[np.ndarray, "f b"], rows: Float[np.ndarray, "f b"], corner: Float[np.ndarray, "b b"]
     ) -> "Bordered":
         """That of a factorised tangent."""
-        return cls(factor.pattern.tree.order, factor.matrix, sides, rows, corner, factor.border)
+        return cls(factor.pattern.tree.order, factor.matrix, sides, rows, corner)

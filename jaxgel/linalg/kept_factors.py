@@ -3,7 +3,7 @@
 import collections
 import threading
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -101,19 +101,19 @@ def solve_near(
     x: Float[Array, "n 2"],
     rhs: Float[np.ndarray, " f"],
     product: Callable[[np.ndarray], np.ndarray],
-    system: Callable[[], tuple[Any, ...]],
+    pairs: Callable[[], Float[Array, "p 2 2"]],
 ) -> Float[np.ndarray, " f"]:
     """Solution for a tangent at the nodal positions ``x``, with the kept factor that is nearest if that will do.
 
     The factors of a differentiated sweep so serve its derivatives; the solution does not depend on which one was used. The tangent is
-    given by its ``product`` with vectors (f,) and, where it must be factorised, by what ``system()`` makes: the pair blocks (p, 2, 2) and
-    the border, or None, that `factor` takes. NaN where it is singular: for use inside compiled programs, which cannot raise.
+    given by its ``product`` with vectors (f,) and, where it must be factorised, by the pair blocks (p, 2, 2) that ``pairs()`` makes.
+    NaN where it is singular: for use inside compiled programs, which cannot raise.
     """
     nearest = RECENT_FACTORS.nearest(pattern, x)
     solution = None if nearest is None else nearest.solve_other(rhs, product)
     if solution is None:
         try:
-            made = factor(pattern, *system())
+            made = factor(pattern, pairs())
             checked = made.solve(rhs)[0]  # a factor of round-off serves as preconditioner, but leaves a residual: see `Factor.solve`
             remember(made, x)
             solution = made.solve_other(rhs, product)

@@ -57,7 +57,7 @@ from .gel import (
     osmotic,
 )
 from .mixing import flory_huggins, flory_rehner
-from .phases import Coexistence, HomogeneousStates, StabilityLimits, coexistence, homogeneous_states, limits_of_stability
+from .phases import HomogeneousStates, PhasePoints, coexistence, homogeneous_states, limits_of_stability
 from .responsive import (
     AnyGel,
     Ions,
@@ -68,9 +68,8 @@ from .responsive import (
     ions,
     pnipam_chi,
     pnipam_energy,
-    polyelectrolyte_energy,
 )
-from .surface import balanced_stretch, film_edge_volume_ratio, stretch_near, surface_stability, surface_volume_ratio
+from .surface import film_edge_volume_ratio, surface_stability, surface_volume_ratio
 from .swelling import (
     SMALLEST_SWELLING,
     free_swelling,
@@ -89,7 +88,6 @@ __all__ = [
     "SMALLEST_SWELLING",
     "AnyGel",
     "ArrudaBoyce",
-    "Coexistence",
     "Composite",
     "Elastomer",
     "Filled",
@@ -99,13 +97,12 @@ __all__ = [
     "Ions",
     "LocalGel",
     "LocalValues",
+    "PhasePoints",
     "PixelField",
     "Pnipam",
     "Polyelectrolyte",
-    "StabilityLimits",
     "Varying",
     "WithHoles",
-    "balanced_stretch",
     "bulk_stiffness",
     "by_material",
     "cauchy_stress",
@@ -155,11 +152,9 @@ __all__ = [
     "phase_of",
     "pnipam_chi",
     "pnipam_energy",
-    "polyelectrolyte_energy",
     "rises_always",
     "split",
     "stiff_until",
-    "stretch_near",
     "surface_stability",
     "surface_volume_ratio",
     "takes_solvent",

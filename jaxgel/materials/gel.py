@@ -61,10 +61,6 @@ class Gent:
     def __call__(self, F: Float[Array, "2 2"], gel: Any, axial: Scalar = 1.0) -> Float[Array, ""]:
         return -gel.Nv * self.Jm / 2 * jnp.log1p(-(jnp.sum(F**2) + (axial**2 - 3)) / self.Jm)
 
-    def largest_axial(self, F: Float[Array, "... 2 2"]) -> Float[Array, "..."]:
-        """Stretch (...) out of plane at which the chains are straight, I - 3 = Jm; NaN where the in-plane ``F`` (..., 2, 2) is larger."""
-        return jnp.sqrt(self.Jm + 3 - jnp.sum(F**2, axis=(-2, -1)))
-
 
 @dataclasses.dataclass(frozen=True)
 class ArrudaBoyce:

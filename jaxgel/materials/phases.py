@@ -8,28 +8,29 @@ together, are left out.
 The search is on the host, by scanning; what it finds is differentiable by the implicit function theorem, outside ``jax.jit``.
 """
 
-import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from scipy.optimize import brentq
 
 from .._types import Array, Bool, Float, Scalar
-from .._validation import finite_numbers
+from .._validation import finite_numbers, one_of
 from .checks import check_gel, check_number
 from .composite import Composite
-from .curve import SwellingCurve, bend_at, energy_at, slope_at
 from .fields import varies
 from .gel import check_stretched_network
-from .swelling import _free, _isotropic, _uniaxial
+from .swelling import LARGEST_SWELLING, SMALLEST_SWELLING, _free, _isotropic, _uniaxial
 
 ENERGIES = {"isotropic": _isotropic, "plane strain": _free, "uniaxial": _uniaxial}  # W of J by the kind of swelling
+SCAN = np.linspace(math.log(SMALLEST_SWELLING), math.log(LARGEST_SWELLING), 2**12)  # of u = ln(J - 1)
+STRAIGHT = 1e9  # W and its derivatives beyond the J at which chains are straight, kT/v
+CLOSEST = {"xtol": 1e-15, "rtol": 1e-14}  # of bracketed roots
 CONTROLS = 33  # scanned between two controls
 FINEST = 1e-5  # of the range of the control: how closely a point is enclosed before Newton's method
 NEWTON_STEPS = 3  # from there
@@ -47,22 +48,13 @@ class HomogeneousStates(NamedTuple):
     """W(J) - mu (J - 1) per dry volume, kT/v: the stable state with the smallest is the phase, other stable ones are metastable."""
 
 
-class StabilityLimits(NamedTuple):
-    """Limits of stability (spinodals)."""
+class PhasePoints(NamedTuple):
+    """Limits of stability (spinodals), or points at which two neighbouring phases have the same energy."""
 
     control: Float[Array, " r"]
     """mu in kT, or the control of a family of gels."""
-    J: Float[Array, " r"]
-    """Volume ratio at which a phase ends there."""
-
-
-class Coexistence(NamedTuple):
-    """Where two neighbouring phases have the same energy at one control."""
-
-    control: Float[Array, " r"]
-    """mu in kT, or the control of a family of gels."""
-    J: Float[Array, "r 2"]
-    """Volume ratios of the shrunken and the swollen phase."""
+    J: Float[Array, " r"] | Float[Array, "r 2"]
+    """Volume ratio at which a phase ends, or those of the shrunken and the swollen phase."""
 
 
 def homogeneous_states(gel: Any, mu: Scalar = 0.0, swelling: str = "isotropic") -> HomogeneousStates:
@@ -79,14 +71,18 @@ def homogeneous_states(gel: Any, mu: Scalar = 0.0, swelling: str = "isotropic") 
     energy = _energy_of(gel, swelling)
     check_gel(gel)
     check_number("mu", mu, math.isfinite, "a finite number (chemical potential in kT)")
-    J = _solution(_Problem(energy, _state_residual, _state_rows, 1), _numbers((gel, mu)))[:, 0]
-    bends, values = (jax.vmap(functools.partial(part, energy), (0, None))(J, gel) for part in (bend_at, energy_at))
-    return HomogeneousStates(J, bends > 0, values - mu * (J - 1))
+
+    def residual(y, given):
+        return _derivatives(energy, y, given[0])[1] - given[1]
+
+    J = _points(residual, lambda given: _Curve(energy, given[0]).states(given[1]), 1, (gel, mu))[:, 0]
+    W, _, bends = _derivatives(energy, J, gel)
+    return HomogeneousStates(J, bends > 0, W - mu * (J - 1))
 
 
 def limits_of_stability(
     gel: Any, mu: Scalar | None = None, between: tuple[float, float] | None = None, swelling: str = "isotropic"
-) -> StabilityLimits:
+) -> PhasePoints:
     """The controls and volume ratios at which a homogeneous state loses stability, W' = mu and W'' = 0; none where the gel has one phase.
 
     The control of a gel is mu, and its limits come in the order of J. ``gel`` may also be a function that gives the gel of a control,
@@ -97,11 +93,11 @@ def limits_of_stability(
     >>> limits_of_stability(lambda T: Pnipam(temperature=T), between=(20.0, 45.0)).control.round(4)
     Array([31.5877, 32.6551], dtype=float64)
     """
-    found = _located(_limit_residual, _limit_points, gel, mu, between, swelling)
-    return StabilityLimits(found[:, 1], found[:, 0])
+    found = _located(_Curve.limits, 1, gel, mu, between, swelling)
+    return PhasePoints(found[:, 1], found[:, 0])
 
 
-def coexistence(gel: Any, mu: Scalar | None = None, between: tuple[float, float] | None = None, swelling: str = "isotropic") -> Coexistence:
+def coexistence(gel: Any, mu: Scalar | None = None, between: tuple[float, float] | None = None, swelling: str = "isotropic") -> PhasePoints:
     """The controls at which two neighbouring phases have the same energy, and their J; none where the gel has one phase.
 
     Arguments as of `limits_of_stability`.
@@ -110,71 +106,70 @@ def coexistence(gel: Any, mu: Scalar | None = None, between: tuple[float, float]
     >>> coexistence(lambda T: Pnipam(temperature=T), between=(20.0, 45.0)).control.round(4)
     Array([32.2364], dtype=float64)
     """
-    found = _located(_phase_residual, _phase_points, gel, mu, between, swelling)
-    return Coexistence(found[:, 2], found[:, :2])
+    found = _located(_Curve.phases, 2, gel, mu, between, swelling)
+    return PhasePoints(found[:, 2], found[:, :2])
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Problem:
-    """Equations for points, and the search for them. Both take what is ``given``: the gel, or the constants of its family, and mu."""
+@functools.partial(jax.jit, static_argnums=0)
+def _derivatives(energy, J, gel):
+    """W, W' and W'' (3, n) at the volume ratios ``J`` (n,)."""
 
-    energy: Callable
-    residual: Callable
-    """(problem, unknowns (m,), given) -> (m,)."""
-    rows: Callable
-    """(problem, given) -> approximate unknowns of all points, on the host."""
-    count: int
-    """m."""
-    gel_at: Callable | None = None
-    """The gel of (control, *constants); None where the control is mu."""
-    between: tuple[float, float] = (math.nan, math.nan)
-    """Bounds of the control of a family."""
+    def values(J):
+        slope = jax.grad(energy)
+        values = jnp.stack([energy(J, gel), slope(J, gel), jax.grad(slope)(J, gel)])
+        return jnp.where(jnp.isfinite(values).all(), values, STRAIGHT)
 
-    def at(self, control, given):
-        """The gel and mu at a control."""
-        return (given[0], control) if self.gel_at is None else (self.gel_at(control, *given[0]), given[1])
+    return jax.vmap(values, out_axes=1)(J)
 
 
-def _state_residual(problem, y, given):
-    gel, mu = given
-    return slope_at(problem.energy, y[0], gel)[None] - mu
+class _Curve:
+    """W' of one gel over u = ln(J - 1), as numbers."""
 
+    def __init__(self, energy, gel):
+        self._values = lambda u: np.asarray(_derivatives(energy, 1 + np.exp(np.atleast_1d(u)), gel))
+        self._scan = self._values(SCAN)
+        self._turns = self._roots(2)
 
-def _limit_residual(problem, y, given):
-    J, control = y
-    gel, mu = problem.at(control, given)
-    return jnp.stack([slope_at(problem.energy, J, gel) - mu, bend_at(problem.energy, J, gel)])
+    def _root(self, mu, ends, order=1):
+        """The u between ``ends`` at which a derivative is ``mu``, or the end that is nearest."""
+        mu = np.clip(mu, *np.sort(self._values(ends)[order]))
+        return brentq(lambda u: self._values(u)[order, 0] - mu, *ends, **CLOSEST)
 
+    def _roots(self, order, mu=0.0):
+        below = self._scan[order] < mu
+        return [self._root(mu, SCAN[k : k + 2], order) for k in np.flatnonzero(below[1:] != below[:-1])]
 
-def _phase_residual(problem, y, given):
-    first, second, control = y
-    gel, mu = problem.at(control, given)
-    slopes = [slope_at(problem.energy, J, gel) - mu for J in (first, second)]
-    work = energy_at(problem.energy, second, gel) - energy_at(problem.energy, first, gel) - mu * (second - first)
-    return jnp.stack([*slopes, work])
+    def states(self, mu):
+        """(J,) of the states."""
+        return [(1 + math.exp(u),) for u in self._roots(1, mu)]
 
+    def limits(self):
+        """(mu, J) of the limits of stability."""
+        return [(self._values(u)[1, 0], 1 + math.exp(u)) for u in self._turns]
 
-def _state_rows(problem, given):
-    gel, mu = given
-    curve = SwellingCurve(problem.energy, gel)
-    return [(curve.root(*piece, mu),) for piece in curve.pieces if (curve.slope(piece[0]) < mu) != (curve.slope(piece[1]) < mu)]
+    def phases(self):
+        """(mu, J, J) of the coexistences of phases, which lie between two neighbouring pieces on which W' rises."""
+        pieces = [ends for ends in itertools.pairwise([SCAN[0], *self._turns, SCAN[-1]]) if np.diff(self._values(ends)[1]) > 0]
+        return [point for both in itertools.pairwise(pieces) if (point := self._maxwell(both))]
 
+    def _maxwell(self, pieces):
+        def states(mu):
+            return np.array([self._root(mu, ends) for ends in pieces])
 
-def _limit_points(curve):
-    """The mu at each limit of stability, and the unknowns besides the control."""
-    return [(curve.slope(u), (1 + math.exp(u),)) for u in curve.turns]
+        def work(mu):
+            u = states(mu)
+            return float(np.diff(self._values(u)[0] - mu * np.exp(u))[0])
 
-
-def _phase_points(curve):
-    """The mu at which neighbouring phases coexist, and the unknowns besides the control."""
-    rising = [piece for piece in curve.pieces if curve.slope(piece[0]) < curve.slope(piece[1])]
-    found = [curve.maxwell(*neighbours) for neighbours in itertools.pairwise(rising)]
-    return [point for point in found if point]
+        slopes = self._values(np.ravel(pieces))[1]
+        lowest, highest = slopes[::2].max(), slopes[1::2].min()
+        if not work(lowest) > 0 > work(highest):
+            return None
+        mu = brentq(work, lowest, highest, **CLOSEST)
+        return mu, *(1 + np.exp(states(mu)))
 
 
 def _energy_of(gel, swelling):
-    if swelling not in ENERGIES:
-        raise ValueError(f"swelling: {swelling!r} is not accepted, it must be one of {', '.join(map(repr, ENERGIES))}")
+    one_of("swelling", swelling, tuple(ENERGIES))
     if isinstance(gel, Composite) or varies(gel):
         raise ValueError("gel: a gel that varies from place to place is not accepted, it must be that of one place")
     if swelling == "isotropic":
@@ -182,85 +177,78 @@ def _energy_of(gel, swelling):
     return ENERGIES[swelling]
 
 
-def _located(residual, points, gel, mu, between, swelling):
-    """Unknowns (r, m) of the limits or of the coexisting phases, the control last."""
-    count = 2 if residual is _limit_residual else 3
+def _located(points, count, gel, mu, between, swelling):
+    """Unknowns (r, m) of the ``points`` of a curve, ``count`` volume ratios and then the control."""
+
+    def residual(y, given):
+        gel, mu = at(y[-1], given)
+        W, slope, bend = _derivatives(energy, y[:-1], gel)
+        return jnp.append(slope - mu, bend if count == 1 else jnp.diff(W - mu * y[:-1]))
+
+    def excess(control, given):
+        gel, mu = at(control, given)
+        check_gel(gel)
+        return [(own - mu, *J) for own, *J in points(_Curve(energy, gel))]
+
     if not callable(gel):
         if mu is not None or between is not None:
             raise ValueError("mu, between: not accepted with a gel, whose control is mu; give a function of another control")
-        check_gel(gel)
-        rows = functools.partial(_rows_of_gel, points)
-        return _solution(_Problem(_energy_of(gel, swelling), residual, rows, count), _numbers((gel, 0.0)))
+        energy, at = _energy_of(gel, swelling), lambda control, gel: (gel, control)
+        return _points(residual, lambda gel: [(*J, mu) for mu, *J in excess(0.0, gel)], count + 1, gel)
     bounds = finite_numbers(between, (2,), "between")
     if not bounds[0] < bounds[1]:
         raise ValueError(f"between: {between!r} is not accepted, it must be a lower and an upper control")
     mu = 0.0 if mu is None else mu
     check_number("mu", mu, math.isfinite, "a finite number (chemical potential in kT)")
     gel_at, constants = jax.closure_convert(gel, bounds[0])  # what else it depends on, for derivatives
-    rows = functools.partial(_rows_of_family, points)
-    problem = _Problem(_energy_of(gel(bounds[0]), swelling), residual, rows, count, gel_at, bounds)
-    return _solution(problem, _numbers((constants, mu)))
+    energy, at = _energy_of(gel(bounds[0]), swelling), lambda control, given: (gel_at(control, *given[0]), given[1])
+    return _points(residual, lambda given: _enclosed(lambda control: excess(control, given), *bounds), count + 1, (constants, mu))
 
 
-def _numbers(tree):
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, float), tree)
+def _enclosed(excess, low, high):
+    """Unknowns of the points of a family whose ``excess(control)`` changes its sign, by bisection between scanned controls."""
 
-
-def _rows_of_gel(points, problem, given):
-    return [(*unknowns, mu) for mu, unknowns in points(SwellingCurve(problem.energy, given[0]))]
-
-
-def _rows_of_family(points, problem, given):
-    """Where the control brings a point of the gel to mu, enclosed by bisection between scanned controls."""
-    low, high = problem.between
-
-    def excess(control):
-        gel, mu = problem.at(control, given)
-        check_gel(gel)
-        return [(own - mu, unknowns) for own, unknowns in points(SwellingCurve(problem.energy, gel))]
-
-    def enclosed(a, of_a, b, of_b):
+    def halved(a, of_a, b, of_b):
         same = len(of_a) == len(of_b)  # phases may appear between a and b
-        changed = [one[1] for one, other in zip(of_a, of_b, strict=False) if (one[0] < 0) != (other[0] < 0)]
+        changed = [one[1:] for one, other in zip(of_a, of_b, strict=False) if (one[0] < 0) != (other[0] < 0)]
         if same and not changed:
             return []
         middle = (a + b) / 2
         if b - a < FINEST * (high - low):
-            return [(*unknowns, middle) for unknowns in changed] if same else []
+            return [(*J, middle) for J in changed] if same else []
         of_middle = excess(middle)
-        return enclosed(a, of_a, middle, of_middle) + enclosed(middle, of_middle, b, of_b)
+        return halved(a, of_a, middle, of_middle) + halved(middle, of_middle, b, of_b)
 
     scanned = [(control, excess(control)) for control in np.linspace(low, high, CONTROLS)]
-    return [row for one, other in itertools.pairwise(scanned) for row in enclosed(*one, *other)]
+    return [row for one, other in itertools.pairwise(scanned) for row in halved(*one, *other)]
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _solution(problem, given):
-    """The unknowns (r, m) of all points: as the search finds them, improved by Newton's method."""
+def _points(residual, search, count, given):
+    return _solution(residual, search, count, jax.tree.map(lambda leaf: jnp.asarray(leaf, float), given))
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
+def _solution(residual, search, count, given):
+    """Unknowns (r, ``count``) at which ``residual(y, given)`` is 0: as ``search(given)`` finds them, improved by Newton's method."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(given)):
         raise ValueError("gel: traced numbers of jax.jit and jax.vmap are not accepted, the search for phases is on the host")
-
-    residual = functools.partial(problem.residual, problem)
-    unknowns = []
-    for row in problem.rows(problem, given):
-        y, step = jnp.asarray(row, float), jnp.inf
-        for _ in range(NEWTON_STEPS):
-            step = jnp.linalg.solve(jax.jacfwd(residual)(y, given), residual(y, given))
-            y = y - step
-        if not jnp.max(jnp.abs(step) / (1 + jnp.abs(y))) < CONVERGED:
-            raise ValueError(f"gel: at the control {float(row[-1]):.6g} two phases are nearer to a critical point than the search resolves")
-        unknowns.append(y)
-    return jnp.stack(unknowns) if unknowns else jnp.zeros((0, problem.count))
+    y = jnp.array(search(given), dtype=float).reshape(-1, count)
+    for _ in range(NEWTON_STEPS):
+        step = jax.vmap(lambda y: jnp.linalg.solve(jax.jacfwd(residual)(y, given), residual(y, given)))(y)
+        y = y - step
+    poor = y[~(jnp.abs(step) < CONVERGED * (1 + jnp.abs(y))).all(axis=1)]
+    if len(poor):
+        raise ValueError(f"gel: at the control {float(poor[0, -1]):.6g} two phases are nearer to a critical point than the search resolves")
+    return y
 
 
 @_solution.defjvp
-def _solution_jvp(problem, primals, tangents):
+def _solution_jvp(residual, search, count, primals, tangents):
     """residual(y, given) = 0 gives residual_y dy = -residual_given dgiven at every point."""
-    residual = functools.partial(problem.residual, problem)
 
     def change(y):
         _, own = jax.jvp(lambda given: residual(y, given), primals, tangents)
         return -jnp.linalg.solve(jax.jacfwd(residual)(y, *primals), own)
 
-    unknowns = _solution(problem, *primals)
+    unknowns = _solution(residual, search, count, *primals)
     return unknowns, jax.vmap(change)(unknowns)

@@ -1,7 +1,4 @@
-"""Faces without load: the axial stretch of a plate with free ends; surfaces, their volume ratio and their stability to short waves.
-
-One axial stretch l3 belongs to a whole plate in generalised plane strain. It is where the derivative of an energy by it vanishes, of the
-energy of the plate and not of a material point.
+"""Surfaces without load: their volume ratio and their stability to short waves.
 
 Waves are short if they are so beside all lengths of the plate. About a half-plane y < 0 with the principal stretches l1 along its surface
 and l2 normal to it, the nominal stress of a gradient H of displacements is A:H, where A_ijkl = d2W / dF_ij dF_kl. With the moduli
@@ -19,21 +16,14 @@ All short waves cost energy as long as Z is positive definite. Its end, det Z = 
 Dowaikh & Ogden (1991), Int. J. Eng. Sci. 29, and, for a gel, of Kang & Huang (2010), J. Mech. Phys. Solids 58.
 """
 
-import dataclasses
-import functools
-import math
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from .._types import Array, Bool, Float, Scalar
+from .._types import Array, Float, Scalar
 from .gel import neo_hookean, network_at
-from .swelling import LARGEST_SWELLING, Numbers, _volume_ratio, branch_ends, inverted, rises_always
-
-POLISHED = 3  # steps that take a stretch of Newton's accuracy to round-off
-MARGIN = 1e-9  # of a stretch at which an energy ends: how far from it the search stays
+from .swelling import Numbers, branch_ends, inverted, rises_always
 
 
 def surface_volume_ratio(tangential: Float[Array, "..."], mu: Scalar, gel: Any, axial: Numbers = 1.0) -> Float[Array, "..."]:
@@ -102,71 +92,3 @@ def surface_stability(
     elliptic = convex & (product > 0)
     scale = jnp.where(elliptic, product + ((b * h - d * g) / (g + h)) ** 2, 1.0)
     return jnp.where(elliptic, (h * normals + g * shears) / (g + h) / scale, -1.0)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def balanced_stretch(
-    energy: Callable, of: Any, low: Scalar, scale: Scalar, most: Scalar = math.inf, rises: Bool[Array, ""] | bool = True
-) -> Float[Array, ""]:
-    """The stretch l () > ``low`` at which d ``energy(l, of)``/dl vanishes, with all derivatives by ``of``, a pytree of numbers.
-
-    The slope comes from -inf at ``low`` and increases to the root, or ``rises`` is false: then its first increasing part is searched.
-    ``scale`` is a typical size of l - low, and ``most`` the stretch at which the energy ends. ``energy`` stands at the top of a module.
-    """
-    end = math.log(LARGEST_SWELLING)
-    if rises is not True:
-        end = branch_ends(lambda *_: (_Placed(energy), (of, low, scale)), jnp.zeros(()), (), rises)
-    end = jnp.minimum(end, jnp.log(((1 - MARGIN) * most - low) / scale))
-    return _balanced(energy, of, *jax.lax.stop_gradient((low, scale, end)))
-
-
-@functools.partial(jax.custom_jvp[Any], nondiff_argnums=(0,))
-def stretch_near(energy: Callable[..., Any], of: Any, near: Scalar) -> Float[Array, ""]:
-    """The stretch l () at which d ``energy(l, of)``/dl vanishes, by Newton's method from one ``near`` it. Derivatives by ``of``."""
-    slope = jax.value_and_grad(jax.grad(energy))
-
-    def step(_, stretch):
-        force, stiffness = slope(stretch, of)
-        return stretch - force / stiffness
-
-    return jax.lax.fori_loop(0, POLISHED, step, near)
-
-
-@stretch_near.defjvp
-def _stretch_near_jvp(energy, primals, tangents):
-    of, near = primals
-    l3 = stretch_near(energy, of, near)
-    return l3, _rate(energy, l3, of, tangents[0])
-
-
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _balanced(energy, of, low, scale, end):
-    return _Placed.stretch(_volume_ratio(_Placed(energy), 0.0, (of, low, scale), end)[0], low, scale)
-
-
-@_balanced.defjvp
-def _balanced_jvp(energy, primals, tangents):
-    l3 = _balanced(energy, *primals)
-    return l3, _rate(energy, l3, primals[0], tangents[0])
-
-
-def _rate(energy, l3, of, of_dot):
-    """E_l(l, of) = 0 gives E_ll dl = -d E_l at fixed l."""
-    slope = jax.grad(energy)
-    change = jax.jvp(lambda of: slope(l3, of), (of,), (of_dot,))[1]
-    return -change / jax.grad(slope)(l3, of)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Placed:
-    """The energy as a function of J > 1 with the stretch low + scale (J - 1): what the search for a volume ratio takes."""
-
-    energy: Callable
-
-    def __call__(self, J, at):
-        of, low, scale = at
-        return self.energy(self.stretch(J, low, scale), of)
-
-    @staticmethod
-    def stretch(J, low, scale):
-        return low + scale * (J - 1)

@@ -19,13 +19,12 @@ from .dofs import (
     unknowns,
     with_free_values,
 )
-from .energy import axial_stretch, curvature, energy_at, hessian_product, network_energy, residual, total_energy
+from .energy import curvature, energy_at, hessian_product, network_energy, residual, total_energy
 from .loads import Loads, load_vector
 from .local_gel import check_model, localised, mean_stiffness
 from .mixed import (
     ROUND_OFF,
     Linearisation,
-    border,
     condensed_rhs,
     linearise,
     mu_force,
@@ -41,12 +40,12 @@ from .volumes import (
     SOFT,
     all_volumes,
     at_points,
+    axial_stretch,
     by_block,
     carries_volume,
     contents,
     deformation_gradients,
     gradients_by_block,
-    held_stretch,
     is_film,
     is_generalised,
     linearised_about,
@@ -72,7 +71,6 @@ __all__ = [
     "all_volumes",
     "at_points",
     "axial_stretch",
-    "border",
     "by_block",
     "carries_volume",
     "check_driven",
@@ -96,7 +94,6 @@ __all__ = [
     "gather",
     "gradients_by_block",
     "held_dofs",
-    "held_stretch",
     "hessian_product",
     "holes_of_loops",
     "is_film",

@@ -27,11 +27,11 @@ from ..linalg import Factor, factor
 from ..materials import Varying, elementwise, gel_at_points, neo_hookean, network_at, split
 from .contact import contact_force, contact_tangents
 from .dofs import Strained, gather, scatter
-from .mixed import Linearisation, border, network_force, nodal_sum, pressure_step, stretch_of, stretch_step, volume_gradients
+from .mixed import Linearisation, network_force, nodal_sum, pressure_step, volume_gradients
 from .operators import add_cell_matrices, area_form_sum
 from .pairs import contact_pairs
 from .problem import Problem
-from .volumes import all_volumes, by_block, held_stretch, stiffness_at
+from .volumes import all_volumes, axial_stretch, by_block, stiffness_at
 
 STATES_TOGETHER = 4  # states whose volume gradients are computed together
 
@@ -40,10 +40,10 @@ STATES_TOGETHER = 4  # states whose volume gradients are computed together
 def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation) -> Float[Array, "p 2 2"]:
     """Condensed tangent K by node pairs, kT/v, about the ``linearisation`` at ``x`` and ``p``, see `mixed`.
 
-    With contact the pairs of `contact_pairs` follow. A free axial stretch borders it: see `mixed.border`.
+    With contact the pairs of `contact_pairs` follow.
     """
     model, gel, operators = problem.model, problem.gel, problem.operators
-    quadratic, network = gel.network is neo_hookean, network_at(gel, stretch_of(linearisation, model))
+    quadratic, network = gel.network is neo_hookean, network_at(gel, axial_stretch(model))
     total = jnp.zeros((len(operators.pairs), 4))
     if quadratic:
         total += operators.network[:, None] * jnp.eye(2).ravel()
@@ -82,27 +82,17 @@ def tangent_product(
     model, field = problem.model, scatter(v, x.shape, problem.free)
     moved, _ = volume_gradients(field, model, problem.operators)
     still = dataclasses.replace(linearisation, error=jnp.zeros_like(p), gap=jnp.zeros_like(p))
-    if still.axial is not None:
-        still = dataclasses.replace(still, axial=dataclasses.replace(still.axial, force=jnp.zeros(())))
     p_step = pressure_step(field, still, linearisation, model)
-    forces = _network_change(problem, linearisation, x, field, stretch_step(field, still, linearisation, model))
+    forces = jax.jvp(lambda x: network_force(x, model, problem.gel, problem.operators), (x,), (field,))[1]
     forces += nodal_sum(moved, p, model) + nodal_sum(linearisation.gradients, p_step, model)
     if model.contact is not None:
         forces += jax.jvp(lambda x: contact_force(x, model), (x,), (field,))[1]
     return gather(forces, problem.free)
 
 
-def _network_change(problem, linearisation, x, dx, stretch_step):
-    """Change (n, 2) of the network's forces."""
-    model, gel, axial = problem.model, problem.gel, stretch_of(linearisation, problem.model)
-    if linearisation.axial is None:
-        return jax.jvp(lambda x: network_force(x, model, gel, problem.operators, axial), (x,), (dx,))[1]
-    return jax.jvp(lambda *at: network_force(at[0], model, gel, problem.operators, at[1]), (x, axial), (dx, stretch_step))[1]
-
-
 def factorised_tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation) -> Factor:
-    """Factor of the `tangent` with its `mixed.border` condensed; raises `linalg.SingularTangent`."""
-    return factor(problem.pattern, tangent(problem, x, p, linearisation), border(problem, linearisation))
+    """Factor of the `tangent`; raises `linalg.SingularTangent`."""
+    return factor(problem.pattern, tangent(problem, x, p, linearisation))
 
 
 def _add_contact(total, x, model):
@@ -123,7 +113,7 @@ def is_sparse(problem: Problem) -> bool:
     model = problem.model
     own = problem.gel.network is neo_hookean and model.contact is None and model.lists.unknowns is None
     own = own and not isinstance(problem.free, Strained) and not drives_stiffness(problem.control, problem.gel)
-    return own and held_stretch(model) is not None and len(problem.free) <= ONE_THREAD
+    return own and len(problem.free) <= ONE_THREAD
 
 
 class TangentOperator:
@@ -204,7 +194,7 @@ def _state_terms(problem, x, pressure, values):
         x, pressure, value = state
         gradients, J = volume_gradients(x, model, operators)
         now, mu = problem.at(value)
-        stiffness = stiffness_at(J, model, now.gel, mu, held_stretch(model))
+        stiffness = stiffness_at(J, model, now.gel, mu)
         stiffness = jnp.where(volumes > 0, stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
         total = jnp.zeros(len(operators.pairs))
         parts = zip(model.blocks, by_block(pressure, model), operators.area_forms, operators.slots, strict=True)

@@ -35,7 +35,7 @@ from ..materials import (
     takes_solvent,
     with_parameters,
 )
-from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, held_stretch, is_film, is_generalised
+from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, is_film, is_generalised
 
 
 def check_model(model: Model, gel: AnyGel) -> None:
@@ -57,8 +57,6 @@ def localised(model: Model, gel: AnyGel) -> LocalGel:
         check_network(own)
     if is_generalised(model):
         check_stretched_network(own)
-        if held_stretch(model) is None and own is not gel and any(isinstance(material, Elastomer) for material in gel.regions):
-            raise ValueError("axial_stretch: 'free' is not accepted with an Elastomer; hold the stretch at a number")
     for part in jax.tree.leaves(gel, is_leaf=lambda part: isinstance(part, LocalValues)):
         if isinstance(part, LocalValues) and part.groups.shape != np.shape(carries_volume(model)):
             raise ValueError("gel: has the values of its fields on another model; give the fields themselves")

@@ -15,14 +15,6 @@ law of a group is therefore linearised about the pressure p(J) at the volume rat
     dp = k G^T dx / V + p(J) - p,    in general  dp = k (G^T dx / V + J - J0) + p(J0) - p
 
 with k and p(J0) at J0, J or J*(p). Both end where p = p(J), on whichever branch J lies; the tangent is the Hessian with every sign of k.
-
-A free axial stretch l3 (generalised plane strain) is a third unknown, with J*(p, l3). Its equation, that no axial force acts, is satisfied
-by every iterate, `stretch_of_pressure`. With c_g = dp/dl3 at given J it adds to the step
-
-    dp = k (G^T dx / V + J - J0) + p(J0) - p + c dl3,    b . dx + kappa dl3 = rho,    b = d network'/dl3 + G c
-
-with the axial stiffness kappa at given J, so that the condensed tangent is K - b b^T / kappa and the other two terms are those of one row
-and column that border it.
 """
 
 import dataclasses
@@ -37,14 +29,13 @@ from ..discretisation import Model
 from ..materials import LocalGel, gel_in_groups, neo_hookean, value
 from .contact import contact_force
 from .dofs import gather
-from .energy import axial_stretch, network_energy, stretch_of_pressure
+from .energy import network_energy
 from .operators import Operators, area_gradients
 from .problem import Problem
 from .volumes import (
     all_volumes,
+    axial_stretch,
     by_block,
-    carries_volume,
-    held_stretch,
     linearised_about,
     pressure_at,
     pressure_rate,
@@ -57,28 +48,7 @@ from .volumes import (
 PAIRS_PER_SUM = 2**16  # node pairs whose forces are added up together: few enough to stay in the processor's cache
 ROUND_OFF = 1e-3  # swelling J* - 1 below which the constraint violation is measured absolutely
 FINE = 50  # spacings across the plate up to which round-off leaves less than a fifth of Newton's tolerance; it grows with their number
-_FIELDS = ("rhs", "gradients", "stiffness", "error", "gap", "residual_norm", "violation", "per_force", "axial")
-
-
-@functools.partial(
-    jax.tree_util.register_dataclass, data_fields=["stretch", "slope", "column", "stiffness", "force", "volume"], meta_fields=[]
-)
-@dataclasses.dataclass(frozen=True, eq=False)
-class AxialTerms:
-    """What a free axial stretch l3 adds to the mixed form."""
-
-    stretch: Float[Array, ""]
-    """l3."""
-    slope: Float[Array, " g"]
-    """c = dp/dl3 of the groups at given J, kT/v."""
-    column: Float[Array, "n 2"]
-    """b, the derivative of the nodal forces by l3 at given J, kT/v mm."""
-    stiffness: Float[Array, ""]
-    """kappa, the derivative of the axial force by l3 at given J, kT/v mm^2."""
-    force: Float[Array, ""]
-    """The axial force of network and J0, kT/v mm^2: 0 where J = J*(p)."""
-    volume: Float[Array, ""]
-    """Sum of V J, mm^2: less the derivative of the axial force by mu."""
+_FIELDS = ("rhs", "gradients", "stiffness", "error", "gap", "residual_norm", "violation", "per_force")
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=_FIELDS, meta_fields=[])
@@ -102,8 +72,6 @@ class Linearisation:
     """Largest |J - J0|, plus gap over Nv, relative to J0 - 1, over what round-off leaves on a cloud as fine as this."""
     per_force: Float[Array, ""]
     """Factor that makes forces relative, 1 / (kT/v mm)."""
-    axial: AxialTerms | None
-    """What a free axial stretch adds; None where it is held."""
 
 
 @jax.jit
@@ -111,89 +79,34 @@ def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], m
     """`Linearisation` at positions ``x``, mm, and pressures ``p``, kT/v, at the chemical potential ``mu`` (kT)."""
     model, gel = problem.model, problem.gel
     gradients, J = volume_gradients(x, model, problem.operators)
-    stretch = held_stretch(model)
-    stretch = stretch_of_pressure(x, J, p, model, gel) if stretch is None else stretch
-    about, gap = linearised_about(p, J, model, gel, mu, stretch)
-    stiffness = stiffness_at(about, model, gel, mu, stretch)
+    about, gap = linearised_about(p, J, model, gel, mu)
+    stiffness = stiffness_at(about, model, gel, mu)
     error = jnp.where(all_volumes(model) > 0, J - about, 0.0)
-    network = network_force(x, model, gel, problem.operators, stretch)
+    network = network_force(x, model, gel, problem.operators)
     touch = contact_force(x, model) if model.contact is not None else 0.0
     rhs = problem.loads - network - touch - nodal_sum(gradients, p, model)
     topology = model.lists.topology
     across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
-    off = stretch * jnp.abs(error) + jnp.where(gap == 0, 0.0, jnp.abs(gap) / value(gel_in_groups(gel).Nv))
-    violation = jnp.max(off / (swelling_of(about, model, gel, stretch) + ROUND_OFF)) / max(1.0, across / FINE)
+    off = axial_stretch(model) * jnp.abs(error) + jnp.where(gap == 0, 0.0, jnp.abs(gap) / value(gel_in_groups(gel).Nv))
+    violation = jnp.max(off / (swelling_of(about, model, gel) + ROUND_OFF)) / max(1.0, across / FINE)
     per_force = 1 / (jnp.linalg.norm(network) + jnp.linalg.norm(problem.loads))
     residual_norm = jnp.linalg.norm(gather(rhs, problem.free)) * per_force
-    law = about, stiffness, error, gap
-    axial = _axial_terms(problem, x, p, gradients, *law, stretch) if held_stretch(model) is None else None
-    return Linearisation(rhs, gradients, stiffness, error, gap, residual_norm, violation, per_force, axial)
-
-
-def _axial_terms(problem, x, p, gradients, about, stiffness, error, gap, l3):
-    """`AxialTerms` at the stretch ``l3``, where the axial force of network and J vanishes."""
-    model, gel, along = problem.model, problem.gel, (jnp.ones(()),)
-    V = jnp.where(carries_volume(model), all_volumes(model), 0.0)
-    slope = jnp.where(V > 0, (p + gap + stiffness * about) / l3, 0.0)
-    column = nodal_sum(gradients, slope, model)
-    if gel.network is not neo_hookean:
-        column += jax.jvp(lambda l3: network_force(x, model, gel, problem.operators, l3), (l3,), along)[1]
-    network = jax.grad(lambda l3: network_energy(x, model, gel, l3))
-    kappa = jax.jvp(network, (l3,), along)[1] + jnp.sum(V * stiffness * about**2) / l3**2
-    force = jnp.sum(V * (about * gap - p * error)) / l3
-    return AxialTerms(l3, slope, column, kappa, force, jnp.sum(V * about))
-
-
-def stretch_of(linearisation: Linearisation, model: Model) -> Scalar:
-    """The axial stretch of a linearised state."""
-    return held_stretch(model) if linearisation.axial is None else linearisation.axial.stretch
+    return Linearisation(rhs, gradients, stiffness, error, gap, residual_norm, violation, per_force)
 
 
 @jax.jit
 def condensed_rhs(problem: Problem, linearisation: Linearisation, factorised_at: Linearisation) -> Float[Array, " f"]:
     """Right-hand side of the condensed Newton step; gradients and stiffness are those of the factorised tangent."""
-    model, axial = problem.model, factorised_at.axial
     pressure = factorised_at.stiffness * linearisation.error + linearisation.gap
-    forces = linearisation.rhs - nodal_sum(factorised_at.gradients, pressure, model)
-    if axial is not None:
-        forces -= axial.column * (_axial_rhs(linearisation, factorised_at, model) / axial.stiffness)
+    forces = linearisation.rhs - nodal_sum(factorised_at.gradients, pressure, problem.model)
     return gather(forces, problem.free)
 
 
-def _axial_rhs(linearisation, factorised_at, model):
-    """Rho () of the step of l3."""
-    return -linearisation.axial.force - jnp.sum(all_volumes(model) * factorised_at.axial.slope * linearisation.error)
-
-
 @jax.jit
-def border(problem: Problem, linearisation: Linearisation) -> tuple[Float[Array, " f"], Float[Array, ""]] | None:
-    """Column (f,) and corner of what borders the tangent and is condensed with it; None without a free axial stretch."""
-    axial = linearisation.axial
-    return None if axial is None else (gather(axial.column, problem.free), axial.stiffness)
-
-
-@jax.jit
-def mu_force(problem: Problem, x: Float[Array, "n 2"], mu: Scalar, pressure: Float[Array, " g"] | None = None) -> Float[Array, " f"]:
-    """Derivative (f,) of the residual by mu at the positions ``x``, mm: in plane strain less the gradient of the gel's volume, mm.
-
-    The ``pressure`` (g,) of the state is asked for where the axial stretch is free; by default that at the volume ratios, then above 1.
-    """
-    model, gel, axial = problem.model, problem.gel, held_stretch(problem.model)
-    if axial is None:
-        pressure = state_pressure(x, model, gel, mu) if pressure is None else pressure
-        now = linearise(problem, x, pressure, mu)
-        rate = pressure_rate(pressure, model, gel, mu, now.axial.stretch)
-        return gather(nodal_sum(now.gradients, rate, model) + now.axial.column * (now.axial.volume / now.axial.stiffness), problem.free)
-    gradients, J = volume_gradients(x, model, problem.operators)
-    return gather(nodal_sum(gradients, pressure_rate(J, model, gel, mu, axial), model), problem.free)
-
-
-def stretch_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factorised_at: Linearisation, model: Model) -> Scalar:
-    """Step of the axial stretch that belongs to the step ``dx`` of the positions; 0 where it is held."""
-    axial = factorised_at.axial
-    if axial is None:
-        return 0.0
-    return (_axial_rhs(linearisation, factorised_at, model) - jnp.sum(axial.column * dx)) / axial.stiffness
+def mu_force(problem: Problem, x: Float[Array, "n 2"], mu: Scalar) -> Float[Array, " f"]:
+    """Derivative (f,) of the residual by mu at the positions ``x``, mm: in plane strain less the gradient of the gel's volume, mm."""
+    gradients, J = volume_gradients(x, problem.model, problem.operators)
+    return gather(nodal_sum(gradients, pressure_rate(J, problem.model, problem.gel, mu), problem.model), problem.free)
 
 
 def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factorised_at: Linearisation, model: Model) -> Float[Array, " g"]:
@@ -201,26 +114,19 @@ def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factori
     volumes = all_volumes(model)
     parts = [jnp.einsum("cgia,cai->cg", G, dx[b.nodes]).ravel() for G, b in zip(factorised_at.gradients, model.blocks, strict=True)]
     change = jnp.concatenate(parts) / jnp.where(volumes > 0, volumes, 1.0)
-    step = factorised_at.stiffness * (change + linearisation.error) + linearisation.gap
-    if factorised_at.axial is None:
-        return step
-    return step + factorised_at.axial.slope * stretch_step(dx, linearisation, factorised_at, model)
+    return factorised_at.stiffness * (change + linearisation.error) + linearisation.gap
 
 
-def pressure_step_of_mu(p: Float[Array, " g"], linearisation: Linearisation, problem: Problem, mu: Scalar) -> Float[Array, " g"]:
+def pressure_step_of_mu(p: Float[Array, " g"], problem: Problem, mu: Scalar) -> Float[Array, " g"]:
     """Derivative (g,) by mu of the pressures ``p`` (g,) in a Newton step at given positions, 1/v."""
-    model, gel, axial = problem.model, problem.gel, linearisation.axial
-    stretch = stretch_of(linearisation, model)
-    rate = pressure_rate(ratio_at(p, model, gel, mu, stretch), model, gel, mu, stretch)
-    return rate if axial is None else rate + axial.slope * (axial.volume / axial.stiffness)
+    model, gel = problem.model, problem.gel
+    return pressure_rate(ratio_at(p, model, gel, mu), model, gel, mu)
 
 
 @jax.jit
-def state_pressure(
-    x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar, pressure: Float[Array, " g"] | None = None
-) -> Float[Array, " g"]:
-    """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``. ``pressure`` as of `axial_stretch`."""
-    return pressure_at(volume_ratios(x, model), model, gel, mu, axial_stretch(x, model, gel, mu, pressure))
+def state_pressure(x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
+    """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``."""
+    return pressure_at(volume_ratios(x, model), model, gel, mu)
 
 
 def volume_gradients(x: Float[Array, "n 2"], model: Model, operators: Operators) -> tuple[tuple, Float[Array, " g"]]:
@@ -242,10 +148,10 @@ def nodal_sum(gradients: tuple, p: Float[Array, " g"], model: Model) -> Float[Ar
     return total
 
 
-def network_force(x: Float[Array, "n 2"], model: Model, gel: LocalGel, operators: Operators, axial: Scalar) -> Float[Array, "n 2"]:
-    """Nodal forces (n, 2) of the network, kT/v mm, at the ``axial`` stretch."""
+def network_force(x: Float[Array, "n 2"], model: Model, gel: LocalGel, operators: Operators) -> Float[Array, "n 2"]:
+    """Nodal forces (n, 2) of the network, kT/v mm."""
     if gel.network is not neo_hookean:
-        return jax.grad(network_energy)(x, model, gel, axial)
+        return jax.grad(network_energy)(x, model, gel)
 
     def add(total, first, size):
         pairs, stiffness = (lax.dynamic_slice_in_dim(v, first, size) for v in (operators.pairs, operators.network))

@@ -19,6 +19,8 @@ from ..cloud import Topology
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
 
+WALL_CROSSING = 1e-9  # of a wall's length: distance beyond it at which an outline crosses it
+
 
 @dataclasses.dataclass(frozen=True)
 class _Arc:
@@ -126,14 +128,14 @@ def walls(x: Float[Array, "n 2"], topology: Topology) -> Float[Array, "e 2 2"]:
     return x[np.array(ends, dtype=int).reshape(-1, 2)]
 
 
-def crosses(arcs: list[np.ndarray], held: Float[np.ndarray, "e 2 2"], tolerance: float = 1e-9) -> bool:
+def crosses(arcs: list[np.ndarray], held: Float[np.ndarray, "e 2 2"]) -> bool:
     """Whether a hole's deformed outline, one of the `outline_arcs` (m, 2), crosses itself, another one or one of the `walls`; host."""
     lines = [shapely.LineString(arc) for arc in arcs]
     if not all(line.is_simple for line in lines):
         return True
     for start, end in np.asarray(held):
         (dx, dy), length = end - start, np.linalg.norm(end - start)
-        if any(np.max((arc - start) @ [dy, -dx]) > tolerance * length**2 for arc in arcs):
+        if any(np.max((arc - start) @ [dy, -dx]) > WALL_CROSSING * length**2 for arc in arcs):
             return True
     if len(lines) < 2:
         return False

@@ -57,8 +57,8 @@ def is_generalised(model: Model) -> bool:
     return model.lists.topology.plate.kinematics == "generalised plane strain"
 
 
-def held_stretch(model: Model) -> Scalar | None:
-    """The axial stretch at which the plate is held, the number 1.0 in plane strain; None where it is free."""
+def axial_stretch(model: Model) -> Scalar:
+    """Axial stretch () of the plate; the number 1.0 in plane strain and for a film, whose thickness is not one number."""
     return model.cloud.plate.axial_stretch if is_generalised(model) else 1.0
 
 
@@ -147,13 +147,13 @@ def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c
 
 
 def ratio_at(
-    p: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0, largest: Float[Array, "..."] | None = None
+    p: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, largest: Float[Array, "..."] | None = None
 ) -> Float[Array, " g"]:
-    """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible. ``axial`` is the axial stretch.
+    """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible.
 
     ``largest`` as in `volume_ratio_at`; of no meaning in films.
     """
-    carries, gel = carries_volume(model), gel_in_groups(gel)
+    carries, gel, axial = carries_volume(model), gel_in_groups(gel), axial_stretch(model)
     safe = jnp.where(carries, p, -1.0) if not carries.all() else p
     if is_film(model):
         star = by_material(lambda p, gel: film_stretch_at(p, mu, gel), elastic_film_stretch_at, safe, -1.0, gel)
@@ -162,28 +162,30 @@ def ratio_at(
     return jnp.where(carries, star, p / (HELD * value(gel.Nv)))
 
 
-def pressure_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
+def pressure_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
     """Pressure of each group at its volume ratio ``J``, kT/v; nan where a group of gel that carries volume has J <= 1."""
-    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model, axial)
+    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model)
     if is_film(model):
         own = by_material(lambda A, gel: film_pressure(A, mu, gel), elastic_film_pressure, safe, 2.0, gel)
     else:
+        axial = axial_stretch(model)
         own = axial * by_material(lambda J, gel: osmotic(J, mu, gel), elastic_pressure, axial * safe, 2.0, gel)
     return jnp.where(carries, own, HELD * value(gel.Nv) * J)
 
 
-def stiffness_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
-    """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v, at a given axial stretch."""
-    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model, axial)
+def stiffness_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
+    """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v."""
+    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model)
     if is_film(model):
         own = by_material(lambda A, gel: film_stiffness(A, mu, gel), elastic_film_stiffness, safe, 2.0, gel)
     else:
+        axial = axial_stretch(model)
         own = axial**2 * by_material(bulk_stiffness, elastic_stiffness, axial * safe, 2.0, gel)
     return jnp.where(carries, own, HELD * value(gel.Nv))
 
 
 def linearised_about(
-    p: Float[Array, " g"], J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0
+    p: Float[Array, " g"], J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar
 ) -> tuple[Float[Array, " g"], Float[Array, " g"]]:
     """Volume ratios J0 (g,) about which the pressures of the groups are linearised, and what these are there less ``p`` (g,), kT/v.
 
@@ -193,64 +195,63 @@ def linearised_about(
     In good solvents, and in elastomers, it is J*(p) everywhere.
     """
     gel_there = gel_in_groups(gel)
+    axial = axial_stretch(model)
     swells, rises = carries_volume(model) & (all_volumes(model) > 0) & takes_solvent(gel_there), rises_always(gel_there)
 
     def of_any():
         if is_film(model):
-            star = ratio_at(p, model, gel, mu, axial)
+            star = ratio_at(p, model, gel, mu)
             soft, end = swells & (J > 0), 0.0
         else:
             end = stiff_until(SOFT * value(gel_there.Nv), gel_there)
-            star = ratio_at(p, model, gel, mu, axial, end)
+            star = ratio_at(p, model, gel, mu, end)
             soft = swells & (jnp.maximum(J, (1 + ROUNDED) * star) >= end / axial)
         about = jnp.where(soft, jnp.maximum(J, end / axial), star)
-        return about, jnp.where(soft, pressure_at(about, model, gel, mu, axial) - p, 0.0)
+        return about, jnp.where(soft, pressure_at(about, model, gel, mu) - p, 0.0)
 
     def of_good():
-        star = ratio_at(p, model, gel, mu, axial)
+        star = ratio_at(p, model, gel, mu)
         return star, jnp.zeros_like(star)
 
     return of_any() if rises is False else lax.cond(rises, of_good, of_any)
 
 
-def pressure_rate(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, " g"]:
-    """Derivative dp/dmu of the pressure of each group at its volume ratio ``J`` and a given axial stretch, 1/v; -1 in plane strain."""
+def pressure_rate(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
+    """Derivative dp/dmu of the pressure of each group at its volume ratio ``J``, 1/v; -1 in plane strain."""
     if is_film(model):
-        return jax.jvp(lambda mu: pressure_at(J, model, gel, mu, axial), (jnp.asarray(mu, float),), (1.0,))[1]
-    return -axial * (carries_volume(model) * takes_solvent(gel_in_groups(gel))).astype(float)
+        return jax.jvp(lambda mu: pressure_at(J, model, gel, mu), (jnp.asarray(mu, float),), (1.0,))[1]
+    return -axial_stretch(model) * (carries_volume(model) * takes_solvent(gel_in_groups(gel))).astype(float)
 
 
-def volume_energy(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0) -> Float[Array, ""]:
+def volume_energy(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, ""]:
     """Energy () of all volume groups, kT/v mm^2."""
-    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model, axial)
+    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model)
     if is_film(model):
         own = by_material(lambda A, gel: film_energy(A, mu, gel), elastic_film_energy, safe, 2.0, gel)
     else:
         swelling = functools.partial(elementwise, lambda J, gel: gel.volumetric(J, gel) - mu * (J - 1))
-        own = by_material(swelling, elastic_energy, axial * safe, 2.0, gel)
+        own = by_material(swelling, elastic_energy, axial_stretch(model) * safe, 2.0, gel)
     return jnp.sum(all_volumes(model) * jnp.where(carries, own, HELD * value(gel.Nv) / 2 * J**2))
 
 
-def swelling_of(J: Float[Array, " g"], model: Model, gel: LocalGel, axial: Scalar) -> Float[Array, " g"]:
+def swelling_of(J: Float[Array, " g"], model: Model, gel: LocalGel) -> Float[Array, " g"]:
     """What the accuracy of each group's volume ratio ``J`` is measured by: the solvent in a gel, J in films and elastomers; 0 if held."""
-    own = J if is_film(model) else axial * J - jnp.where(takes_solvent(gel_in_groups(gel)), 1.0, 0.0)
+    own = J if is_film(model) else axial_stretch(model) * J - jnp.where(takes_solvent(gel_in_groups(gel)), 1.0, 0.0)
     return jnp.where(carries_volume(model), own, 0.0)
 
 
-def _feasible(J, model, axial):
+def _feasible(J, model):
     """The volume ratios of the groups that carry volume, and in place of the others and of padding one at which every energy is finite."""
-    return jnp.where(carries_volume(model) & (all_volumes(model) > 0), J, 2.0 / axial)
+    return jnp.where(carries_volume(model) & (all_volumes(model) > 0), J, 2.0 / axial_stretch(model))
 
 
-def ratios_that_carry(
-    J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, axial: Scalar = 1.0
-) -> Float[Array, " g"]:
+def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
     """The volume ratios (g,) that carry the ``pressure`` (g,), with the derivatives of those near them, ``J`` (g,).
 
     Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,
     which mixed second derivatives would show. A group that is soft, see `linearised_about`, has its own volume ratio.
     """
-    fixed = lax.stop_gradient((J, model, gel, mu, axial))  # before, not after: what has no derivative is not differentiated
+    fixed = lax.stop_gradient((J, model, gel, mu))  # before, not after: what has no derivative is not differentiated
     stiffness, gel_there = stiffness_at(*fixed), gel_in_groups(fixed[2])
     least = jnp.where(rises_always(gel_there), 0.0, SOFT * value(gel_there.Nv))
     real = (all_volumes(fixed[1]) > 0) & (stiffness > least)

@@ -2,7 +2,6 @@
 
 from .areas import area_reduction, area_reduction_per_hole, aspect_ratio, deformed_boundary, dry_outlines, free_edge_misfit, outlines
 from .fields import (
-    axial_stretch,
     cauchy_stress,
     cell_volumes,
     deformed_vertices,
@@ -18,8 +17,7 @@ from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, OF_POSITIONS, QUAN
 from .rotation import core_rotation, is_flat, rotation_angle
 from .states import States, state_at
 from .surface import CREASE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
-from .table import driven_column, events, history
-from .transitions import NO_GEL, phases, swollen_share
+from .table import events, history
 from .triangles import FIELDS, field_on_triangles, field_values
 from .wrinkling import surface_stability
 
@@ -29,7 +27,6 @@ __all__ = [
     "CREASE_RATIO",
     "CURVES",
     "FIELDS",
-    "NO_GEL",
     "OF_CELLS",
     "OF_POSITIONS",
     "QUANTITIES",
@@ -39,7 +36,6 @@ __all__ = [
     "area_reduction",
     "area_reduction_per_hole",
     "aspect_ratio",
-    "axial_stretch",
     "cauchy_stress",
     "cell_volumes",
     "columns_of",
@@ -48,7 +44,6 @@ __all__ = [
     "crease_indicator",
     "deformed_boundary",
     "deformed_vertices",
-    "driven_column",
     "dry_outlines",
     "events",
     "field_on_triangles",
@@ -64,13 +59,11 @@ __all__ = [
     "min_gap",
     "outlines",
     "parameter_values",
-    "phases",
     "rotation_angle",
     "state_at",
     "surface_ratio",
     "surface_ratios",
     "surface_stability",
-    "swollen_share",
     "thickness_stretch",
     "volume_ratio",
 ]

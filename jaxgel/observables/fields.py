@@ -31,16 +31,14 @@ from ..materials import (
 from ..materials import cauchy_stress as cauchy_stress_at
 from ..mechanics import (
     at_points,
+    axial_stretch,
     by_block,
     carries_volume,
     deformation_of,
     gradients_by_block,
-    held_stretch,
     is_film,
-    is_generalised,
     volume_ratios,
 )
-from ..mechanics import axial_stretch as axial_stretch_at
 from .states import States, of_path, over_states
 
 
@@ -53,30 +51,14 @@ def volume_ratio(path: States) -> Float[Array, "k c"]:
     """
     if is_film(path.model):
         return _film_volume_ratio(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
-    ratio = over_states(_cell_volume_ratio, path)
-    return ratio * axial_stretch(path)[:, None] if is_generalised(path.model) else ratio
+    return over_states(_cell_volume_ratio, path) * axial_stretch(path.model)
 
 
 @of_path
 def thickness_stretch(path: Path) -> Float[Array, "k c"]:
     """Stretch of the thickness of every cell; 1 in plane strain."""
-    J = volume_ratio(path)
-    return J / over_states(_cell_volume_ratio, path) if is_film(path.model) else jnp.broadcast_to(axial_stretch(path)[:, None], J.shape)
-
-
-@of_path
-def axial_stretch(path: Path) -> Float[Array, " k"]:
-    """Axial stretch (k,) of the plate, held or free; 1 in plane strain. ValueError for a film, whose thickness is not one number."""
-    if is_film(path.model):
-        raise ValueError("axial_stretch: the plate is in plane stress; take thickness_stretch")
-    return _axial_stretch(*map(jnp.asarray, (path.x, path.pressure, path.value)), path.problem)
-
-
-@jax.jit
-@functools.partial(jax.vmap, in_axes=(0, 0, 0, None))
-def _axial_stretch(x, p, at, problem):
-    problem, mu = problem.at(at)
-    return jnp.asarray(axial_stretch_at(x, problem.model, problem.gel, mu, jax.lax.stop_gradient(p)), dtype=float)
+    areal = over_states(_cell_volume_ratio, path)
+    return volume_ratio(path) / areal if is_film(path.model) else jnp.full(areal.shape, axial_stretch(path.model))
 
 
 @of_path
@@ -164,10 +146,9 @@ def free_stretch(path: Path) -> Float[Array, " k"]:
     """Stretch of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``), and where the gel varies."""
     if varies(path.gel):
         return jnp.full(len(path.mu), jnp.nan)
-    held = held_stretch(path.model)
-    if is_film(path.model) or held is None:
-        return _at_each(lambda mu, gel: isotropic_swelling(mu, gel), path)
-    return _at_each(lambda mu, gel: free_swelling(mu, gel, held if is_generalised(path.model) else None), path)
+    if is_film(path.model):
+        return _at_each(isotropic_swelling, path)
+    return _at_each(lambda mu, gel: free_swelling(mu, gel, path.model.cloud.plate.axial_stretch), path)
 
 
 def _at_each(stretch, path):
@@ -194,13 +175,12 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """
     model = path.model
     probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
-    mean = _node_mean(model)
+    mean, axial = _node_mean(model), axial_stretch(model)
 
     def one(x, p, value):
         problem, mu = path.problem.at(value)
         gel = _gel_at_nodes(problem.gel, model, mean)
         pressure = mean(_cell_means(p, model))
-        axial = axial_stretch_at(x, model, problem.gel, mu, jax.lax.stop_gradient(p))
         F = probe.deformation_gradient(x)
         stress = _film_stress if is_film(model) else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p / axial, axial)
         sigma = elementwise(lambda F, own: stress(F, *own), F, (gel, Varying(pressure)), "(i,j)->(i,j)")

@@ -10,7 +10,6 @@ from ..continuation import lowest_eigenvalue
 from ..geometry import Plate
 from .areas import area_reduction
 from .fields import (
-    axial_stretch,
     free_stretch,
     largest_volume_ratio,
     macroscopic_deformation,
@@ -175,14 +174,6 @@ _TABLE = (
         column="core_rotation_deg",
         plotted=("rotation", "core"),
         **_ANGLE | _STUDIED,
-    ),
-    Quantity(
-        "axial_stretch",
-        axial_stretch,
-        label="axial stretch",
-        text="stretch of the thickness in generalised plane strain",
-        **_RATIO,
-        **_STUDIED,
     ),
     Quantity(
         "negative_pivots",

@@ -120,7 +120,7 @@ def lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Arr
 
 
 @functools.partial(jax.jit, static_argnums=5)
-@functools.partial(jax.vmap, in_axes=(0, 0, 0, 0, 0, None))
+@functools.partial(jax.vmap, in_axes=(0, 0, 0, 0, None, None))
 def surface_swelling(
     tangential: Float[Array, " m"], near: Float[Array, " m"], mu: Scalar, gel: Any, axial: Scalar | None, film: bool
 ) -> Float[Array, " m"]:

@@ -23,8 +23,7 @@ from ..materials import (
     gel_on_outline,
 )
 from ..materials import surface_stability as stability_at
-from ..mechanics import Problem, gradients_by_block, is_film, is_generalised
-from .fields import axial_stretch
+from ..mechanics import Problem, gradients_by_block, is_film
 from .states import of_path
 from .surface import VERTICES, areal_stretches, chords_of, lengths, normal_stretch, surface_swelling, traction_free_pressure
 
@@ -41,7 +40,7 @@ def surface_stability(path: Path) -> Float[Array, " k"]:
     model = path.model
     if not any(map(len, _free_surfaces(model.lists.topology))):
         return jnp.ones(len(path.x))
-    axial = axial_stretch(path) if is_generalised(model) else None
+    axial = model.cloud.plate.axial_stretch
     tangential, near, mu, gel = _surface_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
     J = surface_swelling(tangential, near, mu, gel, axial, is_film(model))
     return jnp.min(_stability(tangential, J, gel, axial, is_film(model)), axis=1)
@@ -81,7 +80,7 @@ def _nearest_points(middles, model):
 
 
 @functools.partial(jax.jit, static_argnums=4)
-@functools.partial(jax.vmap, in_axes=(0, 0, 0, 0, None))
+@functools.partial(jax.vmap, in_axes=(0, 0, 0, None, None))
 def _stability(tangential: Float[Array, " m"], J: Float[Array, " m"], gel: Any, axial: Scalar | None, film: bool) -> Float[Array, " m"]:
     """`materials.surface_stability` (m,) of surfaces without traction that have the volume ratio ``J`` (m,)."""
     normal, out_of_plane = normal_stretch(tangential, J, axial, film)

@@ -4,7 +4,6 @@ from .animation import animate_pattern
 from .curves import CURVES, plot_curve, plot_curves
 from .design import draw_study
 from .loops import plot_loop
-from .notebook import PathView, show_path
 from .patterns import plot_gel, plot_modes, plot_pattern, plot_patterns
 from .style import STYLE, colour_scale, save_figure
 from .wave_figures import plot_lattice, plot_zone
@@ -12,7 +11,6 @@ from .wave_figures import plot_lattice, plot_zone
 __all__ = [
     "CURVES",
     "STYLE",
-    "PathView",
     "animate_pattern",
     "colour_scale",
     "draw_study",
@@ -26,5 +24,4 @@ __all__ = [
     "plot_patterns",
     "plot_zone",
     "save_figure",
-    "show_path",
 ]

@@ -13,16 +13,18 @@ from ..observables import FIELDS
 from .patterns import Gel, colour_range, draw_frame, pictured_states
 from .style import state_text, styled
 
+FRAMES_MAX = 60  # of an animation
+
 
 @styled
-def animate_pattern(path: Path, file: str | File, *, field: str | None = "stretch", seconds: float = 6.0, most_frames: int = 60) -> None:
-    """Write a GIF of the pattern over all states of a path (at most ``most_frames`` of them, evenly chosen), ``seconds`` long.
+def animate_pattern(path: Path, file: str | File, *, field: str | None = "stretch", seconds: float = 6.0) -> None:
+    """Write a GIF of the pattern over all states of a path (at most ``FRAMES_MAX`` of them, evenly chosen), ``seconds`` long.
 
     A ``file`` whose name ends in .mp4 becomes a film (H.264) by the program ffmpeg, that on the PATH or, else, that of the package
     imageio-ffmpeg (extra ``[view]``); ValueError where there is neither.
     """
     kind, settings = _writer_of(file)
-    states = np.unique(np.linspace(0, len(path.mu) - 1, min(most_frames, len(path.mu))).round().astype(int))
+    states = np.unique(np.linspace(0, len(path.mu) - 1, min(FRAMES_MAX, len(path.mu))).round().astype(int))
     vertices, values = pictured_states(path, states, field)
     figure, ax = plt.subplots(figsize=(4.4, 3.8), layout="constrained")
     gel = Gel(ax, path.model.cloud, vertices[0], values[0], colour_range(values))

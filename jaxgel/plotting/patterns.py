@@ -28,6 +28,7 @@ from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_st
 from .style import COLOURS, GEL, LINE, WALL, length_unit, state_text, styled
 
 PARAMETERS = {"Nv": "$Nv$", "chi": r"$\chi$", "bulk": "bulk modulus of elastomers (kT/v)"}
+MODE_SIZE = 0.05  # largest displacement of a mode that is drawn, over the plate's shorter side
 WIDE = 30.0  # ratio of the largest to the smallest value of a parameter above which its scale is logarithmic
 
 
@@ -103,19 +104,17 @@ def _scale(values: Float[np.ndarray, " c"]) -> Normalize:
 
 
 @styled
-def plot_modes(
-    model: Model, points: list[CriticalPoint], *, control: Control | None = None, axes: Any = None, size: float = 0.05
-) -> np.ndarray:
+def plot_modes(model: Model, points: list[CriticalPoint], *, control: Control | None = None, axes: Any = None) -> np.ndarray:
     """Axes, one per mode of the `CriticalPoint`s: the gel moved along the mode, and the outlines of the critical state dashed.
 
-    ``control`` is that of the search. The largest displacement is ``size`` times the plate's shorter side.
+    ``control`` is that of the search. The largest displacement is ``MODE_SIZE`` times the plate's shorter side.
     """
     shown = [(point, mode) for point in points for mode in point.modes]
     if axes is None:
         axes = plt.subplots(1, len(shown), figsize=(2.3 * len(shown) + 0.5, 2.75), sharey=True, layout="constrained", squeeze=False)[1]
     plate, axes = model.cloud.plate, np.ravel(axes)
     for ax, (point, mode) in zip(axes, shown, strict=True):
-        moved = point.x + size * min(plate.width, plate.height) * mode / np.linalg.norm(mode, axis=1).max()
+        moved = point.x + MODE_SIZE * min(plate.width, plate.height) * mode / np.linalg.norm(mode, axis=1).max()
         states = SimpleNamespace(model=model, x=np.stack([point.x, moved]))
         vertices = np.asarray(deformed_vertices(states))
         Gel(ax, model.cloud, vertices[1], None, None)

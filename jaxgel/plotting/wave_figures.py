@@ -18,6 +18,7 @@ from ..observables import deformed_vertices
 from ..waves import LatticeOnset
 from .style import COLOURS, LINE, length_unit, state_text, styled
 
+WAVE_SIZE = 0.06  # largest displacement of a wave that is drawn, over the cell's shorter side
 FEWEST = 4  # cells along a side that a figure of a pattern shows
 
 
@@ -54,17 +55,17 @@ def plot_zone(onset: LatticeOnset, model: Model, *, ax: Axes | None = None) -> A
 
 
 @styled
-def plot_lattice(onset: LatticeOnset, model: Model, *, ax: Axes | None = None, size: float = 0.06) -> Axes:
+def plot_lattice(onset: LatticeOnset, model: Model, *, ax: Axes | None = None) -> Axes:
     """Axes with cells of the infinite lattice, moved along the wave that becomes unstable, and in colour before.
 
-    As many cells are shown as make the pattern whole twice, and at least ``FEWEST`` along a side; the largest displacement is ``size``
+    As many cells are shown as make the pattern whole twice, and at least ``FEWEST`` along a side; the largest displacement is ``WAVE_SIZE``
     times the cell's shorter side.
     """
     ax = plt.subplots(figsize=(3.3, 3.3), layout="constrained")[1] if ax is None else ax
     plate, wave = model.cloud.plate, onset.modes[0] + (1j * onset.modes[1] if len(onset.modes) > 1 else 0.0)
     sides = np.array([plate.width, plate.height])
     deformation = np.asarray(deformation_of(np.asarray(onset.x), model.lists.topology))
-    wave = wave * size * sides.min() / np.linalg.norm(np.abs(wave), axis=1).max()
+    wave = wave * WAVE_SIZE * sides.min() / np.linalg.norm(np.abs(wave), axis=1).max()
     periodic = onset.periodic
     repeats = onset.periods or (1, 1)
     counts = [max(FEWEST, 2 * repeat) if along else 1 for repeat, along in zip(repeats, periodic, strict=True)]

@@ -1,6 +1,6 @@
 """Symmetry: the group of a problem and of its states, the problem on a fundamental region, and the blocks of its tangent."""
 
-from .groups import IDENTITY, NAMES, Images, characters, images, node_images, symmetries_of, symmetries_of_field, symmetries_of_state
+from .groups import IDENTITY, NAMES, Images, characters, images, symmetries_of, symmetries_of_field, symmetries_of_state
 from .irreducible import Representation, representation_of, representations
 from .regions import Basis, Region, bases, region
 
@@ -14,7 +14,6 @@ __all__ = [
     "bases",
     "characters",
     "images",
-    "node_images",
     "region",
     "representation_of",
     "representations",

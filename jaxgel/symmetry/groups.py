@@ -74,10 +74,10 @@ def symmetries_of_state(x: Float[Array, "n 2"], model: Model, group: tuple[str, 
     return _kept_by(np.asarray(x), model, group, STATE * model.cloud.spacing)
 
 
-def symmetries_of_field(field: Float[Array, "n 2"], model: Model, group: tuple[str, ...], tolerance: float = STATE) -> tuple[str, ...]:
-    """The symmetries of a ``group`` that a nodal field (n, 2), such as a mode, has, to a ``tolerance`` relative to its largest value."""
+def symmetries_of_field(field: Float[Array, "n 2"], model: Model, group: tuple[str, ...]) -> tuple[str, ...]:
+    """The symmetries of a ``group`` that a nodal field (n, 2), such as a mode, has, to ``STATE`` relative to its largest value."""
     field = np.asarray(field)
-    return _kept_by(field, model, group, tolerance * np.abs(field).max())
+    return _kept_by(field, model, group, STATE * np.abs(field).max())
 
 
 def _kept_by(field, model, group, tolerance):

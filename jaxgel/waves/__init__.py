@@ -1,14 +1,13 @@
 """Waves: fields of a periodic cell that differ by a phase from cell to cell, and the onset of infinite lattices."""
 
 from .bloch import BlochStates
-from .cells import check_periodic, primitive_cell, translations
+from .cells import primitive_cell, translations
 from .onset import LatticeOnset, lattice_onset
 from .zone import long_wave_number, wave_vectors_of_zone
 
 __all__ = [
     "BlochStates",
     "LatticeOnset",
-    "check_periodic",
     "lattice_onset",
     "long_wave_number",
     "primitive_cell",

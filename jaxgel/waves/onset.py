@@ -28,7 +28,6 @@ from ..mechanics import (
     check_model,
     curvature,
     gather,
-    held_stretch,
     linearise,
     localised,
     mu_force,
@@ -114,8 +113,6 @@ def lattice_onset(model: Model, gel: AnyGel, *, mu: tuple[float, float], divisio
     if not (isinstance(divisions, int) and divisions > 0):
         raise ValueError(f"divisions: {divisions!r} is not a positive whole number")
     check_periodic(model.lists.topology.plate)
-    if held_stretch(model) is None:
-        raise ValueError("axial_stretch: 'free' is not accepted by lattice_onset, it must be a number")
     ends = tuple(map(float, mu))
     with few_threads(2 * model.n_nodes):
         problem = Problem(model, localised(model, gel), jnp.zeros((model.n_nodes, 2)), None)
@@ -265,7 +262,7 @@ def _derivatives(problem, state, modes, same_in_all):
         correction, _ = system.solve(pull, np.zeros(held.shape[1]))
     else:
         correction = factor(problem.pattern, pairs).inverse(pull)
-    by_mu = np.asarray(mu_force(problem, state.x, state.mu, state.pressure))
+    by_mu = np.asarray(mu_force(problem, state.x, state.mu))
     slope = (float(slope) - correction @ by_mu) / (len(modes) if same_in_all else 1)
     return slope, np.asarray(scatter(correction, state.x.shape, problem.free))
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel.equilibrium import accepted, solve
+from jaxgel.mechanics import prepare
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +42,6 @@ def test_buckled_states_are_stable_and_cost_less_energy(buckled, buckling_model,
 def test_the_branch_opens_with_the_curvature_of_the_critical_point(buckled, point, buckling_model):
     """mu - mu_c = curvature a^2 / 2 with the amplitude a in the network's norm; the next term is of order a^4."""
     from jaxgel.continuation import StabilityAnalysis
-    from jaxgel.mechanics import prepare
 
     problem = prepare(buckling_model, buckling_model.cloud.plate.gel)
     free = problem.pattern.free
@@ -83,8 +84,9 @@ def test_imperfect_gels_approach_the_switched_branch(buckled, buckling_model, ge
 def test_continuation_turns_at_the_fold_of_an_imperfect_bifurcation(buckled, buckling_model, gel, point):
     """The side against the imperfection hangs on no dry state: followed back it ends in a fold, where it becomes unstable."""
     loads = jaxgel.imperfection(buckling_model, gel, point, -1e-3)
-    start = buckled[0]
-    found = [jaxgel.bifurcation.solve_from(start, k, loads) for k in (-1, -2)]
+    problem, start = prepare(buckling_model, gel, loads), buckled[0]
+    found = [solve(problem, start.mu[k], start.x[k], start.pressure[k], own_factor=True) for k in (-1, -2)]
+    found = [accepted(problem, state, None) for state in found if state.status.ok]
     path = jaxgel.continue_branch(jaxgel.Path.from_states(buckling_model, gel, found), loads=loads, max_step=0.15, max_states=14)
     turn = int(np.argmin(path.mu))
     assert 0 < turn < len(path) - 1

@@ -138,17 +138,16 @@ def test_a_mask_that_moves_with_a_hole_is_written_where_the_material_is(case, tm
     assert half == pytest.approx(0.3, abs=0.04)  # two pixels: the material above the hole moves nearly as far
 
 
-@pytest.mark.parametrize(("entry", "stretch"), [("", None), ('axial_stretch = "free"', None), ("axial_stretch = 1.05", 1.05)])
-def test_a_sample_may_be_in_generalised_plane_strain(tmp_path, entry, stretch):
-    (tmp_path / "case.toml").write_text(f'[plate]\nsample = "sample-1"\nkinematics = "generalised plane strain"\n{entry}\n')
+def test_a_sample_may_be_in_generalised_plane_strain(tmp_path):
+    (tmp_path / "case.toml").write_text('[plate]\nsample = "sample-1"\nkinematics = "generalised plane strain"\naxial_stretch = 1.05\n')
     found = load_case(tmp_path / "case.toml")
     assert found.plate.kinematics == "generalised plane strain"
-    assert found.plate.axial_stretch == stretch
-    assert from_table(found.table(), "again").plate.axial_stretch == stretch
+    assert found.plate.axial_stretch == 1.05
+    assert from_table(found.table(), "again").plate.axial_stretch == 1.05
 
 
-@pytest.mark.parametrize("entry", ["0", "-1.0", '"held"', "true", "[1.0]"])
+@pytest.mark.parametrize("entry", ["", *(f"axial_stretch = {wrong}" for wrong in ("0", "-1.0", '"free"', "true", "[1.0]"))])
 def test_wrong_axial_stretches_are_refused_in_one_line(tmp_path, entry):
-    (tmp_path / "case.toml").write_text(f'[plate]\nsample = "sample-1"\nkinematics = "generalised plane strain"\naxial_stretch = {entry}\n')
-    with pytest.raises(ValueError, match=r"^plate\.axial_stretch: [^\n]*$"):
+    (tmp_path / "case.toml").write_text(f'[plate]\nsample = "sample-1"\nkinematics = "generalised plane strain"\n{entry}\n')
+    with pytest.raises(ValueError, match=r"^plate\.axial_stretch: [^\n]*$" if entry else r"^axial_stretch: is missing; [^\n]*$"):
         load_case(tmp_path / "case.toml")

@@ -1,4 +1,4 @@
-"""The page of a run, in a real browser where there is one, and a path in a notebook."""
+"""The page of a run, in a real browser where there is one."""
 
 import json
 import re
@@ -10,7 +10,6 @@ import pytest
 import jaxgel
 from jaxgel.cases import page as view
 from jaxgel.cli import command_line as cli
-from jaxgel.plotting import show_path
 
 
 @pytest.fixture(scope="module")
@@ -34,12 +33,6 @@ def test_page_holds_its_data_and_asks_the_network_for_nothing(page_file, path):
 
 def test_names_cannot_end_the_data_of_a_page(path):
     assert "</script><b>" not in view.page(path, title="</script><b>")
-
-
-def test_a_notebook_shows_a_picture_and_a_table_of_a_path(path):
-    shown = show_path(path)._repr_html_()
-    assert shown.count("<tr>") == 1 + len(path)
-    assert "data:image/png;base64," in shown
 
 
 @pytest.fixture(scope="module")

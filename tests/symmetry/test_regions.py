@@ -22,7 +22,7 @@ OTHERS = {
     "fixed and free": dict(edges={"left": "fixed", "right": "fixed", "top": "free", "bottom": "free"}, spacing=0.25),
     "odd number of squares": dict(spacing=4 / 15),
     "film": dict(kinematics="plane stress", spacing=0.25),
-    "free axial stretch": dict(kinematics="generalised plane strain", spacing=0.25),
+    "axial stretch": dict(kinematics="generalised plane strain", axial_stretch=1.05, spacing=0.25),
 }
 OPTIONS = {"linear": dict(basis="linear")}
 NAMED = ["D4", "C4", "D2 (axes)", "D2 (diagonals)", "C2", "D1 (x -> -x)", "D1 (x <-> -y)"]

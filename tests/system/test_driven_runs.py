@@ -14,7 +14,7 @@ from jaxgel.cases.page import page
 from jaxgel.cli import command_line as cli
 from jaxgel.io import Progress, Recorder, export, load_run, swollen_gel, write_outline, write_series
 from jaxgel.observables import COLUMNS, events, history
-from jaxgel.plotting import plot_curve, plot_curves, plot_pattern, plot_patterns, show_path
+from jaxgel.plotting import plot_curve, plot_curves, plot_pattern, plot_patterns
 
 CASE = """
 [plate]
@@ -134,7 +134,6 @@ def test_figures_and_page_name_the_control_and_show_both_ways(turned):
     plt.close("all")
     data = json.loads(page(turned).split('id="data">')[1].split("</script>")[0])
     assert data["control"] == {"label": "Flory's parameter χ", "unit": ""} and data["value"] == turned.value.tolist()
-    assert "Flory" in show_path(turned)._repr_html_()
 
 
 def test_events_say_where_the_control_was_and_which_way_it_went(turned):

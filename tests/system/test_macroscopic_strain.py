@@ -76,13 +76,14 @@ def four_holes(F11):
     [
         ("periodic", "plane strain", jaxgel.free_swelling),
         pytest.param("periodic", "plane stress", isotropic_swelling, marks=pytest.mark.slow),
-        pytest.param("periodic", "generalised plane strain", isotropic_swelling, marks=pytest.mark.slow),
+        pytest.param("periodic", "generalised plane strain", lambda mu, gel: jaxgel.free_swelling(mu, gel, 1.05), marks=pytest.mark.slow),
         pytest.param(STRIP, "plane strain", jaxgel.free_swelling, marks=pytest.mark.slow),
     ],
 )
 def test_an_infinite_lattice_without_holes_swells_freely(edges, kinematics, stretch):
     mu = [-3.0, -0.5]
-    plate = jaxgel.Plate(2, 1.5, edges=edges, deformation="free", kinematics=kinematics)
+    axial = 1.05 if kinematics == "generalised plane strain" else None
+    plate = jaxgel.Plate(2, 1.5, edges=edges, deformation="free", kinematics=kinematics, axial_stretch=axial)
     check_room(plate)
     path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.5)), GEL, mu=mu)
     exact = np.array([float(stretch(value, GEL)) for value in mu])

@@ -10,7 +10,7 @@ from jaxgel.continuation import SweepOptions
 
 OBSERVABLES = [
     *("area_reduction", "area_reduction_per_hole", "core_rotation", "rotation_angle", "surface_ratio", "crease_indicator", "min_gap"),
-    *("outlines", "volume_ratio", "cauchy_stress", "macroscopic_deformation", "history", "phases", "field_values"),
+    *("outlines", "volume_ratio", "cauchy_stress", "macroscopic_deformation", "history", "field_values"),
 ]
 GEL, TURN = jaxgel.Gel(1e-3, 0.1), 2 * np.pi * np.arange(50) / 50
 RING = np.stack([np.cos(TURN), 0.7 * np.sin(TURN)], axis=1)
