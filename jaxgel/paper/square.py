@@ -218,11 +218,11 @@ def _timed(cloud, name):
 
 
 def _time_claim(seconds):
-    """Whether IICVEFG takes less time than ICVEFG at each number of nodes, with the solvers of each and with the same solver."""
+    """Whether IICVEFG takes less time than ICVEFG at each number of nodes, with the conditions of each and with the same penalty."""
     ratio, alike = (seconds[OTHER] / seconds[name] for name in (PRINTED, ALIKE))
     verdict = CONTRADICTED if not np.all(ratio > 1) else CONFIRMED if np.all(alike > 1) else CONDITION
     text = f"ICVEFG with penalty 1e3 takes {ratio.min():.2f} to {ratio.max():.2f} times as long as IICVEFG, and {alike.min():.2f} to "
-    text += f"{alike.max():.2f} times as long where IICVEFG has the solver and the penalty of ICVEFG."
+    text += f"{alike.max():.2f} times as long where IICVEFG has the penalty of ICVEFG."
     return Claim("IICVEFG takes less time than ICVEFG", verdict, text)
 
 
