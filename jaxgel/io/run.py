@@ -134,7 +134,7 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
         section, entry = name.split(".")
         had = summary["options"].get(section, {}).pop(entry, now)
         if had != now and now is not None:
-            raise ValueError(f"{name} {had!r} is not in this version; read it with version 0.2")
+            raise ValueError(f"{name} {had!r} is not in this version; run the case again")
     return summary
 
 

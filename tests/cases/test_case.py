@@ -129,9 +129,9 @@ def test_the_table_of_a_case_makes_the_same_case_again(load, name):
         (PLATE + "deformation = [[1.0], [0.0, 1.0]]\n", r"plate\.deformation\[0\]: \[1\.0\] is not a list of 2 finite numbers"),
         (
             PLATE + "cells = 8\n",
-            r"^plate\.cells: is no entry since version 0\.3; delete it \(the paper's .* jaxgel\.paper\)$",
+            r"^plate\.cells: is no entry any more; delete it \(the paper's .* jaxgel\.paper\)$",
         ),
-        (PLATE + '[discretisation]\nmethod = "mixed"\n', r"^discretisation\.method: is no entry since version 0\.3; delete it"),
+        (PLATE + '[discretisation]\nmethod = "mixed"\n', r"^discretisation\.method: is no entry any more; delete it"),
         (PLATE + "[discretisation]\nspacing = 1" + 400 * "0" + "\n", r"spacing: 10+ is not a finite number above 0"),
         (PLATE + "[gel]\nchi = 2.0\n", r"gel\.chi: 2\.0 is not a finite number below 2"),
         (PLATE + "[output]\nfigures = 1\n", r"output\.figures: 1 is neither true nor false"),
