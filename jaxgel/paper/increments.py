@@ -5,7 +5,7 @@ At each mu the dry plate swells freely by l_mu, x' = l_mu X, and its rollers are
     (K_L0 + K_L1 + K_NL) du' = f_1 - f_2
 
 is solved until f_1 = f_2. Stress S and tangent D are those of Eqs. (6)-(9), J is taken at every quadrature point. In C_mu gradients are
-divided by l_mu and areas multiplied by J_mu = l_mu^2. Matrices are dense. Index letters as in ``scheme``.
+divided by l_mu and areas multiplied by J_mu = l_mu^2. Index letters as in ``scheme``.
 """
 
 import dataclasses
@@ -13,6 +13,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 
 from .._types import Array, Float, Inexact
 from ..equilibrium import MAX_ITERATIONS, TOLERANCE, Stability, State, iterate
@@ -72,7 +73,7 @@ class _Increment:
     """u' of the held degrees of freedom."""
     least: float
     """Smallest J - 1 of the iterate."""
-    matrix: np.ndarray | None = None
+    matrix: sp.csr_array | None = None
     terms: tuple = ()
     """Matrices of the cells, residual (N,) and what the held degrees of freedom miss of their target."""
 
@@ -94,10 +95,10 @@ class _Increment:
         free, held, u = problem.scheme.free, self.held, state.x
         matrices, residual, missing = self.terms
         K = assembled(matrices, problem.scheme.cells, len(u))
-        self.matrix = K[np.ix_(free, free)]
+        self.matrix = K[free][:, free]
         du = np.zeros(u.size)
         du[held] = missing
-        du[free] = solved(self.matrix, residual[free] - K[np.ix_(free, held)] @ missing)
+        du[free] = solved(self.matrix, residual[free] - K[free][:, held] @ missing)
         du, part, before = du.reshape(u.shape), 1.0, self.least
         while True:
             self.least = _least_swelling(u + part * du, self.stretch, problem.scheme)

@@ -1,4 +1,4 @@
-"""Equilibria of the paper's scheme at given chemical potentials, with dense matrices: up to a few thousand nodes.
+"""Equilibria of the paper's scheme at given chemical potentials, for up to a few thousand nodes.
 
 The pressure of each volume group is an unknown beside the positions, as in ``mechanics.mixed``: with the volume ratio J*(p) at which the
 gel has the pressure p, k = dp/dJ there, and G = d(V J)/dx,
@@ -16,6 +16,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 
 from .._types import Array, Float
 from .._validation import one_of
@@ -108,7 +109,7 @@ class NewtonCorrection:
     """Newton's corrections of the displacements and multipliers, see ``equilibrium.Correction``."""
 
     multipliers: np.ndarray
-    matrix: np.ndarray | None = None
+    matrix: sp.csr_array | None = None
     """(f + m, f + m) of the last correction."""
     best: float = np.inf
     improved: int = 0
@@ -124,7 +125,7 @@ class NewtonCorrection:
         residual = -np.asarray(force).ravel() - reaction
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
             scale = float(now["network"]) + np.linalg.norm(reaction)
-            rounded = EPS * np.linalg.norm(np.abs(scheme.stiffness) @ np.abs(x).ravel()) / scale  # large terms of a stiff penalty cancel
+            rounded = EPS * np.linalg.norm(abs(scheme.stiffness) @ np.abs(x).ravel()) / scale  # large terms of a stiff penalty cancel
             size = max(np.linalg.norm(residual[scheme.free]) / scale, np.linalg.norm(scheme.rows @ u) / np.linalg.norm(dry))
         self.terms = np.asarray(condensed).ravel(), reaction, u, now
         error, allowed = float(now["violation"]), max(TOLERANCE, rounded)
@@ -144,11 +145,12 @@ class NewtonCorrection:
         condensed, reaction, u, now = self.terms
         matrices = _tangents(state.x, state.pressure, now["stiffness"], scheme.cells, problem.gel)
         K = assembled(matrices, scheme.cells, len(state.x)) + scheme.stiffness
-        kept = np.append(scheme.free, len(K) + np.arange(m))
-        self.matrix = np.block([[K, scheme.rows.T], [scheme.rows, np.zeros((m, m))]])[np.ix_(kept, kept)]
+        rows, self.matrix = sp.csr_array(scheme.rows[:, scheme.free]), K[scheme.free][:, scheme.free]
+        if m:
+            self.matrix = sp.block_array([[self.matrix, rows.T], [rows, None]], format="csr")
         right = np.concatenate([(-condensed - reaction)[scheme.free], -scheme.rows @ u])
         solution = solved(self.matrix, right)
-        dx = np.zeros(len(K))
+        dx = np.zeros(K.shape[0])
         dx[scheme.free] = solution[: len(scheme.free)]
         x, pressure = _advanced(state.x, state.pressure, dx.reshape(-1, 2), now, scheme.cells)
         self.multipliers = self.multipliers + solution[len(scheme.free) :]

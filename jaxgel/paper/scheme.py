@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 from jax import lax
 
 from .._types import Array, Float, Inexact, Int, Scalar
@@ -91,8 +92,8 @@ class Scheme:
     """How essential conditions are imposed."""
     free: Int[np.ndarray, " f"]
     """Unknown degrees of freedom: all of them where conditions are weak."""
-    stiffness: Float[np.ndarray, "N N"]
-    """Of the penalty, kT/v; zero without."""
+    stiffness: sp.csr_array
+    """Of the penalty (N, N), kT/v; zero without."""
     rows: Float[np.ndarray, "m N"]
     """int lambda_i u_n ds of the multipliers, mm; none without."""
 
@@ -164,12 +165,12 @@ def make_scheme(
     cells = _cells(cloud, basis, dmax, kind, method)
     size = 2 * len(cloud.nodes)
     free = free_dofs(cloud.topology) if conditions == "nodes" else np.arange(size)
-    scheme = Scheme(cloud, cells, basis, dmax, kind, conditions, free, np.zeros((size, size)), np.zeros((0, size)))
+    scheme = Scheme(cloud, cells, basis, dmax, kind, conditions, free, sp.csr_array((size, size)), np.zeros((0, size)))
     if conditions == "nodes":
         return scheme
     normal, weight, hat = _walls(scheme)
     if conditions == "penalty":
-        return dataclasses.replace(scheme, stiffness=penalty * (normal.T * weight) @ normal)
+        return dataclasses.replace(scheme, stiffness=sp.csr_array(penalty * (normal.T * weight) @ normal))
     return dataclasses.replace(scheme, rows=(hat.T * weight) @ normal)
 
 
