@@ -118,13 +118,12 @@ class Workers(concurrent.futures.Executor):
             pool = concurrent.futures.ProcessPoolExecutor(
                 1, multiprocessing.get_context("spawn"), _start, (self._start, self._theirs), max_tasks_per_child=self._calls_each
             )
-        try:
-            result = pool.submit(function, *args).result()
-        except concurrent.futures.BrokenExecutor:
+        future = pool.submit(function, *args)
+        if isinstance(future.exception(), concurrent.futures.BrokenExecutor):
             pool.shutdown()
-            raise
-        self._idle.put(pool)
-        return result
+        else:
+            self._idle.put(pool)
+        return future.result()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes: after the calls under way with ``wait``, otherwise at once."""
