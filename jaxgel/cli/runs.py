@@ -191,7 +191,10 @@ def check_grad(args: Namespace) -> int:
         say(f"left out, without a value or a derivative at the last state: {', '.join(left_out)}")
     failed = [f"{row.objective} by {row.family}" for row in rows if not row.ok]
     if failed:
-        print(f"jaxgel: the remainder does not fall as h^2: {', '.join(failed)}", file=sys.stderr)
+        print(
+            f"jaxgel: the remainder does not fall as h^2, nor is the derivative the difference quotient: {', '.join(failed)}",
+            file=sys.stderr,
+        )
     return STOPPED if failed else DONE
 
 

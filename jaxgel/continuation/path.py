@@ -23,7 +23,7 @@ _SCALARS = ("mu", "value", "status", "newton_iterations", "residual", "energy", 
 class Path:
     """Accepted states of a sweep in the order in which they were found; k of them.
 
-    ``path[i]`` is the `State` number i, ``path[-3:]`` or ``path[[0, 4]]`` the path of some of them.
+    ``path[i]`` is the `State` number i, ``path[-3:]`` or ``path[[0, 4]]`` the path of some of them, also where it is differentiated.
     """
 
     model: Model
@@ -128,8 +128,8 @@ class Path:
         )
 
     def _of_states(self, numbers):
-        columns = {name: np.asarray(getattr(self, name))[numbers] for name in ("x", "pressure", *_SCALARS)}
-        columns["status"] = [Status(int(one)) for one in columns["status"]]
+        columns = {name: getattr(self, name)[numbers] for name in ("x", "pressure", *_SCALARS) if name != "status"}
+        columns["status"] = [self.status[k] for k in numbers] if isinstance(self.status, list) else self.status[numbers]
         return dataclasses.replace(self, symmetry=tuple(self.symmetry[k] for k in numbers) if self.symmetry else (), **columns)
 
     def __repr__(self) -> str:

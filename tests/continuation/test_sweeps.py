@@ -58,6 +58,17 @@ def test_slices_and_arrays_of_numbers_are_paths_of_these_states(given):
         path[10]
 
 
+def test_a_part_of_a_path_has_the_derivatives_of_the_whole(tiny_model):
+    def reduction(chi, part):
+        path = jaxgel.sweep(tiny_model, Gel(1e-3, chi), mu=[-3.0, -2.0])
+        return jaxgel.area_reduction(path[part])[0]
+
+    whole = jax.grad(lambda chi: jaxgel.area_reduction(jaxgel.sweep(tiny_model, Gel(1e-3, chi), mu=[-3.0, -2.0]))[1])(0.1)
+    assert whole != 0
+    for part in (slice(-1, None), [1], np.array([False, True])):
+        assert float(jax.grad(reduction)(0.1, part)) == pytest.approx(float(whole), rel=1e-12)
+
+
 def test_what_a_notebook_shows_is_one_line_of_sizes(given, tiny_model):
     path, _ = given
     plate = tiny_model.cloud.plate

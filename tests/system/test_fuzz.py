@@ -126,7 +126,7 @@ def test_hostile_toml_is_refused(text, bounded, only_read, tmp_path, capsys):
 def test_a_mutated_folder_is_refused_in_one_line(number, bounded, run_folder, path, tmp_path, monkeypatch, capsys):
     """By resume and by plot, both of which read all three files; what would be computed from them is left out."""
     monkeypatch.setattr("jaxgel.cases.case.Case.model", lambda case: path.model)
-    monkeypatch.setattr("jaxgel.cases.resume.Recorder", lambda _, case, *__, steps=(), **___: SimpleNamespace(case=case, steps=steps))
+    monkeypatch.setattr("jaxgel.cases.resume.Recorder", lambda _, case, *__: SimpleNamespace(case=case, begin=lambda _: None))
     for name in ("run_recorded", "draw"):
         monkeypatch.setattr(folders, name, lambda *_, **__: 0)
     rng = np.random.default_rng(number)
