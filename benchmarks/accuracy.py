@@ -67,7 +67,7 @@ class Runs:
     def curve(self, name, spacing=None):
         """Path of a sample at the mu of its references, as far as it goes, and the seconds that model and sweep took."""
         begin, plate = time.perf_counter(), jaxgel.sample(name)
-        path = jaxgel.sweep(self.model(plate, spacing=spacing), plate.gel, mu=REFERENCES[name]["mu"], contact="off")
+        path = jaxgel.sweep(jaxgel.Problem(self.model(plate, spacing=spacing), plate.gel, contact=False), REFERENCES[name]["mu"])
         return path, time.perf_counter() - begin
 
 
@@ -179,7 +179,7 @@ def row_outline(runs, options):
     plate, found = jaxgel.sample("sample-1"), []
     mus = [mu for mu in REFERENCES["sample-1"]["mu"] if mu <= AT]
     for number in options.outline_nodes:
-        path = jaxgel.sweep(runs.model(plate, nodes_per_hole=number), plate.gel, mu=mus, contact="off")
+        path = jaxgel.sweep(jaxgel.Problem(runs.model(plate, nodes_per_hole=number), plate.gel, contact=False), mus)
         error, target = nodal_errors(path), TARGETS["outline"].get(number)
         core, midline = (curve_errors(path, "sample-1", name)[len(mus) - 1] for name in ("core", "midline"))
         row = {"per_hole": number, "nodes": len(error), "rms": rms_of(error), "largest": float(error.max()), "target": target}
@@ -217,7 +217,7 @@ def row_onset(runs, options):
         for spacing, target in ONSETS[name].items():
             begin = time.perf_counter()
             model = runs.model(plate, spacing=spacing)
-            points = jaxgel.critical_points(model, plate.gel, mu=(START, min(exact + 0.5, -0.9)), most=1)
+            points = jaxgel.critical_points(jaxgel.Problem(model, plate.gel), (START, min(exact + 0.5, -0.9)), most=1)
             mu = float(points[0].mu) if points else math.nan
             error, spread = 100 * (mu / exact - 1), -100 * FINITE_ELEMENTS[name]["spread"]["critical_mu"] / exact
             found.append({"case": name, "nodes": model.n_nodes, "mu": mu, "error": error, "target": target})
@@ -244,7 +244,7 @@ def row_sensitivities(runs, options):
         ]
         model = runs.model(plate.at(theta), spacing=spacing)
         mus = jnp.array([mu for mu in REFERENCES["sample-1"]["mu"] if mu <= AT])
-        path = jaxgel.sweep(model, jaxgel.Gel(Nv=p[5], chi=p[6]), mu=mus, contact="off")
+        path = jaxgel.sweep(jaxgel.Problem(model, jaxgel.Gel(Nv=p[5], chi=p[6]), contact=False), mus)
         return jnp.abs(jnp.stack([jaxgel.core_rotation(path)[-1], jaxgel.rotation_angle(path)[-1]]))
 
     _, pull = jax.vjp(rotations, start)
@@ -275,7 +275,7 @@ def row_plate(runs, _):
         for spacing in (0.25, 0.125):
             plate = jaxgel.Plate(4, 2, edges="fixed", deformation=((stretch, 0), (0, stretch)), spacing=spacing, gel=gel)
             try:
-                path = jaxgel.sweep(runs.model(plate), gel, mu=[mu], branch="symmetric", contact="off")
+                path = jaxgel.sweep(jaxgel.Problem(runs.model(plate), gel, contact=False), [mu], branch="symmetric")
                 negative = int(path.negative_pivots[-1])
             except Exception as error:  # a table of failures is wanted, too
                 negative, text = -1, str(error).splitlines()[0]
@@ -322,7 +322,7 @@ def row_time(runs, options):
     found = {}
     for nodes in options.nodes:
         model = runs.model(plate, spacing=SPACINGS[nodes])
-        taken = [seconds_of(jaxgel.sweep, model, plate.gel, mu=mu) for _ in range(8)][1:]  # the first one compiles
+        taken = [seconds_of(jaxgel.sweep, jaxgel.Problem(model, plate.gel), mu) for _ in range(8)][1:]  # the first one compiles
         found[nodes] = np.median(taken)
         line(model.n_nodes, [f"{found[nodes]:.2f}"])
     return found

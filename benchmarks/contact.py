@@ -29,7 +29,7 @@ def main():
     for range_share, stiffness_share in CASES:
         reach, kappa = range_share * RANGE, stiffness_share * STIFFNESS
         model = with_contact(jaxgel.discretise(cloud), plate.gel, range=reach * cloud.spacing, stiffness=kappa * plate.gel.Nv)
-        path = jaxgel.sweep(model, plate.gel, mu=MU)
+        path = jaxgel.sweep(jaxgel.Problem(model, plate.gel), MU)
         if not path.stop.ok:
             print(f"{reach:8.3f}{kappa:9.2f}  {path.stop_text}", flush=True)
             continue

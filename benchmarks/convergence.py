@@ -60,7 +60,7 @@ def sample_1(basis, spacing):
     """Values of sample 1 at ``MU``; nan after the sweep's end where it stopped early."""
     plate = jaxgel.sample("sample-1")
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing), basis=basis)
-    path = jaxgel.sweep(model, plate.gel, mu=sorted((*MU, *ON_THE_WAY)), contact="off")
+    path = jaxgel.sweep(jaxgel.Problem(model, plate.gel, contact=False), sorted((*MU, *ON_THE_WAY)))
     measured = {
         "midline rotation": np.abs(jaxgel.rotation_angle(path)),
         "core rotation": np.abs(jaxgel.core_rotation(path)),
@@ -76,7 +76,7 @@ def critical_mu(basis, spacing):
     """Critical mu of sample 4's symmetric branch, kT; nan where there is none up to ``LAST``."""
     plate = jaxgel.sample("sample-4")
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing), basis=basis)
-    found = jaxgel.critical_points(model, plate.gel, mu=(-4.9678, LAST))
+    found = jaxgel.critical_points(jaxgel.Problem(model, plate.gel), (-4.9678, LAST))
     return float(found[0].mu) if found else float("nan")
 
 

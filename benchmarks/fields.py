@@ -30,7 +30,7 @@ def main():
 
     def swept(values):
         Nv = values if jnp.ndim(values) == 0 else jaxgel.PixelField(values, extent)
-        return jaxgel.sweep(model, jaxgel.Gel(Nv, plate.gel.chi), mu=MU)
+        return jaxgel.sweep(jaxgel.Problem(model, jaxgel.Gel(Nv, plate.gel.chi)), MU)
 
     def objective(values):
         return jnp.mean(jaxgel.core_rotation(swept(values)) ** 2)

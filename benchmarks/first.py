@@ -20,11 +20,11 @@ began = time.perf_counter()
 import jax, jax.numpy as jnp, jaxgel
 plate = jaxgel.sample("sample-1")
 cloud = jaxgel.make_cloud(plate)
-jax.block_until_ready(jaxgel.core_rotation(jaxgel.sweep(jaxgel.discretise(cloud), plate.gel, mu=[-2.9678])))
+jax.block_until_ready(jaxgel.core_rotation(jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(cloud), plate.gel), [-2.9678])))
 print(time.perf_counter() - began)
 def rotation(axes):
     model = jaxgel.discretise(cloud.at(plate.at([{"semi_axes": axes}] * 4)))
-    return jaxgel.rotation_angle(jaxgel.sweep(model, plate.gel, mu=[-2.9678]))[-1]
+    return jaxgel.rotation_angle(jaxgel.sweep(jaxgel.Problem(model, plate.gel), [-2.9678]))[-1]
 jax.block_until_ready(jax.grad(rotation)(jnp.array([5.0, 4.0])))
 print(time.perf_counter() - began)
 """

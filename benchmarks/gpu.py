@@ -22,8 +22,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxgel
-from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, dry_state
-from jaxgel.mechanics import condensed_rhs, linearise, prepare, pressure_step, tangent
+from jaxgel import Problem
+from jaxgel.equilibrium import NEWTON, dry_state
+from jaxgel.mechanics import condensed_rhs, linearise, pressure_step, tangent
 
 AGREEMENT = 1e-9  # mm
 
@@ -38,14 +39,16 @@ def main():
     options = parser.parse_args()
     plate = jaxgel.sample("sample-1")
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=options.spacing))
-    mu, problem = jnp.linspace(-4.9678, -0.9178, options.states), prepare(model, plate.gel)
+    mu, problem = jnp.linspace(-4.9678, -0.9178, options.states), Problem(model, plate.gel, contact=False).prepared
     gels = np.array([1e-3, 1e-4]) * (1 + 0.1 * np.random.default_rng(5).uniform(-1, 1, (options.batch, 2)))
 
     def one(values):
         return dense_sweep(problem, jaxgel.Gel(Nv=values[0], chi=values[1]), mu)
 
     def sparse():
-        found = [jaxgel.sweep(model, jaxgel.Gel(Nv=v[0], chi=v[1]), mu=mu.tolist(), contact="off", branch="symmetric") for v in gels]
+        found = [
+            jaxgel.sweep(jaxgel.Problem(model, jaxgel.Gel(Nv=v[0], chi=v[1]), contact=False), mu.tolist(), branch="symmetric") for v in gels
+        ]
         return jnp.stack([jnp.asarray(path.x) for path in found])
 
     single, batch = jax.jit(one), jax.jit(jax.vmap(one))
@@ -65,17 +68,17 @@ def main():
 def dense_sweep(problem, gel, mu):
     """Equilibria (k, n, 2) at the values ``mu`` (k,), nan where not reached, each from the line through the two before; traceable."""
     operators = dataclasses.replace(problem.operators, network=problem.operators.network * (gel.Nv / problem.gel.Nv))
-    problem = dataclasses.replace(problem, gel=gel, operators=operators)
+    problem = problem.replace(gel=gel, operators=operators)
     model, free = problem.model, problem.free
     rows, columns, source = _places(problem.pattern)
 
     def newton(mu, x, p):
         def solved(now):
-            return (now.residual_norm < TOLERANCE) & (now.violation < CONSTRAINT_TOLERANCE)
+            return (now.residual_norm < NEWTON.tolerance) & (now.violation < NEWTON.constraint_tolerance)
 
         def going(state):
             _, _, now, count = state
-            return ~solved(now) & jnp.isfinite(now.residual_norm + now.violation) & (count < MAX_ITERATIONS)
+            return ~solved(now) & jnp.isfinite(now.residual_norm + now.violation) & (count < NEWTON.max_iterations)
 
         def step(state):
             x, p, now, count = state

@@ -84,7 +84,7 @@ def objectives(plate, theta, spacing):
     cloud = jaxgel.make_cloud(plate, spacing=spacing)
 
     def path(p):
-        return jaxgel.sweep(jaxgel.discretise(cloud.at(plate.at(theta(p)))), plate.gel, mu=MU)
+        return jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(cloud.at(plate.at(theta(p)))), plate.gel), MU)
 
     return {
         "last state": lambda p: jaxgel.core_rotation(path(p))[-1],

@@ -24,7 +24,7 @@ def rotations():
     for options in ROWS:
         spacing = options.get("spacing")
         model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing), **{k: v for k, v in options.items() if k != "spacing"})
-        angles = jaxgel.rotation_angle(jaxgel.sweep(model, plate.gel, mu=MU))
+        angles = jaxgel.rotation_angle(jaxgel.sweep(jaxgel.Problem(model, plate.gel), MU))
         print(f"{len(model.cloud.nodes):5d}  " + " ".join(f"{angle:9.3f}" for angle in np.asarray(angles)), options, flush=True)
 
 
@@ -35,7 +35,7 @@ def cell():
     for spacing in SPACINGS:
         plate = jaxgel.Plate(4, 4, holes, edges="periodic")
         model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing, nodes_per_hole=round(4 / spacing)))
-        (point, *_) = jaxgel.critical_points(model, jaxgel.Gel(Nv=1e-3, chi=1e-5), mu=(-5.0, -2.0), most=1)
+        (point, *_) = jaxgel.critical_points(jaxgel.Problem(model, jaxgel.Gel(Nv=1e-3, chi=1e-5)), (-5.0, -2.0), most=1)
         print(f"{spacing:7.4f}  {len(model.cloud.nodes):5d}  {point.mu:.4f}", flush=True)
 
 
@@ -46,11 +46,14 @@ def box():
     print("spacing  " + " ".join(f"{p:6d}" for p in PRESSURES))
     for spacing in (0.5, 0.25):
         model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 3, edges="fixed", deformation=F), spacing=spacing))
-        paths = [jaxgel.sweep(model, gel, mu=[without - p * gel.Nv], branch="symmetric", contact="off") for p in PRESSURES]
+        paths = [
+            jaxgel.sweep(jaxgel.Problem(model, gel, contact=False), [without - p * gel.Nv], branch="symmetric", eigenvalues=True)
+            for p in PRESSURES
+        ]
         print(f"{spacing:7.2f}  " + " ".join(f"{path.lowest_eigenvalue[0]:6.2f}" for path in paths), flush=True)
     for name in ("sample-1", "sample-4", "sample-7"):
         plate = jaxgel.sample(name)
-        path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel, mu=[*MU[:-1], -0.9178])
+        path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel), [*MU[:-1], -0.9178])
         p = path.pressure[:, jaxgel.mechanics.carries_volume(path.model)] / plate.gel.Nv
         print(f"{name}: p / Nv from {p.min():.2f} to {p.max():.2f}", flush=True)
 

@@ -19,14 +19,15 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 import jaxgel
-from jaxgel.continuation import StabilityAnalysis
+from jaxgel import Problem
+from jaxgel.continuation.frames import WholeFrame
 from jaxgel.equilibrium import newton, state
 from jaxgel.linalg import Factor, factor
-from jaxgel.mechanics import factorised_tangent, linearise, prepare, tangent, tangent_product
+from jaxgel.mechanics import factorised_tangent, linearise, tangent, tangent_product
 
 MU = np.linspace(-4.9678, -0.9178, 30)  # kT
 BEFORE = -3.14  # kT
-STABILITY = ((StabilityAnalysis, "by_nearby_factor"), (StabilityAnalysis, "by_own_factor"))
+STABILITY = ((WholeFrame, "factorised"), (WholeFrame, "check"))
 KERNELS = (
     *STABILITY,
     *((newton, name) for name in ("linearise", "condensed_rhs", "_advanced", "factorised_tangent", "touches")),
@@ -58,8 +59,8 @@ def main():
 
 def newton_step(model, gel, repeats):
     """Number of degrees of freedom, iterations with the factor of the state before, median seconds of each part of a Newton step."""
-    path = jaxgel.sweep(model, gel, mu=[-3.5, BEFORE, -3.0], contact="off")
-    problem, x, pressure = prepare(model, gel), path.x[-1], path.pressure[-1]
+    path = jaxgel.sweep(jaxgel.Problem(model, gel, contact=False), [-3.5, BEFORE, -3.0])
+    problem, x, pressure = Problem(model, gel, contact=False).prepared, path.x[-1], path.pressure[-1]
     pattern, now = problem.pattern, linearise(problem, x, pressure, -3.0)
     pairs = tangent(problem, x, pressure, now)
     made, matrix, rhs = factor(pattern, pairs), pattern.matrix(pairs), np.ones(len(pattern.free))
@@ -119,7 +120,7 @@ def sweep(model, gel, repeats):
     for _ in range(repeats + 1):
         spent.update(dict.fromkeys(spent, 0.0))
         begin = time.perf_counter()
-        jaxgel.sweep(model, gel, mu=MU, symmetry="off")
+        jaxgel.sweep(jaxgel.Problem(model, gel), MU, symmetry="off")
         seconds = time.perf_counter() - begin
         rows.append((seconds, sum(spent[kernel] for kernel in STABILITY) / seconds, 1 - sum(spent.values()) / seconds))
     for place, name, function in own:

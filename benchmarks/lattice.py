@@ -30,7 +30,11 @@ def lattice(mu=MU):
     """The path on the stable branch."""
     plate = jaxgel.sample("lattice")
     with tqdm(total=len(mu)) as bar:
-        return jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel, mu=mu, contact="on", on_step=lambda _: bar.update())
+        return jaxgel.sweep(
+            jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel),
+            mu,
+            observer=jaxgel.Observer(accepted=lambda _: bar.update()),
+        )
 
 
 def table(path):

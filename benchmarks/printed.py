@@ -143,7 +143,7 @@ def swept(plate, gel, spacing):
     """Path of jaxgel at `MU`, as far as it goes, and the seconds that model and sweep took."""
     begin = time.perf_counter()
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
-    return jaxgel.sweep(model, gel, mu=list(MU), contact="off"), time.perf_counter() - begin
+    return jaxgel.sweep(jaxgel.Problem(model, gel, contact=False), list(MU)), time.perf_counter() - begin
 
 
 def elements(plate, gel, mesh):

@@ -113,7 +113,7 @@ def child(wanted, threads, solver):
     import jaxgel
     from jaxgel.equilibrium import dry_state
     from jaxgel.linalg import factor
-    from jaxgel.mechanics import linearise, prepare, tangent
+    from jaxgel.mechanics import linearise, tangent
 
     plate = jaxgel.sample("sample-1")
     spacing = plate.width * 0.961 / (math.sqrt(36 + 1.922 * wanted) - 6)  # 0.48 n^2 + 6 n nodes for n intervals a side
@@ -134,7 +134,7 @@ def child(wanted, threads, solver):
 
     cloud = timed("cloud", lambda: jaxgel.make_cloud(plate, spacing=spacing))
     model = timed("discretise", lambda: jaxgel.discretise(cloud, solver=solver))
-    problem = timed("prepare", prepare, model, plate.gel)
+    problem = timed("prepare", lambda: jaxgel.Problem(model, plate.gel, contact=False).prepared)
     timed("prepare", lambda: (problem.pattern, problem.operators.network.block_until_ready()))
     seconds["prepare"] = [sum(seconds["prepare"])]
     (x, pressure), free = dry_state(problem), problem.free
@@ -150,7 +150,7 @@ def child(wanted, threads, solver):
     n_pairs = len(pairs)
     made = pairs = now = problem = None  # their memory is that of one step, not of the sweep
     begin, before = time.perf_counter(), compiled[0]
-    path = jaxgel.sweep(model, plate.gel, mu=list(MU))
+    path = jaxgel.sweep(jaxgel.Problem(model, plate.gel), list(MU))
     row["sweep"] = time.perf_counter() - begin - (compiled[0] - before)
     row["setup"] = sum(row[name] for name in SETUP)
     row["assembly"] = row["linearise"] + row["tangent"]

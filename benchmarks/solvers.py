@@ -22,8 +22,9 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.linalg import factor, factorise
-from jaxgel.mechanics import all_volumes, linearise, prepare, tangent
+from jaxgel.mechanics import all_volumes, linearise, tangent
 
 SOFT = 10  # Nv: bulk stiffness at which the network's shear decides, and multigrid works
 
@@ -36,8 +37,8 @@ def main():
     plate = jaxgel.sample("sample-1")
     spacing = plate.width * 0.961 / (math.sqrt(36 + 1.922 * options.nodes) - 6)
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
-    problem = prepare(model, plate.gel)
-    path = jaxgel.sweep(model, plate.gel, mu=options.mu)
+    problem = Problem(model, plate.gel, contact=False).prepared
+    path = jaxgel.sweep(jaxgel.Problem(model, plate.gel), options.mu)
     for mu, x, pressure in zip(path.mu, path.x, path.pressure, strict=True):
         now = linearise(problem, x, pressure, mu)
         print(f"mu = {mu:g}: {len(problem.free)} unknowns, stiffest group {float(now.stiffness.max() / plate.gel.Nv):.0f} Nv")

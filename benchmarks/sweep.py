@@ -125,7 +125,7 @@ def measure_jaxgel(spacing, runs):
     setup, wall, cpu = time.perf_counter() - begin, [], []
     for _ in range(runs + 1):
         begin = time.perf_counter(), time.process_time()
-        path = jaxgel.sweep(model, plate.gel, mu=REFERENCE["mu"])
+        path = jaxgel.sweep(jaxgel.Problem(model, plate.gel), REFERENCE["mu"])
         wall.append(time.perf_counter() - begin[0])
         cpu.append(time.process_time() - begin[1])
     if not path.stop.ok:

@@ -68,7 +68,7 @@ def pnipam():
     for spacing in STRIP_SPACINGS:
         begin = time.perf_counter()
         model = jaxgel.discretise(jaxgel.make_cloud(STRIP, spacing=spacing))
-        path = jaxgel.sweep(model, jaxgel.Pnipam(NV), control=jaxgel.controls.temperature(mu=0.0), values=list(PATH))
+        path = jaxgel.sweep(jaxgel.Problem(model, jaxgel.Pnipam(NV), control=jaxgel.controls.temperature(mu=0.0)), list(PATH))
         print(f"spacing {spacing}, {model.n_nodes} nodes, {time.perf_counter() - begin:.0f} s: {path}")
         columns = strip_values(path)
         for number, phase in COMPARED.items():
@@ -168,7 +168,7 @@ def cells():
         for spacing in spacings:
             begin = time.perf_counter()
             model = cell_model(number, radius, spacing)
-            (point,) = jaxgel.critical_points(model, jaxgel.Gel(), control=Stretch("x", mu=DRY), values=(1.0, last), most=1)
+            (point,) = jaxgel.critical_points(jaxgel.Problem(model, jaxgel.Gel(), control=Stretch("x", mu=DRY)), (1.0, last), most=1)
             print(f"  spacing {spacing:.4f}, {model.n_nodes} nodes, {time.perf_counter() - begin:.0f} s: {point.text}")
             compare("  strain", 1 - point.value, [1 - stretch for stretch in exact])
 

@@ -37,7 +37,7 @@ def main():
         model = jaxgel.discretise(cloud)
 
         def path(symmetry, model=model, gel=plate.gel, branch=branch):
-            return jaxgel.sweep(model, gel, mu=MU, branch=branch, symmetry=symmetry)
+            return jaxgel.sweep(jaxgel.Problem(model, gel), MU, branch=branch, symmetry=symmetry)
 
         (off, whole), (auto, part) = in_turn(path, options.runs)
         k = min(len(whole), len(part))
@@ -51,7 +51,7 @@ def main():
             def gradient(symmetry, cloud=cloud, plate=plate):
                 def value(theta):
                     model = jaxgel.discretise(cloud.at(plate.at(theta)))
-                    return jaxgel.area_reduction(jaxgel.sweep(model, plate.gel, mu=MU, symmetry=symmetry))[-1]
+                    return jaxgel.area_reduction(jaxgel.sweep(jaxgel.Problem(model, plate.gel), MU, symmetry=symmetry))[-1]
 
                 return jax.block_until_ready(jax.value_and_grad(value)(plate.theta))
 

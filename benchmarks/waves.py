@@ -67,9 +67,9 @@ def onset():
         print(f"r = {radius}: finite elements {exact:.5f}, k W/pi {k * 2 / np.pi}, 2 x 2 holes {cells:.5f}, both {seconds:.0f} s")
         for spacing in SPACINGS:
             begin = time.perf_counter()
-            found = jaxgel.lattice_onset(model_of(radius, spacing), GEL, mu=mu)
+            found = jaxgel.lattice_onset(jaxgel.Problem(model_of(radius, spacing), GEL), mu)
             seconds = time.perf_counter() - begin
-            (point,) = jaxgel.critical_points(model_of(radius, spacing, 2), GEL, mu=mu, most=1)
+            (point,) = jaxgel.critical_points(jaxgel.Problem(model_of(radius, spacing, 2), GEL), mu, most=1)
             errors = [100 * (value / cells - 1) for value in (found.mu, point.mu)]
             print(
                 f"  spacing {spacing:.4f}: one cell {found.mu:.5f} ({errors[0]:+.2f} %, {seconds:.0f} s), 2 x 2 {point.mu:.5f}"
@@ -97,7 +97,7 @@ def layer(name, parts, regions, gel, window, Nv):
     for spacing in LAYER_SPACINGS:
         begin = time.perf_counter()
         plate = jaxgel.Plate(0.4, 1.0, edges=STRIP, regions=regions, spacing=spacing)
-        found = jaxgel.lattice_onset(jaxgel.discretise(jaxgel.make_cloud(plate)), gel, mu=window, divisions=4)
+        found = jaxgel.lattice_onset(jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate)), gel), window, divisions=4)
         errors = found.mu / mu - 1, abs(found.wave_vector[0]) / k - 1, exact_layers.stretch(Nv, CHI, found.mu) / J - 1
         shown = ", ".join(f"{100 * error:+.3f} %" for error in errors)
         print(f"  spacing {spacing:.4f}: {found.mu:.6f}; {shown}; {time.perf_counter() - begin:.0f} s", flush=True)
@@ -111,7 +111,7 @@ def draw(file):
     from jaxgel.plotting import STYLE, plot_lattice, plot_zone, save_figure
 
     model, gel = model_of(0.9, 1 / 12), jaxgel.sample("lattice").gel
-    found = jaxgel.lattice_onset(model, gel, mu=(-3.6, -2.8))
+    found = jaxgel.lattice_onset(jaxgel.Problem(model, gel), (-3.6, -2.8))
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(1, 2, figsize=(6.9, 3.1), layout="constrained")
     plot_zone(found, model, ax=axes[0])

@@ -55,15 +55,14 @@ def gel(parameters):
 def patterns(path):
     """The `State`s to either side without a torque: that in which a ``path`` ends, and that of a torque the other way."""
     model, gel, control, x, pressure = jax.lax.stop_gradient((path.model, path.gel, path.control, path.x[-1], path.pressure[-1]))
-    other = jaxgel.sweep(model, gel, control=control, values=[-1.0, 0.0], contact="off")
+    other = jaxgel.sweep(jaxgel.Problem(model, gel, control=control, contact=False), [-1.0, 0.0])
     return dataclasses.replace(other[-1], x=x, pressure=pressure), other[-1]
 
 
 @functools.lru_cache(maxsize=1)  # for objective and report of one design
 def barriers(path):
     """Both `Barrier`s between the `patterns`; their states may be constants, as a barrier is stationary in them."""
-    driven = dict(control=path.control, value=0.0, contact="off")
-    return jaxgel.barrier(path.model, path.gel, between=patterns(path), **driven)
+    return jaxgel.barrier(path.problem, 0.0, patterns(path))
 
 
 def height(path):
@@ -100,7 +99,7 @@ def draw(design, path, file):
     with mpl.rc_context(STYLE):
         figure, axes = plt.subplots(1, 4, figsize=(10.6, 2.7), layout="constrained")
         for ax, (name, state) in zip(axes, states.items(), strict=False):
-            shown = jaxgel.Path.from_states(path.model, path.gel, [state], control=path.control)
+            shown = jaxgel.Path.from_states(path.problem, [state])
             plot_pattern(shown, ax=ax, field=None)
             ax.set_title(f"{name}, {state.negative_pivots} negative")
         found = [1e4 * row["reported"].get("barrier", np.nan) for row in design.history]

@@ -29,7 +29,7 @@ def placed(cloud, theta):
 
 def onset(theta, cloud, expected):
     """Critical mu () of the first bifurcation, kT."""
-    points = jaxgel.critical_points(placed(cloud, theta), cloud.plate.gel, mu=(expected - WINDOW, expected + WINDOW), most=1)
+    points = jaxgel.critical_points(jaxgel.Problem(placed(cloud, theta), cloud.plate.gel), (expected - WINDOW, expected + WINDOW), most=1)
     if not points:
         raise ArithmeticError(f"no bifurcation within {WINDOW} kT of mu = {expected:.3f}")
     return points[0].mu
@@ -66,7 +66,7 @@ def draw(cloud, history, file):
         axes[0].set_xticks(range(len(history)))
         for ax, (theta, _), name in zip(axes[1:], (history[0], history[-1]), ("sample 4", "design"), strict=True):
             model = placed(cloud, theta)
-            path = jaxgel.sweep(model, cloud.plate.gel, mu=[-2.2, -1.4])
+            path = jaxgel.sweep(jaxgel.Problem(model, cloud.plate.gel), [-2.2, -1.4])
             plot_pattern(path, -1, ax=ax, field=None)
             state = "buckled" if path.switched[-1] else "not buckled"
             sizes = rf"$r={theta[0]:.3f}$ mm, $d={theta[1]:.3f}$ mm"

@@ -33,8 +33,10 @@ from .cases import sample as sample
 from .cases import sample_names as sample_names
 from .cloud import Cloud as Cloud
 from .cloud import make_cloud as make_cloud
+from .continuation import Adaptive as Adaptive
 from .continuation import IllPosedDerivative as IllPosedDerivative
 from .continuation import Path as Path
+from .continuation import StepControl as StepControl
 from .continuation import sweep as sweep
 from .controls import Driven as Driven
 from .controls import Load as Load
@@ -54,6 +56,9 @@ from .discretisation import NodalField as NodalField
 from .discretisation import discretise as discretise
 from .discretisation import make_probe as make_probe
 from .discretisation import shape_functions as shape_functions
+from .equilibrium import Change as Change
+from .equilibrium import Newton as Newton
+from .equilibrium import Observer as Observer
 from .equilibrium import Status as Status
 from .geometry import Circle as Circle
 from .geometry import Ellipse as Ellipse
@@ -78,6 +83,7 @@ from .materials import homogeneous_states as homogeneous_states
 from .materials import limits_of_stability as limits_of_stability
 from .materials import uniaxial_swelling as uniaxial_swelling
 from .mechanics import Loads as Loads
+from .mechanics import Problem as Problem
 from .mechanics import load_vector as load_vector
 from .observables import area_reduction as area_reduction
 from .observables import area_reduction_per_hole as area_reduction_per_hole

@@ -116,7 +116,7 @@ def coarse_model(cloud_of):
 @pytest.fixture(scope="session")
 def coarse_path(coarse_model):
     """Sample 1 with 321 nodes from the dry nodes to mu = -0.9178."""
-    return jaxgel.sweep(coarse_model, coarse_model.cloud.plate.gel, mu=np.linspace(-4.9678, -0.9178, 10))
+    return jaxgel.sweep(jaxgel.Problem(coarse_model, coarse_model.cloud.plate.gel), np.linspace(-4.9678, -0.9178, 10))
 
 
 @pytest.fixture(scope="session")
@@ -163,7 +163,7 @@ def buckling_model(cloud_of):
 @pytest.fixture(scope="session")
 def buckling_point(buckling_model):
     """The bifurcation of ``buckling_model``."""
-    return jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=(-1.8, -1.5))[0]
+    return jaxgel.critical_points(jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel), (-1.8, -1.5))[0]
 
 
 @pytest.fixture(scope="module", autouse=True)

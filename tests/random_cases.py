@@ -20,7 +20,7 @@ import numpy as np
 import jaxgel
 from jaxgel.cases import case as cases
 from jaxgel.continuation import SweepFailed
-from jaxgel.equilibrium import CONSTRAINT_TOLERANCE, TOLERANCE
+from jaxgel.equilibrium import NEWTON
 from jaxgel.geometry import KINDS
 from jaxgel.materials import bulk_stiffness
 from jaxgel.mechanics import ROUND_OFF, all_volumes, carries_volume, free_dofs, network_energy, residual, touches, volume_ratios
@@ -39,6 +39,7 @@ def faults(path):
     states = [dataclasses.replace(path, mu=path.mu[k : k + 1], x=path.x[k : k + 1]) for k in range(len(path))]  # compiled once
     gap, loads = np.array([jaxgel.min_gap(one)[0] for one in states]), np.zeros((model.n_nodes, 2))
     areas = [np.asarray(jaxgel.area_reduction_per_hole(one))[0] if plate.holes else np.zeros(0) for one in states]
+    lowest = np.asarray(jaxgel.continuation.lowest_eigenvalue(path))
     for k, mu in enumerate(path.mu):
         x, volumes = path.x[k], np.asarray(all_volumes(model))
         carries = carries_volume(model) & (volumes > 0)
@@ -49,7 +50,7 @@ def faults(path):
         if not J.min() > 1:
             found.append(f"mu = {mu:.4g}: J = {J.min():.6g}")
             continue
-        if not path.residual[k] < TOLERANCE:
+        if not path.residual[k] < NEWTON.tolerance:
             found.append(f"mu = {mu:.4g}: residual {path.residual[k]:.2g}")
         f, scale = np.asarray(FORCE(x, model, gel, mu, loads)), np.linalg.norm(NETWORK_FORCE(x, model, gel))
         most = _imbalance(J, gel)
@@ -58,16 +59,16 @@ def faults(path):
         touching = model.contact is not None and touches(x, model)  # where a wall's mirror image may push
         if not touching and not np.all(np.abs(f.sum(axis=0)) < most * scale):
             found.append(f"mu = {mu:.4g}: forces add up to {f.sum(axis=0)}")
-        if (path.lowest_eigenvalue[k] < 0) != (path.negative_pivots[k] > 0):
-            found.append(f"mu = {mu:.4g}: eigenvalue {path.lowest_eigenvalue[k]:.3g} with {path.negative_pivots[k]} negative pivots")
+        if (lowest[k] < 0) != (path.negative_pivots[k] > 0):
+            found.append(f"mu = {mu:.4g}: eigenvalue {lowest[k]:.3g} with {path.negative_pivots[k]} negative pivots")
         found += [] if gap[k] <= 0 else _area_faults(model, mu, J @ volumes[carries], areas[k])
     return found
 
 
 def _imbalance(J, gel):
     """Largest imbalance over the network's forces: the residual's, and the bulk stiffness times the error in J that is accepted."""
-    error = np.asarray(bulk_stiffness(J, gel)) * CONSTRAINT_TOLERANCE * (J - 1 + ROUND_OFF)
-    return IMBALANCE * (TOLERANCE + float(error.max()) / float(gel.Nv))
+    error = np.asarray(bulk_stiffness(J, gel)) * NEWTON.constraint_tolerance * (J - 1 + ROUND_OFF)
+    return IMBALANCE * (NEWTON.tolerance + float(error.max()) / float(gel.Nv))
 
 
 def _area_faults(model, mu, gel, reductions):
@@ -93,7 +94,7 @@ def outcome(table):
     """How a case ends, in a word, and its faults."""
     try:
         case = cases.from_table(table, "random")
-        path = jaxgel.sweep(case.model(), case.gel, mu=case.sweep.values, branch=case.sweep.branch, contact=case.sweep.contact)
+        path = case.path(case.model())
     except (ValueError, SweepFailed) as problem:
         kind = "refused" if isinstance(problem, ValueError) else "no first state"
         return f"{kind}: {problem}", [] if "\n" not in str(problem) else ["more than one line"]

@@ -20,7 +20,7 @@ def test_programs_are_let_go_where_a_process_runs_out_of_memory_mappings(monkeyp
     gel = jaxgel.Gel(1e-3, 0.1)
 
     def swollen():
-        return jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), gel, mu=[-4.0, -3.0]).x
+        return jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate)), gel), [-4.0, -3.0]).x
 
     first, before = swollen(), mappings()
     monkeypatch.setattr("jaxgel._programs.CROWDED", 0.0)

@@ -2,9 +2,9 @@
 
 from .barriers import Barrier, barrier
 from .branches import continue_branch, switch_branch
-from .critical import critical_points, located
+from .critical import critical_points, ends_of, located
 from .deflation import find_states_by_deflation
-from .imperfections import imperfection, imperfection_load, points_by_options, sweep_by_options
+from .imperfections import imperfection, problem_by_options, sweep_by_options
 from .loops import Loop, loop
 from .points import CriticalPoint
 from .search import PointNotLocated, folds
@@ -17,13 +17,13 @@ __all__ = [
     "barrier",
     "continue_branch",
     "critical_points",
+    "ends_of",
     "find_states_by_deflation",
     "folds",
     "imperfection",
-    "imperfection_load",
     "located",
     "loop",
-    "points_by_options",
+    "problem_by_options",
     "sweep_by_options",
     "switch_branch",
 ]

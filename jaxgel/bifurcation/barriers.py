@@ -12,15 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float, Scalar
-from ..continuation import StabilityAnalysis, across, values_of
-from ..controls import Control, control_name
-from ..discretisation import Model
+from .._types import Scalar
+from ..continuation import StabilityAnalysis, across
 from ..equilibrium import State, StateNotFound, accepted, solve, solve_pinned
-from ..materials import AnyGel
-from ..mechanics import Problem, check_model, localised, prepare, restrict, scatter, total_energy, with_contact
-from .critical import located, with_float_parameters
-from .deflation import deflated
+from ..mechanics import Problem, restrict, scatter, total_energy
+from .critical import located
+from .deflation import find_states_by_deflation
 from .loops import Loop
 
 SHARES = (0.5, 0.45, 0.55, 0.35, 0.65)  # of the way between two states: where their saddle is looked for
@@ -41,43 +38,29 @@ class Barrier:
     """The saddle, with one negative eigenvalue."""
 
 
-def barrier(
-    model: Model,
-    gel: AnyGel,
-    *,
-    between: Loop | tuple[State, State],
-    mu: Scalar | None = None,
-    control: Control | None = None,
-    value: Scalar | None = None,
-    contact: str = "on",
-    loads: Float[Array, "n 2"] | None = None,
-) -> tuple[Barrier, Barrier]:
-    """The `Barrier`s from two stable states at ``mu`` (kT), or at a ``value`` of another ``control``, over the saddle between them.
+def barrier(problem: Problem, value: Scalar, between: Loop | tuple[State, State]) -> tuple[Barrier, Barrier]:
+    """The `Barrier`s from two stable states at a ``value`` of the problem's control over the saddle between them.
 
     ``between`` are the states, or a loop: its two states there, with the saddle on its unstable branch. Otherwise, or where that has none
-    there, the saddle is found by deflation from points between the states. Their heights are differentiable once in everything that model,
-    gel, control and value depend on, forward and reverse. ArithmeticError where a state is not found or unstable, where both are the same,
+    there, the saddle is found by deflation from points between the states. Their heights are differentiable once in everything that the
+    problem and the value depend on, forward and reverse. ArithmeticError where a state is not found or unstable, where both are the same,
     and where no equilibrium with exactly one negative eigenvalue is found between them; ValueError inside jit or vmap.
     """
-    at, between = values_of(mu, control, value), between.still if isinstance(between, Loop) else between
-    check_model(model, gel)
-    model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
-    loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads
-    problem = with_float_parameters(Problem(model, localised(model, gel), loads, None, control))
+    between = between.still if isinstance(between, Loop) else between
 
     def find(of):
-        return _barriers(of[0], float(of[1]), between)
+        return _barriers(of[0].prepared, float(of[1]), between)
 
-    first, second = located("barrier", find, (problem, jnp.asarray(at, dtype=float)), "height", _change_of_height)
+    first, second = located("barrier", find, (problem, jnp.asarray(value, dtype=float)), "height", _change_of_height)
     return first, second
 
 
 def _barriers(problem, value, between):
     """[`Barrier`, `Barrier`] of a problem without tracers."""
-    analysis = StabilityAnalysis(prepare(problem.model, problem.gel, problem.loads, control=problem.control))
+    analysis = StabilityAnalysis(problem)
     given = between.states_at(value) if isinstance(between, Loop) else between
     states = [_state(analysis, value, state.x, state.pressure) for state in given]
-    where, spacing = f"{control_name(problem.control)} = {value:.6g}", problem.model.cloud.spacing
+    where, spacing = f"{problem.control.name} = {value:.6g}", problem.model.cloud.spacing
     if any(state is None or state.negative_pivots for state in states):
         raise StateNotFound(f"barrier: a state between which it lies was not found at {where}, or is unstable")
     if _same(*states, spacing):
@@ -129,7 +112,7 @@ def _by_deflation(analysis, value, states):
     """Equilibria at a value between two stable ones, by deflation: from a good start, else from points of a straight line."""
     problem, known = analysis.problem, [np.asarray(state.x) for state in states]
     for starts in (_turn_of_force(problem, value, *states), [(1 - share) * known[0] + share * known[1] for share in SHARES]):
-        found = [_accepted(analysis, state) for state in deflated(problem, value, known, starts)]
+        found = [_accepted(analysis, state) for state in find_states_by_deflation(problem, value, known=known, starts=starts)]
         if any(state.negative_pivots for state in found):
             return found
     return []
@@ -171,7 +154,8 @@ def _lower(analysis, value, state, stable):
     if reached[0] is None:
         step = np.asarray(scatter(mode, state.x.shape, problem.free)) * problem.model.cloud.spacing / np.abs(mode).max()
         starts = [np.asarray(state.x) + kick * step for kick in KICKS]
-        reached = deflated(problem, value, [np.asarray(one.x) for one in (*stable, state)], starts)
+        known = [np.asarray(one.x) for one in (*stable, state)]
+        reached = find_states_by_deflation(problem, value, known=known, starts=starts)
     more = [_accepted(analysis, one) for one in reached]
     return next((one for one in more if 0 < one.negative_pivots < state.negative_pivots), None)
 

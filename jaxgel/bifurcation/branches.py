@@ -12,11 +12,8 @@ import numpy as np
 from .._types import Array, Float
 from .._validation import Inadmissible
 from ..continuation import Path, StabilityAnalysis, check_is_path
-from ..controls import Control, control_name, scale_of
-from ..discretisation import Model
 from ..equilibrium import Conditions, State, StateNotFound, Status, accepted, solve, solve_bordered
-from ..materials import AnyGel
-from ..mechanics import Problem, check_model, prepare, restrict, scatter
+from ..mechanics import Problem, restrict, scatter
 from .critical import check_untraced
 from .points import CriticalPoint
 
@@ -26,33 +23,29 @@ LEAST_STEP = 1e-4  # of the largest
 
 
 def switch_branch(
-    model: Model,
-    gel: AnyGel,
+    problem: Problem,
     point: CriticalPoint,
     *,
     sign: int = 1,
     direction: Float[Array, " m"] | None = None,
-    mu_end: float | None = None,
+    end: float | None = None,
     max_step: float = 0.25,
     max_states: int = MAX_STATES,
-    loads: Float[Array, "n 2"] | None = None,
-    control: Control | None = None,
 ) -> Path:
-    """`Path` of the branch that leaves a bifurcation along its mode, to the value ``mu_end`` or ``max_states`` states.
+    """`Path` of the branch of a problem that leaves a bifurcation along its mode, to the value ``end`` or ``max_states`` states.
 
-    ``control`` is that of the point, of which ``mu_end`` is a value, and ``max_step`` the largest step in arc length. ``sign`` 1 or -1
-    chooses the side, ``direction`` the combination of the modes of a multiple one (the first by default). The path may start towards lower
-    values (subcritical) and turn at a fold. ``path.stop`` says how it ended; ValueError for a fold, which no branch leaves.
+    ``end`` is a value of the problem's control, and ``max_step`` the largest step in arc length. ``sign`` 1 or -1 chooses the side,
+    ``direction`` the combination of the modes of a multiple one (the first by default). The path may start towards lower values
+    (subcritical) and turn at a fold. ``path.stop`` says how it ended; ValueError for a fold, which no branch leaves.
     """
-    check_model(model, gel)
-    check_untraced("switch_branch", model, gel, loads, control)
+    check_untraced("switch_branch", problem)
     if point.kind == "fold":
-        at = f"{control_name(control)} = {float(point.value):.6g}"
+        at = f"{problem.control.name} = {float(point.value):.6g}"
         raise Inadmissible(f"point: the {point.kind} at {at} has no other branch; use continue_branch")
-    analysis = StabilityAnalysis(prepare(model, gel, loads, control=control))
+    analysis = StabilityAnalysis(problem.prepared)
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     states, stop = leaving(analysis, point, sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1))
-    return followed(analysis, states, mu_end, max_step, max_states) if stop.ok else _path(analysis.problem, states, stop)
+    return followed(analysis, states, end, max_step, max_states) if stop.ok else _path(analysis.problem, states, stop)
 
 
 def leaving(analysis: StabilityAnalysis, point: CriticalPoint, mode: Float[Array, "n 2"]) -> tuple[list[State], Status]:
@@ -73,30 +66,22 @@ def leaving(analysis: StabilityAnalysis, point: CriticalPoint, mode: Float[Array
     return states, Status.CONVERGED
 
 
-def continue_branch(
-    path: Path,
-    *,
-    mu_end: float | None = None,
-    max_step: float = 0.25,
-    max_states: int = MAX_STATES,
-    loads: Float[Array, "n 2"] | None = None,
-) -> Path:
-    """`Path` that goes on from the last two states of a path in its arc length, past folds, to ``mu_end`` or ``max_states`` states.
+def continue_branch(path: Path, *, end: float | None = None, max_step: float = 0.25, max_states: int = MAX_STATES) -> Path:
+    """`Path` that goes on from the last two states of a path in its arc length, past folds, to the value ``end`` or ``max_states`` states.
 
-    ``mu_end`` is a value of the path's control. It holds the new states only.
+    ``end`` is a value of the path's control. The path holds the new states only.
     """
     check_is_path(path)
-    check_untraced("continue_branch", path.x, loads)
+    check_untraced("continue_branch", path.x)
     if len(path) < 2:
         raise Inadmissible(f"path: {len(path)} states do not give a direction; it needs two")
-    analysis = StabilityAnalysis(prepare(path.model, path.gel, loads, control=path.control))
-    return followed(analysis, [path[-2], path[-1]], mu_end, max_step, max_states, given=2)
+    return followed(StabilityAnalysis(path.problem.prepared), [path[-2], path[-1]], end, max_step, max_states, given=2)
 
 
 def followed(
     analysis: StabilityAnalysis,
     states: list[State],
-    mu_end: float | None,
+    end: float | None,
     max_step: float,
     max_states: int = MAX_STATES,
     given: int = 0,
@@ -104,7 +89,7 @@ def followed(
 ) -> Path:
     """`Path` of the ``states``, at least two, but the first ``given``, continued in arc length.
 
-    It goes to the value ``mu_end``, to the first state of which ``until`` says so, or to ``max_states`` states.
+    It goes to the value ``end``, to the first state of which ``until`` says so, or to ``max_states`` states.
     """
     problem = analysis.problem
     free, (weight, slack) = problem.free, _weights(problem)
@@ -125,8 +110,8 @@ def followed(
                 stop = Status.STEP_TOO_SMALL if state.status.ok else state.status
                 break
             continue
-        if mu_end is not None and (state.value - mu_end) * (last.value - mu_end) <= 0 and state.value != last.value:
-            at_end = _interpolated_end(problem, last, state, mu_end)
+        if end is not None and (state.value - end) * (last.value - end) <= 0 and state.value != last.value:
+            at_end = _interpolated_end(problem, last, state, end)
             states += [_accepted(analysis, at_end, states)] if at_end.status.ok else []
             stop = at_end.status
             break
@@ -147,7 +132,7 @@ def arc_length(problem: Problem, start: tuple[Float[Array, "n 2"], float], end: 
 
 def _weights(problem):
     """Weights of the squares of displacements and of the change of the control in an arc length."""
-    return 1 / (problem.model.n_nodes * problem.model.cloud.spacing**2), 1 / scale_of(problem.control) ** 2
+    return 1 / (problem.model.n_nodes * problem.model.cloud.spacing**2), 1 / problem.control.scale**2
 
 
 def _turned(state, last, direction, weights, free):
@@ -157,17 +142,17 @@ def _turned(state, last, direction, weights, free):
     return forward < 0.7 * np.sqrt(weights[0] * moved @ moved + weights[1] * change**2)
 
 
-def _interpolated_end(problem, last, state, mu_end):
-    """`State` at the value ``mu_end`` between two states."""
-    share = (mu_end - last.value) / (state.value - last.value)
+def _interpolated_end(problem, last, state, end):
+    """`State` at the value ``end`` between two states."""
+    share = (end - last.value) / (state.value - last.value)
     x, pressure = (old + share * (new - old) for old, new in ((last.x, state.x), (last.pressure, state.pressure)))
-    return solve(problem, mu_end, x, pressure, own_factor=True)
+    return solve(problem, end, x, pressure, own_factor=True)
 
 
 def _path(problem: Problem, states, stop):
     if not states:
         raise StateNotFound(f"no state of the branch was found: {stop.text}")
-    return Path.from_states(problem.model, problem.gel, states, control=problem.control, stop=stop)
+    return Path.from_states(problem, states, stop=stop)
 
 
 def _accepted(analysis, state, states):

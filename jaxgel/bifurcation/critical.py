@@ -15,13 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float
-from ..continuation import Path, is_traced, values_of
-from ..controls import Control, check_values, control_name, unit_of
-from ..discretisation import Model
-from ..equilibrium import first_order_only, without_derivatives
-from ..materials import AnyGel
-from ..mechanics import Problem, check_model, curvature, localised, residual
+from .._validation import check_kind
+from ..continuation import Path, is_traced
+from ..controls import check_values
+from ..equilibrium import UNOBSERVED, Observer, first_order_only, without_derivatives
+from ..mechanics import Problem, curvature, residual, touches
 from .points import CriticalPoint
 from .search import locate
 
@@ -29,39 +27,28 @@ Point = TypeVar("Point")
 
 
 def critical_points(
-    model: Model,
-    gel: AnyGel,
-    *,
-    mu: tuple[float, float] | None = None,
-    control: Control | None = None,
-    values: tuple[float, float] | None = None,
-    loads: Float[Array, "n 2"] | None = None,
-    most: int = 4,
+    problem: Problem, between: tuple[float, float], *, most: int = 4, observer: Observer = UNOBSERVED
 ) -> list[CriticalPoint]:
-    """``CriticalPoint``s of the branch that continues the dry state between ``mu = (first, last)``, or ``values`` of another ``control``.
+    """``CriticalPoint``s of the branch that continues the dry state ``between`` two values (first, last) of the problem's control.
 
     At most ``most``, in the order in which that way meets them; the last value may be below the first. They are located to
     ``search.TOLERANCE``; a fold where the branch turns back, if it does (on other branches: see ``folds``). ``point.value``, which is
-    ``point.mu`` without another control, is differentiable once in everything the model, the gel and the control depend on, forward and
-    reverse; derivatives for designs that break the symmetry are those of the perfect branch, for a double eigenvalue those of the mean.
-    A change of stability whose point is not located is warned of (`PointNotLocated`). ValueError inside jit or vmap and for second
-    derivatives.
+    ``point.mu`` without another control, is differentiable once in everything the problem depends on, forward and reverse; derivatives for
+    designs that break the symmetry are those of the perfect branch, for a double eigenvalue those of the mean. A change of stability whose
+    point is not located is warned of (`PointNotLocated`). The ``observer`` is told of the states and of the points. ValueError inside jit
+    or vmap and for second derivatives.
     """
-    check_model(model, gel)
-    ends = ends_of(mu, control, values)
-    loads = jnp.zeros((model.n_nodes, 2)) if loads is None else loads
-    problem = Problem(model, localised(model, gel), loads, None, control)
-    return located("critical_points", lambda problem: locate(problem, ends, most), problem)
+    ends = ends_of(problem, between)
+    return located("critical_points", lambda problem: locate(problem, ends, most, observer), problem)
 
 
-def ends_of(mu: tuple[float, float] | None, control: Control | None, values: tuple[float, float] | None) -> tuple[float, float]:
-    """First and last value of the control; ValueError, one line, for anything else."""
-    name, ends = control_name(control), values_of(mu, control, values)
-    check_values(ends, name, unit_of(control))
-    if not (isinstance(ends, tuple) and len(ends) == 2):
-        raise ValueError(f"{name}: {ends} is not accepted, it must be a tuple (first, last)")
-    first, last = map(float, ends)
-    return first, last
+def ends_of(problem: Problem, between: tuple[float, float]) -> tuple[float, float]:
+    """First and last value of the control of a `Problem`; ValueError, one line, for anything else."""
+    check_kind("problem", problem, Problem, "a Problem, as Problem(model, gel) makes it")
+    ends = check_values(between, problem.control.name, problem.control.unit)
+    if len(ends) != 2:
+        raise ValueError(f"{problem.control.name}: {between} is not accepted, it must be two numbers (first, last)")
+    return float(ends[0]), float(ends[1])
 
 
 def located(
@@ -76,10 +63,13 @@ def located(
     if not is_traced(of):
         return find(of)
     search = _Search(name, find, field, tangent or _critical_tangent)
-    leaves, structure = jax.tree.flatten(with_float_parameters(of) if isinstance(of, Problem) else of)
+    leaves, structure = jax.tree.flatten(of)
     values = _located(search, structure, leaves)
     points = without_derivatives_by(search.points, leaves, name, field)
-    return [dataclasses.replace(point, **{field: value}) for point, value in zip(points, values, strict=True)]
+    found = [dataclasses.replace(point, **{field: value}) for point, value in zip(points, values, strict=True)]
+    if not (isinstance(of, Problem) and field == "value"):
+        return found
+    return [dataclasses.replace(point, mu=of.at(point.value)[1]) for point in found]
 
 
 def without_derivatives_by(results: Any, inputs: Any, name: str, field: str) -> Any:
@@ -91,22 +81,16 @@ def without_derivatives_by(results: Any, inputs: Any, name: str, field: str) -> 
 def with_floats(change: Callable[[Any], Any], results: Any) -> Any:
     """Results with ``change(value)`` in place of each float and array of floats, also in lists, tuples and dataclasses.
 
-    Models, gels and controls, and the ``value``s of a path, at which it was computed, stay.
+    The problem of a path and the values of its control, at which it was computed, stay.
     """
     if isinstance(results, list | tuple):
         return type(results)(with_floats(change, one) for one in results)
     if dataclasses.is_dataclass(results) and not isinstance(results, type):
-        kept = ("model", "gel", "control", "value", *(["mu"] if results.control is None else [])) if isinstance(results, Path) else ()
+        kept = ("problem", "value", *(["mu"] if results.control.name == "mu" else [])) if isinstance(results, Path) else ()
         names = [one.name for one in dataclasses.fields(results) if one.name not in kept]
         return dataclasses.replace(results, **{name: with_floats(change, getattr(results, name)) for name in names})
     is_float = isinstance(results, float | np.floating | np.ndarray | jax.Array) and jnp.issubdtype(jnp.result_type(results), jnp.floating)
     return change(results) if is_float else results
-
-
-def with_float_parameters(problem: Problem) -> Problem:
-    """The problem with floating-point numbers in its gel and control, which have tangents."""
-    gel, control = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), (problem.gel, problem.control))
-    return dataclasses.replace(problem, gel=gel, control=control)
 
 
 def check_untraced(name: str, *inputs: Any) -> None:
@@ -149,6 +133,8 @@ def _located_jvp(search, structure, primals, tangents):
 
 
 def _critical_tangent(point, value, problem, dots):
+    if problem.has_contact and not touches(point.x, problem.model):
+        problem, dots = problem.without_contact, dots.without_contact  # no derivative, but a cost
     return _onset_tangent(point.x, point.modes, point.correction, value, problem, dots, fold=point.kind == "fold")
 
 

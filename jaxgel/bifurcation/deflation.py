@@ -7,12 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
-from ..continuation import values_of
-from ..controls import Control
-from ..discretisation import Model
-from ..equilibrium import State, advanced, assess_equilibrium, dry_state, iterate, of_control, starting
-from ..materials import AnyGel
-from ..mechanics import Problem, check_model, condensed_rhs, factorised_tangent, prepare, restrict, state_pressure
+from ..equilibrium import NEWTON, State, advanced, dry_state, iterate, starting
+from ..mechanics import Problem, condensed_rhs, factorised_tangent, restrict, state_pressure
 from .critical import check_untraced
 
 MAX_ITERATIONS = 60
@@ -20,33 +16,19 @@ FAR = 1e3  # widths of the plate: an iterate whose nodes lie farther out has div
 
 
 def find_states_by_deflation(
-    model: Model,
-    gel: AnyGel,
+    problem: Problem,
+    value: Scalar,
     *,
-    mu: Scalar | None = None,
-    control: Control | None = None,
-    value: Scalar | None = None,
     known: Sequence[Float[Array, "n 2"]] | Float[Array, "k n 2"],
     starts: Sequence[Float[Array, "n 2"]] | Float[Array, "s n 2"],
-    loads: Float[Array, "n 2"] | None = None,
 ) -> list[State]:
-    """Equilibria at one mu, or at one ``value`` of another ``control``, that are not among the positions ``known``, from ``starts``, mm.
+    """Equilibria at a ``value`` of the problem's control that are not among the positions ``known``, from ``starts``, mm.
 
     Newton's method on the residual times prod_i (1 + n spacing^2 / |x - x_i|^2), which does not vanish at the known states (Farrell,
     Birkisson & Funke 2015): its step is Newton's own, stretched. Each state that is found is deflated too.
     """
-    check_model(model, gel)
-    check_untraced("find_states_by_deflation", model, gel, mu, control, value, loads)
-    return deflated(prepare(model, gel, loads, control=control), values_of(mu, control, value), known, starts)
-
-
-def deflated(
-    problem: Problem,
-    value: Scalar,
-    known: Sequence[Float[Array, "n 2"]] | Float[Array, "k n 2"],
-    starts: Sequence[Float[Array, "n 2"]] | Float[Array, "s n 2"],
-) -> list[State]:
-    """`find_states_by_deflation` for a problem at a ``value`` of its control."""
+    check_untraced("find_states_by_deflation", problem, value)
+    problem = problem.prepared
     others, found, (now, mu) = [np.asarray(x) for x in known], [], problem.at(value)
     for start in starts:
         x = problem.placed(jnp.asarray(start), value)
@@ -55,7 +37,7 @@ def deflated(
         state = iterate(now, starting(now, mu, x, pressure), _Deflated(others))
         if state.status.ok:
             others.append(np.asarray(state.x))
-            found.append(of_control(problem, state, value))
+            found.append(dataclasses.replace(state, value=float(value)))
     return found
 
 
@@ -67,7 +49,7 @@ class _Deflated:
     factor: object = None
 
     def assess(self, problem: Problem, state: State):
-        size, solved = assess_equilibrium(state)
+        size, solved = NEWTON.assess(state)
         return size if np.abs(np.asarray(state.x)).max() < FAR * problem.model.cloud.plate.width else np.nan, solved
 
     def exhausted(self, state):

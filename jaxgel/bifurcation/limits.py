@@ -1,16 +1,15 @@
 """Where a stable branch ends along a sweep that jumps from there to another one."""
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..continuation import predict
 from ..equilibrium import State, control_force, solve
-from ..mechanics import Problem, restrict
+from ..mechanics import restrict
 from .points import CriticalPoint
-from .search import Shared, counted, crossings, fold_next_to, heads_for_fold, inside
+from .search import Searches, counted, crossings, fold_next_to, heads_for_fold, inside
 
 WORK = 1e-6  # of the control's force along the mode, relative: less is that of a bifurcation
 PERFECT = 1e-9  # imperfection of a bifurcation, which is round-off: with a larger one the branch ends at a fold
@@ -25,25 +24,6 @@ class Limit:
     """Number of the state after it."""
     point: CriticalPoint | None
     """Fold or subcritical bifurcation at which the branch ends; None where it was not located."""
-
-
-class Searches:
-    """What searches of a problem share, with contact and without."""
-
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-
-    def next_to(self, state: State) -> Shared:
-        """What the search next to a state uses."""
-        return self._without if state.contact_active is False or not self._problem.has_contact else self._with
-
-    @functools.cached_property
-    def _with(self):
-        return Shared.of(self._problem)
-
-    @functools.cached_property
-    def _without(self):
-        return Shared.of(self._problem.without_contact)
 
 
 def limits_of(searches: Searches, states: Sequence[State]) -> list[Limit]:
@@ -76,7 +56,7 @@ def _folds(shared, earlier, before, after):
 
 def _is_fold(shared, point):
     """Whether the control does work on the mode, which it does not where a branch ends at a symmetric one."""
-    state = State(point.mu, point.x, point.pressure, control=None if shared.problem.control is None else point.value)
+    state = State(point.value, point.mu, point.x, point.pressure)
     force, mode = control_force(shared.problem, state), restrict(point.modes[0], shared.problem.free)
     return abs(force @ mode) > WORK * np.linalg.norm(force) * np.linalg.norm(mode)
 

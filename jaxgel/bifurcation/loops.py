@@ -1,25 +1,21 @@
 """Loops: the stable branch up and down along a control, the limits of stability at which it jumps, and the unstable branch between them."""
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 from jax.lax import stop_gradient
 
 from .._threads import few_threads
-from .._types import Array, Float, Scalar
+from .._types import Scalar
 from .._validation import Inadmissible
-from ..continuation import Followed, Following, Path, StabilityAnalysis, check_sweep, first_state_failed, is_traced
-from ..controls import Control, control_name, unit_of
-from ..discretisation import Model
-from ..equilibrium import Stability, State, StateNotFound, accepted, solve
-from ..materials import AnyGel
-from ..mechanics import Problem, check_model, localised, prepare, restrict, with_contact
+from ..continuation import Adaptive, Followed, Following, Path, StabilityAnalysis, check_sweep, first_state_failed, is_traced
+from ..equilibrium import UNOBSERVED, Change, Observer, Stability, State, StateNotFound, accepted, solve
+from ..mechanics import Problem, restrict
 from .branches import MAX_STATES, arc_length, followed, leaving
 from .critical import ends_of, located, with_floats, without_derivatives_by
-from .limits import Searches, limits_of
+from .limits import limits_of
 from .points import CriticalPoint
-from .search import inside
+from .search import Searches, inside
 
 MAX_STEPS = 400  # accepted states of both ways together
 LONGEST = 0.1  # step along the unstable branch, in its arc length, or
@@ -45,8 +41,6 @@ class Loop:
     """Unstable states from ``fold_up`` to ``fold_down``; None where there are none, or where they were not asked for."""
     joined: bool
     """Whether the unstable branch ends at ``fold_down``."""
-    loads: Float[Array, "n 2"]
-    """Dead nodal loads besides those of the control, kT/v mm."""
     unlocated: tuple[float, ...] = ()
     """Values after jumps whose limit of stability was not found."""
 
@@ -76,8 +70,8 @@ class Loop:
     @property
     def critical(self) -> Path | None:
         """The states at the jumps, those of the way up first; without energies, None where there is none."""
-        states = [_state_of(point, self.up.problem) for point in (*self.jumps_up, *self.jumps_down)]
-        return Path.from_states(self.up.model, self.up.gel, states, control=self.up.control) if states else None
+        states = [_state_of(point) for point in (*self.jumps_up, *self.jumps_down)]
+        return Path.from_states(self.up.problem, states) if states else None
 
     def states_at(self, value: float) -> tuple[State, State]:
         """The stable states at a ``value`` of the control on the way up and down; the same one where there is only one.
@@ -124,69 +118,61 @@ class Loop:
 
     @property
     def _name(self):
-        return control_name(self.up.control)
+        return self.up.control.name
 
     @property
     def _unit(self):
-        return f" {unit_of(self.up.control)}".rstrip()
+        return f" {self.up.control.unit}".rstrip()
 
     @property
     def _analysis(self):
-        return StabilityAnalysis(prepare(self.up.model, self.up.gel, self.loads, control=self.up.control))
+        return StabilityAnalysis(self.up.problem.prepared)
 
 
 def loop(
-    model: Model,
-    gel: AnyGel,
+    problem: Problem,
+    between: tuple[float, float],
     *,
-    mu: tuple[float, float] | None = None,
-    control: Control | None = None,
-    values: tuple[float, float] | None = None,
-    contact: str = "on",
-    loads: Float[Array, "n 2"] | None = None,
     unstable: bool = True,
     symmetry: str = "auto",
+    until_contact: bool = False,
     max_steps: int = MAX_STEPS,
-    on_step: Callable[[State], None] | None = None,
+    observer: Observer = UNOBSERVED,
 ) -> Loop:
-    """`Loop` of the stable branch between ``mu = (first, last)``, or ``values`` of another ``control``, and back in adaptive steps.
+    """`Loop` of the stable branch of a `Problem` ``between`` two values (first, last) of its control, and back, in steps of its own.
 
-    Where a stable branch ends, the gel relaxes to another stable state, which is marked ``switched``; where there is none the loop ends,
+    Where a stable branch ends, the gel relaxes to another stable state, whose ``switched`` says so; where there is none the loop ends,
     with the reason in ``stop_text``. The limits of stability are located to ``search.TOLERANCE``; their values, and so the width, are
-    differentiable once in everything that model, gel and control depend on, forward and reverse; the states are not (ValueError). With
-    ``unstable`` the branch between ``fold_up`` and ``fold_down`` is followed in arc length. ``contact``, ``loads``, ``symmetry`` and
-    ``on_step`` are those of `sweep`. ValueError for unusable ends, gel or control, inside jit or vmap and for second derivatives;
-    ``SweepFailed`` where the first state is not found.
+    differentiable once in everything that the problem depends on, forward and reverse; the states are not (ValueError). With
+    ``unstable`` the branch between ``fold_up`` and ``fold_down`` is followed in arc length. ``symmetry``, ``until_contact`` and
+    ``observer`` are those of `sweep`; at most ``max_steps`` states are accepted. ValueError for unusable ends, gel or control, inside jit
+    or vmap and for second derivatives; ``SweepFailed`` where the first state is not found.
     """
-    ends = ends_of(mu, control, values)
-    options = Following("stable", contact, adaptive=True, max_steps=max_steps, symmetry=symmetry, jumps=True)
-    check_model(model, gel)
-    model = with_contact(model, gel) if contact == "on" else dataclasses.replace(model, contact=None)
-    loads = np.zeros((model.n_nodes, 2)) if loads is None else loads
+    first, last = ends_of(problem, between)
+    options = Following(symmetry=symmetry, eigenvalues=True, until_contact=until_contact, observer=observer, jumps=True)
     made = []
 
     def find(problem):
-        made[:] = [_loop(problem, ends, options, unstable, on_step)]
+        made[:] = [_loop(problem.prepared, Adaptive(first, last, first, max_steps=max_steps), options, unstable)]
         return [*made[0].jumps_up, *made[0].jumps_down]
 
-    points = located("loop", find, Problem(model, localised(model, gel), loads, None, control))
-    found, inputs, count = made[0], (model, gel, loads, control), len(made[0].jumps_up)
-    if is_traced(inputs):
-        up, down, between = without_derivatives_by((found.up, found.down, found.unstable), inputs, "loop", "value of a jump")
-        found = dataclasses.replace(found, up=up, down=down, unstable=between)
+    points = located("loop", find, problem)
+    found, count = made[0], len(made[0].jumps_up)
+    if is_traced(problem):
+        up, down, branch = without_derivatives_by((found.up, found.down, found.unstable), problem, "loop", "value of a jump")
+        found = dataclasses.replace(found, up=up, down=down, unstable=branch)
     return dataclasses.replace(found, jumps_up=tuple(points[:count]), jumps_down=tuple(points[count:]))
 
 
-def _loop(problem, ends, options, unstable, on_step):
+def _loop(problem, way, options, unstable):
     """`Loop` of a problem without tracers."""
-    prepared = prepare(problem.model, problem.gel, problem.loads, control=problem.control)
-    check_sweep(prepared, np.array([*ends, ends[0]]))
+    check_sweep(problem, np.array(way.values))
     with few_threads(2 * problem.model.n_nodes):
-        way = Followed(prepared, [*ends, ends[0]], options)
-        states = way.light_states(on_step)
+        followed_way = Followed(problem, way, options)
+        states = followed_way.light_states()
         if not states:
-            raise first_state_failed(problem.control, ends[0], way.stop)
-        return _with_limits(prepared, states, ends, way.stop, unstable)
+            raise first_state_failed(problem.control, way.values[0], followed_way.stop)
+        return _with_limits(problem, states, way.values[:2], followed_way.stop, unstable)
 
 
 def _with_limits(problem, states, ends, stop, unstable):
@@ -196,12 +182,14 @@ def _with_limits(problem, states, ends, stop, unstable):
     for number, way in enumerate(ways):
         limits.append(limits_of(searches, way))
         jumps = {limit.at for limit in limits[-1]}
-        ways[number] = [dataclasses.replace(state, switched=True) if k in jumps else state for k, state in enumerate(way)]
-    ended = "" if stop.ok else f"stopped after {control_name(problem.control)} = {states[-1].value:.6g}: {stop.text}"
+        ways[number] = [
+            dataclasses.replace(state, switched=state.switched or Change.RELAXATION) if k in jumps else state for k, state in enumerate(way)
+        ]
+    ended = "" if stop.ok else f"stopped after {problem.control.name} = {states[-1].value:.6g}: {stop.text}"
 
     def path(way, last):
         reason = dict(stop=stop, stop_text=ended) if last else {}
-        return Path.from_states(problem.model, problem.gel, way, control=problem.control, **reason)
+        return Path.from_states(problem, way, **reason)
 
     paths = [path(way, last=number == 1 or not ways[1]) if way else None for number, way in enumerate(ways)]
     made = Loop(
@@ -209,7 +197,6 @@ def _with_limits(problem, states, ends, stop, unstable):
         *(tuple(limit.point for limit in found if limit.point is not None) for found in limits),
         unstable=None,
         joined=False,
-        loads=np.asarray(problem.loads),
         unlocated=tuple(way[limit.at].value for way, found in zip(ways, limits, strict=True) for limit in found if limit.point is None),
     )
     if not unstable or made.fold_up is None:
@@ -222,7 +209,7 @@ def _with_unstable(made, before, after):
     """The loop with the unstable branch from ``fold_up``, between the states ``before`` and ``after`` it."""
     analysis, point, end = made._analysis, made.fold_up, made.fold_down
     if point.kind == "fold":
-        at = _state_of(point, analysis.problem)
+        at = _state_of(point)
         start = [before, accepted(analysis.problem, at, at.stability)]
     else:
         start, stop = leaving(analysis, point, np.copysign(1.0, _along(analysis, point, after.x)) * point.modes[0])
@@ -243,12 +230,10 @@ def _along(analysis, point, x):
     return restrict(np.asarray(x) - np.asarray(point.x), free) @ (analysis.stiffness @ restrict(point.modes[0], free))
 
 
-def _state_of(point, problem):
+def _state_of(point):
     """The `State` of a critical point, whose mode counts as stable."""
-    stability = Stability(np.asarray(point.eigenvalues), None, point.unstable)
-    return State(
-        float(point.mu), point.x, point.pressure, control=None if problem.control is None else float(point.value), stability=stability
-    )
+    stability = Stability(point.unstable, np.asarray(point.eigenvalues))
+    return State(float(point.value), float(point.mu), point.x, point.pressure, stability=stability)
 
 
 class _End:
@@ -283,7 +268,7 @@ class _End:
 def _state_at(analysis, path, value, jumps):
     """Stable `State` at a ``value`` of the control on one way of a loop."""
     k = next((k for k in range(len(path) - 1) if min(path.value[k : k + 2]) <= value <= max(path.value[k : k + 2])), None)
-    name = control_name(path.control)
+    name = path.control.name
     if k is None:
         low, high = sorted(path.value[[0, -1]])
         raise Inadmissible(f"{name}: {value:g} is outside of the loop, which goes from {low:g} to {high:g}")

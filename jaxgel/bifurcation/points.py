@@ -25,7 +25,9 @@ class CriticalPoint:
     """A state of a branch with a vanishing eigenvalue of multiplicity m."""
 
     value: Scalar
-    """Value of the control, of mu in kT without another; differentiable with respect to the model, the gel and the control."""
+    """Value of the control, of mu in kT without another; differentiable with respect to the problem."""
+    mu: Scalar
+    """Chemical potential, kT: the value itself where that is the control; differentiable, too."""
     kind: str
     """"bifurcation" or "fold"."""
     x: Float[Array, "n 2"]
@@ -48,13 +50,6 @@ class CriticalPoint:
     """Negative eigenvalues of the branch just before the point."""
     correction: Float[np.ndarray, "n 2"]
     """Field w of the derivative, see `critical`."""
-    chemical_potential: float | None = None
-    """Chemical potential, kT, where another control is driven."""
-
-    @property
-    def mu(self) -> Scalar:
-        """Chemical potential, kT: the value itself where that is the control."""
-        return self.value if self.chemical_potential is None else self.chemical_potential
 
     @property
     def multiplicity(self) -> int:

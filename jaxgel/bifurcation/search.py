@@ -6,18 +6,17 @@ critical value is free of the cloud's imperfection to first order. At a fold v .
 """
 
 import dataclasses
+import functools
 import itertools
 import warnings
 
 import numpy as np
 import scipy.sparse as sp
 
-from .._types import Array, Float
-from ..continuation import Path, StabilityAnalysis, check_is_path, oriented, sweep
-from ..controls import control_name, scale_of
-from ..equilibrium import Conditions, Stability, State, control_force, solve, solve_bordered
+from ..continuation import Adaptive, Path, StabilityAnalysis, check_is_path, oriented, sweep
+from ..equilibrium import Conditions, Observer, Stability, State, control_force, solve, solve_bordered
 from ..linalg import Bordered, nearest_modes
-from ..mechanics import Problem, prepare, restrict, scatter
+from ..mechanics import Problem, restrict, scatter, touches
 from ..symmetry import characters
 from .points import KEPT, CriticalPoint, Expansion, expand
 
@@ -32,22 +31,26 @@ class PointNotLocated(UserWarning):
     """The number of negative eigenvalues changes between two states of a branch, and the critical point between them was not located."""
 
 
-def locate(problem: Problem, ends: tuple[float, float], most: int) -> list[CriticalPoint]:
+def locate(problem: Problem, ends: tuple[float, float], most: int, observer: Observer) -> list[CriticalPoint]:
     """The first ``most`` critical points of the branch that continues the dry state, in the order from one of the ``ends`` to the other."""
     steps, control = [], problem.control
-    what = dict(mu=ends) if control is None else dict(control=control, values=ends)
-    path = sweep(
-        problem.model, problem.gel, **what, branch="symmetric", loads=problem.loads, on_step=lambda state: steps.append(state.light)
-    )
-    shared = Shared.of(prepare(problem.model, problem.gel, problem.loads, control=control))
+
+    def accepted(state):
+        steps.append(state.light)
+        observer.accepted(state)
+
+    seen = dataclasses.replace(observer, accepted=accepted)
+    path = sweep(problem, Adaptive(*ends), branch="symmetric", eigenvalues=True, observer=seen)
+    searches = Searches(problem)
     points = []
     for earlier, (before, after) in zip([None, *steps], itertools.pairwise(steps), strict=False):
         if len(points) == most:
             break
+        shared, known = searches.next_to(before), len(points)
         if before.negative_pivots != after.negative_pivots:
             found = crossings(shared, earlier, before, after)
             if not found:
-                where = f"{control_name(control)} = {before.value:.6g} and {after.value:.6g}"
+                where = f"{control.name} = {before.value:.6g} and {after.value:.6g}"
                 counts = f"{before.negative_pivots} to {after.negative_pivots}"
                 text = f"critical_points: between {where} the negative eigenvalues change from {counts}, and no point was located"
                 warnings.warn(text, PointNotLocated, stacklevel=2)
@@ -56,21 +59,23 @@ def locate(problem: Problem, ends: tuple[float, float], most: int) -> list[Criti
                 points += [] if again else [point]  # an unsymmetric cloud splits a double one
         elif earlier is not None and heads_for_fold(earlier, before, after.value):
             points += [fold for fold in fold_next_to(shared, earlier, before) if inside(fold.value, before.value, after.value)]
+        for point in points[known:]:
+            observer.located(point)
     if not path.stop.ok and len(points) < most and len(steps) > 1:
-        points += fold_next_to(shared, *steps[-2:])
+        points += fold_next_to(searches.next_to(steps[-2]), *steps[-2:])
     return sorted(points, key=lambda point: abs(point.value - ends[0]))[:most]
 
 
-def folds(path: Path, loads: Float[Array, "n 2"] | None = None) -> list[CriticalPoint]:
+def folds(path: Path) -> list[CriticalPoint]:
     """``CriticalPoint``s of kind "fold" where the control turns along a ``Path`` of `switch_branch` or `continue_branch`.
 
     Their values have no derivatives.
     """
     check_is_path(path)
-    shared, rise = Shared.of(prepare(path.model, path.gel, loads, control=path.control)), np.diff(path.value)
+    searches, rise = Searches(path.problem), np.diff(path.value)
     states = [path[k] for k in range(len(path))]
     turns = np.flatnonzero(rise[1:] * rise[:-1] < 0)
-    return [point for k in turns for point in fold_next_to(shared, states[k], states[k + 1])]
+    return [point for k in turns for point in fold_next_to(searches.next_to(states[k]), states[k], states[k + 1])]
 
 
 def heads_for_fold(earlier: State, before: State, value: float) -> bool:
@@ -100,22 +105,43 @@ class Shared:
     @property
     def tolerance(self) -> float:
         """Of a critical value, in the control's unit."""
-        return TOLERANCE * scale_of(self.problem.control)
+        return TOLERANCE * self.problem.control.scale
 
     @property
     def round_off(self) -> float:
         """Largest step, in the control's unit, that may be round-off."""
-        return ROUND_OFF * scale_of(self.problem.control)
+        return ROUND_OFF * self.problem.control.scale
 
     @property
     def together(self) -> float:
         """Distance, in the control's unit, within which crossings are searched as one."""
-        return TOGETHER * scale_of(self.problem.control)
+        return TOGETHER * self.problem.control.scale
 
     @property
     def stiffness(self) -> sp.csr_matrix:
         """That of the network, (f, f)."""
         return self.analysis.stiffness
+
+
+class Searches:
+    """What searches of a problem share, with contact and without."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+
+    def next_to(self, state: State) -> Shared:
+        """What the search next to a state uses."""
+        problem = self._problem
+        active = touches(state.x, problem.model) if problem.has_contact and state.contact_active is None else state.contact_active
+        return self._with if problem.has_contact and active else self._without
+
+    @functools.cached_property
+    def _with(self):
+        return Shared.of(self._problem.prepared)
+
+    @functools.cached_property
+    def _without(self):
+        return Shared.of(self._problem.without_contact.prepared)
 
 
 def crossings(shared: Shared, before: State | None, low: State, high: State) -> list[CriticalPoint]:
@@ -141,8 +167,7 @@ def crossings(shared: Shared, before: State | None, low: State, high: State) -> 
 
 def counted(state: State) -> State:
     """A state with a factor of its own tangent, which gives the number of its negative eigenvalues, without it."""
-    count = Stability(np.array([np.nan]), None, state.factor.negative_pivots)
-    return dataclasses.replace(state.light, stability=count)
+    return dataclasses.replace(state.light, stability=Stability(state.factor.negative_pivots))
 
 
 def _bifurcation(shared, low, high, multiplicity):
@@ -197,6 +222,7 @@ def _point(shared, state, value, modes, eigenvalues, local, forces, unstable, ki
     spacing = problem.model.cloud.spacing
     return CriticalPoint(
         value=float(value),
+        mu=float(problem.at(value)[1]),
         kind=kind,
         x=np.asarray(state.x),
         pressure=np.asarray(state.pressure),
@@ -208,7 +234,6 @@ def _point(shared, state, value, modes, eigenvalues, local, forces, unstable, ki
         symmetries=characters(fields, problem.model),
         unstable=int(unstable),
         correction=np.asarray(scatter(local.correction, shape, problem.free)),
-        chemical_potential=None if problem.control is None else state.mu,
     )
 
 

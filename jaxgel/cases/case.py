@@ -33,16 +33,15 @@ from typing import Any
 import numpy as np
 
 from .._validation import check, did_you_mean, entry_of, with_changes
-from ..bifurcation import CriticalPoint, Loop, loop, points_by_options, sweep_by_options
+from ..bifurcation import CriticalPoint, Loop, critical_points, loop, problem_by_options, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions
-from ..controls import Control
 from ..discretisation import DiscretisationOptions, Model
-from ..equilibrium import State
+from ..equilibrium import UNOBSERVED, Observer
 from ..geometry import KINDS, Plate, check_plate
 from ..io import hole_table, hole_tables, mask_table, mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
-from ..mechanics import Loads, check_edges, check_room, with_contact
+from ..mechanics import Loads, Problem, check_edges, check_room
 from .samples import sample
 from .schema import GELS, MATERIAL, OPTIONS, PARAMETERS, OutputOptions, case_schema
 from .user_energy import user_gel
@@ -77,7 +76,7 @@ class Case:
         return self.discretisation.cloud(self.plate.reference or self.plate)
 
     def model(self, cloud: Cloud | None = None) -> Model:
-        """The discretised plate, with the contact of the sweep; ValueError for edges, a cloud or a support that the case does not allow.
+        """The discretised plate; ValueError for edges, a cloud or a support that the case does not allow.
 
         A plate whose holes have moved gets the cloud that it had before, placed, where that is good enough (see `refreshed`) and a new
         one where it is not; ``cloud`` is that former one where it was made already.
@@ -89,30 +88,27 @@ class Case:
         if self.plate.reference is not None:
             check_plate(self.plate)
             cloud, _ = self.discretisation.refreshed(cloud, self.plate)
-        model = self.discretisation.model(cloud)
-        return with_contact(model, self.gel) if self.sweep.contact == "on" else model
+        return self.discretisation.model(cloud)
 
-    def control(self, model: Model) -> Control | None:
-        """The control of the case's sweep on its ``model``; None for the chemical potential."""
-        return self.sweep.driver(self.loads.of(model))
+    def problem(self, model: Model, *, imperfect: bool = True) -> Problem:
+        """The `Problem` of the case on its ``model``: its gel, control, contact and loads, and with ``imperfect`` its imperfection."""
+        options = self.sweep if imperfect else dataclasses.replace(self.sweep, imperfection=0.0)
+        return problem_by_options(model, self.gel, options, loads=self.loads.of(model))
 
-    def path(self, model: Model, *, on_step: Callable[[State], object] | None = None) -> Path:
+    def path(self, model: Model, *, observer: Observer = UNOBSERVED) -> Path:
         """`Path` of the case's sweep on its ``model``."""
-        return sweep_by_options(model, self.gel, self.sweep, loads=self.loads.of(model), on_step=on_step)
+        return sweep_by_options(self.problem(model), self.sweep, observer=observer)
 
     def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
         """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.
 
-        The search chooses its own steps. ValueError for an imperfection, under which no branch bifurcates, and for other contact
-        than "on".
+        The search chooses its own steps. ValueError for an imperfection, under which no branch bifurcates.
         """
         if self.sweep.imperfection:
             raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} removes the bifurcations that are looked for; set it to 0")
-        if self.sweep.contact != "on":
-            raise ValueError(f"sweep.contact: {self.sweep.contact!r} is not accepted here, critical points are searched with contact 'on'")
-        return points_by_options(model, self.gel, self.sweep, most=most, loads=self.loads.of(model))
+        return critical_points(self.problem(model), self.sweep.ends, most=most)
 
-    def loop(self, model: Model, *, on_step: Callable[[State], object] | None = None) -> Loop:
+    def loop(self, model: Model, *, observer: Observer = UNOBSERVED) -> Loop:
         """`Loop` between the ends of the case's sweep, up and down, with steps of its own.
 
         ValueError for an imperfection, whose load is that of one branch.
@@ -121,10 +117,9 @@ class Case:
             raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} is not accepted here, it belongs to one branch; set it to 0")
         if self.sweep.branch != "stable":
             raise ValueError(f"sweep.branch: {self.sweep.branch!r} is not accepted here, a loop follows the stable branch")
-        control, loads = self.control(model), None if self.sweep.control == "load" else self.loads.of(model)
-        between = {"mu": self.sweep.ends} if control is None else {"control": control, "values": self.sweep.ends}
-        options = {"contact": self.sweep.contact, "symmetry": self.sweep.symmetry, "loads": loads, "on_step": on_step}
-        return loop(model, self.gel, **between, **options)
+        until_contact = self.sweep.contact == "stop"
+        options = {"symmetry": self.sweep.symmetry, "until_contact": until_contact, "observer": observer}
+        return loop(self.problem(model), self.sweep.ends, **options)
 
     def pictures(self) -> dict[str, tuple[PixelField | WithHoles, float, float]]:
         """The entries of the gel that are pictures, by name: the field, its value where the picture is black and where it is white."""

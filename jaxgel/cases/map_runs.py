@@ -27,10 +27,12 @@ import time
 from pathlib import Path as File
 from typing import Any
 
+from ..equilibrium import Observer
 from ..io import Recorder, failure, open_folder, read_record, run_calls, write_csv, write_json
 from ..observables import COLUMNS
 from .parameter_map import FORMAT, MAP, MapStudy, map_from_table, resumed_map
 from .parameters import components
+from .resume import path_of
 
 POINT, TABLE = "point.json", "points.csv"
 LAST = COLUMNS[COLUMNS.index("energy") :]  # columns of history.csv of which points.csv has the last state's
@@ -70,8 +72,8 @@ def run_point(text: str, values: dict, folder: str) -> dict:
     try:
         case = study.at(values)
         model = case.model(cloud)
-        recorder = Recorder(place, case, model, case.gel, durable=False)
-        path = case.path(model, on_step=recorder)
+        recorder = Recorder(place, case, case.problem(model), durable=False)
+        path = path_of(recorder, Observer(accepted=recorder))
         status, reason = "complete" if path.stop.ok else "stopped", path.stop_text
     except (OSError, MemoryError):
         raise  # not the point's fault

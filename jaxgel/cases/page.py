@@ -10,7 +10,6 @@ import numpy as np
 from .._types import Array
 from ..cloud import Cloud, boundary_edges
 from ..continuation import Path
-from ..controls import control_name, unit_of
 from ..io import load_run, write_atomically
 from ..materials import ACCEPTED
 from ..observables import (
@@ -62,13 +61,13 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
     low, high = values.min(), values.max()
     shades = np.minimum((values - low) / max(high - low, 1e-12) * COLOURS, COLOURS - 1).astype(int)
     used = deformed[:, np.unique(cloud.triangles)] * (RESOLUTION / cloud.plate.width)
-    driven = control_quantity(control_name(path.control), unit_of(path.control))
+    driven = control_quantity(path.control.name, path.control.unit)
     return {
         "title": title,
         "about": f"{len(cloud.nodes)} nodes, {_parameters(path)}; open dots are unstable states",
         "control": {"label": driven.plain_label(), "unit": "" if driven.unit == "1" else driven.unit},
         "value": np.asarray(path.value).tolist(),
-        "columns": {name: _column(quantity, table, cloud) for name, quantity in QUANTITIES.items() if quantity.viewed},
+        "columns": {name: _column(QUANTITIES[name], table, cloud) for name in _viewed(table)},
         "unstable": (np.asarray(table["negative_pivots"]) > 0).tolist(),
         "events": [{"text": event["text"], "state": event["state"]} for event in events(table)],
         "box": [*used.min(axis=(0, 1)).tolist(), *used.max(axis=(0, 1)).tolist()],
@@ -84,6 +83,12 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
             "states": shades.tolist(),
         },
     }
+
+
+def _viewed(table):
+    """Names of the quantities whose curves are shown: those that have a value."""
+    own = (name for name, quantity in QUANTITIES.items() if quantity.viewed)
+    return [name for name in own if np.isfinite(np.asarray(table[QUANTITIES[name].column], dtype=float)).any()]
 
 
 def _column(quantity: Quantity, table: dict[str, Any], cloud: Cloud) -> dict[str, Any]:
@@ -102,6 +107,6 @@ def _steps(positions: Array, cloud: Cloud) -> list[list[int]]:
 def _parameters(path):
     """Parameters of the gel in words, but for one that is driven, with their ranges where they vary over the plate."""
     ranges = {name: (float(values.min()), float(values.max())) for name, values in parameter_values(path).items()}
-    names = [name for name in ACCEPTED if hasattr(path.gel, name) and name != control_name(path.control)]
+    names = [name for name in ACCEPTED if hasattr(path.gel, name) and name != path.control.name]
     texts = {name: f"{low:.3g} to {high:.3g}" for name, (low, high) in ranges.items()}
     return ", ".join(f"{name} = {texts.get(name) or format(float(getattr(path.gel, name)), 'g')}" for name in names)

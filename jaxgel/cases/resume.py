@@ -1,16 +1,15 @@
 """An interrupted run, continued."""
 
-from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path as File
 
 import numpy as np
 
 from ..bifurcation import sweep_by_options
-from ..continuation import Path, SweepOptions
-from ..equilibrium import State, Status
+from ..continuation import Adaptive, Path, SweepOptions
+from ..equilibrium import Observer, Status
 from ..io import NUMERICAL, STEP_ARRAYS, Recorder, Run, load_run, read_summary
-from ..mechanics import all_volumes, localised
+from ..mechanics import all_volumes
 from .case import Case, from_table
 
 
@@ -21,47 +20,44 @@ def resumed(folder: File | str) -> Recorder:
     """
     if (File(folder) / "states.npz").is_file():
         case, path = _rebuilt(load_run(folder))
-        model, states = path.model, [path[k] for k in range(len(path))]
+        problem, states = case.problem(path.model), [path[k] for k in range(len(path))]
         if not _are_of(path.value.tolist(), case.sweep):
             name = case.sweep.control
             raise ValueError(f"folder: the {name} in {str(folder)!r} are not those of the case in its summary.json; run the case again")
     else:
         summary = read_summary(folder)
         case, states = from_table(summary["options"], summary["case"]), []
-        model = case.model()
-    recorder = Recorder(folder, case, model, case.gel)
+        problem = case.problem(case.model())
+    recorder = Recorder(folder, case, problem)
     recorder.begin(states)
     return recorder
 
 
-def path_of(recorder: Recorder, on_step: Callable[[State], object]) -> Path:
-    """`Path` of a recorder's case: the states that it has, and those that a sweep from the last one finds; ``on_step`` as in `sweep`."""
-    case, model, states = recorder.case, recorder.model, recorder.steps
-    if not states:
-        return case.path(model, on_step=on_step)
-    values = _left(case.sweep, [state.value for state in states])
-    if not values:
-        return Path.from_states(model, case.gel, states, control=recorder.control)
-    loads, last = case.loads.of(model), states[-1]
-    rest = sweep_by_options(model, case.gel, case.sweep, values=values, loads=loads, on_step=on_step, start=last)
-    states = [*states, *(rest[k] for k in range(len(rest)))]
-    return Path.from_states(model, case.gel, states, control=recorder.control, stop=rest.stop, stop_text=rest.stop_text)
+def path_of(recorder: Recorder, observer: Observer) -> Path:
+    """`Path` of a recorder's case: the states that it has, and those that a sweep from the last one finds; ``observer`` as in `sweep`."""
+    problem, options, states = recorder.problem, recorder.case.sweep, recorder.steps
+    values = _left(options, [state.value for state in states])
+    if states and not values:
+        return Path.from_states(problem, states)
+    start = states[-1] if states else None
+    rest = sweep_by_options(problem, options, values=values, start=start, observer=observer)
+    return Path.from_states(problem, [*states, *(rest[k] for k in range(len(rest)))], stop=rest.stop, stop_text=rest.stop_text)
 
 
-def _left(options: SweepOptions, done: list[float]) -> list[float] | tuple[float, ...]:
-    """The values that are left of a sweep after states at those ``done``; empty if none is."""
-    if options.given:
-        return options.values[len(done) :]
+def _left(options: SweepOptions, done: list[float]) -> list[float] | Adaptive | None:
+    """The values that are left of a sweep after states at those ``done``; none if all are."""
+    if options.given or not done:
+        return options.values[len(done) :] if options.given else options.values
     goals = options.turns[1:]
     for value in done[1:]:
         goals = goals[1:] if goals and value == goals[0] else goals
-    return (done[-1], *goals) if goals else ()
+    return Adaptive(done[-1], *goals) if goals else None
 
 
 def _are_of(values, options):
     """Whether a sweep of the `SweepOptions` begins with these values of its control."""
     if options.given:
-        return values == options.values[: len(values)]
+        return values == options.numbers[: len(values)]
     low, high = min(options.turns), max(options.turns)
     return values[0] == options.turns[0] and all(low <= value <= high for value in values)
 
@@ -83,28 +79,27 @@ def load_path(folder: File | str) -> Path:
 
 
 def _rebuilt(run: Run) -> tuple[Case, Path]:
-    """The `cases.Case` and the `Path` of a `Run`, whose model has contact; ValueError if they do not fit together."""
+    """The `cases.Case` and the `Path` of a `Run`, whose problem lacks an imperfection; ValueError if they do not fit together."""
     again = f"in {str(run.folder)!r}"
     try:
         case = from_table(run.summary["options"], run.summary["case"])
     except ValueError as problem:
         raise ValueError(f"folder: the case {again} is not one of this version of jaxgel: {problem}; run the case again") from None
     states = run.states
-    if (case.sweep.control, "value" in states) != (run.control[0], run.control[0] != "mu"):
+    if case.sweep.control != run.control[0]:
         raise ValueError(f"folder: the control of the run {again} is not that of its case; run the case again")
     model = case.model()
     nodes = np.asarray(model.cloud.nodes)
     fits = nodes.shape == states["nodes"].shape and np.abs(nodes - states["nodes"]).max() <= 1e-9
     if not (fits and states["pressure"].shape[1] == len(all_volumes(model)) and len(states["x"][0]) == len(nodes)):
         raise ValueError(f"folder: the nodes {again} are not those of this version of jaxgel; run the case again")
+    columns = {name: states[name] for name in STEP_ARRAYS}
     return case, Path(
-        model=model,
-        gel=localised(model, case.gel),
-        status=[Status[name] for name in states["status"]],
+        problem=case.problem(model, imperfect=False),
+        status=np.array([Status[name] for name in states["status"]]),
+        derivative=np.full(len(states["x"]), int(Status.NOT_EXAMINED)),
         symmetry=tuple(map(str, states["symmetry"])),
-        value=states.get("value"),
-        control=case.control(model),
         stop=Status[run.summary["stop"]],
         stop_text=run.summary["reason"],
-        **{name: states[name] for name in STEP_ARRAYS},
+        **columns,
     )

@@ -12,7 +12,7 @@ from .starting import sample_names
 OPTIONS = {
     "sweep": (
         *("control", "mu_start", "mu_end", "from", "to", "back", "values", "at_mu", "direction"),
-        *("steps", "branch", "imperfection", "contact"),
+        *("steps", "branch", "imperfection", "contact", "eigenvalues"),
     ),
     "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "solver"),
 }  # sections of a case file and their entries that are options of commands

@@ -64,6 +64,9 @@ def _case_commands(add):
         "--imperfection", type=_real, metavar="EPS", help="push along the first bifurcation's mode by EPS node spacings (default: 0)"
     )
     _choice(p, "sweep", "contact", "where a hole's sides meet: keep them apart, let them overlap, or stop (default: on)")
+    p.add_argument(
+        "--eigenvalues", action="store_const", const=True, help="compute every state's lowest eigenvalue, a column of history.csv"
+    )
     p.add_argument("--across", type=_whole, metavar="N", help="at least N nodes across every ligament, by local refinement")
     _choice(p, "discretisation", "basis", "basis of the shape functions (default: quadratic)")
     p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95)")

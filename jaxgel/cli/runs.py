@@ -12,7 +12,7 @@ import numpy as np
 from .._validation import one_of
 from ..cases import OutputOptions, load_case, path_of
 from ..continuation import Path
-from ..controls import control_name, unit_of
+from ..equilibrium import Observer
 from ..io import Progress, Recorder, interruptible, open_folder, write_loop, write_points
 from ..materials import varies
 from ..observables import OF_POSITIONS, events
@@ -30,7 +30,7 @@ def run(args: Namespace) -> int:
     say = printer(args)
     model = case.model()
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {model.basis} basis")
-    recorder = Recorder(folder, case, model, case.gel)
+    recorder = Recorder(folder, case, case.problem(model))
     recorder.begin()
     return run_recorded(recorder, args)
 
@@ -59,7 +59,7 @@ def run_recorded(recorder: Recorder, args: Namespace) -> int:
 
 def _sweep(recorder, quiet):
     """The path of a case, recorded and shown while it grows, from the steps on that the recorder has."""
-    case, driven = recorder.case, {"name": control_name(recorder.control), "unit": unit_of(recorder.control)}
+    case, driven = recorder.case, {"name": recorder.control.name, "unit": recorder.control.unit}
     done = [state.value for state in recorder.steps]
     with Progress(case.sweep.turns, quiet, done=done, **driven) as progress, interruptible() as stop_if_asked:
 
@@ -69,7 +69,7 @@ def _sweep(recorder, quiet):
             progress.show(step.value, step.newton_iterations, recorder.records[-1][1]["rotation_deg"])
             stop_if_asked()
 
-        return path_of(recorder, on_step)
+        return path_of(recorder, Observer(accepted=on_step))
 
 
 def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
@@ -91,7 +91,7 @@ def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
 def _report(recorder, say):
     """Print a table of at most ``ROWS_MAX`` states, the events, and where the files are."""
     table = recorder.table
-    k, name, unit = len(recorder.records), control_name(recorder.control), unit_of(recorder.control)
+    k, name, unit = len(recorder.records), recorder.control.name, recorder.control.unit
     wide = max(8, len(name))
     if k:
         say(f"{name:>{wide}} {'free str.':>9} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
@@ -116,9 +116,10 @@ def critical(args: Namespace) -> int:
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / f"{case.name}-critical")
     say, model = printer(args), case.model()
-    name, control, (first, last) = case.sweep.control, case.control(model), case.sweep.ends
+    control, (first, last) = case.problem(model).control, case.sweep.ends
+    name = control.name
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from {name} = {first:g} to {last:g}")
-    unit = f" {unit_of(control)}".rstrip() if control else ""
+    unit = f" {control.unit}".rstrip()
     points = case.critical_points(model, most=args.most)
     write_points(points, folder, case.table(), name)
     for point in points:
@@ -143,15 +144,15 @@ def loop(args: Namespace) -> int:
     one_of("quantity", args.quantity, OF_POSITIONS)
     folder = open_folder(args.out or File("out") / f"{case.name}-loop")
     model, (first, last) = case.model(), case.sweep.ends
-    control = case.control(model)
-    driven = {"name": control_name(control), "unit": unit_of(control)}
+    control = case.problem(model).control
+    driven = {"name": control.name, "unit": control.unit}
     with Progress((first, last, first), args.quiet, **driven) as progress, interruptible() as stop_if_asked:
 
         def on_step(step):
             progress.show(step.value, step.newton_iterations)
             stop_if_asked()
 
-        found = case.loop(model, on_step=on_step)
+        found = case.loop(model, observer=Observer(accepted=on_step))
     write_loop(found, folder, case.table())
     if case.output.figures:
         _draw_loop(found, args.quantity, folder)

@@ -13,12 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
-from ..bifurcation import imperfection_load, sweep_by_options
+from ..bifurcation import problem_by_options, sweep_by_options
 from ..cases import Case
 from ..continuation import Path
 from ..equilibrium import solve
 from ..io import write_csv
-from ..mechanics import prepare, with_contact
 from ..observables import area_reduction, core_rotation, is_flat, rotation_angle
 
 STATES = 4
@@ -77,7 +76,7 @@ def check_gradient(case: Case, *, states: int | None = None, seed: int = 0, quie
     constant. Raises ValueError for a case that cannot be used and ``ArithmeticError`` if its states are not found.
     """
     plate, cloud, options = case.plate, case.discretisation.cloud(case.plate), case.sweep
-    values = np.array(options.values) if states is None and options.listed else np.linspace(*options.ends, states or STATES)
+    values = np.array(options.numbers) if states is None and options.listed else np.linspace(*options.ends, states or STATES)
     holes, regions = ([dict(outline.theta) for outline in outlines] for outlines in (plate.holes, plate.regions))
     point = {"holes": holes, "regions": regions, "gel": case.gel, "values": values, "mu": options.at_mu}
     point = jax.tree.map(lambda value: jnp.asarray(value, dtype=float), point)
@@ -86,16 +85,15 @@ def check_gradient(case: Case, *, states: int | None = None, seed: int = 0, quie
     sizes = [LENGTH * cloud.spacing if keys[0].key in ("holes", "regions") else SHARE * np.abs(leaf) for keys, leaf in entries]
     sizes = [STEPS.get(family.rpartition(" ")[2], size) for family, size in zip(families, sizes, strict=True)]
 
-    def made(point):
-        """Model, gel, nodal loads (n, 2) and control of a point."""
+    def problem_of(point):
+        """The `Problem` of a point, under the start's imperfection."""
         model = case.discretisation.model(cloud.at(plate.at(point["holes"], point["regions"])))
-        loads = case.loads.of(model)
-        control = options.driver(loads)
-        return model, point["gel"], loads, control if control is None else dataclasses.replace(control, mu=point["mu"])
+        problem = problem_by_options(model, point["gel"], options, loads=case.loads.of(model), push=push)
+        moved = hasattr(problem.control, "mu")
+        return problem.replace(control=dataclasses.replace(problem.control, mu=point["mu"])) if moved else problem
 
     def path(point):
-        model, gel, loads, control = made(point)
-        return sweep_by_options(model, gel, options, values=point["values"], control=control, loads=loads, push=push)
+        return sweep_by_options(problem_of(point), options, values=point["values"])
 
     def read(path):
         return jnp.stack([OBJECTIVES[name](path) for name in names])
@@ -103,13 +101,10 @@ def check_gradient(case: Case, *, states: int | None = None, seed: int = 0, quie
     def at(changed):
         """Objectives (o,) with other leaves, on the start's branch."""
         point = jax.tree.unflatten(structure, changed)
-        model, gel, loads, control = made(point)
-        model = with_contact(model, gel) if options.contact == "on" else model
-        dead = sum(part for part in (push, None if options.control == "load" else loads) if part is not None)
-        return np.asarray(read(_beside(start, prepare(model, gel, dead + np.zeros((model.n_nodes, 2)), control=control), point["values"])))
+        return np.asarray(read(_beside(start, problem_of(point).prepared, point["values"])))
 
-    model, gel, loads, _ = made(point)
-    push = imperfection_load(model, gel, options, loads=loads)
+    model = case.discretisation.model(cloud)
+    push = case.problem(model).loads - case.problem(model, imperfect=False).loads
     start = path(point)
     if len(start) < len(values):
         raise ArithmeticError(f"check-grad: {start.stop_text}; choose another {'--mu-end' if options.control == 'mu' else '--to'}")
@@ -163,4 +158,4 @@ def _beside(start, problem, values):
         columns["pressure"].append(found.pressure)
         columns["mu"].append(jnp.asarray(problem.at(value)[1]))
     columns = {name: jnp.stack(column) for name, column in columns.items()}
-    return dataclasses.replace(start, model=problem.model, gel=problem.gel, control=problem.control, value=values, **columns)
+    return dataclasses.replace(start, problem=problem.replace(operators=None), value=values, **columns)

@@ -7,6 +7,7 @@ from pathlib import Path as File
 from ..cases import load_case
 from ..io import open_folder, write_waves
 from ..materials import varies
+from ..mechanics import Problem
 from ..waves import lattice_onset, primitive_cell
 from .environment import DONE
 from .inputs import changes
@@ -24,7 +25,7 @@ def waves(args: Namespace) -> int:
     case = dataclasses.replace(case, plate=cell)
     model, (first, last) = case.model(), case.sweep.ends
     say(f"{case.name}: {model.n_nodes} nodes, mu from {first:g} to {last:g}, {args.divisions} divisions of the zone")
-    onset = lattice_onset(model, case.gel, mu=(first, last), divisions=args.divisions)
+    onset = lattice_onset(Problem(model, case.gel), (first, last), divisions=args.divisions)
     say("every wave is stable" if onset is None else f"mu = {float(onset.mu):.7f}: {onset.text}")
     write_waves(onset, folder, case.table())
     if case.output.figures and onset is not None:

@@ -4,20 +4,23 @@ from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed, is_tr
 from .eigenvalue import lowest_eigenvalue
 from .follow import Followed, Following
 from .options import SweepOptions, check_sweep
-from .path import Path, check_is_path
+from .path import SCALARS, Path, check_is_path
 from .predictor import extrapolated, predict
 from .stability import ACCURACY, StabilityAnalysis, oriented
-from .steps import given_values
-from .sweeps import sweep, values_of
+from .steps import Adaptive, StepControl, given_values
+from .sweeps import sweep
 from .switching import across
 
 __all__ = [
     "ACCURACY",
+    "SCALARS",
+    "Adaptive",
     "Followed",
     "Following",
     "IllPosedDerivative",
     "Path",
     "StabilityAnalysis",
+    "StepControl",
     "SweepFailed",
     "SweepOptions",
     "across",
@@ -31,5 +34,4 @@ __all__ = [
     "oriented",
     "predict",
     "sweep",
-    "values_of",
 ]

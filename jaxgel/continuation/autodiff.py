@@ -10,30 +10,14 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from .._threads import few_threads
-from .._types import Array, Float
-from ..controls import Control, check_values, control_name, unit_of
-from ..discretisation import Model
-from ..equilibrium import (
-    StateNotFound,
-    Status,
-    for_derivatives,
-    no_tangents,
-    remedy,
-    state_tangents,
-    with_derivatives_of,
-)
+from ..controls import Control, check_values
+from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents, with_derivatives_of
 from ..linalg import remember
-from ..materials import LocalGel
-from ..mechanics import (
-    Problem,
-    overlaps,
-    prepare,
-    state_pressure,
-    total_energy,
-)
+from ..mechanics import Problem, state_pressure, total_energy
 from .follow import Followed, Following
 from .options import check_sweep
 from .path import Path
+from .steps import Adaptive
 
 WITHOUT_DERIVATIVES = {
     "lowest_eigenvalue": "path.lowest_eigenvalue: the attribute has no derivative; use jaxgel.continuation.lowest_eigenvalue(path)",
@@ -60,87 +44,84 @@ def is_traced(tree: object) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-@dataclasses.dataclass(frozen=True)
-class _Static:
-    """What identifies a traced sweep besides its arrays; hashable."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Search:
+    """What identifies a traced sweep besides its arrays, and what it leaves besides arrays; hashed by identity."""
 
     structure: object
-    """Tree structure of (model, gel, control, values, loads)."""
+    """Tree structure of (problem, values)."""
     floating: tuple
     """Which leaves are floating-point arrays, that is differentiable."""
-    ends: tuple | None
-    """First and last value of adaptive steps, with turning points; None for given values."""
+    ends: Adaptive | None
+    """What the steps are chosen between; None for given values."""
     options: Following
     """How the branch is followed."""
+    found: dict = dataclasses.field(default_factory=dict)
+    """How the sweep ended, and the symmetries of its states."""
 
     def join(self, floats, rest):
-        """(model, gel, control, values, loads) from the two kinds of leaves."""
+        """(problem, values) from the two kinds of leaves."""
         floats, rest = iter(floats), iter(rest)
         return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
 
 
-def traced_sweep(
-    model: Model, gel: LocalGel, control: Control | None, values: object, loads: Float[Array, "n 2"] | None, options: Following
-) -> Path:
+def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
     """`sweep` under differentiation; states that are not reached are nan, with their status.
 
     Flags, and warns of, states without a meaningful derivative (`IllPosedDerivative`).
     """
-    if options.adaptive and is_traced(values):
-        ends = "(first, last)"
-        raise ValueError(f"{control_name(control)}: chosen steps need concrete numbers {ends}; differentiate by a list of values instead")
-    gel, control = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), (gel, control))
-    loads = jnp.asarray(np.zeros((model.n_nodes, 2)) if loads is None else loads, dtype=float)
-    given = jnp.zeros(0) if options.adaptive else jnp.atleast_1d(jnp.asarray(values, dtype=float))
-    leaves, structure = jax.tree.flatten((model, gel, control, given, loads))
+    ends = values if isinstance(values, Adaptive) else None
+    given = jnp.zeros(0) if ends else jnp.atleast_1d(jnp.asarray(values, dtype=float))
+    leaves, structure = jax.tree.flatten((problem.replace(operators=None), given))
     floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
-    static = _Static(structure, floating, tuple(map(float, values)) if options.adaptive else None, options)
+    search = _Search(structure, floating, ends, dataclasses.replace(options, eigenvalues=True))
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
-    x, report = _states(static, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
-    given = report["value"] if options.adaptive else given
-    found = report.pop("energy"), report.pop("pressure"), report["mu"]
-    energy, pressure, mu = with_derivatives_of(_of_states, found, x, Problem(model, gel, loads, None, control), given)
-    report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "mu", "value")}
-    mu = given if control is None else mu
-    return Path(model=model, gel=gel, mu=mu, value=given, control=control, x=x, pressure=pressure, energy=energy, **report)
+    x, report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
+    value = report.pop("value") if ends else given
+    found = report.pop("energy"), report.pop("pressure"), report.pop("mu")
+    energy, pressure, mu = with_derivatives_of(_of_states, found, x, problem, value)
+    report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "value")}
+    return Path(problem=problem, value=value, mu=mu, x=x, pressure=pressure, energy=energy, **report, **search.found)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _states(static, floats, rest):
-    """Equilibria (k, n, 2) and their report, a dict (k,) of value, mu, status, newton_iterations, residual, negative_pivots,
-    lowest_eigenvalue, switched, contact_active and energy, of the pressure (k, g), and of the
-    `mechanics.Operators` of the model.
+def _states(search, floats, rest):
+    """Equilibria (k, n, 2) and their report, a dict (k,) of the columns of a `Path` and of contact_active, of the pressure (k, g), and of
+    the `mechanics.Operators` of the model.
     """
-    inputs = static.join(floats, rest)
+    inputs = search.join(floats, rest)
     if is_traced(inputs):
         raise ValueError(INSIDE_JIT)
-    model, gel, control, values, loads = inputs
-    values = check_values(static.ends or list(np.asarray(values)), control_name(control), unit_of(control)).numbers
-    problem = prepare(model, gel, loads, control=control)
+    problem, values = inputs
+    control = problem.control
+    values = check_values(search.ends.values if search.ends else np.asarray(values), control.name, control.unit)
     check_sweep(problem, values)
-    with few_threads(2 * model.n_nodes):
-        followed = Followed(problem, values.tolist(), static.options)
+    problem = problem.prepared
+    with few_threads(2 * problem.model.n_nodes):
+        followed = Followed(problem, search.ends or values.tolist(), search.options)
         states = followed.light_states(lambda state: remember(state.factor, state.x))
     if not states:
         raise first_state_failed(control, values[0], followed.stop)
-    values = np.array([state.value for state in states]) if static.ends else values
-    return _columns(problem, states, followed.stop, values, static.options)
+    path = Path.from_states(problem, states)
+    ended = "" if followed.stop.ok else f"stopped after {control.name} = {followed.value:.6g}: {followed.stop.text}"
+    search.found.update(symmetry=path.symmetry, stop=followed.stop, stop_text=ended or followed.stop.text)
+    touching = np.array([state.contact_active is not False for state in states])
+    return _columns(problem, path, touching, followed.stop, path.value if search.ends else values)
 
 
 @functools.partial(_states.defjvp, symbolic_zeros=True)
-def _states_jvp(static, primals, tangents):
+def _states_jvp(search, primals, tangents):
     """The rule of `equilibrium.state_tangents` at every state; the numbers of the report have no derivatives."""
     floats, rest = primals
-    x, report = _states(static, floats, rest)
-    model, gel, control, values, loads = static.join(floats, rest)
-    _warn_of_ill_posed(report, control_name(control))
+    x, report = _states(search, floats, rest)
+    problem, values = search.join(floats, rest)
+    _warn_of_ill_posed(report, problem.control.name)
     zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
     floats_dot = [np.zeros(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
-    model_dot, gel_dot, control_dot, values_dot, loads_dot = static.join(floats_dot, zeros)
-    if static.ends is not None:
+    problem_dot, values_dot = search.join(floats_dot, zeros)
+    if search.ends:
         values, values_dot = report["value"], jnp.zeros_like(report["value"])
-    problem = Problem(model, gel, loads, report["operators"], control)
-    problem_dot = Problem(model_dot, gel_dot, loads_dot, None, control_dot)
+    problem = problem.replace(operators=report["operators"])
     if problem.has_contact and not is_traced(report) and not np.any(report["contact_active"]):
         problem, problem_dot = problem.without_contact, problem_dot.without_contact  # no energy and no derivative, but a cost
     x_dot = state_tangents(x, report["pressure"], problem, values, problem_dot, values_dot)
@@ -149,10 +130,9 @@ def _states_jvp(static, primals, tangents):
     return (x, report), (x_dot, report_dot)
 
 
-def first_state_failed(control: Control | None, value: float, status: Status) -> SweepFailed:
+def first_state_failed(control: Control, value: float, status: Status) -> SweepFailed:
     """The error of a sweep whose first state was not found."""
-    what = f"sweep: no equilibrium at {control_name(control)} = {value:.6g}: {status.text}"
-    return SweepFailed(what + (remedy(status) if control is None else ""))
+    return SweepFailed(f"sweep: no equilibrium at {control.name} = {value:.6g}: {status.text}{remedy(status, control.name)}")
 
 
 @jax.jit
@@ -163,43 +143,27 @@ def _of_states(x, problem, value):
     return total_energy(x, now.model, now.gel, mu, now.loads), state_pressure(x, now.model, now.gel, mu), mu
 
 
-def _columns(problem, states, stop, values, options):
-    """States (k, n, 2) and report of `_states` that were asked for at ``values`` (k,); nan where they were not reached.
+def _columns(problem, path, touching, stop, values):
+    """States (k, n, 2) and report of `_states` that were asked for at ``values`` (k,); nan where they were not reached."""
+    missing = len(values) - len(path)
 
-    The statuses of states without a meaningful derivative say so.
-    """
-    path, missing = Path.from_states(problem.model, problem.gel, states), len(values) - len(states)
-    eigenvalues = zip(path.status, path.lowest_eigenvalue, path.x, strict=True)
-    contact = options.contact == "on"
-    touching = np.array([state.contact_active is not False for state in states])
-    status = [for_derivatives(s, e, crossing=not contact and overlaps(x, problem.model), contact=contact) for s, e, x in eigenvalues]
+    def pad(column, fill):  # in NumPy: nothing is compiled
+        return jax.device_put(np.concatenate([column, np.full((missing, *np.shape(column)[1:]), fill)]))
 
-    def pad(values, fill):  # in NumPy: nothing is compiled
-        return jax.device_put(np.concatenate([values, np.full((missing, *np.shape(values)[1:]), fill)]))
-
-    return pad(path.x, jnp.nan), dict(
-        value=jnp.asarray(values),
-        mu=jnp.asarray(values) if problem.control is None else pad(path.mu, jnp.nan),
-        status=pad(np.array(status, dtype=int), int(stop)),
-        newton_iterations=pad(path.newton_iterations, 0),
-        residual=pad(path.residual, jnp.nan),
-        negative_pivots=pad(path.negative_pivots, -1),
-        lowest_eigenvalue=pad(path.lowest_eigenvalue, jnp.nan),
-        switched=pad(path.switched, False),
-        contact_active=pad(touching, False),
-        operators=problem.operators,
-        energy=pad(path.energy, jnp.nan),
-        pressure=pad(path.pressure, jnp.nan),
-    )
+    fills = {"status": int(stop), "derivative": int(stop), "newton_iterations": 0, "negative_pivots": -1, "switched": 0}
+    names = (*fills, "mu", "residual", "lowest_eigenvalue", "energy", "pressure")
+    report = {name: pad(getattr(path, name), fills.get(name, jnp.nan)) for name in names}
+    report |= {"value": jnp.asarray(values), "contact_active": pad(touching, False), "operators": problem.operators}
+    return pad(path.x, jnp.nan), report
 
 
 def _warn_of_ill_posed(report, name):
     """Warn (`IllPosedDerivative`) of every state whose derivative is ill-posed; of those that `jax.vmap` wraps once they are unwrapped."""
     warn = functools.partial(_warn, name)
     if is_traced(report):
-        jax.debug.callback(warn, report["value"], report["status"])
+        jax.debug.callback(warn, report["value"], report["derivative"])
     else:
-        warn(report["value"], report["status"])
+        warn(report["value"], report["derivative"])
 
 
 def _warn(name, values, status):

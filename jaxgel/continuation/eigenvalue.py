@@ -10,7 +10,7 @@ from .._types import Array, Float
 from ..equilibrium import first_order_only
 from ..linalg import SingularTangent, lowest_mode
 from ..materials import gel_at_points, value
-from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, prepare, scatter, touches
+from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, scatter, touches
 from .autodiff import is_traced
 from .path import Path, check_is_path
 from .stability import StabilityAnalysis
@@ -34,8 +34,8 @@ def _lowest(structure, leaves):
     """Eigenvalues (k,), and their modes (k, n, 2) with v . N v = 1."""
     if is_traced(leaves):
         raise ValueError("lowest_eigenvalue: is not available inside jit or vmap")
-    x, pressure, unloaded, at = jax.tree.unflatten(structure, leaves)
-    problem, values, modes = prepare(unloaded.model, unloaded.gel, control=unloaded.control), [], []
+    x, pressure, problem, at = jax.tree.unflatten(structure, leaves)
+    problem, values, modes = problem.prepared, [], []
     stiffness = StabilityAnalysis(problem).stiffness
     for state in zip(x, pressure, at, strict=True):
         lowest, mode = _lowest_of_state(problem, stiffness, *state)

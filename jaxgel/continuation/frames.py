@@ -12,13 +12,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float
-from ..controls import adds_loads
-from ..equilibrium import Stability, State, acting_problem
+from ..equilibrium import Stability, State, acting_problem, linearised, with_own_factor
 from ..linalg import factor, network_matrix
 from ..mechanics import (
     Problem,
-    linearise,
-    precomputed_operators,
     restrict,
     scatter,
     tangent,
@@ -65,8 +62,14 @@ class Frame(Protocol):
         """A mode (f,) of the whole plate on the unknowns of the problem; 0 where the mode has not its symmetries."""
         ...
 
-    def check(self, state: State, modes: Float[np.ndarray, "f m"] | None) -> tuple[Stability, State]:
-        """`Stability` of a state found, and the state with the factor that was used; ``modes`` (f, m) are those of a nearby state."""
+    def factorised(self, state: State) -> State:
+        """A state found, with a factor of its own tangent, which counts its negative eigenvalues; raises `linalg.SingularTangent`."""
+        ...
+
+    def check(self, state: State, modes: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
+        """`Stability` of a state found, with its lowest eigenvalues and modes, and the state `factorised`; ``modes`` (f, m) are those of a
+        nearby state.
+        """
         ...
 
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
@@ -78,7 +81,7 @@ class Frames:
     """The frames of a problem, one for each group that a state of it may have; no symmetry is used where a control moves edges or loads."""
 
     def __init__(self, problem: Problem, *, symmetry: bool) -> None:
-        own = symmetry and not (problem.moves_edges or adds_loads(problem.control, problem.gel))
+        own = symmetry and not (problem.changes.edges or problem.changes.loads)
         self.problem, self.group = problem, symmetries_of(problem) if own else ()
         self._known: dict[tuple[str, ...], Frame] = {}
 
@@ -121,9 +124,8 @@ class WholeFrame(_Conditions):
     group: tuple[str, ...] = ()
 
     def __init__(self, problem: Problem) -> None:
-        if problem.operators is None:
-            problem = dataclasses.replace(problem, operators=precomputed_operators(problem.model, problem.gel))
-        self.problem, self._analysis = problem, StabilityAnalysis(problem)
+        self.problem = problem.prepared
+        self._analysis = StabilityAnalysis(self.problem)
 
     @property
     def stiffness(self) -> sp.csr_matrix:
@@ -142,13 +144,13 @@ class WholeFrame(_Conditions):
         """See `Frame`."""
         return mode
 
-    def check(self, state: State, modes: Float[np.ndarray, "f m"] | None) -> tuple[Stability, State]:
+    def factorised(self, state: State) -> State:
         """See `Frame`."""
-        stability, start = self._analysis.by_nearby_factor(state, modes)
-        if stability is not None:
-            return stability, state
-        state = dataclasses.replace(state, factor=None)  # free it before the next factorisation
-        return self._analysis.by_own_factor(state, start)
+        return with_own_factor(self.problem, state)
+
+    def check(self, state: State, modes: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
+        """See `Frame`."""
+        return self._analysis.check(state, modes)
 
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
         """See `Frame`."""
@@ -217,22 +219,25 @@ class RegionFrame(_Conditions):
         own = np.argmax(np.add.reduceat(found**2, self._cuts[:-1])) == 0
         return found[: self._cuts[1]] * own
 
-    def check(self, state: State, modes: Float[np.ndarray, "f m"] | None) -> tuple[Stability, State]:
-        """See `Frame`: every block has a factor of its own, and all of them together are one matrix of the blocks' coordinates."""
-        whole, problem = (acting_problem(one, state) for one in (self._whole, self.problem))
-        own_bases, at = self._bases_of(whole), (problem, state.x, state.pressure)
-        state = dataclasses.replace(state, factor=None)  # free it before the next factorisation
-        now = state.linearisation if state.linearisation is not None else linearise(*at, state.mu)
-        pairs = np.asarray(tangent(*at, now))
+    def factorised(self, state: State) -> State:
+        """See `Frame`: every block has a factor of its own."""
+        if isinstance(state.factor, BlockFactor):
+            return state
+        whole, (problem, now) = acting_problem(self._whole, state), linearised(self.problem, state)
+        own_bases, pairs = self._bases_of(whole), np.asarray(tangent(problem, state.x, state.pressure, now))
         factors = tuple(factor(basis.pattern, pairs) for basis in own_bases)
-        blocks = Diagonal(factors, self._cuts)
+        made = BlockFactor(whole, own_bases, factors, self._region.spread @ np.asarray(state.pressure))
+        return dataclasses.replace(state, factor=made)
+
+    def check(self, state: State, modes: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
+        """See `Frame`: all blocks together are one matrix of their coordinates."""
+        state = self.factorised(state)
+        blocks = Diagonal(state.factor.factors, self._cuts)
         found = stability_of_factor(blocks, self._stiffness, blocks.product, None if modes is None else self._in_all_blocks(modes))
         inside = np.add.reduceat(found.vectors**2, self._cuts[:-1], axis=0)
         own = np.argmax(inside, axis=0)  # what else a mode has is round-off, or of a mode of another block with the same eigenvalue
         vectors = np.where(np.repeat(np.arange(len(self._bases)), np.diff(self._cuts))[:, None] == own, found.vectors, 0.0)
-        made = BlockFactor(whole, own_bases, blocks.factors, self._region.spread @ np.asarray(state.pressure))
-        stability = Stability(found.eigenvalues, self._fields @ vectors, made.negative_pivots)
-        return stability, dataclasses.replace(state, factor=made)
+        return Stability(state.factor.negative_pivots, found.eigenvalues, self._fields @ vectors), state
 
     def _in_all_blocks(self, modes):
         """Coordinates (b, w) of the modes (f, m), and of some field in each block that none of them belongs to: it may be the lowest."""

@@ -8,20 +8,18 @@ import numpy as np
 
 from .._types import Array, Float
 from .._validation import FLAG, NUMBER, Inadmissible, check_options, entry_of, listed, option, whole, word
-from ..controls import DIRECTIONS, Control, Load, Stretch, check_control, check_values, driven, turning_points, unit_of
+from ..controls import CONTROLS, DIRECTIONS, Control, check_control, check_values, turning_points
 from ..geometry import Plate
 from ..materials import SMALLEST_SWELLING, AnyGel, check_gel, gel_in_groups, osmotic, takes_solvent
 from ..materials import value as number
 from ..mechanics import Problem, check_driven, check_room
+from .follow import BRANCHES, SYMMETRY
+from .steps import Adaptive
 
-BRANCHES = ("stable", "symmetric")
 CONTACT = ("on", "off", "stop")
-CONTROLS = ("mu", "temperature", "chi", "pH", "salt", "stretch", "load")
-SYMMETRY = ("auto", "off")
 DIGITS = 100.0  # least network stiffness over the round-off of the bulk stiffness: two digits of it are left in the tangent
 LOW_MU = -12.0  # kT: above it J - 1 is far above round-off
 STEPS = 40  # values of a sweep where none are given
-MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 OF_MU, OF_OTHERS = ("mu_start", "mu_end", "mu"), ("value_list", "start", "end", "at_mu")  # fields that say nothing of the other controls
 
 
@@ -29,11 +27,11 @@ OF_MU, OF_OTHERS = ("mu_start", "mu_end", "mu"), ("value_list", "start", "end", 
 class SweepOptions:
     """What drives a sweep, between which values, and how it follows its branch; checked when they are made.
 
-    A field's ``stage`` says what takes it: "values" is part of `values` or the control, "loads" of the sweep's loads, and "sweep" is a
-    keyword of `sweep`.
+    A field's ``stage`` says what takes it: "values" is part of `values` or the control, "loads" of the loads, "problem" of the problem,
+    and "sweep" is a keyword of `sweep`.
     """
 
-    control: str = option("mu", word(CONTROLS), "values")
+    control: str = option("mu", word(tuple(CONTROLS)), "values")
     """What is driven: the chemical potential, a number of the gel, the stretch that edges follow, or the factor of the loads"""
     mu_start: float | None = option(None, NUMBER, "values", filled=-4.9678)
     """First value of mu, kT."""
@@ -59,10 +57,12 @@ class SweepOptions:
     """Branch to follow where the plate is symmetric"""
     imperfection: float = option(0.0, NUMBER, "loads")
     """Size of the load along the first bifurcation's mode, as the displacement that it would cause, in spacings; 0 for none."""
-    contact: str = option("on", word(CONTACT), "sweep")
+    contact: str = option("on", word(CONTACT), "problem")
     """Where hole boundaries meet, keep them apart, let them overlap, or stop"""
     symmetry: str = option("auto", word(SYMMETRY), "sweep")
     """Find symmetric states on a fundamental region of the plate, or all states on the whole plate"""
+    eigenvalues: bool = option(False, FLAG, "sweep")
+    """Whether every state gets its lowest eigenvalue, in a column of the history; it costs a quarter of a sweep."""
 
     def __post_init__(self) -> None:
         check_options("sweep", self)
@@ -72,7 +72,7 @@ class SweepOptions:
         for field in dataclasses.fields(self):
             if field.name in fields and getattr(self, field.name) is None:
                 object.__setattr__(self, field.name, field.metadata["filled"])
-        numbers = check_values(self.values, self.control, unit_of(self.driver(np.zeros((1, 2))))).numbers
+        numbers = check_values(self.numbers, self.control, CONTROLS[self.control].unit)
         if self.control == "stretch" and numbers.min() <= 0:
             raise ValueError(f"stretch: {numbers.min():g} is not accepted, it must be above 0")
 
@@ -96,15 +96,17 @@ class SweepOptions:
             raise ValueError(f"sweep.{entries[name]}: {value!r} does not go with a list of values, which may rise and fall")
 
     @property
-    def values(self) -> list[float] | tuple[float, ...]:
-        """What `sweep` takes: a list of values, or the ends and the turning point for chosen steps."""
-        own = self._own
-        if own is not None:
-            return list(own)
+    def values(self) -> list[float] | Adaptive:
+        """What `sweep` takes: the values, or the ends and the turning point of chosen steps."""
+        return self.numbers if self.given else Adaptive(*self.numbers)
+
+    @property
+    def numbers(self) -> list[float]:
+        """The values, or the ends and the turning point of chosen steps."""
+        if self._own is not None:
+            return list(self._own)
         first, last = (self.mu_start, self.mu_end) if self.control == "mu" else (self.start, self.end)
-        if self.steps == "auto":
-            return (first, last, first) if self.back else (first, last)
-        way = np.linspace(first, last, self.steps).tolist()
+        way = [first, last] if self.steps == "auto" else np.linspace(first, last, self.steps).tolist()
         return [*way, *way[-2::-1]] if self.back else way
 
     @property
@@ -120,7 +122,7 @@ class SweepOptions:
     @property
     def turns(self) -> list[float]:
         """The first value, those at which the control turns, and the last."""
-        return turning_points(self.values)
+        return turning_points(self.numbers)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -148,24 +150,14 @@ class SweepOptions:
             raise ValueError(f"sweep.direction: the stretch along {self.direction!r} is free in this periodic cell, and cannot be driven")
         driver = self.driver(np.zeros((1, 2)) if loaded else None)
         try:
-            check_control(driver, gel, np.array(self.values))
+            check_control(driver, gel, np.array(self.numbers))
         except ValueError as problem:
             raise type(problem)(f"sweep.{problem}") from None
 
-    def driver(self, loads: Float[Array, "n 2"] | None) -> Control | None:
-        """The control; ``loads`` (n, 2), kT/v mm, are those that "load" multiplies. None for the chemical potential.
-
-        ValueError for "load" without any.
-        """
-        if self.control == "mu":
-            return None
-        if self.control == "stretch":
-            return Stretch(self.direction, self.at_mu)
-        if self.control != "load":
-            return driven(self.control, self.at_mu)
-        if loads is None:
-            raise ValueError("sweep.control: 'load' multiplies the loads of a case, and there are none; give a body_force or traction")
-        return Load(loads, self.at_mu)
+    def driver(self, loads: Float[Array, "n 2"] | None) -> Control:
+        """The control; ``loads`` (n, 2), kT/v mm, are those that "load" multiplies. ValueError for "load" without any."""
+        own = {"mu": 0.0 if self.at_mu is None else self.at_mu, "direction": self.direction or "both", "loads": loads}
+        return CONTROLS[self.control].make(own)
 
 
 def check_sweep(problem: Problem, values: Float[np.ndarray, " k"]) -> None:
@@ -183,7 +175,7 @@ def _check_round_off(problem, values):
 
     J is that under the pressure -Nv of the gel that swells least.
     """
-    for value in values if problem.control is not None else values[np.argmin(values)][None]:
+    for value in values:
         now, mu = problem.at(value)
         if mu > LOW_MU:
             continue
@@ -191,7 +183,7 @@ def _check_round_off(problem, values):
         resolved = jnp.maximum(SMALLEST_SWELLING, DIGITS * np.finfo(float).eps / number(gel.Nv))  # J - 1
         least = jnp.where(takes_solvent(gel), osmotic(1 + resolved, 0.0, gel) + number(gel.Nv), -jnp.inf).max()
         if mu < least:
-            where = "" if problem.control is None else f" at {problem.control.name} = {value:g}"
+            where = f" at {problem.control.name} = {value:g}"
             raise Inadmissible(
                 f"mu: {mu:g}{where} is too low, J - 1 would be lost in round-off; give at least {np.ceil(10 * least) / 10:.1f} kT"
             )

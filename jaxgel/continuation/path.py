@@ -1,43 +1,49 @@
 """What a sweep leaves: its accepted states, together an equilibrium path."""
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import overload
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Bool, Float, Int
 from .._validation import check_kind
-from ..controls import Control, control_name, unit_of
+from ..controls import Control
 from ..discretisation import Model
-from ..equilibrium import Stability, State, Status
-from ..materials import AnyGel, LocalGel
-from ..mechanics import Problem, localised
+from ..equilibrium import Change, Stability, State, Status, for_derivatives
+from ..materials import LocalGel
+from ..mechanics import Problem, overlaps
 
-_SCALARS = ("mu", "value", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
+SCALARS = ("value", "mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
+"""Numbers of a `State` that a path has as columns, and a run's folder as arrays."""
 
 
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["problem", *SCALARS, "derivative", "x", "pressure"],
+    meta_fields=["symmetry", "stop", "stop_text"],
+)
 @dataclasses.dataclass(frozen=True, eq=False)
 class Path:
-    """Accepted states of a sweep in the order in which they were found; k of them.
+    """Accepted states of a sweep in the order in which they were found; k of them. A pytree.
 
     ``path[i]`` is the `State` number i, ``path[-3:]`` or ``path[[0, 4]]`` the path of some of them, also where it is differentiated.
     """
 
-    model: Model
-    """The discretised plate."""
-    gel: LocalGel
-    """Material; a control may drive its parameters, see ``problem``."""
+    problem: Problem
+    """What the states solve; it has no precomputed operators."""
+    value: Float[Array, " k"]
+    """Values of the control."""
     mu: Float[Array, " k"]
     """Chemical potentials, kT."""
     x: Float[Array, "k n 2"]
     """Nodal positions, mm."""
     pressure: Float[Array, "k g"]
     """Pressure of the volume groups, kT/v."""
-    status: list[Status] | Int[Array, " k"]
-    """`Status` of each state."""
+    status: Int[Array, " k"]
+    """`Status` of each state, a number: how its solve ended."""
     newton_iterations: Int[Array, " k"]
     """Linear solves spent on each state."""
     residual: Float[Array, " k"]
@@ -47,55 +53,58 @@ class Path:
     negative_pivots: Int[Array, " k"]
     """Negative eigenvalues of the tangent."""
     lowest_eigenvalue: Float[Array, " k"]
-    """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan if not computed. Without derivatives: the
+    """Lowest eigenvalue of the tangent over the network's stiffness, see ``stability``; nan if not asked for. Without derivatives: the
     reverse pass of a function of it is a ValueError, its tangents are nan; the function `lowest_eigenvalue` of a path has them."""
-    switched: Bool[Array, " k"]
-    """Whether the state left an unstable branch for a stable one."""
+    switched: Int[Array, " k"]
+    """Why a state does not continue the states before it, a `Change`; 0 where it does."""
+    derivative: Int[Array, " k"]
+    """Whether the derivatives of a state are well posed, a `Status`: ``CONVERGED`` if so, ``NOT_EXAMINED`` without its eigenvalue."""
     symmetry: tuple[str, ...] = ()
     """Group of symmetries with which each state was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
-    value: Float[Array, " k"] | None = None
-    """Values of the control; None where that is the chemical potential."""
-    control: Control | None = None
-    """What drove the sweep; None for the chemical potential."""
-    stop: Status | None = None
-    """``CONVERGED`` where the sweep reached its end, otherwise why it stopped; None inside JAX's transformations."""
+    stop: Status = Status.CONVERGED
+    """``CONVERGED`` where the sweep reached its end, otherwise why it stopped."""
     stop_text: str = ""
     """The reason in one line, with the value of the control."""
 
     @classmethod
-    def from_states(
-        cls,
-        model: Model,
-        gel: AnyGel,
-        states: Sequence[State],
-        *,
-        control: Control | None = None,
-        stop: Status = Status.CONVERGED,
-        stop_text: str = "",
-    ) -> "Path":
-        """Path of the given states (at least one) under a ``control``."""
-        columns = {name: [getattr(state, name) for state in states] for name in _SCALARS}
+    def from_states(cls, problem: Problem, states: Sequence[State], *, stop: Status = Status.CONVERGED, stop_text: str = "") -> "Path":
+        """Path of the given states (at least one) of a ``problem``."""
+        columns = {name: np.array([getattr(state, name) for state in states]) for name in SCALARS}
+        x = np.stack([state.x for state in states])
+        derivative = np.full(len(x), int(Status.NOT_EXAMINED))
+        for k in np.flatnonzero(np.isfinite(columns["lowest_eigenvalue"])):
+            crossing = not problem.has_contact and overlaps(x[k], problem.model)
+            derivative[k] = for_derivatives(columns["lowest_eigenvalue"][k], crossing=crossing, contact=problem.has_contact)
         return cls(
-            model=model,
-            gel=localised(model, gel),
-            x=np.stack([state.x for state in states]),
+            problem=problem.replace(operators=None),
+            x=x,
             pressure=np.stack([state.pressure for state in states]),
-            status=columns.pop("status"),
+            derivative=derivative,
             symmetry=tuple(state.symmetry for state in states),
-            control=control,
             stop=stop,
             stop_text=stop_text or stop.text,
-            **{name: np.array(column) for name, column in columns.items()},
+            **columns,
         )
 
-    def __post_init__(self) -> None:
-        if self.value is None:
-            object.__setattr__(self, "value", self.mu)
+    @property
+    def model(self) -> Model:
+        """The discretised plate, with its contact."""
+        return self.problem.model
 
     @property
-    def problem(self) -> Problem:
-        """The problem that the states solve, but for loads; it has no precomputed operators."""
-        return Problem(self.model, self.gel, jnp.zeros((self.model.n_nodes, 2)), None, self.control)
+    def gel(self) -> LocalGel:
+        """Material; a control may drive its parameters, see ``problem``."""
+        return self.problem.gel
+
+    @property
+    def control(self) -> Control:
+        """What drove the sweep."""
+        return self.problem.control
+
+    @property
+    def ok(self) -> Bool[Array, " k"]:
+        """Whether each state satisfies equilibrium."""
+        return self.status == Status.CONVERGED
 
     def __len__(self) -> int:
         return len(self.mu)
@@ -112,8 +121,9 @@ class Path:
             return self._of_states(np.arange(len(self))[i if isinstance(i, slice) else np.asarray(i, dtype=None if len(i) else int)])
         if not -len(self) <= i < len(self):
             raise IndexError(f"path: has no state {i}; it has {len(self)}, counted from 0")
-        stability = Stability(np.array([self.lowest_eigenvalue[i]]), None, int(self.negative_pivots[i]))
+        lowest = float(self.lowest_eigenvalue[i])
         return State(
+            value=float(self.value[i]),
             mu=float(self.mu[i]),
             x=self.x[i],
             pressure=self.pressure[i],
@@ -121,15 +131,13 @@ class Path:
             newton_iterations=int(self.newton_iterations[i]),
             residual=float(self.residual[i]),
             energy=float(self.energy[i]),
-            stability=stability,
-            switched=bool(self.switched[i]),
+            stability=Stability(int(self.negative_pivots[i]), None if np.isnan(lowest) else np.array([lowest])),
+            switched=Change(int(self.switched[i])),
             symmetry=self.symmetry[i] if self.symmetry else "",
-            control=None if self.control is None else float(self.value[i]),
         )
 
     def _of_states(self, numbers):
-        columns = {name: getattr(self, name)[numbers] for name in ("x", "pressure", *_SCALARS) if name != "status"}
-        columns["status"] = [self.status[k] for k in numbers] if isinstance(self.status, list) else self.status[numbers]
+        columns = {name: getattr(self, name)[numbers] for name in ("x", "pressure", "derivative", *SCALARS)}
         return dataclasses.replace(self, symmetry=tuple(self.symmetry[k] for k in numbers) if self.symmetry else (), **columns)
 
     def __repr__(self) -> str:
@@ -139,12 +147,11 @@ class Path:
         if len(self) == 0:
             return f"Path of no states of {self.model.n_nodes} nodes"
         unstable = int(np.sum(np.asarray(self.negative_pivots) > 0))
-        ended = self.stop_text or (self.stop.text if self.stop is not None else "differentiated")
-        name, unit = control_name(self.control), f" {unit_of(self.control)}".rstrip()
-        between = f"{name} = {float(self.value[0]):.4f} ... {float(self.value[-1]):.4f}{unit}"
+        ended, unit = self.stop_text or self.stop.text, f" {self.control.unit}".rstrip()
+        between = f"{self.control.name} = {float(self.value[0]):.4f} ... {float(self.value[-1]):.4f}{unit}"
         return f"Path of {len(self)} states of {self.model.n_nodes} nodes, {between}, {unstable} unstable: {ended}"
 
 
 def check_is_path(path: object) -> None:
     """Raise ValueError, one line, for an argument that is no `Path`."""
-    check_kind("path", path, Path, "a Path, as sweep(model, gel, mu=...) returns it")
+    check_kind("path", path, Path, "a Path, as sweep(problem, values) returns it")

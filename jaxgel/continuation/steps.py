@@ -10,20 +10,73 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
-from ..equilibrium import State, Status
+from ..equilibrium import Change, State, Status
 
 NAMED = (Status.SELF_CONTACT, Status.LEAPT)  # failures that say more than that the step has become too small
-MAX_CUTS = 8  # halvings of a step before the sweep gives up
+MAX_STEPS = 400  # accepted states of a sweep with chosen steps
 SHORT = 5e-3  # of the way: shorter steps are not tried where the gel relaxes to no stable state from the unstable one at their end
 GROWTH = {4: 2.0, 5: 1.6, 6: 1.3, 7: 1.1, 8: 1.0}  # of an adaptive step after so many corrections; 0.6 after more
 Steps = Generator[State, None, tuple[Status, float]]
 
 
-def given_values(attempt: Callable[[float, list[State]], State], values: list[float], before: list[State]) -> Steps:
+@dataclasses.dataclass(frozen=True, init=False)
+class Adaptive:
+    """Values of a control between which a sweep chooses its steps: the first, those at which the control turns, and the last.
+
+    At most ``max_steps`` states are accepted. ValueError, one line, for less than two numbers, and for what are none.
+
+    >>> Adaptive(25.0, 40.0, 25.0).values
+    (25.0, 40.0, 25.0)
+    """
+
+    values: tuple[float, ...]
+    """The first value, the turning points, and the last."""
+    max_steps: int
+    """Most accepted states."""
+
+    def __init__(self, first: float, last: float, *others: float, max_steps: int = MAX_STEPS) -> None:
+        try:
+            values = tuple(map(float, (first, last, *others)))
+        except (TypeError, ValueError):  # JAX's errors for traced values are TypeErrors
+            raise ValueError("Adaptive: the ends must be concrete numbers; differentiate a sweep over a list of values instead") from None
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "max_steps", max_steps)
+
+
+@dataclasses.dataclass(frozen=True)
+class StepControl:
+    """When a step of the control is refused, cut or taken for a jump.
+
+    The defaults serve every example of jaxgel. A jump whose step would be longer than ``snap`` or ``leap`` is approached in shorter steps,
+    so that it has a place.
+    """
+
+    max_cuts: int = 8
+    """Halvings of a step to a given value before the sweep gives up."""
+    first_step: float = 0.125
+    """First chosen step, of the way between two ends."""
+    least_step: float = 1e-5
+    """Chosen steps shorter than this part of the way end the sweep."""
+    snap: float = 5e-3
+    """Longest step, of the control's scale, whose failure means that the stable branch ends, so that the gel relaxes to another state."""
+    leap: float = 2e-2
+    """Longest step, of the control's scale, in which a gel may change its phase."""
+    foreseen: float = 0.2
+    """Change of ln J beyond the prediction from which on a part of the gel counts as changed in phase."""
+    much: float = 0.2
+    """Part of the gel that changes its phase in a jump."""
+
+
+STEP_CONTROL = StepControl()
+
+
+def given_values(
+    attempt: Callable[[float, list[State]], State], values: list[float], before: list[State], control: StepControl = STEP_CONTROL
+) -> Steps:
     """States at the given values, after those ``before``; a failed step is cut, its intermediate states are not kept."""
     states = list(before)
     for value in values:
-        state, status = _reach(attempt, value, states)
+        state, status = _reach(attempt, value, states, control.max_cuts)
         if state is None:
             return status, states[-1].value if states else value
         states.append(state.light)
@@ -32,9 +85,9 @@ def given_values(attempt: Callable[[float, list[State]], State], values: list[fl
     return Status.CONVERGED, values[-1]
 
 
-def _reach(attempt, target, states):
+def _reach(attempt, target, states, max_cuts):
     """State at ``target``, by way of intermediate states where the direct step fails, and its status; or None and the reason."""
-    history, spent, cuts, goal, switched = list(states), 0, 0, target, False
+    history, spent, cuts, goal, switched = list(states), 0, 0, target, Change.NONE
     while True:
         found = attempt(goal, history)
         spent += found.newton_iterations
@@ -45,29 +98,29 @@ def _reach(attempt, target, states):
             history.append(found.light)
             goal = target if cuts <= 1 else _nearer(goal, 2 * goal - history[-2].value, target)
             cuts = max(0, cuts - 1)
-        elif not history or cuts >= MAX_CUTS or found.status is Status.SELF_CONTACT:
+        elif not history or cuts >= max_cuts or found.status is Status.SELF_CONTACT:
             return None, found.status if not history or found.status in NAMED else Status.STEP_TOO_SMALL
         else:
             cuts += 1
             goal = history[-1].value + 0.5 * (goal - history[-1].value)
 
 
-def adaptive(attempt: Callable, ends: list[float], before: list[State], max_steps: int) -> Steps:
-    """States from the first to the last of the ``ends`` by way of those between, at which the control turns; at most ``max_steps``.
+def adaptive(attempt: Callable, ends: Adaptive, before: list[State], control: StepControl = STEP_CONTROL) -> Steps:
+    """States from the first to the last of the ``ends`` by way of those between, at which the control turns, after those ``before``.
 
-    The number of Newton iterations of a state sets the next step; the first of each way is an eighth of it.
+    The number of Newton iterations of a state sets the next step.
     """
     states = list(before)
-    for first, last in itertools.pairwise(ends):
-        status, value = yield from _leg(attempt, first, last, states, max_steps)
+    for first, last in itertools.pairwise(ends.values):
+        status, value = yield from _leg(attempt, first, last, states, ends.max_steps, control)
         if status is not Status.CONVERGED:
             break
     return status, value
 
 
-def _leg(attempt, first, last, states, max_steps):
+def _leg(attempt, first, last, states, max_steps, control):
     """States between two values, the first of which is found if there are no ``states`` yet; these are added to."""
-    least, spent, step = 1e-5 * abs(last - first), 0, abs(last - first) / 8
+    least, spent, step = control.least_step * abs(last - first), 0, control.first_step * abs(last - first)
     goal = _ahead(states[-1].value, step, last) if states else first
     while len(states) < max_steps:
         found = attempt(goal, states)

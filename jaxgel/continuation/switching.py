@@ -34,7 +34,7 @@ def stable_state(
         if found is None:
             return None
         try:
-            stability, found = frame.check(found, None)
+            stability, found = frame.check(found)
         except SingularTangent:
             return None
         state = frame.whole(found)

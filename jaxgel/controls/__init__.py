@@ -2,47 +2,43 @@
 
 from .edges import DIRECTIONS, Load, Stretch
 from .gels import DrivenParameter, chi, driven, pH, salt, temperature
+from .registry import CONTROLS, Kind
 from .setting import (
+    Changes,
+    ChemicalPotential,
     Control,
     Driven,
     Setting,
-    adds_loads,
+    changes_of,
     check_control,
     check_fields,
-    control_name,
-    drives_stiffness,
+    check_is_control,
     edge_motion,
-    moves_edges,
-    scale_of,
-    setting_of,
-    unit_of,
 )
-from .values import Values, check_values, turning_points
+from .values import check_values, turning_points
 
 __all__ = [
+    "CONTROLS",
     "DIRECTIONS",
+    "Changes",
+    "ChemicalPotential",
     "Control",
     "Driven",
     "DrivenParameter",
+    "Kind",
     "Load",
     "Setting",
     "Stretch",
-    "Values",
-    "adds_loads",
+    "changes_of",
     "check_control",
     "check_fields",
+    "check_is_control",
     "check_values",
     "chi",
-    "control_name",
     "driven",
-    "drives_stiffness",
     "edge_motion",
-    "moves_edges",
     "pH",
     "salt",
-    "scale_of",
-    "setting_of",
     "temperature",
     "turning_points",
-    "unit_of",
 ]

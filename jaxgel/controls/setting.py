@@ -1,12 +1,12 @@
 """What acts on a gel at one value of a control.
 
 A control is a function of its value s and the gel, written in JAX, that says what acts there: the chemical potential, the gel with the
-parameters that it has there, the motion of the plate's edges and loads. Without one (None) s is the chemical potential itself.
+parameters that it has there, the motion of the plate's edges and loads.
 """
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -77,59 +77,66 @@ class Driven:
         return self.path_of(value, gel, *self.parameters)
 
 
-def setting_of(control: Control | None, value: Scalar, gel: Any) -> Setting:
-    """The `Setting` at a ``value`` of a control; of None that of the chemical potential itself."""
-    return Setting(value, gel) if control is None else control(value, gel)
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class ChemicalPotential:
+    """The control that is the chemical potential of the solvent, kT, of a gel at rest: what drives a sweep unless another one is given."""
+
+    name: ClassVar[str] = "mu"
+    unit: ClassVar[str] = "kT"
+    scale: ClassVar[float] = 1.0
+
+    def __call__(self, value: Scalar, gel: Any) -> Setting:
+        """What acts at a ``value`` of the chemical potential."""
+        return Setting(value, gel)
 
 
-def control_name(control: Control | None) -> str:
-    """Name of a control, "mu" without one; ValueError, one line, for what is no control."""
-    if control is not None and not isinstance(control, Control):
+def check_is_control(control: object) -> None:
+    """Raise ValueError, one line, for what is no control."""
+    if not isinstance(control, Control):
         raise ValueError(f"control: {control!r} is not accepted, it must have a name, a unit and a scale, see jaxgel.controls")
-    return "mu" if control is None else control.name
 
 
-def unit_of(control: Control | None) -> str:
-    """Unit of a control, kT without one."""
-    return "kT" if control is None else control.unit
+@dataclasses.dataclass(frozen=True)
+class Changes:
+    """What a control changes besides the chemical potential."""
+
+    edges: bool
+    """Whether it moves the edges of the plate."""
+    loads: bool
+    """Whether it has loads of its own."""
+    gel: bool
+    """Whether it changes parameters of the gel."""
+    stiffness: bool
+    """Whether Nv is among these."""
 
 
-def scale_of(control: Control | None) -> float:
-    """The change of a control that matters as much as one kT of the chemical potential."""
-    return 1.0 if control is None else control.scale
+def changes_of(control: Control, gel: Any) -> Changes:
+    """What a control changes, without computing anything."""
+    if isinstance(control, ChemicalPotential):  # JAX need not trace it
+        return Changes(edges=False, loads=False, gel=False, stiffness=False)
+    found = []
+
+    def ask(value):
+        setting = control(value, gel)
+        edges = setting.deformation is not None or setting.displacement is not None
+        gel_changes = setting.gel is not gel
+        found.append(Changes(edges, setting.loads is not None, gel_changes, gel_changes and setting.gel.Nv is not gel.Nv))
+
+    jax.eval_shape(ask, 0.0)
+    return found[0]
 
 
-def moves_edges(control: Control | None, gel: Any) -> bool:
-    """Whether a control moves the edges of the plate."""
-    if control is None:
-        return False
-    shape = jax.eval_shape(control, 0.0, gel)
-    return shape.deformation is not None or shape.displacement is not None
-
-
-def adds_loads(control: Control | None, gel: Any) -> bool:
-    """Whether a control has loads of its own."""
-    return control is not None and jax.eval_shape(control, 0.0, gel).loads is not None
-
-
-def drives_stiffness(control: Control | None, gel: Any) -> bool:
-    """Whether a control changes the Nv of the gel."""
-    if control is None:
-        return False
-    kept = []
-    jax.eval_shape(lambda value: kept.append(control(value, gel).gel.Nv is gel.Nv), 0.0)
-    return not kept[0]
-
-
-def check_fields(control: Control | None, gel: Any) -> None:
+def check_fields(control: Control, gel: Any) -> None:
     """Raise ValueError, one line, for a control that changes a parameter of the gel which varies over the plate, or makes one vary."""
-    if control is None:
-        return
     kept = [part for part in named_parameters(gel).values() if varies(part)]
     wrong = []
 
     def find(value):
-        driven = named_parameters(control(value, gel).gel)
+        driven = control(value, gel).gel
+        if driven is gel:
+            return
+        driven = named_parameters(driven)
         wrong.extend(name for name, part in driven.items() if varies(part) and not any(part is one for one in kept))
         wrong.extend(name for name, part in named_parameters(gel).items() if varies(part) and driven.get(name) is not part)
 
@@ -138,17 +145,16 @@ def check_fields(control: Control | None, gel: Any) -> None:
         raise ValueError(f"control: {wrong[0]!r} varies over the plate, only a parameter that is one number can be driven")
 
 
-def check_control(control: Control | None, gel: Any, values: Float[np.ndarray, " k"]) -> None:
+def check_control(control: Control, gel: Any, values: Float[np.ndarray, " k"]) -> None:
     """Raise ValueError, one line, for a control that gives no `Setting`, numbers that cannot be used at one of the ``values``, or a jump.
 
     A path jumps where halving the distance between two values again and again leaves as large a change of what acts. Traced values pass.
     """
-    if control is None or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((control, gel))):
+    if isinstance(control, ChemicalPotential) or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((control, gel))):
         return
-    name = control_name(control)
     numbers = [_numbers(control, value, gel) for value in values]
     for before, after, first, last in zip(values, values[1:], numbers, numbers[1:], strict=False):
-        _check_continuous(control, gel, (before, after), (first, last), name)
+        _check_continuous(control, gel, (before, after), (first, last))
 
 
 def _numbers(control, value, gel):
@@ -173,7 +179,7 @@ HALVINGS = 40  # of the distance between two values: until it is round-off
 CONTINUOUS = 0.5  # of a change that is left after all halvings: more is a jump
 
 
-def _check_continuous(control, gel, between, numbers, name):
+def _check_continuous(control, gel, between, numbers):
     """ValueError where what acts jumps ``between`` two values with these ``numbers``."""
     (low, high), (first, last) = between, numbers
     whole = np.abs(last - first).max(initial=0.0)
@@ -185,7 +191,7 @@ def _check_continuous(control, gel, between, numbers, name):
             return
         low, first, high, last = (low, first, middle, there) if changes[0] >= changes[1] else (middle, there, high, last)
     if whole > 0:
-        raise Inadmissible(f"{name}: what acts jumps at {0.5 * (low + high):.6g}, the path must be continuous")
+        raise Inadmissible(f"{control.name}: what acts jumps at {0.5 * (low + high):.6g}, the path must be continuous")
 
 
 def edge_motion(setting: Setting, plate: Plate) -> tuple[Float[Array, "2 2"], dict[str, Any]] | None:

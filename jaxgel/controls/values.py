@@ -1,6 +1,5 @@
 """The values that a control takes along a sweep."""
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,23 +7,13 @@ import numpy as np
 from .._types import Array, Float, Scalar
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Values:
-    """Values of a control in the order in which a sweep takes them; they may rise and fall."""
-
-    numbers: Float[np.ndarray, " k"]
-    """The values themselves, or the first, the turning points and the last."""
-    chosen: bool
-    """Whether the numbers are ends of adaptive steps, so that the states between them are chosen on the way."""
-
-
 def check_values(
     values: Sequence[float] | Float[Array, " k"] | Scalar, name: str = "mu", unit: str = "kT", *, rising: bool = False
-) -> Values:
-    """`Values` of a control: of a list or array these values, of a tuple the ends of adaptive steps.
+) -> Float[np.ndarray, " k"]:
+    """Values (k,) of a control in the order in which a sweep takes them; they may rise and fall.
 
-    ValueError, one line, for what are no finite numbers, for one number of a tuple, and where a value is repeated, or does not exceed the
-    one before it if they must be ``rising``.
+    ValueError, one line, for what are no finite numbers, and where a value is repeated, or does not exceed the one before it if they must
+    be ``rising``.
     """
     try:
         numbers = np.atleast_1d(np.asarray(values, dtype=float))
@@ -39,7 +28,7 @@ def check_values(
         k = int(np.argmax(wrong))
         rule = "increase" if rising else "differ from one to the next"
         raise ValueError(f"{name}: {numbers[k]:g} is followed by {numbers[k + 1]:g}, the values must {rule}")
-    return Values(numbers, isinstance(values, tuple) and len(numbers) >= 2)
+    return numbers
 
 
 def turning_points(values: Sequence[float] | Float[Array, " k"]) -> list[float]:

@@ -18,7 +18,6 @@ from .._types import Array, Float
 from .._validation import Inadmissible
 from ..cloud import Cloud
 from ..continuation import Path
-from ..controls import control_name
 from ..geometry import Plate, arcs, edge_lines, frame_of, image_offsets, outline_points, periods, reference_plate
 from ..materials import AnyGel, WithHoles, matrix_of
 from ..observables import CURVES
@@ -54,7 +53,7 @@ def _read(path, quantity, at):
     reach = ROUND_OFF * jnp.maximum(jnp.abs(low), jnp.abs(high))
     beyond = (at < low - reach) | (at > high + reach)
     if not isinstance(beyond, jax.core.Tracer) and (path.stop is None or path.stop.ok) and np.any(beyond):
-        name, asked = control_name(path.control), float(np.atleast_1d(at)[np.atleast_1d(beyond)][0])
+        name, asked = path.control.name, float(np.atleast_1d(at)[np.atleast_1d(beyond)][0])
         raise ValueError(f"{name}: {asked:g} is beyond the path, which runs from {float(low):g} to {float(high):g}; ask for a value within")
     return jnp.interp(at, values[order], jnp.asarray(quantity(path))[order]) * jnp.where(beyond, jnp.nan, 1.0)
 

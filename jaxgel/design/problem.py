@@ -9,7 +9,7 @@ from jax.flatten_util import ravel_pytree
 
 from .._types import Array, Float
 from .._validation import Inadmissible
-from ..bifurcation import sweep_by_options
+from ..bifurcation import problem_by_options, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions
 from ..controls import check_values
@@ -55,7 +55,7 @@ class DesignProblem:
 
     def __post_init__(self) -> None:
         control = self.sweep.control
-        object.__setattr__(self, "mu", check_values(list(self.mu), control, rising=control == "mu").numbers.tolist())
+        object.__setattr__(self, "mu", check_values(list(self.mu), control, rising=control == "mu").tolist())
         for k, value in enumerate(self.mu):
             if value in self.mu[:k]:
                 raise ValueError(f"{control}: {value:g} is there twice, the values of a design must differ, as quantities count at them")
@@ -110,8 +110,9 @@ class DesignProblem:
 
     def path(self, parameters: dict, cloud: Cloud, mu: Sequence[float] | None = None) -> Path:
         """The swollen path of a dict of parameters on a cloud placed at them; both may be traced."""
-        model, gel = self.options.model(cloud.at(self.plate(parameters))), self.gel_at(parameters)
-        return sweep_by_options(model, gel, self.sweep, values=self.mu if mu is None else mu, loads=self.loads.of(model))
+        model = self.options.model(cloud.at(self.plate(parameters)))
+        problem = problem_by_options(model, self.gel_at(parameters), self.sweep, loads=self.loads.of(model))
+        return sweep_by_options(problem, self.sweep, values=self.mu if mu is None else mu)
 
     @property
     def _lower(self):

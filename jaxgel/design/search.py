@@ -20,7 +20,6 @@ from tqdm import tqdm
 from .._types import Array, Float
 from .._validation import Inadmissible
 from ..continuation import Path
-from ..controls import control_name
 from ..discretisation import SPENT, cell_sizes
 from ..equilibrium import StateNotFound, Status
 from ..geometry import check_plate
@@ -33,10 +32,6 @@ from .problem import DesignProblem
 LOG = "design.json"
 FORMAT = 3  # of the log
 FEASIBLE = 1e-4  # violation of a scaled constraint that still counts as met
-_STATES = (
-    *("x", "pressure", "mu", "value", "status", "newton_iterations"),
-    *("residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched", "control"),
-)  # fields of a path that a design is checked by
 
 
 class Search:
@@ -217,10 +212,10 @@ class Search:
             values = [jnp.asarray(problem.objective(path)) * (-1.0 if problem.maximise else 1.0)]
             values += [jnp.asarray(c.function(path)) / c.scale for c in self.of_path]
             reported = {name: function(path) for name, function in problem.reported.items()}
-            return jnp.stack(values), (path.model, path.gel, {name: getattr(path, name) for name in _STATES}, reported)
+            return jnp.stack(values), (path, reported)
 
-        values, pullback, (model, gel, states, reported) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
-        check_path(Path(model=model, gel=gel, stop=None, stop_text="", **states), problem.allow_unstable)
+        values, pullback, (path, reported) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
+        check_path(path, problem.allow_unstable)
         reported = {name: float(reported[name]) for name in problem.reported}
         check_reported(reported)
         if not np.all(np.isfinite(values)):
@@ -264,7 +259,9 @@ class Evaluation:
 
 def check_path(path: Path, allow_unstable: bool = False) -> None:
     """Raise `Invalid`, in one line, for a path with a state that was not reached, is unstable, or touches itself."""
-    status, name = np.asarray(path.status), control_name(path.control)
+    name = path.control.name
+    examined = np.asarray(path.ok) & (np.asarray(path.derivative) != Status.NOT_EXAMINED)
+    status = np.where(examined, path.derivative, path.status)
     if np.any(status != Status.CONVERGED):
         k = int(np.argmax(status != Status.CONVERGED))
         raise Invalid(f"no state at {name} = {float(path.value[k]):.4f}: {Status(int(status[k])).text}")

@@ -14,28 +14,29 @@ from .._memo import once_per_owner
 from .._types import Array, Float
 from ..bifurcation import barrier, critical_points, loop
 from ..continuation import Path
-from ..controls import Control
+from ..controls import ChemicalPotential, Control
 from ..equilibrium import StateNotFound
-from ..mechanics import Loads
+from ..mechanics import Loads, Problem
 
+BY_MU = ChemicalPotential()
 Ends = tuple[float, float]
 OfPath = Callable[[Path], Float[Array, ""]]
-Driver = Control | Callable[[Path], Control | None] | None
+Driver = Control | Callable[[Path], Control]
 
 
-def fold_up(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
-    """Function of a path: the value of ``loop.fold_up`` of its model and gel under a ``control``, mu in kT without one, see `loop`."""
+def fold_up(values: Ends, control: Driver = BY_MU, loads: Loads | None = None) -> OfPath:
+    """Function of a path: the value of ``loop.fold_up`` of its model and gel under a ``control``, see `loop`."""
     drive = _Drive(values, control, loads)
     return lambda path: _value("fold_up", _loop(path, drive).fold_up)
 
 
-def fold_down(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
+def fold_down(values: Ends, control: Driver = BY_MU, loads: Loads | None = None) -> OfPath:
     """Function of a path: the value of ``loop.fold_down``, as `fold_up`."""
     drive = _Drive(values, control, loads)
     return lambda path: _value("fold_down", _loop(path, drive).fold_down)
 
 
-def loop_width(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
+def loop_width(values: Ends, control: Driver = BY_MU, loads: Loads | None = None) -> OfPath:
     """Function of a path: ``loop.width``, in the unit of the control, as `fold_up`; 0 without jumps."""
     drive = _Drive(values, control, loads)
 
@@ -48,28 +49,27 @@ def loop_width(values: Ends, control: Driver = None, loads: Loads | None = None)
     return width
 
 
-def barrier_height(at: float, values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
+def barrier_height(at: float, values: Ends, control: Driver = BY_MU, loads: Loads | None = None) -> OfPath:
     """Function of a path: the barrier, kT/v mm^2, that keeps the gel at the value ``at`` in its state on the way up, see `barrier`."""
     drive = _Drive(values, control, loads)
 
     @once_per_owner
     def height(path):
-        between, driver = _loop(path, drive, True), drive.control_of(path)
+        between = _loop(path, drive, True)
         if between.down is None:
             raise StateNotFound(f"it has no barrier: the loop has no way down, {between.stop_text}")
-        driven = {"mu": at} if driver is None else {"control": driver, "value": at}
-        return barrier(path.model, path.gel, between=between, contact=_contact(path), loads=drive.loads_of(path), **driven)[0].height
+        return barrier(drive.problem(path), at, between)[0].height
 
     return height
 
 
-def onset(values: Ends, control: Driver = None, loads: Loads | None = None) -> OfPath:
+def onset(values: Ends, control: Driver = BY_MU, loads: Loads | None = None) -> OfPath:
     """Function of a path: the value of the first of the `critical_points` between the ``values``, as `fold_up`."""
     drive = _Drive(values, control, loads)
 
     @once_per_owner
     def first(path):
-        points = critical_points(path.model, path.gel, **drive.between(path), loads=drive.loads_of(path), most=1)
+        points = critical_points(drive.problem(path), drive.values, most=1)
         return _value("onset", points[0] if points else None)
 
     return first
@@ -99,28 +99,17 @@ class _Drive:
     def __hash__(self):
         return hash((self.values, id(self.control), id(self.loads)))
 
-    def control_of(self, path):
-        """The control on the model of a path."""
-        return self.control if self.control is None or isinstance(self.control, Control) else self.control(path)
-
-    def loads_of(self, path):
-        """The nodal loads on the model of a path."""
-        return None if self.loads is None else self.loads.of(path.model)
-
-    def between(self, path):
-        """The control and its ends, as `loop` takes them."""
-        control = self.control_of(path)
-        return {"mu": self.values} if control is None else {"control": control, "values": self.values}
+    def problem(self, path):
+        """The problem of the model and the gel of a path under the control and the loads."""
+        control = self.control if isinstance(self.control, Control) else self.control(path)
+        loads = None if self.loads is None else self.loads.of(path.model)
+        return Problem(path.model, path.gel, loads=loads, control=control, contact=path.problem.has_contact)
 
 
 @once_per_owner
 def _loop(path, drive, unstable=False):
     """The loop of a path; with its unstable branch it is another one."""
-    return loop(path.model, path.gel, **drive.between(path), contact=_contact(path), loads=drive.loads_of(path), unstable=unstable)
-
-
-def _contact(path):
-    return "off" if path.model.contact is None else "on"
+    return loop(drive.problem(path), drive.values, unstable=unstable)
 
 
 def _value(name, point):

@@ -3,27 +3,20 @@
 from .bordered_newton import Conditions, solve_bordered, solve_pinned
 from .derivatives import first_order_only, no_tangents, with_derivatives_of, without_derivatives
 from .implicit import state_tangents
-from .newton import (
-    CONSTRAINT_TOLERANCE,
-    MAX_ITERATIONS,
-    TOLERANCE,
-    advanced,
-    assess_equilibrium,
-    iterate,
-    solve,
-    starting,
-    with_own_factor,
-)
+from .newton import NEWTON, Newton, advanced, iterate, solve, starting, with_own_factor
+from .observer import UNOBSERVED, Observer
 from .relaxation import relax, relax_along
-from .state import Stability, State, accepted, acting_problem, control_force, dry_state, of_control, pressure_rate
-from .status import NEARLY_SINGULAR, StateNotFound, Status, for_derivatives, of_outlines, remedy
+from .state import Stability, State, accepted, acting_problem, as_number, control_force, dry_state, linearised, pressure_rate
+from .status import NEARLY_SINGULAR, Change, StateNotFound, Status, for_derivatives, of_outlines, remedy
 
 __all__ = [
-    "CONSTRAINT_TOLERANCE",
-    "MAX_ITERATIONS",
     "NEARLY_SINGULAR",
-    "TOLERANCE",
+    "NEWTON",
+    "UNOBSERVED",
+    "Change",
     "Conditions",
+    "Newton",
+    "Observer",
     "Stability",
     "State",
     "StateNotFound",
@@ -31,14 +24,14 @@ __all__ = [
     "accepted",
     "acting_problem",
     "advanced",
-    "assess_equilibrium",
+    "as_number",
     "control_force",
     "dry_state",
     "first_order_only",
     "for_derivatives",
     "iterate",
+    "linearised",
     "no_tangents",
-    "of_control",
     "of_outlines",
     "pressure_rate",
     "relax",

@@ -13,8 +13,8 @@ import numpy as np
 from .._types import Array, Float, Scalar
 from ..linalg import Bordered
 from ..mechanics import Problem, condensed_rhs, factorised_tangent, gather, restrict, tangent
-from .newton import CONSTRAINT_TOLERANCE, TOLERANCE, advanced, iterate, starting
-from .state import State, control_force, of_control
+from .newton import NEWTON, advanced, iterate, starting
+from .state import State, control_force
 
 MAX_ITERATIONS = 15
 MISS = 1e-10  # largest error of a condition, relative to its target
@@ -71,7 +71,7 @@ def solve_pinned(
     correction = _Pinned(mode, restrict(np.asarray(origin), problem.free), amplitude)
     now, mu = problem.at(value)
     found = iterate(now, starting(now, mu, problem.placed(x, value), pressure), correction)
-    return of_control(problem, found, value), correction.force
+    return dataclasses.replace(found, value=float(value)), correction.force
 
 
 def _norm_with(forces, problem, state):
@@ -96,7 +96,7 @@ class _Bordered:
         change = (at - self.origin) @ conditions.rows + conditions.slopes * (state.value - conditions.value_origin)
         self.miss = conditions.targets - change
         allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(at) + MISS * np.abs(conditions.targets)
-        solved = size < TOLERANCE and float(state.linearisation.violation) < CONSTRAINT_TOLERANCE
+        solved = size < NEWTON.tolerance and float(state.linearisation.violation) < NEWTON.constraint_tolerance
         return size, solved and bool(np.all(np.abs(self.miss) <= allowed))
 
     def exhausted(self, state):
@@ -132,7 +132,7 @@ class _Pinned:
     def assess(self, problem, state):
         self.miss = self.amplitude - self.mode @ (restrict(np.asarray(state.x), problem.free) - self.origin)
         size = _norm_with(self.force * self.mode, problem, state)
-        solved = size < TOLERANCE and float(state.linearisation.violation) < CONSTRAINT_TOLERANCE
+        solved = size < NEWTON.tolerance and float(state.linearisation.violation) < NEWTON.constraint_tolerance
         return size, solved and abs(self.miss) < PINNED_MISS * abs(self.amplitude)
 
     def exhausted(self, state):

@@ -33,7 +33,7 @@ def state_tangents(
     Constrained degrees of freedom move with the nodes of the dry plate, and as a control moves the edges. The ``operators`` of the problem
     need no tangents: they follow from the model. nan where a tangent is singular.
     """
-    inputs, dots = (dataclasses.replace(q, model=_without_observation_points(q.model), operators=None) for q in (problem, problem_dot))
+    inputs, dots = (q.replace(model=_without_observation_points(q.model), operators=None) for q in (problem, problem_dot))
     leaves, structure = jax.tree.flatten(inputs)
     map_ = _Changes(structure, tuple(bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves))
     motion, rhs = changes.bind(values_dot, *map_.floats(dots), x, pressure, values, *leaves, map_=map_)
@@ -214,13 +214,13 @@ def _over_states(map_, states, numbers, steps, leaves, *, wanted, size):
     (by_vertices,) = jax.vjp(lambda vertices: dataclasses.replace(cloud, vertices=vertices).nodes, cloud.vertices)[1](by_dry)
     vertices = cotangent.model.cloud.vertices + by_vertices
     model = dataclasses.replace(cotangent.model, cloud=dataclasses.replace(cotangent.model.cloud, vertices=vertices))
-    cotangents = by_value, *map_.floats(dataclasses.replace(cotangent, model=model))
+    cotangents = by_value, *map_.floats(cotangent.replace(model=model))
     return [one for one, asked in zip(cotangents, wanted, strict=True) if asked]
 
 
 def _zeros_but(problem, control):
     """Zeros like the problem's numbers, but for those of the ``control``."""
-    return dataclasses.replace(jax.tree.map(jnp.zeros_like, problem), control=control)
+    return jax.tree.map(jnp.zeros_like, problem).replace(control=control)
 
 
 # --- the primitive -----------------------------------------------------------------------------------------------------------

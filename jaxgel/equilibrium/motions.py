@@ -55,7 +55,7 @@ def edge_motions(
         return 0.0
 
     def positions(control, value):
-        return dataclasses.replace(problem, control=control).dry_positions(value)
+        return problem.replace(control=control).dry_positions(value)
 
     def motion(value, value_dot):
         return constrained_part(jax.jvp(positions, (problem.control, value), (problem_dot.control, value_dot))[1], problem.free)
@@ -67,7 +67,7 @@ def edge_cotangents(problem: Problem, values: Float[Array, " k"], forces: Float[
     """Cotangents of the control and of its values (k,) by those (k, n, 2) of the motions that it prescribes."""
 
     def work(control, values):
-        moving = dataclasses.replace(problem, control=control)
+        moving = problem.replace(control=control)
         positions = jax.vmap(lambda value: constrained_part(moving.dry_positions(value), problem.free))(values)
         return jnp.sum(positions * forces)
 

@@ -9,7 +9,6 @@ import functools
 from typing import Protocol, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
@@ -25,18 +24,41 @@ from ..mechanics import (
     step_limit,
     touches,
 )
-from .state import State, acting_problem, control_pressure, of_control
+from .observer import UNOBSERVED, Observer
+from .state import State, as_number, control_pressure, linearised
 from .status import Status, of_iterate, of_outlines
 
-MAX_ITERATIONS = 30
-TOLERANCE = 1e-10  # of the residual, relative to the forces of the network
-CONSTRAINT_TOLERANCE = 1e-11  # of J - J*(p), see ``mechanics.mixed``
 SLOW = 0.1  # a step that leaves more than this of the error makes a new factor worth its cost
 LARGEST_RISE = 3.0  # of the error in an iteration with contact: a larger rise means a point pair was pushed far into the contact barrier
 MAX_HALVINGS = 6  # of such a correction
 
 
 P = TypeVar("P", contravariant=True)  # a problem of one formulation
+
+
+@dataclasses.dataclass(frozen=True)
+class Newton:
+    """When Newton's method ends."""
+
+    tolerance: float = 1e-10
+    """Largest norm of the residual over that of the network's nodal forces and the loads."""
+    constraint_tolerance: float = 1e-11
+    """Largest difference of a volume ratio J from that of the pressure, J*(p), see ``mechanics.mixed``."""
+    max_iterations: int = 30
+    """Most corrections of one state; after them the step of the control is refused."""
+
+    def assess(self, state: State) -> tuple[float, bool]:
+        """Residual norm of a linearised iterate, nan where it is not finite, and whether it is an equilibrium."""
+        residual, violation = float(state.linearisation.residual_norm), float(state.linearisation.violation)
+        return residual if np.isfinite(violation) else np.nan, residual < self.tolerance and violation < self.constraint_tolerance
+
+    def error(self, state: State) -> float:
+        """Residual norm and constraint violation of a linearised iterate over their tolerances, the larger one."""
+        linearisation = state.linearisation
+        return max(float(linearisation.residual_norm) / self.tolerance, float(linearisation.violation) / self.constraint_tolerance)
+
+
+NEWTON = Newton()
 
 
 class Correction(Protocol[P]):
@@ -59,9 +81,10 @@ class Correction(Protocol[P]):
         ...
 
 
-def iterate(problem: P, state: State, correction: Correction[P]) -> State:
+def iterate(problem: P, state: State, correction: Correction[P], observer: Observer = UNOBSERVED) -> State:
     """The `State` in which the iteration from ``state`` with a kind of ``correction`` ends; its status says how."""
     while True:
+        observer.iteration(state)
         residual, solved = correction.assess(problem, state)
         status = of_iterate(residual, solved, correction.exhausted(state))
         try:
@@ -78,26 +101,27 @@ def iterate(problem: P, state: State, correction: Correction[P]) -> State:
 class Chord:
     """Newton's corrections with a factor that is kept for as long as each leaves less than ``SLOW`` of the error.
 
-    With ``own_factor`` every correction gets its own factor, and so does the solution. The factor is kept here and not in the iterates:
-    it is freed before the next factorisation.
+    With ``own_factor`` every correction gets its own factor, and so does the solution, which has none otherwise. The factor is kept here
+    and not in the iterates: it is freed before the next factorisation.
     """
 
     own_factor: bool = False
+    newton: Newton = NEWTON
     factor: Factor | None = None
     factorised_at: Linearisation | None = None
     error_before: float = np.inf
 
     def assess(self, problem: Problem, state: State) -> tuple[float, bool]:  # noqa: ARG002
         """See `Correction`."""
-        return assess_equilibrium(state)
+        return self.newton.assess(state)
 
     def exhausted(self, state: State) -> bool:
         """See `Correction`."""
-        return state.newton_iterations >= MAX_ITERATIONS
+        return state.newton_iterations >= self.newton.max_iterations
 
     def __call__(self, problem: Problem, state: State) -> State:
         """The next iterate, damped where contact multiplies the error."""
-        error = relative_error(state)
+        error = self.newton.error(state)
         if self.own_factor or self.factor is None or error > SLOW * self.error_before:
             self.factor, self.factorised_at = None, state.linearisation  # free the last factor before the next factorisation
             self.factor = factorised_tangent(problem, state.x, state.pressure, state.linearisation)
@@ -106,35 +130,23 @@ class Chord:
         self.error_before = error
         found = advanced(problem, state, dx, self.factorised_at)
         for halvings in range(1, MAX_HALVINGS + 1 if problem.has_contact else 0):
-            if relative_error(found) < max(LARGEST_RISE * error, 1.0):
+            if self.newton.error(found) < max(LARGEST_RISE * error, 1.0):
                 break
             found = advanced(problem, state, dx, self.factorised_at, share=0.5**halvings)
         return found
 
     def finish(self, problem: Problem, state: State) -> State:
-        """The solution with the last factor, or its own."""
-        if self.own_factor:
-            self.factor = None
-            self.factor = factorised_tangent(problem, state.x, state.pressure, state.linearisation)
-        return dataclasses.replace(state, factor=self.factor)
+        """The solution, with a factor of its own tangent where that was asked for."""
+        self.factor = None
+        own = factorised_tangent(problem, state.x, state.pressure, state.linearisation) if self.own_factor else None
+        return dataclasses.replace(state, factor=own)
 
 
 def starting(problem: Problem, value: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
     """Iterate at a ``value`` of the control with the given positions and pressures, linearised there; edges are as prescribed."""
-    value, x = float(value), problem.placed(x, value)
+    value, x = as_number(value), problem.placed(x, value)
     now, mu = problem.at(value)
-    return of_control(problem, State(float(mu), x, pressure, linearisation=linearise(now, x, pressure, jnp.asarray(mu))), value)
-
-
-def assess_equilibrium(state: State) -> tuple[float, bool]:
-    """Residual norm of a linearised iterate, nan where it is not finite, and whether it is an equilibrium."""
-    residual, violation = float(state.linearisation.residual_norm), float(state.linearisation.violation)
-    return residual if np.isfinite(violation) else np.nan, residual < TOLERANCE and violation < CONSTRAINT_TOLERANCE
-
-
-def relative_error(state: State) -> float:
-    """Residual norm and constraint violation of a linearised iterate over their tolerances, the larger one."""
-    return max(float(state.linearisation.residual_norm) / TOLERANCE, float(state.linearisation.violation) / CONSTRAINT_TOLERANCE)
+    return State(value, as_number(mu), x, pressure, linearisation=linearise(now, x, pressure, mu))
 
 
 def advanced(
@@ -155,11 +167,8 @@ def advanced(
     if step:
         x, pressure = problem.placed(x, value), np.asarray(pressure) + share * step * control_pressure(problem, state)
     now, mu = problem.at(value)
-    x, pressure, linearisation = _advanced(
-        now, x, pressure, jnp.asarray(mu), dx, state.linearisation, factorised_at, share, limited=limited
-    )
-    found = State(float(mu), x, pressure, newton_iterations=state.newton_iterations + 1, linearisation=linearisation)
-    return of_control(problem, found, value)
+    x, pressure, linearisation = _advanced(now, x, pressure, mu, dx, state.linearisation, factorised_at, share, limited=limited)
+    return State(value, as_number(mu), x, pressure, newton_iterations=state.newton_iterations + 1, linearisation=linearisation)
 
 
 @functools.partial(jax.jit, static_argnames="limited")
@@ -178,6 +187,8 @@ def solve(
     *,
     own_factor: bool = False,
     near_contact: bool | None = None,
+    newton: Newton = NEWTON,
+    observer: Observer = UNOBSERVED,
 ) -> State:
     """`State` of equilibrium at a ``value`` of the control, from positions ``x``, mm, and pressures, kT/v.
 
@@ -186,26 +197,28 @@ def solve(
     ``near_contact`` does not already say so, and in the solution. A state in which an outline crosses itself is not accepted.
     """
     now, mu = problem.at(value)
-    return of_control(problem, _solved(now, mu, problem.placed(x, value), pressure, own_factor, near_contact), value)
+
+    def solved(problem, own_factor):
+        return iterate(problem, starting(problem, mu, x, pressure), Chord(own_factor, newton), observer)
+
+    x = problem.placed(x, value)
+    found = _with_contact(now, x, near_contact, own_factor, solved) if now.has_contact else solved(now, own_factor)
+    return dataclasses.replace(found, value=float(value))
 
 
-def _solved(problem, mu, x, pressure, own_factor, near_contact):
-    """`solve` at a chemical potential."""
-    if not problem.has_contact:
-        return iterate(problem, starting(problem, mu, x, pressure), Chord(own_factor))
+def _with_contact(problem, x, near_contact, own_factor, solved):
+    """What ``solved(problem, own_factor)`` finds without contact, or with it where an outline is near itself there or at ``x``."""
     if not (touches(x, problem.model) if near_contact is None else near_contact):
-        free = problem.without_contact
-        found = iterate(free, starting(free, mu, x, pressure), Chord(own_factor))
+        found = solved(problem.without_contact, own_factor)
         if not (found.status.ok and touches(found.x, problem.model)):
             return dataclasses.replace(found, contact_active=False)
-    found = dataclasses.replace(iterate(problem, starting(problem, mu, x, pressure), Chord(own_factor=True)), contact_active=True)
+    found = dataclasses.replace(solved(problem, True), contact_active=True)
     return dataclasses.replace(found, status=of_outlines(found.x, problem.model, contact=True)) if found.status.ok else found
 
 
 def with_own_factor(problem: Problem, state: State) -> State:
-    """The state with a factor of its own tangent."""
-    if state.linearisation is None:
-        found = solve(problem, state.value, state.x, state.pressure, own_factor=True)
-        return dataclasses.replace(found, newton_iterations=state.newton_iterations)
-    acting = acting_problem(problem, state)
-    return dataclasses.replace(state, factor=factorised_tangent(acting, state.x, state.pressure, state.linearisation))
+    """The state with a factor of its own tangent; raises `linalg.SingularTangent`."""
+    if state.factor is not None:
+        return state
+    acting, now = linearised(problem, state)
+    return dataclasses.replace(state, linearisation=now, factor=factorised_tangent(acting, state.x, state.pressure, now))

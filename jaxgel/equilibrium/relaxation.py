@@ -12,8 +12,8 @@ import numpy as np
 from .._types import Array, Float, Scalar
 from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import Problem, condensed_rhs, scatter, tangent
-from .newton import advanced, assess_equilibrium, iterate, starting
-from .state import State, of_control
+from .newton import NEWTON, advanced, iterate, starting
+from .state import State
 from .status import of_outlines
 
 FIRST_DAMPING = 0.5  # alpha, in units of the network's stiffness like the eigenvalues of the tangent
@@ -25,8 +25,8 @@ KICK = 0.02  # of the spacing: largest displacement along the mode that starts t
 def relax(problem: Problem, value: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
     """Stable `State` at a ``value`` of the control into which positions ``x`` with pressures relax; its status says if none was found."""
     now, mu = problem.at(value)
-    found = of_control(problem, iterate(now, starting(now, mu, problem.placed(x, value), pressure), Damped()), value)
-    found = dataclasses.replace(found, contact_active=problem.has_contact)
+    found = iterate(now, starting(now, mu, problem.placed(x, value), pressure), Damped())
+    found = dataclasses.replace(found, value=float(value), contact_active=problem.has_contact)
     return dataclasses.replace(found, status=of_outlines(found.x, problem.model, contact=True)) if found.status.ok else found
 
 
@@ -48,7 +48,7 @@ class Damped:
 
     def assess(self, problem: Problem, state: State) -> tuple[float, bool]:  # noqa: ARG002
         """See `newton.Correction`; the damping follows the residual."""
-        size, solved = assess_equilibrium(state)
+        size, solved = NEWTON.assess(state)
         if self.size_before is not None:  # switched evolution relaxation, biased to longer steps
             self.damping *= np.clip(size / self.size_before, 0.2, 0.9)
         self.size_before = size
@@ -66,8 +66,8 @@ class Damped:
         return advanced(problem, state, dx, state.linearisation)
 
     def finish(self, problem: Problem, state: State) -> State:  # noqa: ARG002
-        """The solution with the last factor."""
-        return dataclasses.replace(state, factor=self.factor)
+        """The solution, without a factor."""
+        return state
 
     def _factorise(self, problem, pairs):
         """Factor of the damped tangent without negative pivots, with as little damping as that takes."""

@@ -17,37 +17,38 @@ from ..mechanics import (
     carries_volume,
     energy_at,
     gather,
-    mu_force,
+    linearise,
     pressure_at,
-    pressure_step_of_mu,
     residual,
     start_positions,
     state_pressure,
     volume_ratios,
 )
-from .status import Status
+from .status import Change, Status
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stability:
-    """The lowest eigenvalues of the tangent of a state, m of them, over the network's stiffness; of a symmetric state found on a region a
-    double one counts once.
+    """How many eigenvalues of the tangent of a state are negative, and where they were asked for the lowest m, over the network's
+    stiffness; of a symmetric state found on a region a double one counts once.
     """
 
-    eigenvalues: Float[np.ndarray, " m"]
-    """Ascending, dimensionless; the first is as accurate as asked for."""
-    vectors: Float[np.ndarray, "f w"] | None
-    """At least as many modes, on the free degrees of freedom, 1 / sqrt(kT/v), of either sign; None where they were not kept."""
     negative: int
-    """Number of negative eigenvalues of the tangent, tracked or not, a double one counted twice."""
+    """Number of negative eigenvalues of the tangent, a double one counted twice."""
+    eigenvalues: Float[np.ndarray, " m"] | None = None
+    """Ascending, dimensionless; the first is as accurate as asked for. None where they were not computed."""
+    vectors: Float[np.ndarray, "f w"] | None = None
+    """At least as many modes, on the free degrees of freedom, 1 / sqrt(kT/v), of either sign; None where they were not kept."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class State:
     """A state at one value of a control, converged or not."""
 
-    mu: float
-    """Chemical potential, kT."""
+    value: float
+    """Value of the control."""
+    mu: float | Float[np.ndarray, " g"]
+    """Chemical potential, kT, of all volume groups or of each."""
     x: Float[Array, "n 2"]
     """Nodal positions, mm."""
     pressure: Float[Array, " g"]
@@ -61,9 +62,9 @@ class State:
     energy: float = float("nan")
     """Total energy, kT/v mm^2; nan until the state is accepted."""
     stability: Stability | None = None
-    """Lowest eigenvalues and modes; None where they were not computed."""
-    switched: bool = False
-    """Whether the state left an unstable branch: it does not continue the states before it."""
+    """Negative eigenvalues of the tangent; None where they were not counted."""
+    switched: Change = Change.NONE
+    """Why the state does not continue the states before it."""
     contact_active: bool | None = None
     """Whether an outline is so near itself that contact acts; None where that was not looked at."""
     symmetry: str = ""
@@ -71,22 +72,15 @@ class State:
     rate: Float[Array, "n 2"] | None = None
     """dx/dvalue, mm over the control's unit, from which a sweep's second state is predicted; of its first state only."""
     factor: Factor | Kept | None = None
-    """Factor of a tangent near the state, its own by blocks where it was found on a region; None once a sweep goes on, where a
-    factorisation failed, and for a state read from a file."""
+    """Factor of the state's own tangent, by blocks where it was found on a region; None where there was no need of one, once a sweep goes
+    on, and for a state read from a file."""
     linearisation: Linearisation | None = None
     """The mixed form about the state; None where it was not computed or kept."""
-    control: float | None = None
-    """Value of the control; None where that is the chemical potential."""
 
     def __repr__(self) -> str:
         """Where the state is, and how it stands."""
         negative = {-1: "stability not computed", 0: "stable"}.get(self.negative_pivots, f"{self.negative_pivots} negative eigenvalues")
         return f"State of {len(self.x)} nodes, mu = {self.mu:.6g} kT, {negative}: {self.status.text}"
-
-    @property
-    def value(self) -> float:
-        """Value of the control, mu where there is none other."""
-        return self.mu if self.control is None else self.control
 
     @property
     def negative_pivots(self) -> int:
@@ -96,7 +90,8 @@ class State:
     @property
     def lowest_eigenvalue(self) -> float:
         """Lowest eigenvalue of the tangent over the network's stiffness; nan where it was not computed."""
-        return float(self.stability.eigenvalues[0]) if self.stability is not None else float("nan")
+        eigenvalues = None if self.stability is None else self.stability.eigenvalues
+        return float("nan") if eigenvalues is None else float(eigenvalues[0])
 
     @property
     def modes(self) -> Float[np.ndarray, "f w"] | None:
@@ -109,7 +104,7 @@ class State:
         return dataclasses.replace(self, factor=None, linearisation=None)
 
 
-def accepted(problem: Problem, state: State, stability: Stability | None, *, switched: bool = False) -> State:
+def accepted(problem: Problem, state: State, stability: Stability | None, *, switched: Change = Change.NONE) -> State:
     """A converged state with its energy and stability."""
     acting = acting_problem(problem, state)
     energy = float(energy_at(state.x, acting.model, acting.gel, state.mu, acting.loads))
@@ -121,15 +116,21 @@ def acting_problem(problem: Problem, state: State) -> Problem:
     return (problem.without_contact if state.contact_active is False else problem).at(state.value)[0]
 
 
-def of_control(problem: Problem, state: State, value: Scalar) -> State:
-    """The state as one at a ``value`` of the problem's control."""
-    return state if problem.control is None else dataclasses.replace(state, control=float(value))
+def linearised(problem: Problem, state: State) -> tuple[Problem, Linearisation]:
+    """The `acting_problem` of a state, and the mixed form about the state, its own where it was kept."""
+    acting = acting_problem(problem, state)
+    if state.linearisation is not None:
+        return acting, state.linearisation
+    return acting, linearise(acting, state.x, state.pressure, np.asarray(state.mu, dtype=float))
+
+
+def as_number(mu: Scalar) -> float | Float[np.ndarray, " g"]:
+    """A chemical potential as a number, or as numbers of the volume groups."""
+    return float(mu) if np.ndim(mu) == 0 else np.asarray(mu)
 
 
 def control_force(problem: Problem, state: State) -> Float[np.ndarray, " f"]:
     """Derivative (f,) of the residual of a state by the control, kT/v mm over the control's unit, edges that it moves included."""
-    if problem.control is None:
-        return np.asarray(mu_force(problem, state.x, state.mu))
     return np.asarray(_control_force(problem, state.x, state.value, state.pressure))
 
 
@@ -144,8 +145,6 @@ def _control_force(problem, x, value, pressure):
 
 def control_pressure(problem: Problem, state: State) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures in a Newton step with the unknowns at rest, kT/v over the control's unit."""
-    if problem.control is None:
-        return np.asarray(pressure_step_of_mu(state.pressure, problem, state.mu))
     return pressure_rate(problem, state, jnp.zeros(state.x.shape))
 
 

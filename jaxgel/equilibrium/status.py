@@ -30,16 +30,35 @@ class Status(enum.IntEnum):
     NEARLY_SINGULAR = 9
     LEAPT = 10
     UNSTABLE = 11
+    NOT_EXAMINED = 12
 
     @property
     def ok(self) -> bool:
-        """Whether the state satisfies equilibrium."""
+        """Whether a state satisfies equilibrium, or its derivatives are well posed."""
         return self is Status.CONVERGED
 
     @property
     def text(self) -> str:
         """One line that says what happened and what to try."""
         return _TEXTS[self]
+
+
+class Change(enum.IntEnum):
+    """Why a state does not continue the states before it; false where it does."""
+
+    NONE = 0
+    """It continues them."""
+    BIFURCATION = 1
+    """It lies on the stable branch that leaves an unstable one there."""
+    RELAXATION = 2
+    """The stable branch ended, and the gel relaxed to another state: it snapped through."""
+    PHASE = 3
+    """Much of the gel collapsed or swelled at once."""
+
+    @property
+    def text(self) -> str:
+        """The reason in words."""
+        return ("none", "bifurcation", "relaxation", "phase jump")[self]
 
 
 _TEXTS = {
@@ -56,13 +75,14 @@ _TEXTS = {
     Status.LEAPT: "the gel changes its phase here, collapsed or swollen, by a leap; use smaller steps, which cross it",
     Status.NEARLY_SINGULAR: "converged, but a fold or bifurcation is near: derivatives grow like 1 / lowest_eigenvalue and hold for tiny "
     "changes only",
+    Status.NOT_EXAMINED: "whether derivatives are well posed was not asked",
     Status.UNSTABLE: "the stable branch ends, and no stable state was found by relaxation from there",
 }
 
 
-def remedy(status: Status) -> str:
-    """What to change where not even the first state of a sweep was found, to follow the text of its `Status`."""
-    return "; sweep with contact = 'on'" if status is Status.SELF_CONTACT else "; start at a lower mu"
+def remedy(status: Status, control: str) -> str:
+    """What to change where not even the first state of a sweep along a ``control`` was found, to follow the text of its `Status`."""
+    return "; sweep with contact" if status is Status.SELF_CONTACT else "; start at a lower mu" if control == "mu" else ""
 
 
 def of_iterate(residual: float, solved: bool | np.bool_, exhausted: bool) -> Status | None:
@@ -81,13 +101,13 @@ def of_outlines(x: Float[Array, "n 2"], model: Model, *, contact: bool) -> Statu
     return Status.CROSSED if contact else Status.SELF_CONTACT
 
 
-def for_derivatives(status: Status, eigenvalue: float, *, crossing: bool, contact: bool) -> Status:
-    """Status of a state whose derivatives are asked for, from that of its solve: what makes them meaningless takes precedence.
+def for_derivatives(eigenvalue: float, *, crossing: bool, contact: bool) -> Status:
+    """Whether the derivatives of a state are well posed, a `Status`; `NOT_EXAMINED` for an ``eigenvalue`` that is nan.
 
-    ``eigenvalue`` is the one nearest zero, over the network's stiffness; ``crossing`` says whether an outline crosses itself.
+    The ``eigenvalue`` is the lowest, over the network's stiffness; ``crossing`` says whether an outline crosses itself.
     """
-    if status is not Status.CONVERGED:
-        return Status(status)
     if crossing:
         return Status.CROSSED if contact else Status.SELF_CONTACT
+    if np.isnan(eigenvalue):
+        return Status.NOT_EXAMINED
     return Status.NEARLY_SINGULAR if abs(eigenvalue) < NEARLY_SINGULAR else Status.CONVERGED

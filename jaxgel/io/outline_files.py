@@ -12,7 +12,6 @@ import shapely
 
 from .._types import Float
 from ..continuation import Path
-from ..controls import control_name
 from ..geometry import Plate, check_plate, frame_of, image_offsets, reference_plate
 from ..observables import deformed_boundary
 from .files import write_atomically
@@ -50,7 +49,7 @@ def swollen_gel(path: Path, k: int) -> shapely.Geometry:
     """The gel of state ``k`` of a path as a shapely polygon, mm; ValueError if its outline crosses itself."""
     sides = shapely.linestrings(deformed_boundary(path[[k]])[0])
     if not shapely.multilinestrings(sides).is_simple:
-        raise ValueError(f"state: the outline at {control_name(path.control)} = {float(path.value[k]):.6g} crosses itself")
+        raise ValueError(f"state: the outline at {path.control.name} = {float(path.value[k]):.6g} crosses itself")
     faces = shapely.get_parts(shapely.polygonize(sides))
     return max(faces, key=lambda face: shapely.Polygon(face.exterior).area)  # the gel's outer line is around its holes, also large ones
 

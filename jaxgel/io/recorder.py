@@ -20,9 +20,8 @@ import numpy as np
 
 from ..bifurcation import CriticalPoint
 from ..continuation import Path
-from ..controls import control_name, unit_of
-from ..discretisation import Model
 from ..equilibrium import State, Status
+from ..mechanics import Problem
 from ..observables import SELF_CONTACT, columns_of, events, history, outlines
 from .files import open_folder, write_atomically, write_csv, write_json
 from .run import FORMAT, STEP_ARRAYS, kind_of
@@ -43,9 +42,9 @@ FILES = (
 
 
 class Recorder:
-    """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; pass it as ``on_step``.
+    """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; `Observer(accepted=recorder)`.
 
-    ``case`` is the `cases.Case` of ``model``, whose contact is that of the sweep, and ``gel``. With ``durable`` each step is flushed to the
+    ``problem`` is that of the ``case``, a `cases.Case`. With ``durable`` each step is flushed to the
     disk, otherwise only `finish` does so. The files are begun by `begin`, or by the first step. Raises ValueError if the folder cannot be
     written.
     """
@@ -54,13 +53,11 @@ class Recorder:
         self,
         folder: str | File,
         case: Any,
-        model: Model,
-        gel: Any,
+        problem: Problem,
         *,
         durable: bool = True,
     ) -> None:
-        self.folder, self.case, self.model, self.gel = open_folder(folder), case, model, gel
-        self.control = case.control(model)
+        self.folder, self.case, self.problem, self.model, self.control = open_folder(folder), case, problem, problem.model, problem.control
         self.records = []  # (step, row, outlines) of each accepted state
         self.stored = 0  # states that are on disk for good
         self.started, self.durable, self.begun = time.perf_counter(), durable, False
@@ -90,7 +87,7 @@ class Recorder:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of ``history.csv``."""
-        return columns_of(self.model.cloud.plate, control_name(self.control))
+        return columns_of(self.model.cloud.plate, self.control.name)
 
     def __call__(self, step: State) -> None:
         """Write one accepted step: first its row, then all states, so that there are never more states than rows."""
@@ -107,7 +104,7 @@ class Recorder:
 
     def _take(self, step: State) -> dict[str, Any]:
         """The row of a step, which is added to the records."""
-        one = Path.from_states(self.model, self.gel, [step], control=self.control, stop=step.status)
+        one = Path.from_states(self.problem, [step], stop=step.status)
         row = {name: column[0] for name, column in history(one).items()}
         if self.records and self.records[-1][1]["status"] == SELF_CONTACT:
             row["status"] = SELF_CONTACT
@@ -130,7 +127,6 @@ class Recorder:
     def _states(self) -> dict[str, np.ndarray]:
         steps = self.steps
         arrays = {name: np.array([getattr(step, name) for step in steps]) for name in STEP_ARRAYS}
-        arrays |= {} if self.control is None else {"value": np.array([step.value for step in steps])}
         arrays["status"] = np.array([step.status.name for step in steps])
         arrays["symmetry"] = np.array([step.symmetry for step in steps])
         arrays["nodes"] = np.asarray(self.model.cloud.nodes)
@@ -157,7 +153,7 @@ class Recorder:
             "wall_seconds": round(time.perf_counter() - self.started, 3),
             "states": len(self.records),
             "symmetry": dict(collections.Counter(step.symmetry for step in self.steps)),
-            "control": {"name": control_name(self.control), "unit": unit_of(self.control)},
+            "control": {"name": self.control.name, "unit": self.control.unit},
             "value_reached": float(self.steps[-1].value) if self.records else None,
             "mu_reached": float(table["mu"][-1]) if self.records else None,
             "events": events(table),

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from ..bifurcation import Loop
-from ..controls import control_name, unit_of
 from ..observables import history
 from ..waves import LatticeOnset
 from .files import write_atomically, write_csv, write_json
@@ -20,8 +19,8 @@ def write_loop(loop: Loop, folder: File, options: dict[str, Any]) -> None:
     control = loop.up.control
     record = {
         "options": options,
-        "control": control_name(control),
-        "unit": unit_of(control),
+        "control": control.name,
+        "unit": control.unit,
         "width": None if loop.width is None else float(loop.width),
         "fold_up": _point_entry(loop.fold_up),
         "fold_down": _point_entry(loop.fold_down),
@@ -36,8 +35,8 @@ def write_loop(loop: Loop, folder: File, options: dict[str, Any]) -> None:
     columns, rows = [], []
     for way, path in (("up", loop.up), ("down", loop.down), ("unstable", loop.unstable)):
         if path is not None:
-            table = {name: column for name, column in history(path).items() if name != control_name(control)}
-            columns = ["way", control_name(control), *table]
+            table = {name: column for name, column in history(path).items() if name != control.name}
+            columns = ["way", control.name, *table]
             rows += [[way, *row] for row in zip(np.asarray(path.value), *table.values(), strict=True)]
     write_csv(folder / "loop.csv", columns, rows)
 

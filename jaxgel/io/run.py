@@ -11,22 +11,13 @@ import numpy as np
 
 from .._types import Float
 from .._validation import GONE
+from ..continuation import SCALARS
 from ..equilibrium import Status
 from ..observables import BY_COLUMN, COLUMNS, OF_CELLS
 from .files import MAX_BYTES, guarded, read_arrays
 
 FORMAT = 3  # raised when the meaning of a file changes
-STEP_ARRAYS = (
-    "mu",
-    "x",
-    "pressure",
-    "newton_iterations",
-    "residual",
-    "energy",
-    "negative_pivots",
-    "lowest_eigenvalue",
-    "switched",
-)
+STEP_ARRAYS = tuple(name for name in (*SCALARS, "x", "pressure") if name != "status")  # whose names are stored
 ENTRIES = {
     "case": str,
     "options": dict,
@@ -55,10 +46,10 @@ class Run:
     summary: dict[str, Any]
     """Content of ``summary.json``."""
     history: dict[str, Any]
-    """Columns of ``history.csv``: name -> (k,) array, status a list of texts; nan in a column that the file does not have."""
+    """Columns of ``history.csv``: name -> (k,) array, status a list of texts; nan, or no text, in a column that the file does not have."""
     states: dict[str, np.ndarray]
     """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm, and the rest
-    of each step; value (k,) of another control than mu."""
+    of each step; value (k,) of the control."""
 
     @property
     def control(self) -> tuple[str, str]:
@@ -68,7 +59,7 @@ class Run:
     @property
     def value(self) -> Float[np.ndarray, " k"]:
         """Values of the control."""
-        return self.states.get("value", self.mu)
+        return self.states["value"]
 
     @property
     def mu(self) -> Float[np.ndarray, " k"]:
@@ -99,7 +90,7 @@ def load_run(folder: str | File, *, max_bytes: int = MAX_BYTES) -> Run:
     if states is None:
         raise ValueError(f"folder: {str(folder)!r} holds no accepted state; its run ended as {summary['status']!r}: {summary['reason']}")
     k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in history.csv
-    for name, column in (("mu", "mu"), *([("value", control_in(summary)[0])] if "value" in states else [])):
+    for name, column in (("mu", "mu"), ("value", control_in(summary)[0])):
         if not np.array_equal(states[name][:k], table[column][:k]):
             raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their {column} differ")
     states = {name: a if name == "nodes" else a[:k] for name, a in states.items()}
@@ -146,29 +137,30 @@ def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
         raise ValueError(f"a row has not {len(header)} columns")
     driven = () if control == "mu" else (control,)
     known = (*driven, *COLUMNS, *(name for name in OF_CELLS if name in header))
-    missing = next((name for name in known if name not in header and (name in (*driven, "mu") or kind_of(name) is not float)), None)
+    kinds = {name: kind_of(name) for name in known}
+    missing = next((name for name in known if name not in header and (name in (*driven, "mu", "status") or kinds[name] is int)), None)
     if missing is not None:
         raise ValueError(f"it has no column {missing}")
-    table = {name: [row[header.index(name)] for row in rows] if name in header else ["nan"] * len(rows) for name in known}
-    kinds = {name: kind_of(name) for name in table}
+    fills = {str: "", float: "nan"}
+    table = {name: [row[header.index(name)] for row in rows] if name in header else [fills[kinds[name]]] * len(rows) for name in known}
     return {name: c if kinds[name] is str else np.array(c, dtype=float).astype(kinds[name]) for name, c in table.items()}
 
 
 def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
     arrays = read_arrays(content, max_bytes)
+    arrays = {"value": arrays["mu"]} | arrays if "mu" in arrays else arrays  # earlier versions wrote the values of other controls only
     missing = [name for name in (*STEP_ARRAYS, "status", "symmetry", "nodes") if name not in arrays]
     if missing or arrays["x"].ndim != 3 or arrays["pressure"].ndim != 2:
         raise ValueError(f"it has no {missing[0]}" if missing else "x or pressure is no array of states")
     (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
     shapes = dict.fromkeys((*STEP_ARRAYS, "status", "symmetry"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
     shapes |= {name: (k, *a.shape[1:2], 2) for name, a in arrays.items() if name.startswith("outline_")}
-    shapes |= {"value": (k,)} if "value" in arrays else {}
     for name, shape in shapes.items():
         if arrays[name].shape != shape or arrays[name].dtype.kind not in "bfiU":
             raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
-    for name in {"mu", "value", "x", "pressure"} & arrays.keys():
+    for name in ("mu", "value", "x", "pressure"):
         if not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} is not finite")
-    if not np.all(np.diff(arrays.get("value", arrays["mu"]))) or not set(arrays["status"]) <= Status.__members__.keys():
+    if not np.all(np.diff(arrays["value"])) or not set(arrays["status"]) <= Status.__members__.keys():
         raise ValueError("a value of the control is repeated, or a status is unknown")
     return {name: arrays[name] for name in shapes}

@@ -11,7 +11,6 @@ from pyevtk.vtk import VtkGroup, VtkTriangle
 
 from .._types import Array, Float, Int
 from ..continuation import Path
-from ..controls import control_name
 from ..discretisation import make_probe
 from ..mechanics import is_film, is_generalised
 from ..observables import SELF_CONTACT, cauchy_stress, field_values, history, parameter_values, thickness_stretch
@@ -44,7 +43,7 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
     kinds = np.full(len(offsets), VtkTriangle.tid, dtype=np.uint8)
     zero = np.zeros(len(used))
     group = VtkGroup(str(folder / "series"))
-    values, name = np.asarray(path.value, dtype=float), control_name(path.control)
+    values, name = np.asarray(path.value, dtype=float), path.control.name
     times = values if np.all(np.diff(values) > 0) else np.arange(len(values), dtype=float)
     for k, time in enumerate(times):
         file = unstructuredGridToVTK(

@@ -27,15 +27,13 @@ from .mixed import (
     Linearisation,
     condensed_rhs,
     linearise,
-    mu_force,
     pressure_step,
-    pressure_step_of_mu,
     state_pressure,
 )
 from .operators import Operators, precomputed_operators
 from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
-from .problem import Problem, check_driven, prepare
+from .problem import Problem, check_driven
 from .volumes import (
     SOFT,
     all_volumes,
@@ -104,7 +102,6 @@ __all__ = [
     "load_vector",
     "localised",
     "mean_stiffness",
-    "mu_force",
     "network_energy",
     "node_pairs",
     "outline_arcs",
@@ -113,10 +110,8 @@ __all__ = [
     "pair_energy",
     "periodic_images",
     "precomputed_operators",
-    "prepare",
     "pressure_at",
     "pressure_step",
-    "pressure_step_of_mu",
     "ratio_at",
     "residual",
     "restrict",

@@ -22,7 +22,6 @@ from jax import lax
 
 from .._threads import ONE_THREAD
 from .._types import Array, Float
-from ..controls import drives_stiffness
 from ..linalg import Factor, factor
 from ..materials import Varying, elementwise, gel_at_points, neo_hookean, network_at, split
 from .contact import contact_force, contact_tangents
@@ -112,7 +111,7 @@ def is_sparse(problem: Problem) -> bool:
     """Whether `TangentOperator` multiplies by sparse matrices."""
     model = problem.model
     own = problem.gel.network is neo_hookean and model.contact is None and model.lists.unknowns is None
-    own = own and not isinstance(problem.free, Strained) and not drives_stiffness(problem.control, problem.gel)
+    own = own and not isinstance(problem.free, Strained) and not problem.changes.stiffness
     return own and len(problem.free) <= ONE_THREAD
 
 
@@ -122,8 +121,8 @@ class TangentOperator:
     >>> import jaxgel, numpy as np
     >>> from jaxgel.mechanics import prepare
     >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("square"), spacing=0.25), basis="linear")
-    >>> path = jaxgel.sweep(model, jaxgel.Gel(1e-3, 0.1), mu=[-1.0])
-    >>> problem = prepare(model, path.gel)
+    >>> path = jaxgel.sweep(jaxgel.Problem(model, jaxgel.Gel(1e-3, 0.1)), [-1.0])
+    >>> problem = path.problem.prepared
     >>> (product,) = TangentOperator(problem).at(path.x, path.pressure, path.mu)
     >>> product(np.zeros(len(problem.free))).any()
     np.False_

@@ -38,8 +38,6 @@ from .volumes import (
     by_block,
     linearised_about,
     pressure_at,
-    pressure_rate,
-    ratio_at,
     stiffness_at,
     swelling_of,
     volume_ratios,
@@ -102,25 +100,12 @@ def condensed_rhs(problem: Problem, linearisation: Linearisation, factorised_at:
     return gather(forces, problem.free)
 
 
-@jax.jit
-def mu_force(problem: Problem, x: Float[Array, "n 2"], mu: Scalar) -> Float[Array, " f"]:
-    """Derivative (f,) of the residual by mu at the positions ``x``, mm: in plane strain less the gradient of the gel's volume, mm."""
-    gradients, J = volume_gradients(x, problem.model, problem.operators)
-    return gather(nodal_sum(gradients, pressure_rate(J, problem.model, problem.gel, mu), problem.model), problem.free)
-
-
 def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factorised_at: Linearisation, model: Model) -> Float[Array, " g"]:
     """Step of the pressures, kT/v, that belongs to the step ``dx`` of the positions."""
     volumes = all_volumes(model)
     parts = [jnp.einsum("cgia,cai->cg", G, dx[b.nodes]).ravel() for G, b in zip(factorised_at.gradients, model.blocks, strict=True)]
     change = jnp.concatenate(parts) / jnp.where(volumes > 0, volumes, 1.0)
     return factorised_at.stiffness * (change + linearisation.error) + linearisation.gap
-
-
-def pressure_step_of_mu(p: Float[Array, " g"], problem: Problem, mu: Scalar) -> Float[Array, " g"]:
-    """Derivative (g,) by mu of the pressures ``p`` (g,) in a Newton step at given positions, 1/v."""
-    model, gel = problem.model, problem.gel
-    return pressure_rate(ratio_at(p, model, gel, mu), model, gel, mu)
 
 
 @jax.jit

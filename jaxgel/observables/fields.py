@@ -10,7 +10,6 @@ import numpy as np
 from .._memo import once_per_owner
 from .._types import Array, Float, Scalar
 from ..continuation import Path
-from ..controls import setting_of
 from ..discretisation import Model, make_probe
 from ..materials import (
     LocalGel,
@@ -153,9 +152,9 @@ def free_stretch(path: Path) -> Float[Array, " k"]:
 
 def _at_each(stretch, path):
     """``stretch(mu, gel)`` (k,) at the states of a path, with the gel that its control gives there."""
-    if path.control is None:
+    if not path.problem.changes.gel:
         return stretch(path.mu, path.gel)
-    settings = [setting_of(path.control, value, path.gel) for value in path.value]
+    settings = [path.control(value, path.gel) for value in path.value]
     return jnp.stack([stretch(setting.mu, setting.gel) for setting in settings])
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
 from ..continuation import Path
+from ..equilibrium import Change, Status
 from ..geometry import Plate, edge_lines
 from ..mechanics import is_film
 from .areas import dry_outlines, outlines
@@ -23,7 +24,11 @@ from .states import States, of_path
 
 SELF_CONTACT = "invalid: self-contact"
 IN_CONTACT = "a hole's sides touch"
-SWITCHED = "switched to the stable branch"
+SWITCHED = {
+    Change.BIFURCATION: "switched to the stable branch",
+    Change.RELAXATION: "relaxed to another branch",
+    Change.PHASE: "changed its phase",
+}
 WRINKLES = "a thin film wrinkles out of its plane"
 ROUND_OFF = 1e-9  # kT/v: compression of a film that is none
 
@@ -71,15 +76,14 @@ def status_texts(path: Path) -> list[str]:
     is given, see `membrane_stress`.
     """
     smallest = min_gap_once(path)
-    switched = getattr(path, "switched", np.zeros(len(path.mu), dtype=bool))
     crossed = np.logical_or.accumulate(smallest <= 0)
     touching = smallest < (0.0 if path.model.contact is None else float(path.model.contact.range))
     stress = membrane_stress(path) if is_film(path.model) else np.zeros(len(path.mu))
     texts = []
-    for status, least, *facts in zip(path.status, np.asarray(stress), switched, touching, strict=True):
-        found = [text for text, holds in zip((SWITCHED, IN_CONTACT), facts, strict=True) if holds]
+    for status, least, change, touches in zip(path.status, np.asarray(stress), path.switched, touching, strict=True):
+        found = ([SWITCHED[Change(int(change))]] if change else []) + ([IN_CONTACT] if touches else [])
         found += [f"{WRINKLES} ({least:.2g} kT/v)"] if least < -ROUND_OFF else []
-        texts.append(", ".join(found) or status.name.lower().replace("_", " "))
+        texts.append(", ".join(found) or Status(int(status)).name.lower().replace("_", " "))
     return [SELF_CONTACT if c else text for text, c in zip(texts, crossed, strict=True)]
 
 

@@ -7,6 +7,8 @@ from typing import Any
 
 from .._types import Array, Shaped
 from ..continuation import lowest_eigenvalue
+from ..controls import CONTROLS
+from ..equilibrium import Change
 from ..geometry import Plate
 from .areas import area_reduction
 from .fields import (
@@ -100,6 +102,11 @@ def _macroscopic(i, j):
     return Quantity(name, component, "1", label, text, ".4f", differentiable=True, column=name, of_cells=True, studied=True)
 
 
+def reasons(path: Any) -> list[str]:
+    """Texts (k) of ``path.switched``."""
+    return [Change(int(change)).text for change in path.switched]
+
+
 _ANGLE: dict[str, Any] = dict(unit="degree", digits=".3f", viewed=True)
 _RATIO: dict[str, Any] = dict(unit="1", digits=".4f")
 _STUDIED: dict[str, Any] = dict(differentiable=True, studied=True)
@@ -116,6 +123,7 @@ _TABLE = (
         **_RATIO,
     ),
     Quantity("status", status_texts, "", "status", "what happened on the way to the state", "", column="status", kind=str),
+    Quantity("switched", reasons, "", "change of branch", "why it does not continue the states before", "", column="switched", kind=str),
     Quantity(
         "newton_iterations",
         attrgetter("newton_iterations"),
@@ -239,16 +247,6 @@ _TABLE = (
     *(_macroscopic(i, j) for i, j in ((0, 0), (1, 1), (0, 1))),
 )
 
-CONTROLS = {
-    "temperature": ("temperature", "temperature of the gel", ".3f"),
-    "chi": (r"Flory's parameter $\chi$", "Flory's parameter of mixing", ".4f"),
-    "pH": ("pH", "pH of the bath", ".3f"),
-    "salt": ("salt", "salt concentration of the bath", ".5g"),
-    "stretch": ("stretch of the edges", "macroscopic stretch that the edges follow", ".4f"),
-    "load": ("load factor", "factor of the loads", ".4g"),
-}
-"""Name of a control -> label, phrase and digits of its quantity."""
-
 QUANTITIES = {quantity.name: quantity for quantity in _TABLE}
 """Name -> `Quantity`."""
 BY_COLUMN = {quantity.column: quantity for quantity in _TABLE if quantity.column}
@@ -280,5 +278,6 @@ def control_quantity(name: str = "mu", unit: str = "kT") -> Quantity:
     """
     if name == "mu":
         return QUANTITIES["mu"]
-    label, text, digits = CONTROLS.get(name, (name, f"control {name}", ".5g"))
+    kind = CONTROLS.get(name)
+    label, text, digits = (kind.label, kind.text, kind.digits) if kind else (name, f"control {name}", ".5g")
     return Quantity(name, attrgetter("value"), unit or "1", label, text, digits, column=name)

@@ -11,7 +11,6 @@ import numpy as np
 from .._types import Array, Float
 from .._validation import kind_in_words
 from ..continuation import Path
-from ..controls import control_name
 from ..discretisation import Model
 
 ROUNDED = 1e-3  # of the values of a path, or of their range: values that people type are rounded
@@ -38,7 +37,7 @@ def of_path(function: Callable[P, R]) -> Callable[P, R]:
     def checked(*args: P.args, **kwargs: P.kwargs) -> R:
         path = args[0] if args else kwargs.get("path")
         if isinstance(path, type) or not isinstance(path, States):
-            raise ValueError(f"path: {kind_in_words(path)} is not accepted; give a Path, as sweep(model, gel, mu=...) returns it")
+            raise ValueError(f"path: {kind_in_words(path)} is not accepted; give a Path, as sweep(problem, values) returns it")
         return function(*args, **kwargs)
 
     return checked
@@ -60,6 +59,6 @@ def state_at(path: Path, value: float) -> int:
     low, high = values.min(), values.max()
     reach = ROUNDED * max(high - low, abs(low), abs(high))
     if not low - reach <= value <= high + reach:
-        name = control_name(path.control)
+        name = path.control.name
         raise ValueError(f"{name}: {value:g} is beyond the path, which runs from {values[0]:g} to {values[-1]:g}; give a value within")
     return int(np.abs(values - value).argmin())

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation import Path
-from ..controls import control_name, unit_of
+from ..equilibrium import Change
 from .gaps import IN_CONTACT, SWITCHED
 from .quantities import BY_COLUMN, columns_of, control_quantity
 from .states import of_path
@@ -25,9 +25,9 @@ def history(path: Path) -> dict[str, Any]:
     of a user that has the name of another column.
     """
     path = dataclasses.replace(path)  # what several columns share is kept on this copy and freed with it
-    name = control_name(path.control)
-    driven = control_quantity(name, unit_of(path.control))
-    if path.control is not None and name in BY_COLUMN:
+    name = path.control.name
+    driven = control_quantity(name, path.control.unit)
+    if name != "mu" and name in BY_COLUMN:
         raise ValueError(f"control: the name {name!r} is that of another column; give it one that is not {', '.join(BY_COLUMN)}")
     known = {name: driven} | BY_COLUMN
     values = {column: known[column].of(path) for column in columns_of(path.model.lists.topology.plate, name)}
@@ -42,7 +42,7 @@ def driven_column(table: Mapping[str, Any]) -> str:
 def events(table: dict[str, Any]) -> list[dict[str, Any]]:
     """Events along a path with the columns ``table`` of `history`: dictionaries in the order of the states.
 
-    Each holds ``event`` ("bifurcation", "leap", "crease", "wrinkle", "contact" or "self-contact"), ``state``, the number of the first state
+    Each holds ``event`` ("bifurcation", "snap-through", "leap", "crease", "wrinkle", "contact" or "self-contact"), ``state``, the first
     that shows it, its value of the control and that of the state before (None where it is the first) by the control's name, as ``mu`` and
     ``mu_before``, and ``text``. A bifurcation, or fold, is a change of the negative pivots, or where the path left an unstable branch.
     """
@@ -55,11 +55,15 @@ def events(table: dict[str, Any]) -> list[dict[str, Any]]:
         driven = {control: float(values[k]), f"{control}_before": before}
         found.append({"event": event, "state": int(k), **driven, "text": f"{text} {where}"})
 
-    for k in [k for k, text in enumerate(table.get("status", ())) if SWITCHED in text]:
+    changes = {text: change for change, text in SWITCHED.items()}
+    for k, status in enumerate(table.get("status", ())):
+        change = next((change for text, change in changes.items() if text in status), None)
         volume = np.asarray(table.get("J_mean", np.ones(len(values))))[max(k - 1, 0) : k + 1]
-        if abs(np.log(volume[-1] / volume[0])) > LEAP:
+        if change and (change is Change.PHASE or abs(np.log(volume[-1] / volume[0])) > LEAP):
             add(k, "leap", f"the gel changes its phase, mean J from {volume[0]:.3f} to {volume[-1]:.3f},")
-        else:
+        elif change is Change.RELAXATION:
+            add(k, "snap-through", "the stable branch ended and the gel relaxed to another one")
+        elif change:
             add(k, "bifurcation", "the branch became unstable and the path went over to the stable one")
     for k in range(1, len(values)):
         if pivots[k] != pivots[k - 1]:

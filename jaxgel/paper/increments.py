@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float, Inexact
-from ..equilibrium import MAX_ITERATIONS, TOLERANCE, Stability, State, iterate
+from ..equilibrium import NEWTON, Stability, State, iterate
 from ..materials import free_swelling
 from .matrices import assembled, negative_eigenvalues, solved
 from .scheme import SchemeProblem, deformation_gradients, scheme_energy, volume_ratios
@@ -35,7 +35,7 @@ def incremented(problem: SchemeProblem, mu: float, start: Float[Array, "n 2"] | 
         found, matrix = _incremented(problem, mu, stretch, np.asarray(start) - stretch * dry, 1.0)
     x = stretch * dry + found.x
     energy = float(scheme_energy(x, problem.scheme.cells, problem.gel, mu))
-    stability = Stability(np.array([np.nan]), None, negative_eigenvalues(matrix)) if found.status.ok else None
+    stability = Stability(negative_eigenvalues(matrix)) if found.status.ok else None
     return dataclasses.replace(found, x=x, energy=energy, stability=stability)
 
 
@@ -59,7 +59,7 @@ def _incremented(problem, mu, stretch, u, share):
     held = np.setdiff1d(np.arange(dry.size), scheme.free)
     target = share * (1 - stretch) * dry.ravel()[held]
     correction = _Increment(stretch, held, target, _least_swelling(u, stretch, scheme))
-    found = iterate(problem, State(float(mu), np.array(u, dtype=float), np.zeros(0)), correction)
+    found = iterate(problem, State(float(mu), float(mu), np.array(u, dtype=float), np.zeros(0)), correction)
     return found, correction.matrix
 
 
@@ -86,10 +86,10 @@ class _Increment:
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
             size = float(np.linalg.norm(residual[scheme.free]) / float(network))
         met = np.abs(missing).max(initial=0.0) < 1e-14 * np.abs(np.asarray(scheme.cloud.nodes)).max()
-        return size if self.least > 0 else np.nan, size < TOLERANCE and bool(met) and self.matrix is not None
+        return size if self.least > 0 else np.nan, size < NEWTON.tolerance and bool(met) and self.matrix is not None
 
     def exhausted(self, state):
-        return state.newton_iterations >= MAX_ITERATIONS
+        return state.newton_iterations >= NEWTON.max_iterations
 
     def __call__(self, problem, state):
         free, held, u = problem.scheme.free, self.held, state.x

@@ -17,6 +17,8 @@ from ..cases import GRID, SIDE, sample
 from ..cloud import Cloud, make_cloud
 from ..continuation import Path, sweep
 from ..discretisation import Model, discretise, make_probe
+from ..equilibrium import Observer
+from ..mechanics import Problem
 from ..observables import area_reduction, core_rotation, min_gap, rotation_angle, surface_ratio
 from .newton import scheme_path
 from .scheme import make_scheme
@@ -109,7 +111,8 @@ class Runs:
         key = (name, tuple(mu), spacing, tuple(sorted(options.items())))
         if key not in self._kept:
             model = self.model(name, spacing)
-            self._kept[key] = sweep(model, model.cloud.plate.gel, mu=list(mu), on_step=self._report(name, model.n_nodes), **options)
+            problem, observer = Problem(model, model.cloud.plate.gel), Observer(accepted=self._report(name, model.n_nodes))
+            self._kept[key] = sweep(problem, list(mu), observer=observer, **options)
         return self._kept[key]
 
     def model(self, name: str, spacing: float | None = None) -> Model:

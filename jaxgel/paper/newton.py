@@ -21,9 +21,9 @@ import scipy.sparse as sp
 from .._types import Array, Float
 from .._validation import one_of
 from ..continuation import Path, extrapolated, first_state_failed, given_values
-from ..equilibrium import CONSTRAINT_TOLERANCE, MAX_ITERATIONS, TOLERANCE, Stability, State, Status, iterate, of_outlines
+from ..equilibrium import NEWTON, Stability, State, Status, iterate, of_outlines
 from ..materials import Gel, bulk_stiffness, flory_rehner, neo_hookean, volume_ratio_at
-from ..mechanics import ROUND_OFF, state_pressure
+from ..mechanics import ROUND_OFF, Problem, state_pressure
 from .increments import incremented
 from .matrices import assembled, negative_eigenvalues, solved
 from .scheme import MINORS, Scheme, SchemeProblem, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
@@ -79,7 +79,7 @@ def scheme_path(scheme: Scheme, gel: Gel, mu: Sequence[float], *, on_step: Calla
 
     Its pressures are those at the volume ratios that its ``model`` has. ``on_step`` is called with each state.
     """
-    model, stop, states = scheme.model, Status.CONVERGED, []
+    path_problem, stop, states = Problem(scheme.model, gel, contact=False), Status.CONVERGED, []
 
     def followed():
         nonlocal stop
@@ -87,21 +87,22 @@ def scheme_path(scheme: Scheme, gel: Gel, mu: Sequence[float], *, on_step: Calla
 
     for state in followed():
         on_step(state)
-        states.append(dataclasses.replace(state, pressure=np.asarray(state_pressure(jnp.asarray(state.x), model, gel, state.mu))))
+        pressure = state_pressure(jnp.asarray(state.x), path_problem.model, gel, state.mu)
+        states.append(dataclasses.replace(state, pressure=np.asarray(pressure)))
     if not states:
-        raise first_state_failed(None, mu[0], stop)
-    return SchemePath.from_states(model, gel, states, stop=stop)
+        raise first_state_failed(path_problem.control, mu[0], stop)
+    return SchemePath.from_states(path_problem, states, stop=stop)
 
 
 def equilibrium(problem: SchemeProblem, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> State:
     """`State` at ``mu``, whatever its status, from nodal values ``x`` and pressures; its stability is that within the edges."""
     correction = NewtonCorrection(np.zeros(len(problem.scheme.rows)))
-    found = iterate(problem, State(float(mu), np.asarray(x), np.asarray(pressure)), correction)
+    found = iterate(problem, State(float(mu), float(mu), np.asarray(x), np.asarray(pressure)), correction)
     found = dataclasses.replace(found, energy=float(scheme_energy(found.x, problem.scheme.cells, problem.gel, mu)))
     if not found.status.ok:
         return found
     negative = negative_eigenvalues(correction.matrix) - len(problem.scheme.rows)
-    return dataclasses.replace(found, stability=Stability(np.array([np.nan]), None, negative))
+    return dataclasses.replace(found, stability=Stability(negative))
 
 
 @dataclasses.dataclass
@@ -128,16 +129,16 @@ class NewtonCorrection:
             rounded = EPS * np.linalg.norm(abs(scheme.stiffness) @ np.abs(x).ravel()) / scale  # large terms of a stiff penalty cancel
             size = max(np.linalg.norm(residual[scheme.free]) / scale, np.linalg.norm(scheme.rows @ u) / np.linalg.norm(dry))
         self.terms = np.asarray(condensed).ravel(), reaction, u, now
-        error, allowed = float(now["violation"]), max(TOLERANCE, rounded)
-        total = max(size / allowed, error / CONSTRAINT_TOLERANCE)
+        error, allowed = float(now["violation"]), max(NEWTON.tolerance, rounded)
+        total = max(size / allowed, error / NEWTON.constraint_tolerance)
         if total < 0.5 * self.best:
             self.best, self.improved = total, state.newton_iterations
-        solved = size < allowed and error < CONSTRAINT_TOLERANCE and state.newton_iterations > 0
+        solved = size < allowed and error < NEWTON.constraint_tolerance and state.newton_iterations > 0
         return size if np.isfinite(error) else np.nan, bool(solved)
 
     def exhausted(self, state: State) -> bool:
         """Whether the iteration ends without a solution."""
-        return state.newton_iterations >= MAX_ITERATIONS or state.newton_iterations > self.improved + PATIENCE
+        return state.newton_iterations >= NEWTON.max_iterations or state.newton_iterations > self.improved + PATIENCE
 
     def __call__(self, problem: SchemeProblem, state: State) -> State:
         """The next iterate."""
@@ -154,7 +155,7 @@ class NewtonCorrection:
         dx[scheme.free] = solution[: len(scheme.free)]
         x, pressure = _advanced(state.x, state.pressure, dx.reshape(-1, 2), now, scheme.cells)
         self.multipliers = self.multipliers + solution[len(scheme.free) :]
-        return State(state.mu, x, pressure, newton_iterations=state.newton_iterations + 1)
+        return State(state.value, state.mu, x, pressure, newton_iterations=state.newton_iterations + 1)
 
     def finish(self, problem: SchemeProblem, state: State) -> State:  # noqa: ARG002
         """The solution, in NumPy arrays."""

@@ -11,9 +11,10 @@ from ..cases import sample
 from ..cloud import Cloud, make_cloud
 from ..continuation import sweep
 from ..discretisation import discretise, make_probe
-from ..equilibrium import State
+from ..equilibrium import Observer, State
 from ..geometry import Plate
 from ..materials import uniaxial_swelling
+from ..mechanics import Problem
 from .items import COLOURS, CONDITION, CONFIRMED, CONTRADICTED, Claim, Entry, Number, Runs, pyplot
 from .newton import equilibria
 from .scheme import make_scheme
@@ -64,7 +65,7 @@ def _swollen(cloud: Cloud, name: str, mu: list[float], on_step: Callable[[State]
     options, gel = METHODS[name], cloud.plate.gel
     if options is None:
         model = discretise(cloud)
-        path = sweep(model, gel, mu=mu, branch="symmetric", on_step=on_step)
+        path = sweep(Problem(model, gel), mu, branch="symmetric", observer=Observer(accepted=on_step))
         return [path[k] for k in range(len(path))], lambda x, points: np.asarray(make_probe(model, points).position(x))
     scheme = make_scheme(cloud, **options)
     states = []

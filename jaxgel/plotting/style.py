@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 
 from .._types import Scalar
 from ..cloud import Cloud
-from ..controls import Control, control_name, unit_of
+from ..controls import ChemicalPotential, Control
 from ..observables import Quantity, control_quantity
 
 F = TypeVar("F", bound=Callable[..., Any])
+BY_MU = ChemicalPotential()
 STYLE: dict[str, Any] = {
     "font.size": 8.5,
     "axes.titlesize": 8.5,
@@ -57,14 +58,14 @@ def length_unit(cloud: Cloud) -> str:
     return cloud.topology.plate.unit.replace("1e-3", "$10^{-3}$")
 
 
-def quantity_of(control: Control | None) -> Quantity:
+def quantity_of(control: Control) -> Quantity:
     """The quantity that a control is, for axes and tables."""
-    return control_quantity(control_name(control), unit_of(control))
+    return control_quantity(control.name, control.unit)
 
 
-def state_text(value: Scalar, control: Control | None = None) -> str:
+def state_text(value: Scalar, control: Control = BY_MU) -> str:
     """Title of a state at a ``value`` of its control."""
-    if control is None:
+    if control.name == "mu":
         return rf"$\mu = {float(value):.4f}\,kT$"
     quantity = quantity_of(control)
     return f"{quantity.label} = {quantity.shown(value)} {quantity.shown_unit()}".rstrip()

@@ -73,7 +73,7 @@ def region(problem: Problem, group: tuple[str, ...]) -> Region:
     blocks = tuple(jax.device_put([block for block, some in zip(blocks, real, strict=True) if some]))
     model = dataclasses.replace(model, blocks=blocks, lists=_region_lists(lists, group))
     gel = with_parameters(problem.gel, part)
-    reduced = Problem(model, gel, problem.loads, precomputed_operators(model, gel), problem.control)
+    reduced = problem.replace(model=model, gel=gel, operators=precomputed_operators(model, gel))
     return Region(group, reduced, own, _spread(problem.model, group, own))
 
 

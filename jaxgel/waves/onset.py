@@ -17,21 +17,16 @@ from scipy.optimize import brentq, minimize
 from .._threads import few_threads
 from .._types import Array, Float, Int, Scalar
 from .._validation import Inadmissible
-from ..bifurcation import located
-from ..continuation import SweepFailed, sweep
+from ..bifurcation import ends_of, located
+from ..continuation import Adaptive, SweepFailed, sweep
 from ..controls import check_values
-from ..discretisation import Model
+from ..equilibrium import Observer, control_force
 from ..linalg import Bordered, factor
-from ..materials import AnyGel
 from ..mechanics import (
     Problem,
-    check_model,
     curvature,
     gather,
     linearise,
-    localised,
-    mu_force,
-    prepare,
     restrict,
     scatter,
     tangent,
@@ -96,37 +91,36 @@ class LatticeOnset:
         return f"short wave ({k}) rad/mm: a pattern that {repeats}"
 
 
-def lattice_onset(model: Model, gel: AnyGel, *, mu: tuple[float, float], divisions: int = DIVISIONS) -> LatticeOnset | None:
-    """`LatticeOnset` of the infinite lattice of a periodic cell in ``mu = (first, last)``; None where it stays stable.
+def lattice_onset(problem: Problem, between: tuple[float, float], *, divisions: int = DIVISIONS) -> LatticeOnset | None:
+    """`LatticeOnset` of the infinite lattice of a periodic cell ``between`` two mu (first, last), kT; None where it stays stable.
 
     The branch is that of states which are the same in all cells, with their own macroscopic deformation where that is free. The zone has
     ``divisions`` steps from its middle to its edge; the wave vector found on the grid is then refined. ``onset.mu`` is differentiable once,
     forward and reverse, at fixed sides of the cell: where symmetry gives several waves one onset, by parameters that break it, it is that
     of one of them. Long waves are a hundred cells long; of a strip with free edges, which buckles as a beam however long it is, the onset
-    depends on that. Raises ValueError for a plate that is not periodic and a lattice that is unstable from the first state on,
-    ``SweepFailed`` where the branch ends, or the sides of a hole touch, before an onset is found.
+    depends on that. Raises ValueError for a plate that is not periodic, another control, and a lattice that is unstable from the first
+    state on, ``SweepFailed`` where the branch ends, or the sides of a hole touch, before an onset is found.
     """
-    check_values(mu, rising=True)
-    if not (isinstance(mu, tuple) and len(mu) == 2):
-        raise ValueError(f"mu: {mu} is not accepted, it must be a tuple (first, last)")
-    check_model(model, gel)
+    first, last = ends_of(problem, between)
+    check_values((first, last), rising=True)
+    if problem.control.name != "mu":
+        raise ValueError(f"lattice_onset: is not available with the control {problem.control.name!r}, only with the chemical potential")
     if not (isinstance(divisions, int) and divisions > 0):
         raise ValueError(f"divisions: {divisions!r} is not a positive whole number")
-    check_periodic(model.lists.topology.plate)
-    ends = tuple(map(float, mu))
-    with few_threads(2 * model.n_nodes):
-        problem = Problem(model, localised(model, gel), jnp.zeros((model.n_nodes, 2)), None)
-        points = located("lattice_onset", lambda problem: _search(problem.model, problem.gel, ends, divisions), problem, "mu")
+    check_periodic(problem.model.lists.topology.plate)
+    with few_threads(2 * problem.model.n_nodes):
+        points = located("lattice_onset", lambda of: _search(of, (first, last), divisions), problem.without_contact, "mu")
     return points[0] if points else None
 
 
-def _search(model, gel, mu, divisions):
+def _search(problem, mu, divisions):
     """[`LatticeOnset`], or [] where every wave is stable."""
     steps = []
-    path = sweep(model, gel, mu=mu, branch="symmetric", contact="stop", on_step=lambda state: steps.append(state.light))
-    problem = prepare(model, gel).without_contact
+    seen = Observer(accepted=lambda state: steps.append(state.light))
+    path = sweep(problem, Adaptive(*mu), branch="symmetric", until_contact=True, observer=seen)
+    problem = problem.prepared
     group = symmetries_of(problem)
-    zone = wave_vectors_of_zone(model.lists.topology.plate, divisions, group)
+    zone = wave_vectors_of_zone(problem.model.lists.topology.plate, divisions, group)
     for number, state in enumerate(steps):
         waves = BlochStates(problem, state)
         unstable = [k for k in zone if waves.negative(k)]
@@ -158,8 +152,7 @@ class _Refined:
         before = [state for state in self._states if state.mu <= mu][-1]
         if before.mu == mu:
             return before
-        model, gel = self._problem.model, self._problem.gel
-        path = sweep(model, gel, mu=[mu], branch="symmetric", contact="off", start=before)
+        path = sweep(self._problem, [mu], branch="symmetric", start=before)
         if not path.stop.ok:
             raise SweepFailed(f"lattice_onset: no periodic state at mu = {mu:.6g}: {path.stop_text}")
         return path[-1]
@@ -262,7 +255,7 @@ def _derivatives(problem, state, modes, same_in_all):
         correction, _ = system.solve(pull, np.zeros(held.shape[1]))
     else:
         correction = factor(problem.pattern, pairs).inverse(pull)
-    by_mu = np.asarray(mu_force(problem, state.x, state.mu))
+    by_mu = control_force(problem, state)
     slope = (float(slope) - correction @ by_mu) / (len(modes) if same_in_all else 1)
     return slope, np.asarray(scatter(correction, state.x.shape, problem.free))
 

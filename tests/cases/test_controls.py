@@ -7,8 +7,8 @@ import pytest
 
 from jaxgel._validation import with_changes
 from jaxgel.cases import case_text, from_table, load_case, load_map, load_study, study_from_table
-from jaxgel.continuation import SweepOptions
-from jaxgel.controls import DrivenParameter, Load, Stretch
+from jaxgel.continuation import Adaptive, SweepOptions
+from jaxgel.controls import ChemicalPotential, DrivenParameter, Load, Stretch
 from jaxgel.materials import Pnipam, Polyelectrolyte
 
 PLATE = {"plate": {"width": 4.0, "height": 4.0, "spacing": 0.8, "edges": {"top": "free"}}}
@@ -20,7 +20,7 @@ PLATE = {"plate": {"width": 4.0, "height": 4.0, "spacing": 0.8, "edges": {"top":
         ({"control": "chi", "values": [0.3, 0.4, 0.2]}, [0.3, 0.4, 0.2], (0.3, 0.4)),
         ({"control": "chi", "from": 0.5, "to": 0.25, "steps": 3}, [0.5, 0.375, 0.25], (0.5, 0.25)),
         ({"control": "chi", "from": 0.5, "to": 0.25, "steps": 2, "back": True}, [0.5, 0.25, 0.5], (0.5, 0.25)),
-        ({"control": "chi", "from": 0.5, "to": 0.25, "steps": "auto", "back": True}, (0.5, 0.25, 0.5), (0.5, 0.25)),
+        ({"control": "chi", "from": 0.5, "to": 0.25, "steps": "auto", "back": True}, Adaptive(0.5, 0.25, 0.5), (0.5, 0.25)),
         ({"mu_start": -3.0, "mu_end": -2.0, "steps": 2, "back": True}, [-3.0, -2.0, -3.0], (-3.0, -2.0)),
         ({"mu": [-3.0, -2.0, -2.5]}, [-3.0, -2.0, -2.5], (-3.0, -2.0)),
     ],
@@ -39,7 +39,7 @@ def test_the_control_that_the_names_stand_for():
     pH = SweepOptions(control="pH", **ends).driver(None)
     assert isinstance(pH, DrivenParameter) and (pH.name, pH.mu) == ("pH", -0.5)
     assert isinstance(SweepOptions(control="load", **ends).driver([[0.0, 1.0]]), Load)
-    assert SweepOptions().driver(None) is None
+    assert isinstance(SweepOptions().driver(None), ChemicalPotential)
 
 
 def test_kinds_of_gels_and_what_drives_them(tmp_path):

@@ -181,7 +181,7 @@ def perform(command, section, name, folder):
         raise Reached
     if command == "resume":
         case = load_case(str(file))
-        Recorder(folder / "out", case, case.model(), case.gel).begin()
+        Recorder(folder / "out", case, case.problem(case.model())).begin()
         return cli.main(["resume", str(folder / "out"), "--quiet"])
     return cli.main([command, str(file), "--quiet", "--out", str(folder / "out")])
 

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 import pytest
 
+from jaxgel import Observer, Problem
 from jaxgel.cases import case as cases
 from jaxgel.cases import load_path
 from jaxgel.cli import command_line as cli
@@ -64,7 +65,7 @@ def run_of(mu, parent):
     (folder.parent / "tiny.toml").write_text(TINY + mu)
     case = cases.load_case(folder.parent / "tiny.toml")
     recorder = Interrupted(folder, case, case.model(), case.gel)
-    path = sweep(recorder.model, case.gel, mu=case.sweep.values, on_step=recorder)
+    path = sweep(Problem(recorder.model, case.gel), case.sweep.values, observer=Observer(accepted=recorder))
     recorder.finish("complete", path.stop_text, path.stop)
     return folder, path
 

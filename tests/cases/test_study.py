@@ -150,7 +150,7 @@ def test_onset_study_places_the_bifurcation(cloud_of):
     assert abs(history[-1][1] + 1.59) < onset.TOLERANCE and len(history) <= 4
     theta = history[-1][0]
     assert theta[0] < start[0]  # smaller holes leave wider ligaments, which buckle later
-    path = jaxgel.sweep(onset.placed(cloud, theta), cloud.plate.gel, mu=[-2.2, -1.59 - 1e-5, -1.59 + 1e-5], branch="symmetric")
+    path = jaxgel.sweep(jaxgel.Problem(onset.placed(cloud, theta), cloud.plate.gel), [-2.2, -1.59 - 1e-5, -1.59 + 1e-5], branch="symmetric")
     assert list(path.negative_pivots) == [0, 0, 1]
 
 

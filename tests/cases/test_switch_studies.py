@@ -87,7 +87,7 @@ def strip():
     path = problem.path(problem.start, problem.make_cloud(problem.plate(problem.start)))
     loads = jaxgel.load_vector(path.model, traction={"top": (0.0, 1e-4)})
     control = Load(loads, mu=-1.4)
-    return path, control, jaxgel.loop(path.model, path.gel, control=control, values=(-0.3, 0.3))
+    return path, control, jaxgel.loop(jaxgel.Problem(path.model, path.gel, control=control), (-0.3, 0.3))
 
 
 def problem_of(*replaced):
@@ -139,7 +139,7 @@ def test_terms_and_constraints_are_those_of_the_loop_between_the_ends_of_the_swe
 def test_a_barrier_is_that_of_the_state_on_the_way_up(strip):
     path, control, loop = strip
     problem = problem_of((FOLD, BARRIER))
-    height = jaxgel.barrier(path.model, path.gel, control=control, value=0.02, between=loop)[0].height
+    height = jaxgel.barrier(jaxgel.Problem(path.model, path.gel, control=control), 0.02, loop)[0].height
     assert float(problem.reported["barrier at 0.02"](path)) == pytest.approx(float(height), rel=1e-7)
 
 
@@ -148,8 +148,8 @@ def test_an_onset_is_that_of_the_chemical_potential_where_that_is_swept(strip):
     mu = [('control = "load"\nvalues = [-0.3, 0.3]\nat_mu = -1.4', "mu = [-3.0, -1.4]"), ("[0.0, 1e-4]", "[0.0, 0.0]")]
     problem = problem_of(*mu, (FOLD, 'of = "onset"\ngoal = "minimise"\n'))
     model = strip[0].model
-    (point,) = jaxgel.critical_points(model, strip[0].gel, mu=(-3.0, -1.4), most=1)
-    path = jaxgel.sweep(model, strip[0].gel, mu=[-3.0])
+    (point,) = jaxgel.critical_points(jaxgel.Problem(model, strip[0].gel), (-3.0, -1.4), most=1)
+    path = jaxgel.sweep(jaxgel.Problem(model, strip[0].gel), [-3.0])
     assert float(problem.reported["onset"](path)) == pytest.approx(float(point.value), abs=1e-8)
 
 

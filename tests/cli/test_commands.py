@@ -135,7 +135,11 @@ def check_refused(arguments, message, capsys):
 def test_a_sweep_that_stops_early_is_exit_code_3_with_its_reason(path, tmp_path, monkeypatch, capsys):
     stopped = dataclasses.replace(path, stop=Status.STEP_TOO_SMALL, stop_text="stopped after mu = -0.9: reason")
     steps = [path[k] for k in range(len(path))]
-    monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", lambda *_, on_step, **__: list(map(on_step, steps)) and stopped)
+
+    def sweep(*_, observer, **__):
+        return list(map(observer.accepted, steps)) and stopped
+
+    monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", sweep)
     assert cli.main(["run", "sample-1", *SMALL, "--quiet", "--out", str(tmp_path)]) == 3
     assert "stopped after mu = -0.9: reason" in capsys.readouterr().err
     run = load_run(tmp_path)

@@ -98,7 +98,7 @@ def test_an_objective_without_a_value_is_left_out(rows):
 
 def test_the_rotation_of_a_level_midline_is_left_out(square_model, path):
     """Round-off chooses the highest point of a level line: its angle is 0 and has no derivative."""
-    level = jaxgel.sweep(square_model, jaxgel.sample("square").gel, mu=[-2.0])
+    level = jaxgel.sweep(jaxgel.Problem(square_model, jaxgel.sample("square").gel), [-2.0])
     assert abs(jaxgel.rotation_angle(level)[0]) < 1e-9
     assert differentiable(level) == ("core rotation",)  # a plate without holes has no area to lose
     assert differentiable(path) == tuple(OBJECTIVES)

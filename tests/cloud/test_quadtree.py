@@ -7,7 +7,7 @@ import pytest
 import shapely
 from scipy.spatial import cKDTree
 
-from jaxgel import core_rotation, discretise, make_cloud, sample, sweep, uniaxial_swelling
+from jaxgel import Problem, core_rotation, discretise, make_cloud, sample, sweep, uniaxial_swelling
 from jaxgel.cloud import GRADING, OUTLINE_SEGMENTS, Cloud, assemble, find_ligaments, make_background, place
 from jaxgel.geometry import Circle, Plate, Rectangle, arcs
 
@@ -122,7 +122,7 @@ def test_patch_test_stays_exact_where_a_square_is_refined(basis, region):
     cloud = Cloud(plate, jnp.asarray(topology.partition.vertices), topology)
     assert len(cloud.nodes) > 120  # 49 without refinement
     mu = np.linspace(-4.9, 0, 6)
-    path = sweep(discretise(cloud, basis=basis), plate.gel, mu=list(mu))
+    path = sweep(Problem(discretise(cloud, basis=basis), plate.gel), list(mu))
     stretch = np.asarray(uniaxial_swelling(mu, plate.gel))[:, None]
     x, y = np.asarray(cloud.nodes).T
     exact = np.stack([np.broadcast_to(x, (6, len(x))), (y + 0.5) * stretch - 0.5], axis=2)
@@ -191,7 +191,7 @@ def test_outline_through_grid_points_leaves_no_empty_triangles():
 
 @pytest.mark.slow
 def test_refined_sample_1_turns_as_finite_elements_do(refined):
-    path = sweep(discretise(refined), refined.plate.gel, mu=[-2.9678, -1.9678, -1.4678, -0.9678, -0.9178])
+    path = sweep(Problem(discretise(refined), refined.plate.gel), [-2.9678, -1.9678, -1.4678, -0.9678, -0.9178])
     exact = [2.009, 7.832, 15.94, 29.06, 30.73]  # degrees, converged finite elements
     np.testing.assert_allclose(core_rotation(path), exact, rtol=0.018)  # 1.6 % at -1.9678; 0.15 % at the end
 

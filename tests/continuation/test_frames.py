@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.continuation import lowest_eigenvalue
 from jaxgel.continuation.frames import Frames
 from jaxgel.equilibrium import with_own_factor
 from jaxgel.geometry import Circle, Ellipse, Plate
-from jaxgel.mechanics import prepare, scatter
+from jaxgel.mechanics import scatter
 from jaxgel.symmetry import characters, representation_of, symmetries_of
 
 GEL = jaxgel.Gel(1e-3, 1e-4)
@@ -19,8 +20,11 @@ ROUND = [Circle((s * 1, t * 1), 0.9) for s in (-1, 1) for t in (-1, 1)]
 MU = np.linspace(-4.5, -1.2, 9)
 
 
-def both(model, gel=GEL, **keywords):
-    return [jaxgel.sweep(model, gel, symmetry=symmetry, **keywords) for symmetry in ("off", "auto")]
+def both(model, values, gel=GEL, loads=None, **keywords):
+    return [
+        jaxgel.sweep(jaxgel.Problem(model, gel, loads=loads), values, symmetry=symmetry, eigenvalues=True, **keywords)
+        for symmetry in ("off", "auto")
+    ]
 
 
 def assert_same(off, auto, tolerance=1e-10):
@@ -46,7 +50,7 @@ def buckling():
 
 
 def test_path_with_rotations(turned):
-    off, auto = both(turned, mu=MU)
+    off, auto = both(turned, MU)
     assert_same(off, auto)
     assert set(auto.symmetry) == {"C4"} and set(off.symmetry) == {"C1"}
     np.testing.assert_allclose(auto.pressure, off.pressure, rtol=1e-6, atol=1e-7 * np.abs(off.pressure).max())
@@ -55,7 +59,7 @@ def test_path_with_rotations(turned):
 @pytest.mark.slow
 def test_eigenvalues_to_the_last_digits(turned):
     """`lowest_eigenvalue` is exact, of whole tangents: the states are the same."""
-    off, auto = both(turned, mu=MU[:4])
+    off, auto = both(turned, MU[:4])
     np.testing.assert_allclose(lowest_eigenvalue(auto), lowest_eigenvalue(off), rtol=1e-9)
 
 
@@ -63,7 +67,7 @@ def test_eigenvalues_to_the_last_digits(turned):
 @pytest.mark.parametrize("branch", ["symmetric", "stable"])
 def test_path_through_a_bifurcation(buckling, branch):
     """On the symmetric branch all mirrors stay, and what lies below 0 is counted block by block; the stable one keeps the rotations."""
-    off, auto = both(buckling, mu=MU, branch=branch)
+    off, auto = both(buckling, MU, branch=branch)
     assert_same(off, auto, 1e-9)
     if branch == "symmetric":
         assert off.negative_pivots[-1] > 0 and set(auto.symmetry) == {"D4"}
@@ -75,7 +79,7 @@ def test_path_through_a_bifurcation(buckling, branch):
 def test_load_without_symmetry(buckling):
     loads = np.zeros((buckling.n_nodes, 2))
     loads[:, 0] = 1e-7
-    off, auto = both(buckling, mu=MU[:3], loads=loads)
+    off, auto = both(buckling, MU[:3], loads=loads)
     assert set(auto.symmetry) == {"D1 (y -> -y)"}
     assert_same(off, auto)
 
@@ -85,22 +89,22 @@ def test_contact():
     """Sample 7, whose corners close: on an eighth of the plate the contact of all holes acts through the symmetric unknowns."""
     plate, steps = jaxgel.sample("sample-7"), []
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
-    off, auto = both(model, plate.gel, mu=[-2.0, -1.0, -0.7, -0.55], branch="symmetric", on_step=steps.append)
+    off, auto = both(model, [-2.0, -1.0, -0.7, -0.55], plate.gel, branch="symmetric", observer=jaxgel.Observer(accepted=steps.append))
     assert_same(off, auto, 1e-7)  # next to contact tangents are stiff, and round-off large
     assert set(auto.symmetry) == {"D4"} and any(state.contact_active for state in steps)
 
 
 @pytest.mark.slow
 def test_adaptive_steps(turned):
-    off, auto = both(turned, mu=(-4.5, -2.0))
+    off, auto = both(turned, jaxgel.Adaptive(-4.5, -2.0))
     np.testing.assert_allclose(auto.mu, off.mu, rtol=1e-12)
     assert_same(off, auto)
 
 
 def test_path_that_goes_on_from_a_state(buckling):
     steps = []
-    whole = jaxgel.sweep(buckling, GEL, mu=MU, on_step=lambda state: steps.append(state.light))
-    again = jaxgel.sweep(buckling, GEL, mu=MU[5:], start=steps[4])
+    whole = jaxgel.sweep(jaxgel.Problem(buckling, GEL), MU, observer=jaxgel.Observer(accepted=lambda state: steps.append(state.light)))
+    again = jaxgel.sweep(jaxgel.Problem(buckling, GEL), MU[5:], start=steps[4])
     np.testing.assert_allclose(again.x, whole.x[5:], atol=1e-9)
     assert again.symmetry == whole.symmetry[5:]
 
@@ -109,8 +113,8 @@ def test_factor_by_blocks_is_that_of_the_whole_tangent(turned):
     """For any right-hand side, and its inertia; a symmetric one excites one block alone."""
     found = []
     for symmetry in ("off", "auto"):
-        jaxgel.sweep(turned, GEL, mu=MU[:2], symmetry=symmetry, contact="off", on_step=found.append)
-    whole, blocks = with_own_factor(prepare(turned, GEL), found[1]).factor, found[-1].factor
+        jaxgel.sweep(jaxgel.Problem(turned, GEL, contact=False), MU[:2], symmetry=symmetry, observer=jaxgel.Observer(accepted=found.append))
+    whole, blocks = with_own_factor(Problem(turned, GEL, contact=False).prepared, found[1]).factor, found[-1].factor
     rhs = np.random.default_rng(3).normal(size=len(whole.pattern.free))
     np.testing.assert_allclose(blocks.inverse(rhs), whole.solve(rhs)[0], rtol=1e-8, atol=1e-9 * np.abs(whole.solve(rhs)[0]).max())
     assert blocks.negative_pivots == whole.negative_pivots
@@ -123,9 +127,9 @@ def test_factor_by_blocks_is_that_of_the_whole_tangent(turned):
 
 def test_modes_of_a_block_that_none_was_followed_in_are_found(buckling):
     """From modes of the other blocks alone, the lowest of all is found in a few states."""
-    problem = prepare(buckling, GEL)
+    problem = Problem(buckling, GEL, contact=False).prepared
     frame, states = Frames(problem, symmetry=True).of(symmetries_of(problem)), []
-    jaxgel.sweep(buckling, GEL, mu=MU[:1], contact="off", on_step=states.append)
+    jaxgel.sweep(jaxgel.Problem(buckling, GEL, contact=False), MU[:1], observer=jaxgel.Observer(accepted=states.append))
     state = frame.part(states[0])
     expected, _ = frame.check(state, None)
     symbols = [representation_of(characters(field_of(mode, state, problem), buckling)) for mode in expected.vectors.T]
@@ -147,7 +151,7 @@ def test_edges_stay_in_their_places(symmetry):
     """To the bit, in a sweep of many given values: extrapolation would let round-off of what all states share grow."""
     hole = Circle((0, 0) if symmetry == "auto" else (0.3, 0.2), 1)
     model = jaxgel.discretise(jaxgel.make_cloud(Plate(4, 4, [hole], spacing=0.5, nodes_per_hole=16)))
-    path = jaxgel.sweep(model, GEL, mu=np.linspace(-4.5, -2.5, 24), symmetry=symmetry)
+    path = jaxgel.sweep(jaxgel.Problem(model, GEL), np.linspace(-4.5, -2.5, 24), symmetry=symmetry)
     nodes = np.asarray(model.cloud.nodes)
     for edge, component in (("left", 0), ("right", 0), ("bottom", 1), ("top", 1)):
         on = model.cloud.topology.edge_nodes[edge]
@@ -163,6 +167,6 @@ def test_samples(name, branch):
     """States to 1e-10 where they are stable; next to where an unstable one is nearly singular round-off grows more."""
     plate = jaxgel.sample(name)
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
-    off, auto = both(model, plate.gel, mu=np.linspace(-4.9678, -1.2, 13), branch=branch)
+    off, auto = both(model, np.linspace(-4.9678, -1.2, 13), plate.gel, branch=branch)
     assert_same(off, auto, 1e-10 if branch == "stable" else 1e-8)
     assert auto.symmetry[0] == ("C4" if name < "sample-4" and name.startswith("sample") else "D4")

@@ -1,6 +1,5 @@
 """The lowest eigenvalue and the number of negative ones are those of the accepted states, told by dense eigenvalues."""
 
-import csv
 import dataclasses
 import itertools
 
@@ -11,17 +10,18 @@ import pytest
 import scipy.linalg
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.continuation import ACCURACY, StabilityAnalysis, lowest_eigenvalue, oriented
 from jaxgel.equilibrium import State, solve
 from jaxgel.linalg import nearest_modes
-from jaxgel.mechanics import prepare, residual, scatter, state_pressure, total_energy
+from jaxgel.mechanics import residual, scatter, state_pressure, total_energy
 
 MU = np.linspace(-4.9678, -0.9178, 10)
 
 
 def dense_eigenvalues(path):
     """All eigenvalues (k, f) of the dense Hessian of the total energy over the network's stiffness, at every state."""
-    problem = prepare(path.model, path.gel)
+    problem = Problem(path.model, path.gel, contact=False).prepared
     free, stiffness = problem.pattern.free, StabilityAnalysis(problem).stiffness.toarray()
 
     @jax.jit
@@ -37,7 +37,7 @@ def dense_eigenvalues(path):
 
 @pytest.fixture(scope="module")
 def tiny_path(tiny_model):
-    return jaxgel.sweep(tiny_model, tiny_model.cloud.plate.gel, mu=MU)
+    return jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), MU, eigenvalues=True)
 
 
 def test_lowest_eigenvalues_along_a_sweep_are_those_of_the_hessian(tiny_path):
@@ -46,9 +46,9 @@ def test_lowest_eigenvalues_along_a_sweep_are_those_of_the_hessian(tiny_path):
 
 
 def test_large_steps_leave_the_lowest_eigenvalue_as_accurate(coarse_model):
-    """There the factor at hand is that of a tangent far away, with which 40 iterations missed it by half a percent."""
-    path = jaxgel.sweep(coarse_model, coarse_model.cloud.plate.gel, mu=[-4.9678, -4.5, -4.0, -3.0])
-    problem = prepare(path.model, path.gel)
+    """There the modes at hand are those of a state far away."""
+    path = jaxgel.sweep(jaxgel.Problem(coarse_model, coarse_model.cloud.plate.gel), [-4.9678, -4.5, -4.0, -3.0], eigenvalues=True)
+    problem = Problem(path.model, path.gel, contact=False).prepared
     states = [solve(problem, mu, x, p, own_factor=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
     exact = [nearest_modes(state.factor, StabilityAnalysis(problem).stiffness, 1)[0][0] for state in states]
     np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
@@ -58,7 +58,7 @@ def test_the_network_stiffness_is_the_hessian_of_the_networks_energy(tiny_model)
     """So a gel without pressure has the eigenvalue 1 in every direction."""
     from jaxgel.mechanics import network_energy
 
-    problem = prepare(tiny_model, tiny_model.cloud.plate.gel)
+    problem = Problem(tiny_model, tiny_model.cloud.plate.gel, contact=False).prepared
     free, x = problem.pattern.free, jax.numpy.asarray(tiny_model.cloud.nodes)
 
     def energy(v):
@@ -70,17 +70,18 @@ def test_the_network_stiffness_is_the_hessian_of_the_networks_energy(tiny_model)
 
 @pytest.fixture(scope="module")
 def unstable_path(buckling_model):
-    return jaxgel.sweep(buckling_model, buckling_model.cloud.plate.gel, mu=[-2.2, -1.645, -1.635, -1.3], branch="symmetric")
+    problem = jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel)
+    return jaxgel.sweep(problem, [-2.2, -1.645, -1.635, -1.3], branch="symmetric", eigenvalues=True)
 
 
 def test_a_negative_eigenvalue_is_found_from_modes_that_are_blind_to_it(unstable_path):
     """Modes that were followed so far may all have another symmetry than the one that becomes unstable."""
-    problem = prepare(unstable_path.model, unstable_path.gel)
+    problem = Problem(unstable_path.model, unstable_path.gel, contact=False).prepared
     stiffness, mu = StabilityAnalysis(problem).stiffness, unstable_path.mu[-1]
     state = solve(problem, mu, unstable_path.x[-1], unstable_path.pressure[-1], own_factor=True)
     eigenvalues, modes = nearest_modes(state.factor, stiffness, 6)
     assert eigenvalues[0] < 0 < eigenvalues[-1]
-    found, _ = StabilityAnalysis(problem).by_own_factor(state, modes[:, eigenvalues > 0][:, :2])
+    found, _ = StabilityAnalysis(problem).check(state, modes[:, eigenvalues > 0][:, :2])
     np.testing.assert_allclose(found.eigenvalues[0], eigenvalues[0], rtol=2e-3)
     assert found.negative == np.sum(eigenvalues < 0)
 
@@ -89,15 +90,15 @@ def test_a_negative_eigenvalue_is_found_from_modes_that_are_blind_to_it(unstable
 def test_the_lowest_eigenvalue_is_found_where_modes_change_their_order(cloud_of):
     """On the lattice the lowest three, a double one among them, give way to a mode of another symmetry."""
     model = jaxgel.discretise(cloud_of("lattice"))
-    path = jaxgel.sweep(model, model.cloud.plate.gel, mu=np.linspace(-3.5, -1.6, 14), contact="off")
-    problem = prepare(path.model, path.gel)
+    path = jaxgel.sweep(jaxgel.Problem(model, model.cloud.plate.gel, contact=False), np.linspace(-3.5, -1.6, 14), eigenvalues=True)
+    problem = Problem(path.model, path.gel, contact=False).prepared
     states = [solve(problem, mu, x, p, own_factor=True) for mu, x, p in zip(path.mu, path.x, path.pressure, strict=True)]
     exact = [nearest_modes(state.factor, StabilityAnalysis(problem).stiffness, 1)[0][0] for state in states]
     np.testing.assert_allclose(path.lowest_eigenvalue, exact, rtol=2e-3)
 
 
 def test_modes_that_were_followed_may_have_become_the_same(unstable_path):
-    problem = prepare(unstable_path.model, unstable_path.gel)
+    problem = Problem(unstable_path.model, unstable_path.gel, contact=False).prepared
     stiffness, mu = StabilityAnalysis(problem).stiffness, unstable_path.mu[0]
     state = solve(problem, mu, unstable_path.x[0], unstable_path.pressure[0], own_factor=True)
     eigenvalues, modes = nearest_modes(state.factor, stiffness, 4)
@@ -115,15 +116,16 @@ def test_negative_eigenvalues_are_counted_for_the_state_itself(unstable_path):
     assert list(unstable_path.negative_pivots[[0, -1]]) == [0, 1]
 
 
-def test_lowest_eigenvalue_is_in_the_history(run_folder):
-    with (run_folder / "history.csv").open() as stream:
-        values = [float(row["lowest_eigenvalue"]) for row in csv.DictReader(stream)]
-    assert len(values) == 4
-    assert np.all(np.isfinite(values)) and np.all(np.array(values) > 0)
+@pytest.mark.parametrize("asked", [True, False])
+def test_the_history_has_the_lowest_eigenvalues_that_were_asked_for(tiny_model, asked):
+    """The pivots are counted either way."""
+    table = jaxgel.observables.history(jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, 0.1)), [-3.0, -2.0], eigenvalues=asked))
+    assert np.all(table["lowest_eigenvalue"] > 0) if asked else np.all(np.isnan(table["lowest_eigenvalue"]))
+    assert list(table["negative_pivots"]) == [0, 0]
 
 
 def test_a_mode_points_the_same_way_whatever_the_sign_it_comes_with(tiny_path):
-    problem = prepare(tiny_path.model, tiny_path.gel)
+    problem = Problem(tiny_path.model, tiny_path.gel, contact=False).prepared
     vectors = np.random.default_rng(1).normal(size=(len(problem.pattern.free), 3))
     np.testing.assert_array_equal(oriented(vectors, problem), oriented(-vectors, problem))
 
@@ -139,8 +141,8 @@ def test_products_of_the_tangent_are_those_of_the_energys_hessian(square_model, 
     model = square_model
     gel = jaxgel.Gel() if network is None else jaxgel.Gel(network=network)
     x = model.cloud.nodes * jax.numpy.array([1.2, 1.3]) + 0.02 * jax.numpy.sin(model.cloud.nodes[:, ::-1])
-    problem, mu = prepare(model, gel), -1.0
-    state = State(mu, x, state_pressure(x, model, gel, mu))
+    problem, mu = Problem(model, gel, contact=False).prepared, -1.0
+    state = State(mu, mu, x, state_pressure(x, model, gel, mu))
     vectors = np.random.default_rng(3).normal(size=(len(problem.free), 2))
 
     def force(v):
@@ -164,7 +166,7 @@ def test_the_lowest_eigenvalue_of_a_path_under_loads_is_that_of_its_states(tiny_
     """Dead loads have no stiffness, but the states are others: a tenth and more of the eigenvalue."""
     gel = tiny_model.cloud.plate.gel
     loads = np.where(np.asarray(tiny_model.cloud.nodes) == np.asarray(tiny_model.cloud.nodes).max(axis=0), [0.0, -2e-5], 0.0)
-    path, unloaded = (jaxgel.sweep(tiny_model, gel, mu=[-3.0, -2.0], loads=force) for force in (loads, None))
+    path, unloaded = (jaxgel.sweep(jaxgel.Problem(tiny_model, gel, loads=force), [-3.0, -2.0], eigenvalues=True) for force in (loads, None))
     found = np.asarray(lowest_eigenvalue(path))
     np.testing.assert_allclose(found, path.lowest_eigenvalue, rtol=ACCURACY)
     assert np.all(np.abs(found / unloaded.lowest_eigenvalue - 1) > 1e-2)
@@ -174,7 +176,7 @@ def test_every_float_of_a_path_has_the_derivative_of_differences_or_none(tiny_mo
     """Tangents of numbers without derivatives are nan; counts and texts have no tangents."""
 
     def floats(chi):
-        path = jaxgel.sweep(tiny_model, jaxgel.Gel(1e-3, chi), mu=[-3.0, -2.0], contact="off")
+        path = jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, chi), contact=False), [-3.0, -2.0])
         columns = {field.name: getattr(path, field.name) for field in dataclasses.fields(path)}
         return {name: jnp.asarray(c) for name, c in columns.items() if isinstance(c, jax.Array | np.ndarray) and c.dtype == float}
 
@@ -190,7 +192,7 @@ def test_every_float_of_a_path_has_the_derivative_of_differences_or_none(tiny_mo
 @pytest.mark.parametrize("name", ["lowest_eigenvalue", "residual"])
 def test_a_number_without_derivative_refuses_the_reverse_pass_that_asks_for_it(tiny_model, name):
     def number(chi, use):
-        path = jaxgel.sweep(tiny_model, jaxgel.Gel(1e-3, chi), mu=[-3.0, -2.0], contact="off")
+        path = jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, chi), contact=False), [-3.0, -2.0])
         column = getattr(path, name)
         return path.energy[-1] + (column[-1] if use else jnp.where(column[-1] > 0, 0.0, 1.0)), column
 

@@ -287,7 +287,7 @@ def judged(plate, cloud):
 
     def values(axes):
         model = jaxgel.discretise(cloud.at(plate.at([{"semi_axes": axes}])))
-        path = jaxgel.sweep(model, plate.gel, mu=MU)
+        path = jaxgel.sweep(jaxgel.Problem(model, plate.gel), MU)
         return jnp.stack([limit.function(path) for limit in limits])
 
     return values
@@ -375,11 +375,11 @@ def test_a_failed_sweep_shrinks_the_step_and_is_logged(problem, monkeypatch, tmp
 
     true = inverse.sweep_by_options
 
-    def failing(model, gel, *args, **options):
-        axes = jax.lax.stop_gradient(model.cloud.plate.holes[0].semi_axes)
+    def failing(swollen, *args, **options):
+        axes = jax.lax.stop_gradient(swollen.model.cloud.plate.holes[0].semi_axes)
         if not isinstance(axes, jax.core.Tracer) and axes[0] < 2.395:
             raise SweepFailed("sweep: planted failure")
-        return true(model, gel, *args, **options)
+        return true(swollen, *args, **options)
 
     monkeypatch.setattr(inverse, "sweep_by_options", failing)
     design = optimise(problem, method="adam", evaluations=6, folder=tmp_path)
@@ -464,7 +464,9 @@ def test_a_start_that_fails_is_refused_in_one_line(problem, monkeypatch):
 
 def test_a_design_that_is_not_valid_names_the_value_of_its_control(problem, path, monkeypatch):
     chi, k = jaxgel.controls.chi(-2.0), len(path)
-    unstable = dataclasses.replace(path, control=chi, value=np.linspace(0.5, 0.3, k), negative_pivots=np.ones(k), status=np.zeros(k))
+    problem_of_path, zeros = path.problem.replace(control=chi), np.zeros(k)
+    changes = dict(negative_pivots=np.ones(k), status=zeros, derivative=zeros)
+    unstable = dataclasses.replace(path, problem=problem_of_path, value=np.linspace(0.5, 0.3, k), **changes)
     monkeypatch.setattr(DesignProblem, "path", lambda *_: unstable)
     driven = dataclasses.replace(problem, mu=[0.5, 0.3], sweep=SweepOptions(control="chi", value_list=(0.5, 0.3), at_mu=-2.0))
     driven = dataclasses.replace(driven, objective=lambda path: jnp.sum(path.x))

@@ -14,7 +14,8 @@ import pytest
 import scipy.linalg
 
 import jaxgel
-from jaxgel.mechanics import all_volumes, carries_volume, linearise, prepare, tangent
+from jaxgel import Problem
+from jaxgel.mechanics import all_volumes, carries_volume, linearise, tangent
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 
@@ -39,7 +40,7 @@ def large_hole(nodes_per_hole):
 
 def forms(model):
     """At the dry state with p = -Nv: the form (f, f) with what is held, the network's (f, f), and the scaled constraints (g, f)."""
-    problem, carries, volumes = prepare(model, GEL), carries_volume(model), np.asarray(all_volumes(model))
+    problem, carries, volumes = Problem(model, GEL, contact=False).prepared, carries_volume(model), np.asarray(all_volumes(model))
     x, p = model.cloud.nodes, jnp.where(carries, -GEL.Nv, 0.0)
     now = linearise(problem, x, p, -2.0)
     held = dataclasses.replace(now, stiffness=jnp.where(carries, 0.0, now.stiffness))

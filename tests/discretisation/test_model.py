@@ -39,7 +39,7 @@ def stretched(nodes, stretch):
 def test_patch_test_gives_the_uniaxial_stretch_at_every_mu(side, basis, dmax):
     model, gel = square(side, basis, dmax), jaxgel.sample("square").gel
     mu = np.append(np.arange(-4.9, -0.05, 0.35), 0.0)
-    path = jaxgel.sweep(model, gel, mu=mu)
+    path = jaxgel.sweep(jaxgel.Problem(model, gel), mu)
     assert path.stop.ok
     exact = jaxgel.uniaxial_swelling(mu, gel)  # Eq. (59); up to 7.7
     for x, stretch in zip(path.x, exact, strict=True):

@@ -7,7 +7,8 @@ import pytest
 import shapely
 
 import jaxgel
-from jaxgel.mechanics import all_volumes, by_block, carries_volume, linearise, prepare, volume_ratios
+from jaxgel import Problem
+from jaxgel.mechanics import all_volumes, by_block, carries_volume, linearise, volume_ratios
 
 ratios = jax.jit(volume_ratios)
 
@@ -230,7 +231,7 @@ def test_gradients_of_volumes_are_their_difference_quotients(fixture, request):
     x, way = rough(model), np.random.default_rng(3).normal(size=(model.n_nodes, 2))
     volumes = np.asarray(all_volumes(model))
     difference = volumes * (np.asarray(ratios(x + way / 8, model)) - np.asarray(ratios(x - way / 8, model))) * 4
-    now = linearise(prepare(model, jaxgel.Gel()), x, jnp.zeros(len(volumes)), -1.5)
+    now = linearise(Problem(model, jaxgel.Gel(), contact=False).prepared, x, jnp.zeros(len(volumes)), -1.5)
     slopes = [np.einsum("cgia,cai->cg", G, way[block.nodes]).ravel() for G, block in zip(now.gradients, model.blocks, strict=True)]
     size = np.abs(difference).max()
     assert size > 0.1

@@ -21,7 +21,7 @@ def cloud():
 
 
 def core_rotation(cloud):
-    return float(jaxgel.core_rotation(jaxgel.sweep(jaxgel.discretise(cloud), jaxgel.Gel(1e-3, 1e-4), mu=MU))[-1])
+    return float(jaxgel.core_rotation(jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(cloud), jaxgel.Gel(1e-3, 1e-4)), MU))[-1])
 
 
 def test_cloud_on_its_own_plate_has_full_quality(cloud):

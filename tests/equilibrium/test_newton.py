@@ -7,14 +7,14 @@ import pytest
 from scipy.optimize import minimize
 
 import jaxgel
-from jaxgel.equilibrium import MAX_ITERATIONS, TOLERANCE, Status, dry_state, remedy, solve
+from jaxgel import Problem
+from jaxgel.equilibrium import NEWTON, Status, dry_state, remedy, solve
 from jaxgel.materials import Gel
 from jaxgel.mechanics import (
     check_room,
     energy_at,
     free_dofs,
     linearise,
-    prepare,
     residual,
     state_pressure,
     tangent,
@@ -25,7 +25,7 @@ from jaxgel.mechanics import (
 
 @pytest.fixture(scope="module")
 def problem(tiny_model):
-    return prepare(tiny_model, tiny_model.cloud.plate.gel)
+    return Problem(tiny_model, tiny_model.cloud.plate.gel, contact=False).prepared
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def state(problem):
 def test_newton_takes_few_iterations_from_the_dry_nodes_on(step, most, coarse_model):
     """Each state from the one before, without a predictor, with a new factor in every iteration."""
     gel = coarse_model.cloud.plate.gel
-    problem = prepare(coarse_model, gel)
+    problem = Problem(coarse_model, gel, contact=False).prepared
     x, p = dry_state(problem)
     for mu in np.arange(-4.9678, -0.9, step):
         found = solve(problem, mu, x, p, own_factor=True)
@@ -56,7 +56,7 @@ def test_equilibrium_has_no_residual_but_on_held_components(problem, state):
     force = np.asarray(jax.jit(residual)(state.x, model, gel, -1.5, problem.loads)).ravel()
     free = free_dofs(model.cloud.topology)
     assert np.linalg.norm(force[free]) < 1e-8 * np.linalg.norm(force)  # the constraint's tolerance times the bulk stiffness
-    assert state.residual < TOLERANCE
+    assert state.residual < NEWTON.tolerance
     held = np.delete(np.arange(force.size), free)
     np.testing.assert_array_equal(np.asarray(state.x).ravel()[held], np.asarray(model.cloud.nodes).ravel()[held])
     np.testing.assert_allclose(state.pressure, state_pressure(state.x, model, gel, -1.5), rtol=1e-7)
@@ -118,14 +118,14 @@ def test_every_iteration_count_is_bounded_and_bad_starts_are_named(problem):
     rough = x + 1.0 * np.random.default_rng(0).normal(size=x.shape)
     found = solve(problem, -2.0, rough, p)
     assert found.status in (Status.NOT_CONVERGED, Status.SINGULAR)  # which one, round-off decides
-    assert found.newton_iterations <= MAX_ITERATIONS
+    assert found.newton_iterations <= NEWTON.max_iterations
 
 
 def test_diverging_newton_is_named_and_warns_of_nothing(problem):
     """From the dry nodes to nearly the pure solvent in one step."""
     found = solve(problem, -0.1, *dry_state(problem))
     assert found.status in (Status.NOT_FINITE, Status.NOT_CONVERGED, Status.SINGULAR)  # round-off decides which comes first
-    assert found.newton_iterations <= MAX_ITERATIONS
+    assert found.newton_iterations <= NEWTON.max_iterations
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -138,7 +138,7 @@ def test_start_that_is_no_number_is_named(bad, problem):
 def test_tangent_without_stiffness_is_singular(tiny_model):
     """A network without chains: nothing resists a change of shape at constant volume."""
     gel = Gel(Nv=1e-300, chi=1e-4)
-    problem = prepare(tiny_model, gel, jnp.ones_like(tiny_model.cloud.nodes))
+    problem = Problem(tiny_model, gel, loads=jnp.ones_like(tiny_model.cloud.nodes), contact=False).prepared
     found = solve(problem, -2.0, *dry_state(problem))
     assert found.status is Status.SINGULAR
 
@@ -151,8 +151,8 @@ def test_every_status_has_a_line_that_helps():
 
 
 def test_failed_first_state_says_what_to_change():
-    assert remedy(Status.NOT_CONVERGED) == "; start at a lower mu"
-    assert remedy(Status.SELF_CONTACT) == "; sweep with contact = 'on'"
+    assert remedy(Status.NOT_CONVERGED, "mu") == "; start at a lower mu"
+    assert remedy(Status.SELF_CONTACT, "chi") == "; sweep with contact"
 
 
 def test_plate_that_may_slide_is_refused():
@@ -198,7 +198,7 @@ def test_walls_hold_the_components_they_should(condition, held):
 def test_assembly_never_holds_the_matrices_of_all_points(coarse_model):
     """Of one component each, let alone of four; a step needs less than a fifth of that, on finer clouds a smaller share."""
     gel = coarse_model.cloud.plate.gel
-    problem = prepare(coarse_model, gel)
+    problem = Problem(coarse_model, gel, contact=False).prepared
     x, pressure = dry_state(problem)
     stencil = max(block.nodes.shape[1] for block in coarse_model.blocks)
     first = problem, x, pressure, -4.9

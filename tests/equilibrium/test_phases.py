@@ -11,6 +11,7 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.continuation import Path
 from jaxgel.equilibrium import accepted, advanced, dry_state, solve, starting, state_tangents
 from jaxgel.materials import Gel, flory_huggins, gel_in_groups, largest_pressure, neo_hookean, osmotic, phase_of
@@ -26,7 +27,6 @@ from jaxgel.mechanics import (
     hessian_product,
     linearised_about,
     localised,
-    prepare,
     residual,
     scatter,
     state_pressure,
@@ -100,7 +100,7 @@ def placed(model, F):
 
 def solved(model, gel, x, pressure=None):
     pressure = state_pressure(x, model, gel, 0.0) if pressure is None else pressure
-    return solve(prepare(model, gel), 0.0, x, pressure, own_factor=True)
+    return solve(Problem(model, gel, contact=False).prepared, 0.0, x, pressure, own_factor=True)
 
 
 CASES = [(in_plane, 303.0), (in_plane, 305.0), (in_plane, 307.0), (along_y, 303.0), (along_y, 303.7), (along_y, 304.0), (along_y, 305.0)]
@@ -142,7 +142,12 @@ def test_newton_converges_quadratically_in_every_phase(branch, models):
     exact = placed(model, in_plane(J)[0])
     errors = []
     for iterations in range(5):
-        state = _after(iterations, prepare(model, gel), 0.99 * (exact + 2) - 2, state_pressure(0.99 * (exact + 2) - 2, model, gel, 0.0))
+        state = _after(
+            iterations,
+            Problem(model, gel, contact=False).prepared,
+            0.99 * (exact + 2) - 2,
+            state_pressure(0.99 * (exact + 2) - 2, model, gel, 0.0),
+        )
         errors.append(float(np.abs(state.x - exact).max()))
     rates = [after / before**2 for before, after in itertools.pairwise(errors) if before > 1e-5]
     assert len(rates) >= 2
@@ -217,17 +222,17 @@ def test_a_graded_gel_has_all_phases_at_once(graded):
 def test_derivatives_by_the_temperature_are_those_of_states_found_again(graded):
     """Of a plate in all phases at once, against differences of fourth order."""
     model, gel, first = graded
-    problem = prepare(model, gel)
+    problem = Problem(model, gel, contact=False).prepared
 
     def height(x):
         return jnp.mean(x[:, 1] ** 2)
 
     def again(warmer):
         warm = dataclasses.replace(gel, T=jax.tree.map(lambda T: T + warmer, gel.T))
-        return float(height(solve(prepare(model, warm), 0.0, first.x, first.pressure).x))
+        return float(height(solve(Problem(model, warm, contact=False).prepared, 0.0, first.x, first.pressure).x))
 
     zero = jax.tree.map(jnp.zeros_like, problem)
-    dot = dataclasses.replace(zero, gel=dataclasses.replace(zero.gel, T=jax.tree.map(jnp.ones_like, gel.T)), operators=None)
+    dot = zero.replace(gel=dataclasses.replace(zero.gel, T=jax.tree.map(jnp.ones_like, gel.T)), operators=None)
     x_dot = state_tangents(first.x[None], first.pressure[None], problem, jnp.zeros(1), dot, jnp.zeros(1))[0]
     step = 0.01  # K: the fifth derivative leaves 1e-8, the states 1e-11 / step
     differences = (8 * (again(step) - again(-step)) - again(2 * step) + again(-2 * step)) / (12 * step)
@@ -250,7 +255,7 @@ def test_a_block_held_at_the_axial_stretch_of_a_phase_is_in_that_phase(branch):
     assert state.status.ok
     assert state.newton_iterations <= 5
     np.testing.assert_allclose(state.x, exact, atol=1e-9)
-    done = accepted(prepare(model, gel), state, None)
+    done = accepted(Problem(model, gel, contact=False).prepared, state, None)
     assert done.energy == pytest.approx(16 * float(energy_by(isotropic, J, gel)), rel=1e-9)
     assert phases(state, model, gel) == {branch}
 
@@ -296,7 +301,7 @@ def test_a_pressure_that_the_gel_cannot_carry_is_brought_into_its_range(models):
 
 def test_a_collapsed_gel_is_found_from_the_dry_state(models):
     gel, model = Gel(0.01, 0.9), models[along_y]
-    state = solve(prepare(model, gel), 0.0, *dry_state(prepare(model, gel)))
+    state = solve(Problem(model, gel, contact=False).prepared, 0.0, *dry_state(Problem(model, gel, contact=False).prepared))
     (J,) = roots(along_y, gel)
     np.testing.assert_allclose(state.x, placed(model, along_y(J)[0]), atol=1e-9)
 
@@ -306,9 +311,9 @@ def test_a_free_surface_has_the_phase_of_the_gel_behind_it():
     gel, model = Pnipam(TWO), model_of(holes=[jaxgel.Circle((0.0, 0.0), 0.9)])
     states = []
     for J in roots(in_plane, gel):
-        states.append(accepted(prepare(model, gel), solved(model, gel, placed(model, in_plane(J)[0])), None))
+        states.append(accepted(Problem(model, gel, contact=False).prepared, solved(model, gel, placed(model, in_plane(J)[0])), None))
         assert states[-1].status.ok
         assert states[-1].energy == pytest.approx(
             float(energy_at(model.cloud.nodes * np.sqrt(J), model, gel, 0.0, jnp.zeros_like(model.cloud.nodes))), rel=1e-9
         )
-    np.testing.assert_allclose(surface_ratios(Path.from_states(model, gel, states)), 1.0, atol=1e-8)
+    np.testing.assert_allclose(surface_ratios(Path.from_states(Problem(model, gel, contact=False), states)), 1.0, atol=1e-8)

@@ -28,7 +28,7 @@ def test_pyvista_reads_the_series_with_the_closed_form_of_uniaxial_swelling(squa
     """Stretch l2 upwards and 1 sideways, stress Nv (1/l2 - l2) sideways, J = l2, everywhere."""
     pyvista = pytest.importorskip("pyvista")
     gel, mu = square_model.cloud.plate.gel, [-2.0, -1.0]
-    path = jaxgel.sweep(square_model, gel, mu=mu)
+    path = jaxgel.sweep(jaxgel.Problem(square_model, gel), mu)
     write_series(path, tmp_path)
     reader = pyvista.get_reader(tmp_path / "series.pvd")
     assert reader.time_values == mu

@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg
 from threadpoolctl import threadpool_info
 
-from jaxgel import Gel, sweep
+from jaxgel import Gel, Problem, sweep
 from jaxgel.linalg import RECENT_FACTORS, Bordered, FactorCache, SingularTangent, analyse, factor, factors, remember, solve_near
 from jaxgel.linalg import pattern as pattern_module
 from jaxgel.mechanics import free_dofs, node_pairs, precomputed_operators
@@ -118,7 +118,7 @@ def test_states_and_gradients_are_those_of_the_direct_solver(tiny_model):
     halved = dataclasses.replace(tiny_model, solver="iterative")
 
     def size(model, Nv):
-        return (sweep(model, Gel(Nv, 1e-4), mu=[-3.0, -2.0]).x[-1] ** 2).sum()
+        return (sweep(Problem(model, Gel(Nv, 1e-4)), [-3.0, -2.0]).x[-1] ** 2).sum()
 
     np.testing.assert_allclose(size(halved, 1e-3), size(tiny_model, 1e-3), rtol=1e-13)  # round-off of a sum of squares
     short, long = ((size(tiny_model, 1e-3 + h) - size(tiny_model, 1e-3 - h)) / (2 * h) for h in (1e-5, 2e-5))

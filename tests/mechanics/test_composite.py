@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel import Circle, Composite, Elastomer, Ellipse, Gel, Plate, Rectangle, discretise, make_cloud, sample, sweep
+from jaxgel import Circle, Composite, Elastomer, Ellipse, Gel, Plate, Problem, Rectangle, discretise, make_cloud, sample, sweep
 from jaxgel.materials import (
     elastic_film_energy,
     elastic_film_pressure,
@@ -17,7 +17,7 @@ from jaxgel.materials import (
     elastic_volume_ratio,
     uniaxial_swelling,
 )
-from jaxgel.mechanics import energy_at, is_film, localised, prepare, residual
+from jaxgel.mechanics import energy_at, is_film, localised, residual
 from jaxgel.mechanics.volumes import carries_volume, volume_ratios
 from jaxgel.symmetry import symmetries_of
 
@@ -64,7 +64,7 @@ def test_the_cells_of_a_region_fill_its_outline_and_its_nodes_are_those_in_it():
 def test_a_region_of_the_same_gel_changes_no_uniform_state():
     model, gel = layered((GEL,))
     assert localised(model, gel).Nv == GEL.Nv  # one number, no values at points
-    path = sweep(model, gel, mu=[-3.0, -0.5])
+    path = sweep(Problem(model, gel), [-3.0, -0.5])
     for x, stretch in zip(path.x, uniaxial_swelling(path.mu, GEL), strict=True):
         exact = model.cloud.nodes * jnp.array([1.0, stretch]) + jnp.array([0.0, stretch - 1.0])
         np.testing.assert_allclose(x, exact, atol=1e-11)
@@ -73,7 +73,7 @@ def test_a_region_of_the_same_gel_changes_no_uniform_state():
 @pytest.mark.parametrize("other", [Gel(4e-3, 0.3), STIFF], ids=["gel", "elastomer"])
 def test_layers_swell_each_by_its_own_uniaxial_stretch(other):
     model, gel = layered((other,))
-    path = sweep(model, gel, mu=[-3.0, -0.5])
+    path = sweep(Problem(model, gel), [-3.0, -0.5])
     for x, upper, mu in zip(path.x, uniaxial_swelling(path.mu, GEL), path.mu, strict=True):
         lower = 1.0 if isinstance(other, Elastomer) else uniaxial_swelling(mu, other)
         Y = model.cloud.nodes[:, 1]
@@ -85,7 +85,7 @@ def test_an_elastomer_has_the_energy_and_the_force_of_its_closed_form():
     plate = Plate(2.0, 2.0, edges={"top": "roller"}, displacement={"top": (0.0, 0.4)}, regions=[LAYER], spacing=0.5)
     model = discretise(make_cloud(plate))
     soft = dataclasses.replace(STIFF, Nv=0.05)
-    path = sweep(model, Composite(Gel(0.02, 0.1), (soft,)), mu=[-3.0])
+    path = sweep(Problem(model, Composite(Gel(0.02, 0.1), (soft,))), [-3.0])
     probe = jaxgel.make_probe(model, np.array([[0.0, -0.5]]))
     stretch = float(probe.position(path.x[0])[0, 1] + 1.0) / 0.5  # of the layer
 
@@ -118,8 +118,8 @@ def test_states_with_inclusions_are_stationary_points_of_the_total_energy(kinema
     plate = Plate(2.0, 2.0, [Circle((-0.5, 0.0), 0.25)], regions=[Circle((0.4, 0.1), 0.35)], edges=HELD, kinematics=kinematics)
     model = discretise(make_cloud(plate, spacing=0.25, nodes_per_hole=12))
     assert is_film(model) == (kinematics == "plane stress")
-    path = sweep(model, Composite(GEL, (STIFF,)), mu=[-3.0, -0.8], contact="off")
-    problem = prepare(model, path.gel)
+    path = sweep(Problem(model, Composite(GEL, (STIFF,)), contact=False), [-3.0, -0.8])
+    problem = Problem(model, path.gel, contact=False).prepared
     x, mu = jnp.asarray(path.x[-1]), path.mu[-1]
     force = np.asarray(jax.jit(residual)(x, model, path.gel, mu, problem.loads)).ravel()[np.asarray(problem.free)]
     assert np.abs(force).max() < 1e-9
@@ -146,7 +146,7 @@ def test_materials_and_outlines_of_regions_have_exact_derivatives():
     def height(p):
         moved = plate.at([], [{"semi_axes": p["semi_axes"], "centre": p["centre"]}])
         model = discretise(cloud.at(moved))
-        path = sweep(model, Composite(Gel(1e-3, p["chi"]), (Elastomer(p["Nv"], p["bulk"]),)), mu=mu)
+        path = sweep(Problem(model, Composite(Gel(1e-3, p["chi"]), (Elastomer(p["Nv"], p["bulk"]),))), mu)
         return jaxgel.make_probe(model, probe_at).position(path.x[-1])[0, 1]
 
     gradient = jax.grad(height)(start)
@@ -160,7 +160,7 @@ def test_an_inclusion_in_the_middle_keeps_the_group_and_one_beside_it_does_not()
     plate = sample("sample-4")
     for outline, group in ((Circle((0.0, 0.0), 0.8), 7), (Circle((0.3, 0.1), 0.8), 0)):
         model = discretise(make_cloud(dataclasses.replace(plate, regions=[outline]), spacing=2.2))
-        assert len(symmetries_of(prepare(model, Composite(plate.gel, (STIFF,))))) == group
+        assert len(symmetries_of(Problem(model, Composite(plate.gel, (STIFF,)), contact=False).prepared)) == group
 
 
 @pytest.mark.slow
@@ -168,7 +168,7 @@ def test_symmetric_states_with_an_inclusion_are_those_of_the_whole_plate():
     plate = dataclasses.replace(sample("sample-4"), regions=[Circle((0.0, 0.0), 0.8)])
     model, gel = discretise(make_cloud(plate, spacing=1.1)), Composite(plate.gel, (STIFF,))
     mu = [-4.0, -3.0, -2.5]
-    whole, reduced = (sweep(model, gel, mu=mu, branch="symmetric", symmetry=symmetry) for symmetry in ("off", "auto"))
+    whole, reduced = (sweep(Problem(model, gel), mu, branch="symmetric", symmetry=symmetry) for symmetry in ("off", "auto"))
     assert reduced.symmetry[-1]
     np.testing.assert_allclose(whole.x, reduced.x, atol=1e-9)
     np.testing.assert_array_equal(whole.negative_pivots, reduced.negative_pivots)
@@ -189,7 +189,7 @@ def test_rotations_with_inclusions_are_those_of_finite_elements(kinematics, mate
     """NGSolve, P5 on 1884 curved triangles: ``benchmarks/printed.py``; 0.5 % as there."""
     plate = dataclasses.replace(sample("sample-1"), kinematics=kinematics, regions=[Ellipse((0.0, 0.0), (1.5, 0.8), 0.6)])
     model = discretise(make_cloud(plate, spacing=22 / 40))
-    path = sweep(model, Composite(plate.gel, (material,)), mu=[-2.5, -1.4678])
+    path = sweep(Problem(model, Composite(plate.gel, (material,))), [-2.5, -1.4678])
     assert float(jaxgel.core_rotation(path)[-1]) == pytest.approx(rotation, rel=5e-3)
 
 
@@ -207,5 +207,5 @@ def test_rotations_with_inclusions_are_those_of_finite_elements(kinematics, mate
 def test_composites_that_do_not_fit_are_refused_in_one_line(gel, words):
     model = discretise(make_cloud(Plate(2.0, 2.0, edges=HELD, regions=[LAYER], spacing=0.5)))
     with pytest.raises(ValueError, match=words) as problem:
-        sweep(model, gel, mu=[-3.0])
+        sweep(Problem(model, gel), [-3.0])
     assert "\n" not in str(problem.value)

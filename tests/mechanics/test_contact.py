@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import quad
 
 import jaxgel
-from jaxgel.continuation.follow import SNAP, _Attempt
-from jaxgel.continuation.frames import Frames
+from jaxgel import Problem
+from jaxgel.continuation import Followed, Following
 from jaxgel.equilibrium import Status
 from jaxgel.mechanics import (
     contact,
@@ -20,7 +20,6 @@ from jaxgel.mechanics import (
     node_pairs,
     overlaps,
     pair_energy,
-    prepare,
     scatter,
     state_pressure,
     tangent,
@@ -44,7 +43,7 @@ def slit():
 @pytest.fixture(scope="module")
 def closed(slit):
     """The slit with its sides in contact."""
-    path = jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=MU, contact="on")
+    path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(slit), GEL), MU)
     assert path.stop.ok
     return path
 
@@ -62,7 +61,7 @@ def squeezed(slit):
 def test_corrections_that_throw_points_deep_into_each_other_are_halved(slit):
     """Newton's method else goes round in a circle of six iterations until the step is cut: 154 for the last state, 22 so."""
     model = jaxgel.discretise(jaxgel.make_cloud(slit.plate))
-    path = jaxgel.sweep(model, GEL, mu=[-4.0, -3.0, -2.0, -1.5], contact="on")
+    path = jaxgel.sweep(jaxgel.Problem(model, GEL), [-4.0, -3.0, -2.0, -1.5])
     assert path.stop.ok
     assert path.newton_iterations[-1] < 35
 
@@ -90,7 +89,7 @@ def test_force_is_the_difference_of_energies(squeezed):
 def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
     """The tangent with contact less that without, over all node pairs, against the derivative of the force along a direction."""
     model, x = squeezed
-    problem, p = prepare(model, GEL), state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0)
+    problem, p = Problem(model, GEL).prepared, state_pressure(1.3 * model.cloud.nodes, model, GEL, -1.0)
     linearisation = linearise(problem, x, p, -1.0)
     blocks = np.array(tangent(problem, x, p, linearisation))
     base = node_pairs(model.lists)[0]
@@ -107,7 +106,7 @@ def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
 def test_products_of_the_tangent_include_contact(closed):
     """Those with contact less those without, of a state whose sides touch."""
     model, x = closed.model, jnp.asarray(closed.x[-1])
-    problem, state = prepare(model, GEL), (closed.x[-1], closed.pressure[-1])
+    problem, state = Problem(model, GEL).prepared, (closed.x[-1], closed.pressure[-1])
     vectors = np.random.default_rng(2).normal(size=(len(problem.free), 2))
     both = problem, problem.without_contact
     with_it, without = (np.stack([tangent_product(p, *state, linearise(p, *state, closed.mu[-1]), v) for v in vectors.T]) for p in both)
@@ -165,7 +164,7 @@ def test_parallel_surfaces_press_each_other_as_documented(gap, pressure):
 
 def test_contact_changes_nothing_before_holes_touch(slit):
     model = jaxgel.discretise(slit)
-    on, off = (jaxgel.sweep(model, GEL, mu=MU[:2], contact=option) for option in ("on", "off"))
+    on, off = (jaxgel.sweep(jaxgel.Problem(model, GEL, contact=contact), MU[:2]) for contact in (True, False))
     np.testing.assert_array_equal(on.x, off.x)
     np.testing.assert_array_equal(on.newton_iterations, off.newton_iterations)
 
@@ -173,23 +172,24 @@ def test_contact_changes_nothing_before_holes_touch(slit):
 def test_sides_that_touch_do_not_overlap_and_are_in_equilibrium(closed):
     assert touches(closed.x[-1], closed.model) and not overlaps(closed.x[-1], closed.model)
     assert closed.negative_pivots[-1] == 0 and closed.residual.max() < 1e-10
-    apart = jaxgel.sweep(closed.model, GEL, mu=MU, contact="off")
+    apart = jaxgel.sweep(jaxgel.Problem(closed.model, GEL, contact=False), MU)
     assert overlaps(apart.x[-1], apart.model)
 
 
 def test_a_leap_into_contact_is_refused(slit):
     """Prediction and last state are apart; where Newton's method closes the slit from there is not where a gel that swells slowly would."""
     steps, model = [], with_contact(jaxgel.discretise(slit), GEL)
-    jaxgel.sweep(model, GEL, mu=MU[:1], on_step=steps.append)
-    problem = prepare(model, GEL)
-    frames = Frames(problem, symmetry=False)
-    found, _ = _Attempt(frames, True, False, SNAP)._reach(frames.of(()), MU[-1], steps)
+    jaxgel.sweep(jaxgel.Problem(model, GEL), MU[:1], observer=jaxgel.Observer(accepted=steps.append))
+    refused = []
+    options = Following(symmetry="off", steps=jaxgel.StepControl(max_cuts=0), observer=jaxgel.Observer(refused=refused.append))
+    assert not list(Followed(Problem(model, GEL).prepared, [MU[-1]], options, steps))
+    (found,) = refused
     assert found.status is Status.NOT_CONVERGED
     assert np.abs(found.x - steps[0].x).max() > float(model.contact.range) and not touches(steps[0].x, model)
 
 
 def test_a_sweep_told_to_stop_ends_before_the_overlap(slit):
-    path = jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-3.0, -2.0, -1.0], contact="stop")
+    path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(slit), GEL, contact=False), [-3.0, -2.0, -1.0], until_contact=True)
     assert path.stop is jaxgel.Status.SELF_CONTACT
     assert path.stop_text == f"stopped after mu = -2: {path.stop.text}"
     assert list(path.mu) == [-3.0, -2.0]
@@ -199,7 +199,7 @@ def test_a_sweep_told_to_stop_ends_before_the_overlap(slit):
 def test_squares_close_without_crossing(cloud_of):
     """Sample 7, on the symmetric branch: the sides meet from the corners; without contact they overlap."""
     model, mu = jaxgel.discretise(cloud_of("sample-7")), [-2.0, -1.0, -0.55, -0.4]
-    path = jaxgel.sweep(model, GEL, mu=mu, branch="symmetric", contact="on")
+    path = jaxgel.sweep(jaxgel.Problem(model, GEL), mu, branch="symmetric")
     assert path.stop.ok and touches(path.x[-1], path.model)
     assert not any(overlaps(x, path.model) for x in path.x)
     volumes = np.asarray(jaxgel.observables.cell_volumes(model))
@@ -217,7 +217,7 @@ def test_gradient_through_contact_is_that_of_the_resolved_problem(slit, closed):
     def height(v):
         model = jaxgel.discretise(slit.at(plate.at([dict(semi_axes=jnp.stack([jnp.asarray(1.2), v[0]])), {}, {}])))
         mu = jnp.stack([jnp.asarray(MU[0]), jnp.asarray(MU[1]), v[2]])
-        return jnp.sum((jaxgel.sweep(model, jaxgel.Gel(v[1], 1e-4), mu=mu, contact="on").x[-1] - nodes) ** 2)
+        return jnp.sum((jaxgel.sweep(jaxgel.Problem(model, jaxgel.Gel(v[1], 1e-4)), mu).x[-1] - nodes) ** 2)
 
     at, direction = np.array([0.45, 1e-3, MU[2]]), np.array([0.1, 1e-3, 0.2])
     _, slope = jax.jvp(height, (jnp.asarray(at),), (jnp.asarray(direction),))
@@ -231,9 +231,9 @@ def test_a_hole_at_a_fixed_edge_that_turns_is_refused():
     plate = jaxgel.Plate(4, 4, [jaxgel.Circle((0.2, -2.0), 0.8)], edges="fixed", deformation=((1.2, 0.0), (0.1, 1.2)), spacing=0.8)
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
     with pytest.raises(ValueError, match="deformation: it turns the bottom edge, to which a hole is open"):
-        jaxgel.sweep(model, GEL, mu=[-4.0])
+        jaxgel.sweep(jaxgel.Problem(model, GEL), [-4.0])
 
 
-def test_unknown_contact_is_refused(slit):
-    with pytest.raises(ValueError, match=r"^contact: 'of' is not one of on, off, stop"):
-        jaxgel.sweep(jaxgel.discretise(slit), GEL, mu=[-3.0], contact="of")
+def test_a_sweep_until_contact_has_none(slit):
+    with pytest.raises(ValueError, match=r"^until_contact: holes with contact never overlap; give Problem"):
+        jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(slit), GEL), [-3.0], until_contact=True)

@@ -8,7 +8,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import jaxgel
-from jaxgel.equilibrium import dry_state, solve
+from jaxgel import Problem
+from jaxgel.equilibrium import State, control_force, dry_state, solve
 from jaxgel.linalg import analyse
 from jaxgel.materials import ArrudaBoyce, Gel, Gent, free_energy
 from jaxgel.mechanics import (
@@ -19,10 +20,8 @@ from jaxgel.mechanics import (
     free_dofs,
     gather,
     linearise,
-    mu_force,
     network_energy,
     node_pairs,
-    prepare,
     pressure_step,
     ratio_at,
     residual,
@@ -52,7 +51,7 @@ def swollen(model, seed=0):
 
 def dense_tangent(model, gel, mu, x):
     """The assembled condensed tangent (2n, 2n) at the state ``x`` and its pressures."""
-    problem, p = prepare(model, gel), state_pressure(x, model, gel, mu)
+    problem, p = Problem(model, gel, contact=False).prepared, state_pressure(x, model, gel, mu)
     points = model.lists.topology.partition.vertices[model.lists.topology.node_vertices]
     pattern = analyse(node_pairs(model.lists)[0], points, np.arange(2 * model.n_nodes))
     return pattern.matrix(tangent(problem, x, p, linearise(problem, x, p, mu))).toarray()
@@ -107,7 +106,7 @@ def test_energy_below_the_dry_volume_is_nan_and_says_so(tiny_model):
 @pytest.mark.parametrize("gel", [Gel(), pytest.param(Gel(network=Gent(30.0)), marks=pytest.mark.slow)], ids=["default", "gent"])
 def test_tangent_is_the_hessian_of_the_energy_at_a_converged_state(tiny_model, gel):
     model, mu = tiny_model, -1.8
-    problem = prepare(model, gel)
+    problem = Problem(model, gel, contact=False).prepared
     found = solve(problem, mu, *dry_state(problem))
     assert found.status.ok
     hessian = jax.jit(jax.hessian(lambda x: total_energy(x, model, gel, mu, no_loads(model))))(found.x).reshape((2 * model.n_nodes,) * 2)
@@ -122,7 +121,7 @@ def test_linearisation_has_the_forces_and_constraint_errors_of_the_mixed_functio
     model, mu, x = tiny_model, -1.8, swollen(tiny_model)
     p = jnp.asarray(1e-3 * np.random.default_rng(2).normal(size=len(all_volumes(model))))
     loads = jnp.asarray(1e-3 * np.random.default_rng(3).normal(size=x.shape))
-    now = linearise(prepare(model, gel, loads), x, p, mu)
+    now = linearise(Problem(model, gel, loads=loads, contact=False).prepared, x, p, mu)
 
     def functional(x):
         return network_energy(x, model, gel) + jnp.sum(all_volumes(model) * p * volume_ratios(x, model)) - jnp.sum(loads * x)
@@ -139,7 +138,7 @@ def test_linearisation_has_the_forces_and_constraint_errors_of_the_mixed_functio
 
 def test_condensed_newton_step_solves_the_full_saddle_point_system(tiny_model):
     model, gel, mu = tiny_model, Gel(), -1.8
-    problem, free = prepare(model, gel), free_dofs(model.cloud.topology)
+    problem, free = Problem(model, gel, contact=False).prepared, free_dofs(model.cloud.topology)
     x, volumes = swollen(model, 4), np.asarray(all_volumes(model))
     p = jnp.asarray(-1e-3 + 1e-4 * np.random.default_rng(5).normal(size=len(volumes)))
     now = linearise(problem, x, p, mu)
@@ -204,7 +203,7 @@ def test_loads_of_several_kinds_superpose(tiny_model):
 def test_strip_under_uniform_traction_has_the_uniaxial_closed_form(traction, square_model):
     gel, mu = jaxgel.sample("square").gel, -1.0
     loads = jaxgel.load_vector(square_model, traction={"top": (0.0, traction)})
-    path = jaxgel.sweep(square_model, gel, mu=[-2.0, mu], loads=loads)
+    path = jaxgel.sweep(jaxgel.Problem(square_model, gel, loads=loads), [-2.0, mu])
     slope = jax.jit(jax.grad(lambda stretch: free_energy(jnp.diag(jnp.stack([1.0, stretch])), mu, gel)))  # dW/dl2 = t
     exact = brentq(lambda stretch: float(slope(stretch)) - traction, 1.0 + 1e-6, 9.0, xtol=1e-15)
     nodes = np.asarray(square_model.cloud.nodes)
@@ -216,7 +215,9 @@ def test_strip_under_uniform_traction_has_the_uniaxial_closed_form(traction, squ
 def test_column_under_its_weight_follows_the_one_dimensional_equation(square_model):
     """dP/dY + b = 0 with P = dW/dl2 gives l2(Y) by one root each and the height of the top by quadrature."""
     gel, mu, weight = Gel(Nv=0.05, chi=0.1), -0.05, 0.05
-    path = jaxgel.sweep(square_model, gel, mu=[-2.0, -0.5, mu], loads=jaxgel.load_vector(square_model, body_force=(0.0, -weight)))
+    path = jaxgel.sweep(
+        jaxgel.Problem(square_model, gel, loads=jaxgel.load_vector(square_model, body_force=(0.0, -weight))), [-2.0, -0.5, mu]
+    )
     slope = jax.jit(jax.grad(lambda stretch: free_energy(jnp.diag(jnp.stack([1.0, stretch])), mu, gel)))
 
     def stretch(Y):
@@ -252,7 +253,7 @@ def test_forces_at_a_given_pressure_are_those_of_the_mixed_form(tiny_model):
     gel, mu, x, loads = Gel(), -1.5, swollen(tiny_model), no_loads(tiny_model)
     gap = 1e-7 * np.random.default_rng(5).normal(size=len(all_volumes(tiny_model)))
     pressure = state_pressure(x, tiny_model, gel, mu) + gap
-    mixed = linearise(prepare(tiny_model, gel), x, pressure, mu)
+    mixed = linearise(Problem(tiny_model, gel, contact=False).prepared, x, pressure, mu)
     given, own = (residual_at(x, tiny_model, gel, mu, loads, p) for p in (pressure, None))
     np.testing.assert_allclose(given, -mixed.rhs, rtol=0, atol=1e-5 * np.abs(own - given).max())
 
@@ -260,8 +261,13 @@ def test_forces_at_a_given_pressure_are_those_of_the_mixed_form(tiny_model):
 def test_force_of_mu_is_the_derivative_of_the_residual(tiny_model):
     """The gradient of the gel's volume, by area forms, against automatic differentiation of the whole residual; round-off only."""
     model = tiny_model
-    problem = prepare(model, Gel(1e-3, 1e-4))
+    problem = Problem(model, Gel(1e-3, 1e-4), contact=False).prepared
     x = 1.2 * model.cloud.nodes + 0.02 * np.random.default_rng(3).standard_normal(model.cloud.nodes.shape)
     expected = jax.jvp(lambda mu: residual(x, model, problem.gel, mu, problem.loads), (-1.0,), (1.0,))[1]
     scale = np.abs(expected).max()
-    np.testing.assert_allclose(mu_force(problem, x, -1.0), gather(expected, problem.free), rtol=0, atol=1e-12 * scale)
+    np.testing.assert_allclose(
+        control_force(problem, State(-1.0, -1.0, x, state_pressure(x, model, problem.gel, -1.0))),
+        gather(expected, problem.free),
+        rtol=0,
+        atol=1e-12 * scale,
+    )

@@ -9,14 +9,14 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxgel
+from jaxgel import Problem
+from jaxgel.equilibrium import State, control_force
 from jaxgel.materials import ArrudaBoyce, Gent, free_swelling, isotropic_swelling
 from jaxgel.mechanics import (
     curvature,
     energy_at,
     gather,
     linearise,
-    mu_force,
-    prepare,
     residual,
     scatter,
     state_pressure,
@@ -43,7 +43,7 @@ def swollen(edges, axial, kinematics="generalised plane strain"):
     """Path of a square plate of 2 x 2 mm, 81 nodes and more, and its dry nodes from the lower left corner."""
     plate = jaxgel.Plate(2, 2, edges=edges, kinematics=kinematics, axial_stretch=axial, gel=GEL)
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25))
-    return jaxgel.sweep(model, GEL, mu=MU), np.asarray(model.cloud.nodes) + 1
+    return jaxgel.sweep(jaxgel.Problem(model, GEL), MU, eigenvalues=True), np.asarray(model.cloud.nodes) + 1
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_the_derivative_of_the_energy_by_the_stretch_is_the_axial_force():
 
     @jax.grad
     def force(axial):
-        return jaxgel.sweep(model.at_axial_stretch(axial), GEL, mu=MU).energy[-1]
+        return jaxgel.sweep(jaxgel.Problem(model.at_axial_stretch(axial), GEL), MU).energy[-1]
 
     area = root(lambda A: GEL.Nv + 1.2 * (potential(1.2 * A) - mu))
     assert float(force(1.2)) == pytest.approx(4 * (1.2 * GEL.Nv + area * (potential(1.2 * area) - mu)), rel=1e-9)
@@ -111,7 +111,7 @@ def test_other_networks_swell_freely_as_their_energy_says(network):
 def test_tangent_residual_and_products_are_derivatives_of_the_energy(model, network):
     """At a rough state: the assembled tangent, its product, the force of mu, and the curvature, by differentiating the total energy."""
     gel, mu = dataclasses.replace(GEL, network=network), -1.0
-    random, nodes, problem = np.random.default_rng(2), np.asarray(model.cloud.nodes), prepare(model, gel)
+    random, nodes, problem = np.random.default_rng(2), np.asarray(model.cloud.nodes), Problem(model, gel, contact=False).prepared
     x = jnp.asarray(1.1 * nodes + 0.02 * random.normal(size=nodes.shape))
     p = state_pressure(x, model, gel, mu)
     now, v = linearise(problem, x, p, mu), jnp.asarray(random.normal(size=len(problem.free)))
@@ -126,7 +126,9 @@ def test_tangent_residual_and_products_are_derivatives_of_the_energy(model, netw
     for product in (tangent_product(problem, x, p, now, v), assembled):
         assert np.linalg.norm(product - exact) < 1e-11 * np.linalg.norm(exact)
     by_mu = gather(jax.jvp(lambda mu: force(x, mu), (mu,), (1.0,))[1], problem.free)
-    assert np.linalg.norm(mu_force(problem, x, mu) - by_mu) < 1e-11 * np.linalg.norm(by_mu)
+    assert np.linalg.norm(
+        control_force(problem, State(mu, mu, x, state_pressure(x, model, problem.gel, mu))) - by_mu
+    ) < 1e-11 * np.linalg.norm(by_mu)
     assert float(jax.jit(curvature)(x, field, model, gel, mu, problem.loads)) == pytest.approx(float(v @ exact), rel=1e-11)
 
     def energy(h):
@@ -146,7 +148,7 @@ def test_derivatives_by_the_stretch(model):
     """First ones by Taylor rates, the second by a difference of first ones."""
 
     def read(t):
-        path = jaxgel.sweep(model.at_axial_stretch(1.05 + t), GEL, mu=[-2.0, -1.0])
+        path = jaxgel.sweep(jaxgel.Problem(model.at_axial_stretch(1.05 + t), GEL), [-2.0, -1.0])
         return jaxgel.area_reduction(path)[-1] + path.energy[-1] + 100 * path.pressure[-1, 3]
 
     slope = jax.grad(read)
@@ -170,6 +172,6 @@ def test_what_is_not_possible_is_said_in_one_line(tiny_plate, model):
         with pytest.raises(ValueError, match=r"^axial_stretch: 1\.1 is not accepted in plane str[^\n]*$"):
             dataclasses.replace(tiny_plate, kinematics=kinematics, axial_stretch=1.1)
     with pytest.raises(ValueError, match=r"is not accepted in generalised plane strain, it must be neo_hookean, Gent or ArrudaBoyce$"):
-        jaxgel.sweep(model, dataclasses.replace(GEL, network=own_network), mu=MU)
+        jaxgel.sweep(jaxgel.Problem(model, dataclasses.replace(GEL, network=own_network)), MU)
     with pytest.raises(ValueError, match=r"leave no room to swell in"):
         swollen("roller", 0.9)

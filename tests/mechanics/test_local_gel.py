@@ -27,7 +27,7 @@ def test_a_constant_field_is_the_plain_gel(network, tiny_model):
     own = {} if network is None else {"network": network}
     gel = jaxgel.Gel(1e-3, 1e-4, **own)
     plain, field = (
-        jaxgel.sweep(tiny_model, one, mu=MU)
+        jaxgel.sweep(jaxgel.Problem(tiny_model, one), MU, eigenvalues=True)
         for one in (gel, dataclasses.replace(gel, Nv=pixels(np.ones((5, 4))), chi=lambda X: 1e-4 + 0 * X[0]))
     )
     for name in ("x", "pressure", "energy"):
@@ -51,7 +51,7 @@ def test_a_film_on_a_laterally_rigid_base_is_as_high_as_its_layers():
     errors = []
     for across in (6, 12, 24):
         model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=plate.height / across))
-        path = jaxgel.sweep(model, gel, mu=mu)
+        path = jaxgel.sweep(jaxgel.Problem(model, gel), mu)
         top = np.isclose(np.asarray(model.cloud.nodes)[:, 1], half)
         errors.append(np.abs((np.asarray(path.x)[:, top, 1].mean(axis=1) + half) / (half * weights @ layers) - 1).max())
     assert errors[0] < 3e-5  # 2.6e-5 found
@@ -70,7 +70,7 @@ def test_gradients_by_pixels_are_those_of_differences(tiny_model):
         return jaxgel.Gel(jaxgel.PixelField(values, EXTENT), jaxgel.PixelField(0.2 + 0.1 * (SHARES - 1.0 + t["chi"]), EXTENT))
 
     def read(t):
-        path = jaxgel.sweep(tiny_model, gel(t), mu=MU[:2])
+        path = jaxgel.sweep(jaxgel.Problem(tiny_model, gel(t)), MU[:2])
         return path.energy[-1] + path.x[-1, 40, 0] + jnp.sum(path.pressure)
 
     at, h = {name: np.zeros(SHARES.shape) for name in direction}, 1e-4
@@ -90,7 +90,7 @@ def test_gradients_by_a_hole_under_a_field_are_those_of_differences(moves, tiny_
 
     def read(shift):
         plate = tiny_plate.at([{"centre": jnp.array([0.1, -0.2]) + shift * jnp.array([0.6, 0.8])}])
-        path = jaxgel.sweep(jaxgel.discretise(cloud.at(plate)), gel, mu=MU[:2])
+        path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(cloud.at(plate)), gel), MU[:2])
         return path.energy[-1] + path.x[-1, 40, 0]
 
     h = 1e-5
@@ -100,18 +100,18 @@ def test_gradients_by_a_hole_under_a_field_are_those_of_differences(moves, tiny_
 
 def test_what_a_field_cannot_be_is_said_in_one_line(tiny_model):
     with pytest.raises(ValueError, match=r"^Nv: -0\.\d+ at \(-0\.\d+, .*\) mm is not accepted, it must be a finite number > 0$"):
-        jaxgel.sweep(tiny_model, jaxgel.Gel(lambda X: jnp.where(X[0] > -1.0, X[0], 1.0)), mu=MU)
+        jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(lambda X: jnp.where(X[0] > -1.0, X[0], 1.0))), MU)
     with pytest.raises(ValueError, match=r"^chi: nan at .* mm is not accepted, it must be a finite number < 2$"):
-        jaxgel.sweep(tiny_model, jaxgel.Gel(chi=lambda X: jnp.log(X[0])), mu=MU)
+        jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(chi=lambda X: jnp.log(X[0]))), MU)
     with pytest.raises(ValueError, match=r"^Nv: the field gives an array of shape \(2,\), it must give one number for a position"):
-        jaxgel.sweep(tiny_model, jaxgel.Gel(lambda X: X), mu=MU)
+        jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(lambda X: X)), MU)
 
 
 def test_a_gel_on_a_model_fits_no_other_one(tiny_model, coarse_model):
     gel = localised(tiny_model, jaxgel.Gel(pixels(SHARES)))
     assert localised(tiny_model, gel) is gel
     with pytest.raises(ValueError, match=r"^gel: has the values of its fields on another model; give the fields themselves$"):
-        jaxgel.sweep(coarse_model, gel, mu=MU)
+        jaxgel.sweep(jaxgel.Problem(coarse_model, gel), MU)
 
 
 def test_the_mean_of_a_linear_field_is_its_value_at_the_centroid(coarse_model):
@@ -147,7 +147,7 @@ def test_a_nodal_field_says_where_it_has_no_value_and_what_it_takes(tiny_model, 
     field = nodal(tiny_model)
     assert np.isnan(field.at(np.array([[5.0, 0.0], [2.8, 2.8], [1.0, 3.1]]))).all()
     with pytest.raises(ValueError, match=r"^Nv: nan at \(-?\d.*\) mm is not accepted, it must be a finite number > 0$"):
-        jaxgel.sweep(coarse_model, jaxgel.Gel(field), mu=MU)
+        jaxgel.sweep(jaxgel.Problem(coarse_model, jaxgel.Gel(field)), MU)
     with pytest.raises(ValueError, match=r"^values: an array of shape \(3,\), it must have one number for each of 79 nodes$"):
         jaxgel.NodalField(np.ones(3), tiny_model)
 
@@ -157,7 +157,7 @@ def test_a_sweep_is_differentiable_by_nodal_values(tiny_model):
     start, direction = nodal(tiny_model), 1e-3 * np.random.default_rng(7).uniform(-1, 1, tiny_model.n_nodes)
 
     def read(values):
-        path = jaxgel.sweep(tiny_model, jaxgel.Gel(jaxgel.NodalField(values, tiny_model), 0.1), mu=MU[:2])
+        path = jaxgel.sweep(jaxgel.Problem(tiny_model, jaxgel.Gel(jaxgel.NodalField(values, tiny_model), 0.1)), MU[:2])
         return path.energy[-1] + path.x[-1, 40, 0]
 
     value, gradient = jax.value_and_grad(read)(start.values)
@@ -182,7 +182,7 @@ def test_a_nodal_field_moves_with_its_nodes(tiny_plate):
             np.testing.assert_allclose(one, same, rtol=1e-12)
 
     def read(shift):
-        path = jaxgel.sweep(moved(shift), jaxgel.Gel(field, 0.1), mu=MU[:2])
+        path = jaxgel.sweep(jaxgel.Problem(moved(shift), jaxgel.Gel(field, 0.1)), MU[:2])
         return path.energy[-1] + path.x[-1, 40, 0]
 
     h = 1e-5

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.materials import Gent
 from jaxgel.mechanics import (
     STATES_TOGETHER,
@@ -16,7 +17,6 @@ from jaxgel.mechanics import (
     gather,
     is_sparse,
     linearise,
-    prepare,
     residual,
     scatter,
     state_pressure,
@@ -57,7 +57,7 @@ def test_products_are_those_of_the_hessian_of_the_energy(edges, tiny_plate):
 
         return gather(jax.jvp(forces, (x,), (scatter(jnp.asarray(v), x.shape, free),))[1], free)
 
-    problem = prepare(model, plate.gel)
+    problem = Problem(model, plate.gel, contact=False).prepared
     pressure = np.stack([state_pressure(jnp.asarray(x), model, plate.gel, mu) for x, mu in zip(x, MU, strict=True)])
     products = TangentOperator(problem).at(x, pressure, np.array(MU))
     for of_state, product in zip(zip(x, MU, strict=True), products, strict=True):
@@ -69,7 +69,7 @@ def test_products_are_those_of_the_hessian_of_the_energy(edges, tiny_plate):
 
 def test_only_the_default_kind_of_tangent_has_products(tiny_model):
     gel = jaxgel.Gel()
-    assert is_sparse(prepare(tiny_model, gel))
-    assert not is_sparse(prepare(tiny_model, jaxgel.Gel(network=Gent(30.0))))
-    problem = prepare(tiny_model, gel)
-    assert not is_sparse(dataclasses.replace(problem, model=dataclasses.replace(tiny_model, contact=object())))
+    assert is_sparse(Problem(tiny_model, gel, contact=False).prepared)
+    assert not is_sparse(Problem(tiny_model, jaxgel.Gel(network=Gent(30.0)), contact=False).prepared)
+    problem = Problem(tiny_model, gel, contact=False).prepared
+    assert not is_sparse(problem.replace(model=dataclasses.replace(tiny_model, contact=object())))

@@ -12,8 +12,9 @@ import scipy.linalg
 from scipy.optimize import brentq
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.materials import free_energy, osmotic
-from jaxgel.mechanics import carries_volume, linearise, prepare, residual, state_pressure, tangent
+from jaxgel.mechanics import carries_volume, linearise, residual, state_pressure, tangent
 
 GEL, MU = jaxgel.Gel(Nv=1e-3, chi=1e-4), -2.0
 PRESSURES = (45, *(pytest.param(p, marks=pytest.mark.slow) for p in (71, 150, 500, -150)), -600)  # Nv
@@ -32,7 +33,7 @@ def tangents(over_network, spacing):
     stretch = math.sqrt(volume_ratio(over_network * GEL.Nv))
     plate = jaxgel.Plate(4, 2, edges="fixed", deformation=((stretch, 0), (0, stretch)), spacing=spacing)
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
-    problem, x = prepare(model, GEL), stretch * model.cloud.nodes
+    problem, x = Problem(model, GEL, contact=False).prepared, stretch * model.cloud.nodes
     p = state_pressure(x, model, GEL, MU)
     now = linearise(problem, x, p, MU)
     np.testing.assert_allclose(np.asarray(p)[carries_volume(model)], over_network * GEL.Nv, rtol=1e-6)

@@ -75,9 +75,9 @@ def test_observables_converge_on_finer_clouds(seed):
 def state_of(seed, how):
     """Name -> value of all quantities and those of each hole, of the equilibrium of a random plate that is turned or mirrored."""
     plate, _ = random_plate(seed, how, spacing=0.8)
-    path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate)), jaxgel.Gel(1e-2, 0.1), mu=[-4.0, -1.0, -0.3])
+    path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate)), jaxgel.Gel(1e-2, 0.1)), [-4.0, -1.0, -0.3])
     assert path.stop.ok
-    names = QUANTITIES.keys() - {"status", "newton_iterations", "residual"}  # those of the iteration
+    names = QUANTITIES.keys() - {"status", "switched", "newton_iterations", "residual"}  # those of the iteration
     return {name: float(QUANTITIES[name].function(path)[-1]) for name in names} | per_hole(path)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 import jaxgel
 from jaxgel.continuation import Path
-from jaxgel.equilibrium import Status
 from jaxgel.materials import Gel, bulk_stiffness, film_pressure, film_stiffness, osmotic, surface_stability, volume_ratio_at
 from jaxgel.observables import events, surface_ratios
 from jaxgel.observables import surface_stability as least_stability
@@ -29,18 +28,19 @@ def stretched(model, gel, mu, normal):
     zeros, groups = np.zeros(k), sum(block.weight.shape[0] * block.n_groups for block in model.blocks)
     integers = zeros.astype(int)
     return Path(
-        model=model,
-        gel=jaxgel.mechanics.localised(model, gel),
+        problem=jaxgel.Problem(model, gel, contact=False),
+        value=np.asarray(mu),
         mu=np.asarray(mu),
         x=x,
         pressure=np.zeros((k, groups)),
-        status=[Status.CONVERGED] * k,
+        status=integers,
+        derivative=integers,
         newton_iterations=integers,
         residual=zeros,
         energy=zeros,
         negative_pivots=integers,
         lowest_eigenvalue=zeros,
-        switched=zeros.astype(bool),
+        switched=integers,
     )
 
 

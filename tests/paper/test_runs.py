@@ -212,6 +212,8 @@ def test_rotation_has_no_threshold(coarse_path):
 
 def test_pillars_are_straight_on_the_symmetric_branch_only(buckling_model):
     gel = buckling_model.cloud.plate.gel
-    symmetric, stable = (jaxgel.sweep(buckling_model, gel, mu=[-2.5, -1.5], branch=name, contact="off") for name in ("symmetric", "stable"))
+    symmetric, stable = (
+        jaxgel.sweep(jaxgel.Problem(buckling_model, gel, contact=False), [-2.5, -1.5], branch=name) for name in ("symmetric", "stable")
+    )
     assert bow(symmetric)[-1] < 0.01 < 0.5 < bow(stable)[-1]
     assert symmetric.negative_pivots[-1] > 0 == stable.negative_pivots[-1]

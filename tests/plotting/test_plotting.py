@@ -142,6 +142,6 @@ def test_the_callers_settings_stay(path):
 def test_lengths_carry_the_unit_of_the_plate(path):
     plate = dataclasses.replace(path.model.cloud.topology.plate, unit="1e-3 mm")
     cloud = dataclasses.replace(path.model.cloud, topology=dataclasses.replace(path.model.cloud.topology, plate=plate))
-    small = dataclasses.replace(path, model=dataclasses.replace(path.model, cloud=cloud))
+    small = dataclasses.replace(path, problem=path.problem.replace(model=dataclasses.replace(path.model, cloud=cloud)))
     assert plot_pattern(small).get_xlabel() == "$x$ ($10^{-3}$ mm)"
     assert plot_curve(small, "min_gap").get_ylabel() == "smallest gap ($10^{-3}$ mm)"

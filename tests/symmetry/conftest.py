@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxgel import Circle, Ellipse, Gel, Plate, discretise, make_cloud
-from jaxgel.mechanics import prepare
+from jaxgel import Circle, Ellipse, Gel, Plate, Problem, discretise, make_cloud
 
 TURNED = [Ellipse((s, t), (0.8, 0.5), 0.0 if s * t > 0 else np.pi / 2) for s, t in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
 
@@ -35,6 +34,6 @@ def problem_of(gel):
     """Function that prepares the problem of a plate, with another gel, loads and options of the discretisation if these are given."""
 
     def prepared(plate, own=None, loads=None, **options):
-        return prepare(discretise(make_cloud(plate), **options), own or gel, loads)
+        return Problem(discretise(make_cloud(plate), **options), own or gel, loads=loads, contact=False).prepared
 
     return prepared

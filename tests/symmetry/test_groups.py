@@ -6,9 +6,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.geometry import SYMMETRIES, Circle, Plate, Rectangle, keeps_edges
 from jaxgel.materials import Gel, PixelField
-from jaxgel.mechanics import load_vector, prepare
+from jaxgel.mechanics import load_vector
 from jaxgel.symmetry import NAMES, images, symmetries_of, symmetries_of_state
 
 NAMED = ["D4", "C4", "D2 (axes)", "D2 (diagonals)", "C2", "D1 (x -> -x)", "D1 (x <-> -y)", "C1"]
@@ -45,13 +46,13 @@ def test_plate_that_is_nearly_symmetric_is_not(shift, plates, gel, problem_of):
     assert name_of(problem_of(plate)) in ("C1", "D1 (y -> -y)")
     cloud = jaxgel.make_cloud(plates["D4"])
     moved = cloud.at(cloud.plate.at([{"centre": jnp.array([shift * 0.25, 0.0])}]))
-    assert name_of(prepare(jaxgel.discretise(moved), gel)) == "D1 (y -> -y)"
+    assert name_of(Problem(jaxgel.discretise(moved), gel, contact=False).prepared) == "D1 (y -> -y)"
 
 
 def test_moved_cloud_keeps_the_symmetries_of_its_plate(plates, gel):
     cloud = jaxgel.make_cloud(plates["D4"])
     moved = cloud.at(cloud.plate.at([{"radius": jnp.asarray(1.1)}]))
-    assert name_of(prepare(jaxgel.discretise(moved), gel)) == "D4"
+    assert name_of(Problem(jaxgel.discretise(moved), gel, contact=False).prepared) == "D4"
 
 
 def test_edges_loads_and_fields_take_symmetries_away(plates, gel, problem_of):
@@ -65,11 +66,11 @@ def test_edges_loads_and_fields_take_symmetries_away(plates, gel, problem_of):
         edges = {"left": "periodic", "right": "periodic", "top": others, "bottom": others}
         assert name_of(problem_of(Plate(4, 4, plate.holes, spacing=0.25, edges=edges))) == "D1 (x -> -x)"
     model = jaxgel.discretise(jaxgel.make_cloud(plate))
-    assert name_of(prepare(model, gel, load_vector(model, body_force=(0.0, -1e-5)))) == "D1 (x -> -x)"
+    assert name_of(Problem(model, gel, loads=load_vector(model, body_force=(0.0, -1e-5)), contact=False).prepared) == "D1 (x -> -x)"
     stripes = PixelField(np.array([[1e-3, 2e-3, 1e-3]]), (-2.0, 2.0, -2.0, 2.0))
-    assert name_of(prepare(model, Gel(stripes, 0.1))) == "D2 (axes)"
+    assert name_of(Problem(model, Gel(stripes, 0.1), contact=False).prepared) == "D2 (axes)"
     graded = PixelField(np.array([[1e-3, 2e-3]]), (-2.0, 2.0, -2.0, 2.0))
-    assert name_of(prepare(model, Gel(graded, 0.1))) == "D1 (y -> -y)"
+    assert name_of(Problem(model, Gel(graded, 0.1), contact=False).prepared) == "D1 (y -> -y)"
 
 
 def test_network_with_fibres_has_no_symmetry(plates):
@@ -77,8 +78,8 @@ def test_network_with_fibres_has_no_symmetry(plates):
         return gel.Nv / 2 * (jnp.sum(F**2) + 0.1 * (F[0, 0] ** 2 + F[1, 0] ** 2) ** 2)
 
     model = jaxgel.discretise(jaxgel.make_cloud(plates["D4"]))
-    assert name_of(prepare(model, Gel(1e-3, 0.1, network=fibres))) == "C1"
-    assert name_of(prepare(model, Gel(1e-3, 0.1, network=jaxgel.Gent(30.0)))) == "D4"
+    assert name_of(Problem(model, Gel(1e-3, 0.1, network=fibres), contact=False).prepared) == "C1"
+    assert name_of(Problem(model, Gel(1e-3, 0.1, network=jaxgel.Gent(30.0)), contact=False).prepared) == "D4"
 
 
 def test_group_of_a_state(plates, problem_of):

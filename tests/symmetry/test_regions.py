@@ -1,7 +1,5 @@
 """Facts about the fundamental region of a symmetric problem and the blocks of its tangent."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -124,7 +122,7 @@ def test_contact_of_one_hole_stands_for_its_images(plates, problem_of):
     plate = plates["C4"]
     problem = problem_of(plate)
     model = with_contact(problem.model, problem.gel, range=4.0)
-    problem = dataclasses.replace(problem, model=model)
+    problem = problem.replace(model=model)
     reduced = region(problem, symmetries_of(problem)).problem
     x = 0.2 * model.cloud.nodes
     assert bool(touches(x, model)) and bool(touches(x, reduced.model))

@@ -22,7 +22,7 @@ EXACT = 1e-9  # of lengths of order 1 mm: Newton stops at 1e-10 of the network's
 def swept(plate, mu, *, loads=None, gel=GEL, **sizes):
     """The path at ``mu`` and the dry nodes (n, 2)."""
     model = jaxgel.discretise(jaxgel.make_cloud(plate, **sizes))
-    return jaxgel.sweep(model, gel, mu=mu, loads=loads and loads.of(model), contact="off"), np.asarray(model.cloud.nodes)
+    return jaxgel.sweep(jaxgel.Problem(model, gel, loads=loads and loads.of(model), contact=False), mu), np.asarray(model.cloud.nodes)
 
 
 def test_quarter_of_a_free_standing_plate_swells_freely():
@@ -162,7 +162,7 @@ def test_derivatives_pass_through_a_periodic_cell(moved):
     def reduction(by):
         placed = cloud.at(plate.at([{"radius": 0.7 + by}])) if moved else cloud
         gel = GEL if moved else jaxgel.Gel(GEL.Nv, 0.1 + by)
-        return jaxgel.area_reduction(jaxgel.sweep(jaxgel.discretise(placed), gel, mu=[-1.5], contact="off"))[0]
+        return jaxgel.area_reduction(jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(placed), gel, contact=False), [-1.5]))[0]
 
     slope, h = float(jax.jvp(reduction, (0.0,), (1.0,))[1]), 1e-4
     assert slope == pytest.approx(float(reduction(h) - reduction(-h)) / (2 * h), rel=1e-6)
@@ -184,7 +184,7 @@ def test_a_case_file_can_say_all_of_it():
     assert from_table(case.table(), "film").loads == case.loads
     model = case.model()
     np.testing.assert_allclose(case.loads.of(model).sum(axis=0), [0.0, 2 * 1e-3 - 2 * 1e-4], atol=1e-15)
-    path = jaxgel.sweep(model, case.gel, mu=[-2.0], loads=case.loads.of(model))
+    path = jaxgel.sweep(jaxgel.Problem(model, case.gel, loads=case.loads.of(model)), [-2.0])
     base = path.model.lists.topology.edge_nodes["bottom"]
     np.testing.assert_allclose(path.x[0][base], np.asarray(model.cloud.nodes)[base] * [1.1, 1.0] + [0.0, 0.5], atol=1e-14)
 

@@ -8,9 +8,9 @@ import scipy.sparse as sp
 from jax.flatten_util import ravel_pytree
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.equilibrium import State, with_own_factor
 from jaxgel.linalg import nearest_modes
-from jaxgel.mechanics import prepare
 
 PERTURBED = {  # radii, relative: without any symmetry, so that a plate buckles to the same side with all parameters
     "sample-4": np.array([0.02, -0.02, 0.01, -0.01]),
@@ -42,7 +42,7 @@ class Objectives:
     def path(self, moved):
         model = jaxgel.discretise(self.cloud.at(self.plate.at(self.unravel(self.theta + moved["shape"]))))
         gel = jaxgel.Gel(self.plate.gel.Nv + moved["Nv"], self.plate.gel.chi + moved["chi"])
-        return jaxgel.sweep(model, gel, mu=jnp.array(self.mu).at[-1].add(moved["mu"]))
+        return jaxgel.sweep(jaxgel.Problem(model, gel), jnp.array(self.mu).at[-1].add(moved["mu"]))
 
     def __call__(self, moved):
         path = self.path(moved)
@@ -53,7 +53,7 @@ def round_off(path):
     """Relative difference that double precision allows two solutions with the tangent of the last state, each with a rounded matrix and
     right-hand side: four times its condition number times the unit round-off."""
     x, pressure, mu = jnp.asarray(path.x[-1]), jnp.asarray(path.pressure[-1]), float(path.mu[-1])
-    factor = with_own_factor(prepare(path.model, path.gel), State(mu, x, pressure)).factor
+    factor = with_own_factor(Problem(path.model, path.gel, contact=False).prepared, State(mu, mu, x, pressure)).factor
     (softest,), _ = nearest_modes(factor, sp.identity(factor.matrix.shape[0], format="csr"), 1)
     return 4 * np.finfo(float).eps * factor.norm / abs(softest)
 
@@ -63,7 +63,7 @@ def test_slope_by_chi_on_the_buckled_branch_is_the_difference(buckling_model):
     gel = buckling_model.cloud.plate.gel
 
     def turned(chi):
-        path = jaxgel.sweep(buckling_model, jaxgel.Gel(gel.Nv, chi), mu=[-1.9, -1.4], contact="off")
+        path = jaxgel.sweep(jaxgel.Problem(buckling_model, jaxgel.Gel(gel.Nv, chi), contact=False), [-1.9, -1.4])
         return jaxgel.core_rotation(path)[-1] ** 2  # either side will do
 
     value, slope = jax.jvp(turned, (0.01,), (1.0,))

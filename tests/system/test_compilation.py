@@ -18,7 +18,7 @@ cloud = jaxgel.make_cloud(plate)
 
 def rotation(v):
     model = jaxgel.discretise(cloud.at(plate.at([{"semi_axes": v[:2]}])))
-    path = jaxgel.sweep(model, jaxgel.Gel(v[2], v[3]), mu=[-3.5, -2.2])
+    path = jaxgel.sweep(jaxgel.Problem(model, jaxgel.Gel(v[2], v[3])), [-3.5, -2.2])
     return jaxgel.rotation_angle(path)[-1]
 
 value, slopes = jax.value_and_grad(rotation)(jax.numpy.array([2.4, 1.6, 1e-3, 1e-4]))

@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from jaxgel import Observer
 from jaxgel.cases import load_case, load_path
 from jaxgel.cases.page import page
 from jaxgel.cli import command_line as cli
@@ -56,7 +57,7 @@ def folder(tmp_path_factory):
     (parent / "case.toml").write_text(CASE)
     case = load_case(parent / "case.toml")
     recorder = Interrupted(parent / "whole", case, case.model(), case.gel)
-    path = case.path(recorder.model, on_step=recorder)
+    path = case.path(recorder.model, observer=Observer(accepted=recorder))
     recorder.finish("complete", path.stop_text, path.stop)
     return parent / "whole"
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.bifurcation import CriticalPoint, imperfection
 from jaxgel.cases import case_text, explicit, from_table, load_path
 from jaxgel.io import Recorder, load_run
@@ -19,7 +20,6 @@ from jaxgel.mechanics import (
     factorised_tangent,
     gather,
     linearise,
-    prepare,
     residual,
     restrict,
     scatter,
@@ -51,7 +51,7 @@ def model_of(plate, sizes=SIZES):
 
 
 def swept(plate, mu=(-1.5,), gel=GEL, sizes=SIZES, **kw):
-    return jaxgel.sweep(model_of(plate, sizes), gel, mu=list(mu), **kw)
+    return jaxgel.sweep(jaxgel.Problem(model_of(plate, sizes), gel), list(mu), eigenvalues=True, **kw)
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_an_infinite_lattice_without_holes_swells_freely(edges, kinematics, stre
     axial = 1.05 if kinematics == "generalised plane strain" else None
     plate = jaxgel.Plate(2, 1.5, edges=edges, deformation="free", kinematics=kinematics, axial_stretch=axial)
     check_room(plate)
-    path = jaxgel.sweep(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.5)), GEL, mu=mu)
+    path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.5)), GEL), mu)
     exact = np.array([float(stretch(value, GEL)) for value in mu])
     X = np.asarray(path.model.cloud.nodes)
     corner = int(np.argmin(X.sum(axis=1)))  # of a strip it has its height by convention
@@ -146,7 +146,7 @@ def test_energy_of_held_cells_has_no_slope_along_free_components(pulled):
 def test_tangent_and_count_of_negative_eigenvalues_are_those_of_the_hessian(name, request):
     """Of the energy as a function of all unknowns, the macroscopic ones included, by JAX."""
     path = request.getfixturevalue(name)
-    model, problem = path.model, prepare(path.model, GEL)
+    model, problem = path.model, Problem(path.model, GEL, contact=False).prepared
     x, p, mu, free = jnp.asarray(path.x[-1]), jnp.asarray(path.pressure[-1]), float(path.mu[-1]), problem.free
     at = restrict(x, free)
     np.testing.assert_allclose(with_free_values(at, x, free), x, rtol=0, atol=1e-15)
@@ -187,7 +187,7 @@ def test_symmetric_and_whole_states_agree(squeezed):
 @pytest.mark.slow
 def test_a_square_cell_has_all_symmetries_and_its_blocks_make_the_tangent():
     path = swept(cell("free", [jaxgel.Circle((0, 0), 0.6)]))
-    problem, x, mu = prepare(path.model, GEL), jnp.asarray(path.x[-1]), float(path.mu[-1])
+    problem, x, mu = Problem(path.model, GEL, contact=False).prepared, jnp.asarray(path.x[-1]), float(path.mu[-1])
     group = symmetries_of(problem)
     assert len(group) == 7 and path.symmetry == ("D4",)
     reduced = region(problem, group)
@@ -227,7 +227,7 @@ def strain(by, of, component):
     if of == "semi_axes":
         cloud = cloud.at(cloud.plate.at([{"semi_axes": jnp.array(TILTED.semi_axes) + by * jnp.array([1.0, 0.3])}]))
     gel = jaxgel.Gel(GEL.Nv, 0.1 + (by if of == "chi" else 0.0))
-    path = jaxgel.sweep(jaxgel.discretise(cloud), gel, mu=[-1.5 + (by if of == "mu" else 0.0)], contact="off")
+    path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(cloud), gel, contact=False), [-1.5 + (by if of == "mu" else 0.0)])
     return macroscopic_deformation(path)[0][component]
 
 
@@ -260,7 +260,7 @@ def test_derivatives_of_the_deformation_are_differences_of_resolved_states(of, c
 
 def test_waves_of_all_cells_are_the_modes_of_the_cell_with_its_strains(squeezed):
     """Waves that are the same in all cells may strain them; their eigenvalue is that of the cell, accurate to 1e-3."""
-    waves = BlochStates(prepare(squeezed.model, GEL), squeezed[0])
+    waves = BlochStates(Problem(squeezed.model, GEL, contact=False).prepared, squeezed[0])
     assert waves.negative(np.zeros(2)) == 1
     values, fields = waves.lowest(np.zeros(2), 2)
     assert values[0] == pytest.approx(squeezed.lowest_eigenvalue[0], rel=2e-3) and values[0] < 0 < values[1]
@@ -275,10 +275,10 @@ def test_onset_of_the_squeezed_lattice_and_its_derivative():
     assert one.cloud.plate.free_strains == ((1, 1), (0, 1))
 
     def critical(chi):
-        return jaxgel.critical_points(four, jaxgel.Gel(1e-3, chi), mu=(-3.0, -1.0), most=1)[0].mu
+        return jaxgel.critical_points(jaxgel.Problem(four, jaxgel.Gel(1e-3, chi)), (-3.0, -1.0), most=1)[0].mu
 
     def onset(chi):
-        return jaxgel.lattice_onset(one, jaxgel.Gel(1e-3, chi), mu=(-4.0, -0.5), divisions=2)
+        return jaxgel.lattice_onset(jaxgel.Problem(one, jaxgel.Gel(1e-3, chi)), (-4.0, -0.5), divisions=2)
 
     found = onset(0.1)
     assert found.periods == (2, 2)
@@ -291,11 +291,11 @@ def test_onset_of_the_squeezed_lattice_and_its_derivative():
 def test_an_imperfection_pushes_along_a_mode_and_its_strains():
     """Its generalised forces are those of the network against the mode, whichever nodes carry them."""
     model = model_of(cell(PULLED))
-    problem = prepare(model, GEL)
+    problem = Problem(model, GEL, contact=False).prepared
     mode = np.asarray(scatter(np.random.default_rng(1).normal(size=len(problem.free)), (model.n_nodes, 2), problem.free))
     unused = dict(x=mode, pressure=np.zeros(0), eigenvalues=np.zeros(1), slope=-1.0, curvature=1.0, imperfection=0.0, symmetries={})
     point = CriticalPoint(value=-1.0, kind="bifurcation", modes=mode[None], unstable=0, correction=mode, **unused)
-    loads = imperfection(model, GEL, point, 0.1)
+    loads = imperfection(Problem(model, GEL, contact=False), point, 0.1)
     network = np.asarray(problem.operators.network)
     (i, j), nodal = np.asarray(problem.operators.pairs).T, np.zeros_like(mode)
     np.add.at(nodal, i, network[:, None] * mode[j])
@@ -313,8 +313,8 @@ def test_case_file_and_run_folder_of_a_free_cell(tmp_path):
     assert again.plate.deformation == case.plate.deformation == ((1.05, 0.0), (0.0, "free"))
     assert from_table(table | {"plate": plate | {"deformation": "free"}}, "cell").plate.free_strains == ((0, 0), (1, 1), (0, 1))
     model = case.model()
-    recorder = Recorder(tmp_path, case, model, case.gel)
-    path = case.path(model, on_step=recorder)
+    recorder = Recorder(tmp_path, case, case.problem(model))
+    path = case.path(model, observer=jaxgel.Observer(accepted=recorder))
     recorder.finish("complete", path.stop_text)
     columns = load_run(tmp_path).history
     assert list(columns) == [*COLUMNS, "F11", "F22", "F12"] == list(history(path))

@@ -26,7 +26,7 @@ def modelled(plate):
 
 
 def table(plate, mu=(-3.0, -1.5)):
-    path = jaxgel.sweep(modelled(plate), jaxgel.Gel(1e-3, 0.1), mu=list(mu), contact="off")
+    path = jaxgel.sweep(jaxgel.Problem(modelled(plate), jaxgel.Gel(1e-3, 0.1), contact=False), list(mu))
     columns = {name: np.asarray(values, float) for name, values in history(path).items() if np.asarray(values).dtype.kind in "fi"}
     return path, columns | {"per hole": np.asarray(jaxgel.area_reduction_per_hole(path))}
 

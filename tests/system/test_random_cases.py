@@ -45,9 +45,9 @@ def test_random_sweeps_obey_mechanics_or_say_why_not(tiny_model, gel, ends, chos
 
 def obeys(tiny_model, gel, ends, chosen, branch, contact):
     """The sweep has no faults, and its reason is one line."""
-    mu = ends if chosen else np.linspace(*ends, 3).tolist()
+    mu = jaxgel.Adaptive(*ends) if chosen else np.linspace(*ends, 3).tolist()
     try:
-        path = jaxgel.sweep(tiny_model, gel, mu=mu, branch=branch, contact=contact, max_steps=8)
+        path = jaxgel.sweep(jaxgel.Problem(tiny_model, gel, contact=contact == "on"), mu, branch=branch)
     except SweepFailed as failed:
         reason = str(failed)
     else:

@@ -30,11 +30,11 @@ def test_models_and_gels_are_told_from_other_arguments(solve, tiny_model, tiny_p
 
 def test_other_functions_tell_models_paths_and_points_from_other_arguments(tiny_model, tiny_plate):
     for call, message in [
-        (lambda: jaxgel.lattice_onset(tiny_plate, GEL, mu=(-3.0, -2.0)), r"^model: an argument of the kind Plate"),
+        (lambda: jaxgel.lattice_onset(jaxgel.Problem(tiny_plate, GEL), (-3.0, -2.0)), r"^model: an argument of the kind Plate"),
         (lambda: jaxgel.load_vector(tiny_plate, body_force=(0.0, 1e-3)), r"^model: an argument of the kind Plate"),
-        (lambda: jaxgel.imperfection(GEL, tiny_model, None, 0.1), r"^model: an argument of the kind Gel"),
+        (lambda: jaxgel.imperfection(jaxgel.Problem(GEL, tiny_model, contact=False), None, 0.1), r"^model: an argument of the kind Gel"),
         (
-            lambda: jaxgel.imperfection(tiny_model, GEL, None, 0.1),
+            lambda: jaxgel.imperfection(jaxgel.Problem(tiny_model, GEL, contact=False), None, 0.1),
             r"^point: an argument of the kind NoneType is not accepted; give a Crit",
         ),
         (lambda: jaxgel.continue_branch(tiny_model), r"^path: an argument of the kind Model is not accepted; give a Path"),
@@ -114,9 +114,9 @@ def test_a_mu_at_which_the_volume_ratio_is_lost_in_round_off_is_refused_with_the
     """J - 1 = exp(mu - 1 - chi) there, and the bulk stiffness 1 / (J - 1) leaves two digits of Nv; at the bound there is a state."""
     gel = jaxgel.Gel(1e-3, chi)
     with pytest.raises(ValueError, match=rf"^mu: -40 is too low, J - 1 would be lost in round-off; give at least {bound} kT$"):
-        jaxgel.sweep(tiny_model, gel, mu=[-40.0, -3.0])
+        jaxgel.sweep(jaxgel.Problem(tiny_model, gel), [-40.0, -3.0])
     assert bound == pytest.approx(np.log(100 * np.finfo(float).eps / 1e-3) + 1 + chi, abs=0.1)
-    assert jaxgel.sweep(tiny_model, gel, mu=[bound]).stop.ok
+    assert jaxgel.sweep(jaxgel.Problem(tiny_model, gel), [bound]).stop.ok
 
 
 def test_steps_beside_a_list_of_values_are_refused():

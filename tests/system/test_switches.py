@@ -20,7 +20,7 @@ TOP = (0.54499, 0.69740, 5.39440, 3.58780, 0.54499)  # of the hole, mm
 def strip_path(spacing, temperatures):
     """Path of the strip at some temperatures."""
     model = jaxgel.discretise(jaxgel.make_cloud(STRIP, spacing=spacing))
-    return jaxgel.sweep(model, jaxgel.Pnipam(Nv=0.01), control=jaxgel.controls.temperature(mu=0.0), values=list(temperatures))
+    return jaxgel.sweep(jaxgel.Problem(model, jaxgel.Pnipam(Nv=0.01), control=jaxgel.controls.temperature(mu=0.0)), list(temperatures))
 
 
 def hole_and_volume_ratio(path):
@@ -58,7 +58,7 @@ def cell_onset(number, radius, spacing, last, mu=-10.0):
     holes = [jaxgel.Circle(centre, radius) for centre in itertools.product(centres, centres)]
     plate = jaxgel.Plate(2 * number, 2 * number, holes, edges="periodic", deformation=((1.0, "free"), ("free", "free")))
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing, nodes_per_hole=round(4 / spacing / 4) * 4))
-    (point,) = jaxgel.critical_points(model, jaxgel.Gel(), control=Stretch("x", mu=mu), values=(1.0, last), most=1)
+    (point,) = jaxgel.critical_points(jaxgel.Problem(model, jaxgel.Gel(), control=Stretch("x", mu=mu)), (1.0, last), most=1)
     return point
 
 

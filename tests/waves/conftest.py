@@ -32,4 +32,4 @@ def cell(model_of):
 @pytest.fixture(scope="session")
 def onset(cell, gel):
     """Its onset."""
-    return jaxgel.lattice_onset(cell, gel, mu=(-3.6, -2.4), divisions=4)
+    return jaxgel.lattice_onset(jaxgel.Problem(cell, gel), (-3.6, -2.4), divisions=4)

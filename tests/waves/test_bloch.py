@@ -7,8 +7,9 @@ import pytest
 import scipy.linalg
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.continuation import lowest_eigenvalue
-from jaxgel.mechanics import curvature, prepare
+from jaxgel.mechanics import curvature
 from jaxgel.waves import BlochStates
 
 K = np.array([0.7, 0.3])
@@ -16,7 +17,7 @@ MU = -3.4
 
 
 def waves_of(model, gel, mu=MU):
-    return BlochStates(prepare(model, gel), jaxgel.sweep(model, gel, mu=[mu], symmetry="off")[0])
+    return BlochStates(Problem(model, gel, contact=False).prepared, jaxgel.sweep(jaxgel.Problem(model, gel), [mu], symmetry="off")[0])
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,9 @@ def test_matrices_are_hermitian_and_those_of_the_opposite_wave_the_conjugates(wa
 
 @pytest.mark.parametrize("mu", [-3.4, -2.9], ids=["stable", "unstable"])
 def test_lowest_eigenvalues_and_their_count_are_those_of_dense_matrices(cell, gel, mu):
-    waves = BlochStates(prepare(cell, gel), jaxgel.sweep(cell, gel, mu=[-3.6, mu], branch="symmetric")[-1])
+    waves = BlochStates(
+        Problem(cell, gel, contact=False).prepared, jaxgel.sweep(jaxgel.Problem(cell, gel), [-3.6, mu], branch="symmetric")[-1]
+    )
     for wave_vector in (K, [np.pi / 2, np.pi / 2], [0.02, 0.0], [0.0, 0.0]):
         stiffness, network = dense(waves, wave_vector)
         values = scipy.linalg.eigh(stiffness, network, eigvals_only=True)
@@ -51,7 +54,7 @@ def test_lowest_eigenvalues_and_their_count_are_those_of_dense_matrices(cell, ge
 
 
 def test_waves_that_are_the_same_in_all_cells_are_those_of_the_sweep(waves, cell, gel):
-    path = jaxgel.sweep(cell, gel, mu=[MU], symmetry="off")
+    path = jaxgel.sweep(jaxgel.Problem(cell, gel), [MU], symmetry="off")
     assert waves.lowest(np.zeros(2))[0][0] == pytest.approx(float(lowest_eigenvalue(path)[0]), rel=1e-8)
 
 

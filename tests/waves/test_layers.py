@@ -50,7 +50,7 @@ slow = pytest.mark.slow
     ],
 )
 def test_bilayers_wrinkle_with_the_exact_wave(upper, ratio, window, spacing):
-    found = jaxgel.lattice_onset(model_of(spacing, upper), bilayer(ratio), mu=window, divisions=4)
+    found = jaxgel.lattice_onset(jaxgel.Problem(model_of(spacing, upper), bilayer(ratio)), window, divisions=4)
     exact = onset([(1 - upper, NV, CHI), (upper, ratio * NV, CHI)], np.linspace(*window, 6), WAVES)
     compare(found, exact, ratio * NV)
 
@@ -59,7 +59,7 @@ def test_bilayers_wrinkle_with_the_exact_wave(upper, ratio, window, spacing):
 @pytest.mark.parametrize("spacing", [0.1, 0.05])
 def test_a_graded_layer_wrinkles_with_the_exact_wave(spacing):
     gel = jaxgel.Gel(lambda X: NV * (5.5 + 9 * X[1]), CHI)
-    found = jaxgel.lattice_onset(model_of(spacing), gel, mu=(-0.2, -0.1), divisions=4)
+    found = jaxgel.lattice_onset(jaxgel.Problem(model_of(spacing), gel), (-0.2, -0.1), divisions=4)
     compare(found, onset(graded(lambda y: NV * (1 + 9 * y), CHI), np.linspace(-0.2, -0.1, 5), WAVES[:3]), 10 * NV)
 
 
@@ -67,7 +67,7 @@ def test_a_graded_layer_wrinkles_with_the_exact_wave(spacing):
 def test_the_onset_of_a_bilayer_changes_with_its_gel_as_the_exact_one_does():
     """Within 1 % as the onsets themselves."""
     model = model_of(0.1, 0.1)
-    slope = jax.grad(lambda ratio: jaxgel.lattice_onset(model, bilayer(ratio), mu=(-0.8, -0.65), divisions=4).mu)(10.0)
+    slope = jax.grad(lambda ratio: jaxgel.lattice_onset(jaxgel.Problem(model, bilayer(ratio)), (-0.8, -0.65), divisions=4).mu)(10.0)
     sides = [onset([(0.9, NV, CHI), (0.1, ratio * NV, CHI)], np.linspace(-0.8, -0.65, 6), WAVES)[0] for ratio in (9.9, 10.1)]
     assert float(slope) == pytest.approx((sides[1] - sides[0]) / 0.2, rel=1e-2)
 
@@ -81,6 +81,6 @@ def test_a_homogeneous_layer_is_unstable_to_the_shortest_waves_of_the_cloud_what
     assert stretch(NV, CHI, exact) == pytest.approx(3.317, abs=1e-3)
     gel, found = jaxgel.Gel(NV, CHI), []
     for spacing in (0.05, 0.025):
-        found.append(float(jaxgel.lattice_onset(model_of(spacing, width=6 * spacing), gel, mu=(-0.1, -0.045), divisions=4).mu))
+        found.append(float(jaxgel.lattice_onset(jaxgel.Problem(model_of(spacing, width=6 * spacing), gel), (-0.1, -0.045), divisions=4).mu))
     assert found[0] == pytest.approx(found[1], rel=1e-6)
     assert 0.88 < stretch(NV, CHI, found[0]) / stretch(NV, CHI, exact) < 1

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel import Problem
 from jaxgel.cli import command_line as cli
 from jaxgel.continuation import SweepFailed, lowest_eigenvalue
-from jaxgel.mechanics import prepare
 from jaxgel.plotting import plot_lattice, plot_zone, save_figure
 from jaxgel.waves import BlochStates
 
@@ -24,8 +24,8 @@ def test_round_holes_buckle_in_a_pattern_of_two_by_two_cells(onset):
 
 
 def test_the_waves_change_their_stability_at_the_onset(onset, cell, gel):
-    path = jaxgel.sweep(cell, gel, mu=[WINDOW[0], onset.mu - 1e-5, onset.mu + 1e-5], branch="symmetric")
-    before, after = (BlochStates(prepare(cell, gel), path[k]) for k in (1, 2))
+    path = jaxgel.sweep(jaxgel.Problem(cell, gel), [WINDOW[0], onset.mu - 1e-5, onset.mu + 1e-5], branch="symmetric")
+    before, after = (BlochStates(Problem(cell, gel, contact=False).prepared, path[k]) for k in (1, 2))
     assert [waves.negative(onset.wave_vector) for waves in (before, after)] == [0, 1]
     rise = after.lowest(onset.wave_vector)[0][0] - before.lowest(onset.wave_vector)[0][0]
     assert rise / 2e-5 == pytest.approx(onset.slope, rel=1e-4)
@@ -35,9 +35,11 @@ def test_the_waves_change_their_stability_at_the_onset(onset, cell, gel):
 def test_flat_holes_lose_their_ellipticity(angle, model_of, gel):
     """A long wave in the direction in which a wave of its length costs least: along x, or between those of the first search."""
     model = model_of(jaxgel.Ellipse((0, 0), (0.9, 0.6), angle))
-    onset = jaxgel.lattice_onset(model, gel, mu=(-2.5, -0.9), divisions=2)
+    onset = jaxgel.lattice_onset(jaxgel.Problem(model, gel), (-2.5, -0.9), divisions=2)
     assert onset.kind == "long wave" and onset.periods is None and "ellipticity" in onset.text
-    waves = BlochStates(prepare(model, gel), jaxgel.sweep(model, gel, mu=[-2.5, onset.mu], branch="symmetric")[-1])
+    waves = BlochStates(
+        Problem(model, gel, contact=False).prepared, jaxgel.sweep(jaxgel.Problem(model, gel), [-2.5, onset.mu], branch="symmetric")[-1]
+    )
     turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (-0.02, 0.0, 0.02)]
     values = [waves.lowest(turn @ onset.wave_vector)[0][0] for turn in turns]
     assert values[1] < min(values[0], values[2]) and abs(values[1]) < 1e-5
@@ -56,8 +58,8 @@ def test_waves_of_a_strip(name, gel):
     for count in (1, 2):
         holes = [jaxgel.Circle((1 + 2 * i - count, 0), 0.5) for i in range(count)]
         model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2 * count, 2, holes, edges=edges), spacing=0.2, nodes_per_hole=20))
-        path = jaxgel.sweep(model, gel, mu=[-2.5], branch="symmetric", symmetry="off")
-        waves.append(BlochStates(prepare(model, gel), path[0]))
+        path = jaxgel.sweep(jaxgel.Problem(model, gel), [-2.5], branch="symmetric", symmetry="off")
+        waves.append(BlochStates(Problem(model, gel, contact=False).prepared, path[0]))
         assert waves[-1].lowest(np.zeros(2))[0][0] == pytest.approx(float(lowest_eigenvalue(path)[0]), rel=1e-7)
     (one, two), k = waves, np.array([0.6, 0.0])
     both = np.sort(np.concatenate([one.lowest(k, 3)[0], one.lowest(k + [np.pi / 2, 0], 3)[0]]))
@@ -72,8 +74,8 @@ def test_onset_is_that_of_the_larger_cell(gel):
         plate = jaxgel.Plate(side, side, [jaxgel.Circle(centre, 0.7) for centre in centres], edges="periodic")
         return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=1 / 12, nodes_per_hole=48))
 
-    (point,) = jaxgel.critical_points(model(4, [(x, y) for x in (-1, 1) for y in (-1, 1)]), gel, mu=(-1.9, -1.4), most=1)
-    onset = jaxgel.lattice_onset(model(2, [(0, 0)]), gel, mu=(-1.9, -1.4), divisions=2)
+    (point,) = jaxgel.critical_points(jaxgel.Problem(model(4, [(x, y) for x in (-1, 1) for y in (-1, 1)]), gel), (-1.9, -1.4), most=1)
+    onset = jaxgel.lattice_onset(jaxgel.Problem(model(2, [(0, 0)]), gel), (-1.9, -1.4), divisions=2)
     assert onset.mu == pytest.approx(point.mu, rel=1e-3)
 
 
@@ -83,7 +85,7 @@ def test_onset_of_a_strip_between_mirrors_of_the_lattice_is_that_of_finite_eleme
     edges = {"left": "periodic", "right": "periodic", "bottom": "roller", "top": "roller"}
     plate = jaxgel.Plate(2, 2, [jaxgel.Circle((0, y), 0.8) for y in (-1, 1)], edges=edges)
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.1, nodes_per_hole=40))
-    onset = jaxgel.lattice_onset(model, jaxgel.Gel(Nv=1e-3, chi=1e-4), mu=(-3.0, -1.6), divisions=4)
+    onset = jaxgel.lattice_onset(jaxgel.Problem(model, jaxgel.Gel(Nv=1e-3, chi=1e-4)), (-3.0, -1.6), divisions=4)
     assert onset.mu == pytest.approx(-2.14015, rel=3e-3) and onset.periods == (2, 1)
     np.testing.assert_allclose(onset.wave_vector, [np.pi / 2, 0], atol=1e-12)
     for name, draw in (("zone", plot_zone), ("pattern", plot_lattice)):
@@ -98,7 +100,7 @@ def test_derivatives_are_differences_of_relocated_onsets(of, cell, gel, onset):
     def critical(v):
         moved = jaxgel.discretise(cell.cloud.at(plate.at([{"radius": v}]))) if of == "radius" else cell
         own = gel if of == "radius" else jaxgel.Gel(1e-3, v)
-        return jaxgel.lattice_onset(moved, own, mu=(onset.mu - 0.05, onset.mu + 0.05), divisions=1).mu
+        return jaxgel.lattice_onset(jaxgel.Problem(moved, own), (onset.mu - 0.05, onset.mu + 0.05), divisions=1).mu
 
     at, h = (0.9, 1e-4) if of == "radius" else (0.01, 1e-3)
     value, slope = jax.value_and_grad(critical)(at)
@@ -112,10 +114,10 @@ def test_a_larger_cell_has_an_onset_of_its_own(gel, tmp_path):
     model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, holes, edges="periodic"), spacing=0.25, nodes_per_hole=16))
 
     def lattice(chi):
-        return jaxgel.lattice_onset(model, jaxgel.Gel(gel.Nv, chi), mu=WINDOW, divisions=1)
+        return jaxgel.lattice_onset(jaxgel.Problem(model, jaxgel.Gel(gel.Nv, chi)), WINDOW, divisions=1)
 
     def cell(chi):
-        return jaxgel.critical_points(model, jaxgel.Gel(gel.Nv, chi), mu=WINDOW, most=1)[0].mu
+        return jaxgel.critical_points(jaxgel.Problem(model, jaxgel.Gel(gel.Nv, chi)), WINDOW, most=1)[0].mu
 
     onset = lattice(gel.chi)
     save_figure(plot_lattice(onset, model).figure, tmp_path / "pattern.png")  # of one real mode
@@ -127,21 +129,23 @@ def test_a_larger_cell_has_an_onset_of_its_own(gel, tmp_path):
 def test_waves_that_cannot_be_had_are_refused(cell, gel):
     walls = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, [jaxgel.Circle((0, 0), 0.7)]), spacing=0.25))
     with pytest.raises(ValueError, match="edges: no two opposite edges are periodic"):
-        jaxgel.lattice_onset(walls, gel, mu=WINDOW)
+        jaxgel.lattice_onset(jaxgel.Problem(walls, gel), WINDOW)
     with pytest.raises(ValueError, match=r"mu: the lattice is unstable at the first state, mu = -2\.6"):
-        jaxgel.lattice_onset(cell, gel, mu=(-2.6, -2.5), divisions=2)
-    with pytest.raises(ValueError, match=r"mu: \[-3.*it must be a tuple"):
-        jaxgel.lattice_onset(cell, gel, mu=[-3.0, -2.0])
+        jaxgel.lattice_onset(jaxgel.Problem(cell, gel), (-2.6, -2.5), divisions=2)
+    with pytest.raises(ValueError, match=r"mu: \[-3.*it must be two numbers"):
+        jaxgel.lattice_onset(jaxgel.Problem(cell, gel), [-3.0, -2.0, -1.0])
+    with pytest.raises(ValueError, match=r"lattice_onset: is not available with the control 'chi'"):
+        jaxgel.lattice_onset(jaxgel.Problem(cell, gel, control=jaxgel.controls.chi()), (0.3, 0.1))
     with pytest.raises(ValueError, match="divisions: 0 is not a positive whole number"):
-        jaxgel.lattice_onset(cell, gel, mu=WINDOW, divisions=0)
+        jaxgel.lattice_onset(jaxgel.Problem(cell, gel), WINDOW, divisions=0)
     with pytest.raises(ValueError, match="lattice_onset: is not available inside jit or vmap"):
-        jax.jit(lambda chi: jaxgel.lattice_onset(cell, jaxgel.Gel(1e-3, chi), mu=WINDOW).mu)(0.0)
+        jax.jit(lambda chi: jaxgel.lattice_onset(jaxgel.Problem(cell, jaxgel.Gel(1e-3, chi)), WINDOW).mu)(0.0)
 
 
 def test_a_stable_lattice_has_no_onset_and_a_branch_that_ends_says_so(cell, model_of, gel):
-    assert jaxgel.lattice_onset(cell, gel, mu=(-4.6, -3.8), divisions=2) is None
+    assert jaxgel.lattice_onset(jaxgel.Problem(cell, gel), (-4.6, -3.8), divisions=2) is None
     with pytest.raises(SweepFailed, match="no wave is unstable on the states found; stopped after mu = -3"):
-        jaxgel.lattice_onset(model_of(jaxgel.Ellipse((0, 0), (0.6, 0.1))), gel, mu=(-4.6, -0.6), divisions=1)
+        jaxgel.lattice_onset(jaxgel.Problem(model_of(jaxgel.Ellipse((0, 0), (0.6, 0.1))), gel), (-4.6, -0.6), divisions=1)
 
 
 def test_the_command_finds_the_cell_of_a_larger_one(tmp_path, capsys, onset):
