@@ -1,12 +1,13 @@
 """The node cloud of a plate and its integration cells, which follow the holes."""
 
-from .cells import SLIVER, boundary_edges, partition
+from .cells import SLIVER, partition
 from .checks import narrow_ligament
 from .clearance import CLEARANCE
 from .cloud import Cloud, make_cloud, place
+from .edges import boundary_edges, find_rows, opposite_edges
 from .ligaments import find_ligaments
 from .morph import thin_plate_matrix
-from .outlines import OUTLINE_SEGMENTS, Outline, loop
+from .outlines import OUTLINE_SEGMENTS, Lines, Outline, loop, sample_lines
 from .quadrature import EDGE_POINTS
 from .quadtree import make_background
 from .topology import GRADING, Topology, assemble
@@ -18,16 +19,20 @@ __all__ = [
     "OUTLINE_SEGMENTS",
     "SLIVER",
     "Cloud",
+    "Lines",
     "Outline",
     "Topology",
     "assemble",
     "boundary_edges",
     "find_ligaments",
+    "find_rows",
     "loop",
     "make_background",
     "make_cloud",
     "narrow_ligament",
+    "opposite_edges",
     "partition",
     "place",
+    "sample_lines",
     "thin_plate_matrix",
 ]

@@ -16,11 +16,12 @@ import shapely
 from scipy.spatial import cKDTree
 
 from .._types import Float, Int
-from ..geometry import SYMMETRIES
-from .outlines import SNAP
-from .triangles import nearest_points, signed_areas, triangulate
+from .edges import contour_edges, opposite_edges
+from .images import nearest_points, symmetries_of
+from .triangles import signed_areas, triangulate
 
 SLIVER = 0.3  # pieces below this fraction of their background square join the neighbour with the longest common edge
+SNAP = 1e-7  # points closer than this times the spacing are one vertex
 EQUAL = 1e-6  # relative difference of two common edges that are equally long
 
 
@@ -109,11 +110,9 @@ def _on_grid_lines(gel, background, tolerance):
 def _images(vertices, loops, tolerance):
     """For each symmetry of the square that the vertices of the loops have, the vertex (v,) to which it takes each of them."""
     used, found = np.unique(np.concatenate([ring for loop in loops for ring in loop])), []
-    for matrix in SYMMETRIES.values():
-        image, distance = nearest_points(vertices[used], vertices[used] @ np.array(matrix, dtype=float).T)
-        if distance < tolerance:
-            found.append(np.zeros(len(vertices), dtype=int))
-            found[-1][used] = used[image]
+    for _, image in symmetries_of(vertices[used], tolerance):
+        found.append(np.zeros(len(vertices), dtype=int))
+        found[-1][used] = used[image]
     return found
 
 
@@ -230,32 +229,10 @@ def _piece_images(vertices, triangles, piece, areas, images):
 
 def _common_edges(vertices, edges, owner, small):
     """Small piece -> [(neighbour, length of a common edge)]."""
-    n = len(vertices)
-    key, reverse = edges @ [n, 1], edges @ [1, n]
-    order = np.argsort(key)
-    at = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
-    chosen = np.flatnonzero((key[at] == reverse) & small[owner])
+    at = opposite_edges(edges)
+    chosen = np.flatnonzero((at >= 0) & small[owner])
     length = np.linalg.norm(vertices[edges[chosen, 1]] - vertices[edges[chosen, 0]], axis=1)
     common = {}
     for piece, other, size in zip(owner[chosen], owner[at[chosen]], length, strict=True):
         common.setdefault(piece, []).append((other, size))
     return common
-
-
-def contour_edges(triangles: Int[np.ndarray, "t 3"], owner: Int[np.ndarray, " t"]) -> tuple[np.ndarray, np.ndarray]:
-    """Directed edges (e, 2) of the contours of all owners of triangles, vertex numbers with the gel on the left, and the owners (e,)."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    owners = np.tile(owner, 3)
-    n = triangles.max() + 1
-    key = (owners * n + edges[:, 0]) * n + edges[:, 1]
-    reverse = (owners * n + edges[:, 1]) * n + edges[:, 0]
-    outer = ~np.isin(reverse, key)
-    order = np.argsort(owners[outer], kind="stable")
-    return edges[outer][order], owners[outer][order]
-
-
-def boundary_edges(triangles: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "e 2"]:
-    """Edges that belong to one triangle only."""
-    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    return unique[count == 1]

@@ -16,9 +16,15 @@ import numpy as np
 from .._programs import release_programs_where_crowded
 from .._types import Array, Float, Int
 from .._validation import check_kind
-from ..geometry import Plate, arc_points, reference_plate
-from .outlines import OUTLINE_SEGMENTS
-from .topology import Topology, make_topology
+from ..geometry import Plate, arc_points, check_plate, reference_plate
+from .checks import check_ligaments, check_sizes
+from .clearance import with_clearance
+from .ligaments import across_regions, find_ligaments
+from .outlines import OUTLINE_SEGMENTS, intervals, sample_lines
+from .quadtree import make_background, squares
+from .topology import Topology, assemble
+
+SQUARES_ACROSS = 2  # least number across a region: with the nodes on its outline three lines of nodes, for quadratic shape functions
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["plate", "vertices"], meta_fields=["topology"])
@@ -85,9 +91,31 @@ def make_cloud(
     release_programs_where_crowded()  # a new cloud needs new ones
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
-        topology = make_topology(reference, spacing, nodes_per_hole, across)
+        topology = _topology(reference, spacing, nodes_per_hole, across)
     cloud = Cloud(reference, jax.device_put(topology.partition.vertices), topology)
     return cloud if reference is plate else cloud.at(plate)
+
+
+def _topology(given, spacing, nodes_per_hole, across):
+    """``Topology`` of a concrete plate; arguments and errors as of ``make_cloud``."""
+    frame = check_plate(given)
+    plate = frame.of(given)
+    spacing, nodes_per_hole = check_sizes(plate, spacing, nodes_per_hole, across)
+    lines, refined = sample_lines(plate, nodes_per_hole, squares(plate, spacing)[1].max()), []
+    if across is not None and across > 2 and lines.outlines:
+        strips, widths = find_ligaments(lines)
+        refined.append((strips, widths / (across - 2)))
+    if lines.interfaces:
+        strips, widths = across_regions(lines, spacing)
+        refined.append((strips, widths / SQUARES_ACROSS))
+    if refined:
+        lines = lines.halved(make_background(plate, spacing, refined))
+    background = make_background(plate, spacing, refined + [intervals(line) for line in lines.both])
+    background = with_clearance(background, lines)
+    topology = assemble(given, frame, lines, background, spacing, nodes_per_hole, across)
+    on_grid = topology.node_vertices[topology.node_vertices < topology.n_background]
+    check_ligaments(lines, spacing, background.vertices[on_grid])
+    return topology
 
 
 def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
@@ -98,8 +126,8 @@ def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
     plate = topology.frame.of(plate)
     part, n = topology.partition, topology.n_background
     on_outlines, regions = [arc_points(plate, o.arc, o.s) for o in topology.outlines], plate.with_regions_as_holes
-    for o, weights in zip(topology.interfaces, topology.along_interfaces, strict=True):
-        on_outlines.append(weights @ arc_points(regions, o.arc, o.s[::OUTLINE_SEGMENTS]))
+    for o in topology.interfaces:
+        on_outlines.append(o.trace.toarray() @ arc_points(regions, o.arc, o.s[::OUTLINE_SEGMENTS]))
     cuts = topology.curves.points(part.cut_segments, part.cut_fractions)
     return _carried(on_outlines, part.vertices, topology.morph if on_outlines else None, *cuts, n)
 

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from .._types import Float, Int
 from .._validation import Inadmissible
+from .edges import find_rows
 
 
 def triangulate(
@@ -63,8 +64,7 @@ def _exchanged(triangles, mirrors):
     """Pairs (k, 2) of a piece's triangles (t, 3) whose common edge one of its ``mirrors``, images (v,) of the vertices, does not keep."""
     pairs = set()
     for image in mirrors:
-        known = {frozenset(corners) for corners in triangles.tolist()}
-        lone = [k for k, corners in enumerate(image[triangles].tolist()) if frozenset(corners) not in known]
+        lone = np.flatnonzero(find_rows(np.sort(triangles), np.sort(image[triangles])) < 0).tolist()
         for one, two in itertools.combinations(lone, 2):
             corners = set(triangles[one]) | set(triangles[two])
             if len(corners) == 4 and corners == set(image[list(corners)]):
@@ -82,12 +82,6 @@ def _constrained_delaunay(vertices, loops):
     used = np.unique(np.concatenate([ring for loop in loops for ring in loop]))
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     return used[cKDTree(vertices[used]).query(corners)[1]], owner
-
-
-def nearest_points(points: Float[np.ndarray, "v d"], moved: Float[np.ndarray, "p d"]) -> tuple[Int[np.ndarray, " p"], float]:
-    """The number (p,) of the one of the ``points`` (v, d) nearest each of the ``moved`` ones (p, d), and the largest distance."""
-    distance, nearest = cKDTree(points).query(moved)
-    return nearest, distance.max(initial=0.0)
 
 
 def signed_areas(vertices: Float[np.ndarray, "v 2"], triangles: Int[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:

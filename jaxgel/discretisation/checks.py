@@ -54,7 +54,7 @@ def _check_support(topology, nodes, points, support, basis):
 
 def _refuse_ligament(topology, place, reach):
     """ValueError that names the narrow ligament within ``reach``, mm, of a place without usable shape functions, if there is one."""
-    ligament = narrow_ligament(topology, place, reach)
+    ligament = narrow_ligament(topology.lines, topology.spacing, place, reach)
     if ligament:
         raise Inadmissible(
             f"holes: a ligament of {ligament} is too narrow for the spacing {topology.spacing:g} mm; move the outlines apart, "

@@ -3,15 +3,11 @@
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .._types import Float
 from .._validation import did_you_mean, finite_numbers
-
-if TYPE_CHECKING:
-    from .plate import Plate
 
 EDGES = ("left", "right", "bottom", "top")
 CONDITIONS = ("roller", "fixed", "free", "periodic")
@@ -40,24 +36,6 @@ class Edges(Mapping):
 
     def __len__(self) -> int:
         return len(EDGES)
-
-
-def edge_lines(plate: "Plate") -> dict[str, tuple[int, float]]:
-    """Edge -> (axis, coordinate): the edge lies where x (axis 0) or y (axis 1) has the coordinate, mm."""
-    w, h = plate.width / 2, plate.height / 2
-    return {"left": (0, -w), "right": (0, w), "bottom": (1, -h), "top": (1, h)}
-
-
-def periods(plate: "Plate") -> Float[np.ndarray, " 2"]:
-    """Periods (2,) of a plate along x and y, mm; 0 along an axis whose edges are not periodic."""
-    sides = plate.width, plate.height
-    return np.array([side if plate.edges[edges[0]] == "periodic" else 0.0 for side, edges in zip(sides, FRAME_EDGES, strict=True)])
-
-
-def image_offsets(plate: "Plate") -> Float[np.ndarray, "m 2"]:
-    """Translations (m, 2), mm, of a periodic plate to itself and its neighbours in the lattice, first (0, 0); of others (0, 0) alone."""
-    steps = [(0.0, -period, period) if period else (0.0,) for period in periods(plate)]
-    return np.array(list(itertools.product(*steps)))
 
 
 def checked_edges(edges: Mapping[str, str] | str) -> Edges:

@@ -109,3 +109,9 @@ def _is_float(value):
 
 def _shape_in_words(shape):
     return "a number" if shape == () else f"an array of numbers of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+
+
+@jax.jit
+def outline_points(hole: Hole, t: Float[Array, " m"]) -> Float[Array, "m 2"]:
+    """Points (m, 2) of the outline at the parameters ``t`` (m,), mm; compiled once per kind of hole."""
+    return jax.vmap(hole.point)(t)
