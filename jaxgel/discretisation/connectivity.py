@@ -9,13 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial import cKDTree
 
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
-from ..cloud import EDGE_POINTS, Topology
+from ..cloud import EDGE_POINTS, Topology, find_rows, narrow_ligament, opposite_edges
 from ..geometry import edge_lines
-from .checks import check_support
+from .moving_least_squares import n_monomials
 from .neighbours import pad_nodes, pad_rows, reaching_nodes
 from .patches import patches
 
@@ -113,7 +114,7 @@ def _connected(topology, basis, dmax, skin):
     support = dmax * topology.node_spacing
     points, cells = np.concatenate([inner, on_edge]), np.concatenate([quadrature.owner, np.repeat(contour.cell, 2)])
     regions = part.region_of_cell[cells]
-    check_support(topology, points, regions, support, basis)
+    _check_support(topology, points, regions, support, basis)
     point_owner = patch_of_cell[quadrature.owner]
     on_interfaces, traces = _traces(topology, contour)
     trace_owner = contour.owner[on_interfaces // 2]
@@ -126,7 +127,7 @@ def _connected(topology, basis, dmax, skin):
     edge_ends = np.where(listed.any(axis=2), listed.argmax(axis=2), -1)
     if np.any((edge_ends < 0) != (end_nodes < 0)):
         raise Inadmissible(f"dmax: {dmax} is too small for the supports to reach along the plate's edges; use a larger one")
-    outer = np.flatnonzero(_is_outer(contour, len(part.vertices)))
+    outer = np.flatnonzero(opposite_edges(contour.ends, contour.owner) < 0)  # the others have a cell of the patch on either side
     numbers = tuple(np.where(rows >= 0, outer[rows], -1) for rows in _rows_of(contour.owner[outer], len(linear), groups))
     found = (on_interfaces, _in_lists(traces, trace_owner, nodes)) if topology.interfaces else None
     contour = dataclasses.replace(contour, edge_ends=edge_ends, numbers=numbers, on_interfaces=found)
@@ -138,9 +139,7 @@ def _contour(topology, patch_of_cell):
     """``Contour`` of the cells, without what depends on node lists."""
     part = topology.partition
     ends, cell = part.contour_edges
-    start, end = (cell * len(part.vertices) + vertex for vertex in ends.T)
-    order = np.argsort(start)
-    following = order[np.searchsorted(start, end, sorter=order)]
+    following = find_rows(*(np.stack([cell, vertex], axis=1) for vertex in ends.T))
     return Contour(ends, topology.middles(ends), cell, patch_of_cell[cell], following, np.full_like(ends, -1), ())
 
 
@@ -149,11 +148,8 @@ def _traces(topology, contour):
     matrix (k, n) from nodal values to the traces there.
     """
     part, ends = topology.partition, contour.ends
-    n, region, traces = len(part.vertices), part.region_of_cell[contour.cell], topology.traces
-    key, reverse = ends @ [n, 1], ends @ [1, n]
-    order = np.argsort(key)
-    other = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
-    along = np.flatnonzero((key[other] == reverse) & (region != region[other]))
+    region, traces, other = part.region_of_cell[contour.cell], topology.traces, opposite_edges(ends)
+    along = np.flatnonzero((other >= 0) & (region != region[other]))
     starts, (at, weights) = np.flatnonzero(np.diff(traces.indptr)[ends[:, 0]]), contour.middles
     middle = sum(traces[at[along, k]].multiply(weights[along, k, None]) for k in range(3))
     return np.concatenate([2 * starts, 2 * along + 1]), sp.vstack([traces[ends[starts, 0]], middle]).tocoo()
@@ -165,12 +161,6 @@ def _in_lists(traces, owner, nodes):
     found = np.zeros((len(owner), nodes.shape[1]))
     found[row, (nodes[owner[row]] == node[:, None]).argmax(axis=1)] = traces.data
     return found
-
-
-def _is_outer(contour, n):
-    """Whether each edge lies on the contour of its patch; the others have a cell of the patch on either side."""
-    key, reverse = ((contour.owner * n + a) * n + b for a, b in (contour.ends.T, contour.ends.T[::-1]))
-    return ~np.isin(reverse, key)
 
 
 def _rows_of(owner, count, groups):
@@ -206,3 +196,30 @@ def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np
         k = np.clip(np.searchsorted(nodes[on_edge, 1 - axis], middle) - 1, 0, len(on_edge) - 2)
         ends[on] = np.stack([on_edge[k], on_edge[k + 1]], axis=1)
     return ends
+
+
+def _check_support(topology, points, regions, support, basis):
+    """ValueError, which names the first point, for points within the supports of fewer nodes of their region than the basis needs."""
+    every, need = topology.partition.vertices[topology.node_vertices], n_monomials(basis) + 1
+    for region in np.unique(regions):
+        own = (topology.node_regions == region).any(axis=1)
+        nodes, reach, inside = every[own], support[own], points[regions == region]
+        distance, index = cKDTree(nodes).query(inside, k=need)
+        index = np.minimum(index, len(nodes) - 1)  # a missing neighbour is infinitely far
+        for x, y in inside[(distance >= reach[index]).any(axis=1)]:
+            if np.sum(np.linalg.norm(nodes - (x, y), axis=1) < reach) < need:  # farther nodes may reach
+                refuse_ligament(topology, (x, y), reach.max())
+                raise Inadmissible(
+                    f"dmax: a support of {reach.max():.3g} mm reaches fewer than {need} nodes at the point ({x:.4g}, {y:.4g}), "
+                    f"too few for the {basis} basis; use a larger dmax or a smaller spacing"
+                )
+
+
+def refuse_ligament(topology: Topology, place: Float[np.ndarray, " 2"], reach: float) -> None:
+    """ValueError that names the narrow ligament within ``reach``, mm, of a place without usable shape functions, if there is one."""
+    ligament = narrow_ligament(topology.lines, topology.spacing, place, reach)
+    if ligament:
+        raise Inadmissible(
+            f"holes: a ligament of {ligament} is too narrow for the spacing {topology.spacing:g} mm; move the outlines apart, "
+            "or across the edge, or use a smaller spacing"
+        )

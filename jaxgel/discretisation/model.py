@@ -15,16 +15,19 @@ import numpy as np
 
 from .._memo import once_per_owner
 from .._types import Array, Float, Int, Scalar
-from .._validation import check_kind
+from .._validation import Inadmissible, check_kind, one_of
 from ..cloud import Cloud, Topology
-from .checks import check_options, check_reproduction
-from .connectivity import Connectivity, make_connectivity
+from ..linalg import SOLVERS
+from .connectivity import Connectivity, make_connectivity, refuse_ligament
 from .consistency import consistent_gradients
 from .interpolation import Interpolation, interpolate
+from .moving_least_squares import BASES
 from .neighbours import SKIN, is_moved, neighbours_of_points
 from .pressures import group_weights, n_carrying
 
 OUTLINE_ROOM = 1 / 400  # of the plate's width: further room in the neighbour lists of outline points, on a cloud that moves far
+STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
+REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
 DMAX = 2.95  # support radius over spacing: nearly three grid lines to each side, and clear of the third, where round-off would decide
 
 
@@ -129,7 +132,8 @@ def discretise(
     ``linalg``. Raises ValueError for unknown options and where a point has too few neighbours for the basis.
     """
     check_kind("cloud", cloud, Cloud, "a Cloud, as make_cloud(plate) makes it")
-    check_options(basis, solver)
+    one_of("basis", basis, BASES)
+    one_of("solver", solver, SOLVERS)
     dmax = DMAX if dmax is None else float(dmax)
     if not dmax > 1.0:
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
@@ -138,7 +142,7 @@ def discretise(
     lists = make_connectivity(topology, basis, dmax, skin)
     blocks = _blocks(lists, topology.quadrature.points(cloud.vertices), *consistent_gradients(cloud.nodes, cloud.vertices, lists, basis))
     model = Model(cloud, blocks, _outline_interpolation(cloud, dmax, basis), lists, basis, dmax, solver)
-    check_reproduction(model)
+    _check_reproduction(model)
     return model
 
 
@@ -182,3 +186,24 @@ def _by_patch(points, dphi, weight, rows, point_numbers, edge_numbers, *, widths
         contour = jnp.where((edges >= 0)[:, None, :, None], jnp.swapaxes(rows[edges][..., :n], 1, 2), 0.0)
         values.append((points[at], dphi[at, :n], w, group_weights(points[at], w, of), contour))
     return values
+
+
+def _check_reproduction(model):
+    """ValueError, outside traces, for a model whose gradients do not reproduce the coordinates: neighbours on too few lines."""
+    if isinstance(model.cloud.vertices, jax.core.Tracer):
+        return
+    nodes, steepest = np.asarray(model.cloud.nodes), STEEPEST_ACCEPTED / model.cloud.topology.node_spacing.min()
+    for block in model.blocks:
+        dphi = np.asarray(block.dphi)
+        F = np.einsum("cai,cqaj->cqij", nodes[block.nodes], dphi)
+        error = np.abs(F - np.eye(2)).max(axis=(2, 3))
+        poor = ~(error < REPRODUCTION) | ~(np.abs(dphi).max(axis=(2, 3)) < steepest)
+        bad = np.argwhere(poor & (np.asarray(block.weight) > 0))
+        if len(bad):
+            x, y = nodes[block.nodes[bad[0, 0], 0]]
+            stencil = nodes[np.unique(block.nodes[bad[0, 0]])]
+            refuse_ligament(model.cloud.topology, stencil.mean(axis=0), np.ptp(stencil, axis=0).max() / 2)
+            raise Inadmissible(
+                f"dmax: {model.dmax} is too small for the {model.basis} basis near the point ({x:.4g}, {y:.4g}): its neighbours lie on "
+                "too few lines; use a larger dmax or a smaller spacing"
+            )

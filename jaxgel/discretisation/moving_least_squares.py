@@ -18,10 +18,11 @@ from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
 from .._types import Array, Float, Inexact, Scalar
+from .._validation import one_of
 from .weights import cubic_spline_weight, safe_sqrt, singular_slope, singular_weight
 
 KINDS = ("iicvmls", "imls", "icvmls", "mls")
-_ORDER = {"linear": 1, "quadratic": 2}
+BASES = ("linear", "quadratic")
 _VANISHING = 1e-11  # pivot over its diagonal entry: round-off of singular moment matrices leaves up to 1e-13, clouds have 1e-6 or more
 
 
@@ -106,8 +107,7 @@ def shape_functions_and_gradients(
 def _checked(neighbours, support, basis, kind):
     """Order of the basis, and the supports (n,)."""
     order = _order(basis)
-    if kind not in KINDS:
-        raise ValueError(f"kind: {kind!r} is not one of {', '.join(KINDS)}")
+    one_of("kind", kind, KINDS)
     return order, jnp.broadcast_to(jnp.asarray(support, dtype=neighbours.dtype), neighbours.shape[:1])
 
 
@@ -277,6 +277,6 @@ def _inverse_jvp(primals, tangents):
 
 
 def _order(basis):
-    if basis not in _ORDER:
-        raise ValueError(f"basis: {basis!r} is not one of {', '.join(_ORDER)}")
-    return _ORDER[basis]
+    """Degree of the monomials of a basis."""
+    one_of("basis", basis, BASES)
+    return BASES.index(basis) + 1

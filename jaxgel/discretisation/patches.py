@@ -11,7 +11,7 @@ import shapely
 
 from .._memo import once_per_owner
 from .._types import Bool, Int
-from ..cloud import Topology
+from ..cloud import Topology, opposite_edges
 
 SQUARES = 2  # least whole squares of a block with a linear pressure, which is larger than these: two alone do not vary twice across
 LIGAMENT = 2.0  # squares across a ligament up to which it has single ones: as a block of two the lattice's buckle 9 % late
@@ -66,12 +66,8 @@ def _connected_parts(topology, block):
     """Connected part (c,) of its block that each cell belongs to: a hole may divide a block."""
     part = topology.partition
     edges, owner = part.contour_edges
-    n = len(part.vertices)
-    key, reverse = edges @ [n, 1], edges @ [1, n]
-    order = np.argsort(key)
-    at = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
-    region = part.region_of_cell[owner]
-    inside = (key[at] == reverse) & (block[owner] == block[owner[at]]) & (region == region[at])
+    at, region = opposite_edges(edges), part.region_of_cell[owner]
+    inside = (at >= 0) & (block[owner] == block[owner[at]]) & (region == region[at])
     pairs = owner[inside], owner[at[inside]]
     graph = sp.coo_array((np.ones(len(pairs[0])), pairs), (len(block), len(block)))
     return sp.csgraph.connected_components(graph, directed=False)[1]

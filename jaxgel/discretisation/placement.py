@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from .._validation import Inadmissible
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate, reference_plate
-from .interpolation import SKIN
 from .model import DMAX, discretise
+from .neighbours import SKIN
 
 SMALLEST_CELL = 0.4  # least quadrature weight over its value when the cloud was made
 SPENT = 0.2  # the same for a cloud that may yet serve a single trial design

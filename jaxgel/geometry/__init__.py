@@ -5,7 +5,7 @@ from .checks import check_plate
 from .frame import Frame, frame_of
 from .hole import Hole, outline_points
 from .holes import KINDS, Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse
-from .outline import Arc, arc_parameter, arc_point, arc_points, arcs, corners_between, equal_arc_length, inside_holes
+from .outline import Arc, arc_parameter, arc_points, arcs, corners_between, equal_arc_length, inside_holes
 from .plate import KINEMATICS, Plate, edge_lines, image_offsets, periods, reference_plate
 from .symmetries import SYMMETRIES, keeps_edges
 
@@ -26,7 +26,6 @@ __all__ = [
     "Rectangle",
     "Superellipse",
     "arc_parameter",
-    "arc_point",
     "arc_points",
     "arcs",
     "check_plate",

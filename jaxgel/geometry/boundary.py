@@ -55,14 +55,12 @@ def checked_edges(edges: Mapping[str, str] | str) -> Edges:
 
 
 def checked_deformation(deformation: object, edges: Edges) -> Deformation:
-    """The macroscopic deformation gradient as nested tuples; ValueError for an unusable one, one that tilts a roller edge, and a component
-    that is "free" where edges hold it.
-    """
+    """The macroscopic deformation gradient as nested tuples; ValueError for one that edges do not allow."""
     listed = np.array(_all_free(edges) if isinstance(deformation, str) and deformation == FREE else deformation, dtype=object)
-    unknown = [entry for entry in listed.ravel() if isinstance(entry, str) and entry != FREE]
-    if unknown:
-        raise ValueError(f"deformation: {unknown[0]!r} is neither a number nor {FREE!r}")
     free = np.reshape([isinstance(entry, str) for entry in listed.ravel()], listed.shape)
+    for entry in listed[free]:
+        if entry != FREE:
+            raise ValueError(f"deformation: {entry!r} is neither a number nor {FREE!r}")
     if free.any() and free.shape == (2, 2):
         _check_free(free, edges)
         deformation = np.where(free, np.eye(2), listed).tolist()
@@ -76,7 +74,7 @@ def checked_deformation(deformation: object, edges: Edges) -> Deformation:
 
 
 def _all_free(edges):
-    """The deformation whose components are all free, but for those that do not belong to a periodic cell and its rotation."""
+    """The deformation whose components are all free that can be."""
     along = [edges[edge] == "periodic" for edge in ("left", "bottom")]
     if not any(along):
         raise ValueError(f"deformation: {FREE!r} is that of a periodic cell; make two opposite edges periodic")
@@ -100,7 +98,7 @@ def _check_free(free, edges):
 
 
 def checked_displacement(displacement: object, edges: Edges) -> Edges:
-    """The displacements as ``Edges``; ValueError for components that are not held and for edges that tear their corner."""
+    """The displacements as ``Edges``; ValueError for those that edges do not allow."""
     if not isinstance(displacement, Mapping):
         raise ValueError(f"displacement: {displacement!r} is not a mapping from edges to displacements such as {{'top': (0, 0.1)}}")
     found = dict.fromkeys(EDGES, (0.0, 0.0))

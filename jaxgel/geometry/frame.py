@@ -62,7 +62,8 @@ def frame_of(plate: Plate) -> Frame:
     So the frame does not depend on that of the plate as given, which is kept if its edges lie in the middle of one of the widest gaps.
     Raises ValueError, one line, if there is no gap: every line along an edge then crosses a hole or one of its images.
     """
-    along, spans = periods(plate), [_spans(outlines) for outlines in (plate.holes, plate.regions)]
+    along, samples = periods(plate), [[sampled_outline(o) for o in outlines] for outlines in (plate.holes, plate.regions)]
+    spans = [np.array([[end(p, axis=0) for p in points] for end in (np.min, np.max)]).reshape(2, -1, 2) for points in samples]
     middle, layers = np.zeros(2), (spans[1][0] < -along / 2) & (spans[1][1] > along / 2)
     for axis in np.flatnonzero(along):
         low, high = np.concatenate([spans[0], spans[1][:, ~layers[:, axis]]], axis=1)[:, :, axis]
@@ -95,12 +96,6 @@ def frame_of(plate: Plate) -> Frame:
 def sampled_outline(outline: Hole) -> Float[np.ndarray, "p 2"]:
     """Points (p, 2) of an outline, its corners among them, mm: enough for its extent and for how it lies."""
     return np.asarray(outline_points(outline, np.union1d(np.arange(SAMPLES) / SAMPLES, outline.corners)))
-
-
-def _spans(outlines):
-    """Least and largest coordinates (2, k, 2) of the ``outlines``."""
-    points = [sampled_outline(o) for o in outlines]
-    return np.array([[reduce(p, axis=0) for p in points] for reduce in (np.min, np.max)]).reshape(2, -1, 2)
 
 
 def _gaps(low, high, period):

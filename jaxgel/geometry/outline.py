@@ -1,6 +1,6 @@
 """Pieces of hole outlines that lie inside the plate, points along them, and which points lie in holes.
 
-Lengths in mm; the plate is centred at the origin. ``point``, ``arc_point`` and what they call are pure functions of the hole
+Lengths in mm; the plate is centred at the origin. ``arc_points`` and what it calls are pure functions of the hole
 parameters. ``arcs``, ``equal_arc_length`` and ``inside_holes`` work on the host and need concrete parameters.
 """
 
@@ -52,7 +52,7 @@ def arcs(plate: Plate) -> list[Arc]:
     A hole inside the plate, also one that touches the edge in a point, gives one closed arc; a hole cut by the edge gives open arcs
     whose ends are on the edge to round-off.
     """
-    return [arc for k in range(len(plate.holes)) for arc in _arcs_of_hole(plate, k)]
+    return [arc for k, hole in enumerate(plate.holes) for arc in _arcs_of_hole(plate, k, hole)]
 
 
 def arc_parameter(plate: Plate, arc: Arc, s: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
@@ -61,14 +61,9 @@ def arc_parameter(plate: Plate, arc: Arc, s: Float[Array, "..."] | Scalar) -> Fl
     The ends of an open arc stay on their edge: they solve 'normal coordinate of ``point(t)`` = the edge's' by Newton's method
     from the ends on the reference plate, so all derivatives pass through them.
     """
-    start = _on_edge(plate, arc.hole, arc.start, arc.start_edge)
-    end = _on_edge(plate, arc.hole, arc.end, arc.end_edge)
+    hole, ends = plate.holes[arc.hole], ((arc.start, arc.start_edge), (arc.end, arc.end_edge))
+    start, end = (t if edge is None else _meet(hole, jnp.asarray(t, dtype=float), *edge_lines(plate)[edge]) for t, edge in ends)
     return start + s * (end - start)
-
-
-def arc_point(plate: Plate, arc: Arc, s: Scalar) -> Float[Array, "2"]:
-    """Point (2,) in mm at the share ``s`` () of the arc; see ``arc_parameter``."""
-    return plate.holes[arc.hole].point(arc_parameter(plate, arc, s))
 
 
 def arc_points(plate: Plate, arc: Arc, s: Float[Array, " m"]) -> Float[Array, "m 2"]:
@@ -79,7 +74,7 @@ def arc_points(plate: Plate, arc: Arc, s: Float[Array, " m"]) -> Float[Array, "m
 def equal_arc_length(plate: Plate, arc: Arc, n_intervals: int) -> Float[np.ndarray, " m"]:
     """Shares s along the arc that cut it into pieces of equal length, corners being cuts.
 
-    NumPy (n_intervals + 1,) with both ends for an open arc, (n_intervals,) from t = 0 on for a whole hole. Between corners the
+    (n_intervals + 1,) with both ends for an open arc, (n_intervals,) from t = 0 on for a whole hole. Between corners the
     number of pieces goes with the length (largest remainder, at least one). Exact to 1e-10 of the arc for smooth outlines.
     Raises ValueError if there are fewer intervals than stretches between corners.
     """
@@ -107,13 +102,10 @@ def inside_holes(plate: Plate, points: Float[Array, "p 2"] | list[Any], toleranc
     return inside
 
 
-def _on_edge(plate, k, t, edge):
-    """The t at which hole ``k`` meets the line of the edge, from the guess ``t``; unchanged for no edge."""
-    return t if edge is None else _meet(plate.holes[k], jnp.asarray(t, dtype=float), *edge_lines(plate)[edge])
-
-
 @functools.partial(jax.jit, static_argnames="axis")  # compiled once per kind of hole
 def _meet(hole, t, axis, coordinate):
+    """The t at which the hole's outline meets the line of an edge, from the guess ``t``."""
+
     def newton_step(_, t):
         value, slope = jax.value_and_grad(lambda t: hole.point(t)[axis])(t)
         return t - (value - coordinate) / slope
@@ -136,20 +128,17 @@ def outward(plate: Plate, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray,
     return np.stack([np.sign(c) * points[:, axis] - abs(c) for axis, c in edge_lines(plate).values()], axis=1)
 
 
-def _arcs_of_hole(plate, k):
-    hole, tolerance = plate.holes[k], 1e-12 * max(plate.width, plate.height)
-
+def _arcs_of_hole(plate, k, hole):
     def beyond(t):
         return outward(plate, np.asarray(outline_points(hole, np.atleast_1d(t))))
 
     t = _outline_samples(hole, lambda t: beyond(t).max(axis=1))
     distances = beyond(t)
-    outside = distances.max(axis=1) > tolerance
+    outside = distances.max(axis=1) > 1e-12 * max(plate.width, plate.height)
     if not outside.any():
         return [Arc(k, 0.0, 1.0)]
-    starts = np.flatnonzero(outside & ~np.roll(outside, -1))  # last sample outside before the arc
     found = []
-    for i in starts:
+    for i in np.flatnonzero(outside & ~np.roll(outside, -1)):  # last sample outside before the arc
         length = np.argmax(np.roll(outside, -i - 1))  # samples of the arc
         j = (i + length) % len(t)  # its last sample
         start, start_edge = _crossing(beyond, t[(i + 1) % len(t)], t[i])

@@ -166,15 +166,23 @@ def _all_at(outlines, theta, name, kind):
         raise ValueError(f"{name}: {theta!r} is not accepted; give a list with one dict of parameters per {kind}, such as {example}")
     if len(theta) != len(outlines):
         raise ValueError(f"{name}: {len(theta)} entries for {len(outlines)} {kind}s; give one dict of parameters per {kind}")
-    return tuple(_hole_at(hole, new, f"{name}[{k}]") for k, (hole, new) in enumerate(zip(outlines, theta, strict=True)))
+    for k, (hole, new) in enumerate(zip(outlines, theta, strict=True)):
+        for parameter, value in new.items():
+            if parameter not in hole.theta:
+                known = did_you_mean(parameter, hole.theta)
+                raise ValueError(f"{name}[{k}]: unknown parameter {parameter!r} of {type(hole).__name__}; {known}")
+            own = hole.theta[parameter].shape
+            if np.shape(value) != own:
+                raise ValueError(f"{name}[{k}]: {parameter} has shape {np.shape(value)}, but the hole's own has {own}")
+    return tuple(dataclasses.replace(hole, **new) for hole, new in zip(outlines, theta, strict=True))
 
 
 def _checked_stretch(value, kinematics):
     """The axial stretch as an array (), None if the kinematics have none; ValueError for what is not accepted."""
     if kinematics != "generalised plane strain":
-        if value is None:
-            return None
-        raise ValueError(f"axial_stretch: {value!r} is not accepted in {kinematics}, only in generalised plane strain")
+        if value is not None:
+            raise ValueError(f"axial_stretch: {value!r} is not accepted in {kinematics}, only in generalised plane strain")
+        return None
     if value is None:
         raise ValueError("axial_stretch: is missing; generalised plane strain takes a finite number > 0, 1 for plane strain")
     message = f"axial_stretch: {value!r} is not accepted, it must be a finite number > 0"
@@ -185,17 +193,6 @@ def _checked_stretch(value, kinematics):
     if not _traced(value) and not (np.isfinite(value) and value > 0):
         raise Inadmissible(message)
     return value
-
-
-def _hole_at(hole, new, where):
-    """The hole with the parameters of the dict ``new`` in place of its own."""
-    theta = hole.theta
-    for name, value in new.items():
-        if name not in theta:
-            raise ValueError(f"{where}: unknown parameter {name!r} of {type(hole).__name__}; {did_you_mean(name, theta)}")
-        if np.shape(value) != theta[name].shape:
-            raise ValueError(f"{where}: {name} has shape {np.shape(value)}, but the hole's own has {theta[name].shape}")
-    return dataclasses.replace(hole, **new)
 
 
 def _traced(tree):
