@@ -11,6 +11,7 @@ from .outlines import OUTLINE_SEGMENTS, Lines, Outline, loop, sample_lines
 from .quadrature import EDGE_POINTS
 from .quadtree import make_background
 from .topology import GRADING, Topology, assemble
+from .triangles import centroids, signed_areas
 
 __all__ = [
     "CLEARANCE",
@@ -24,6 +25,7 @@ __all__ = [
     "Topology",
     "assemble",
     "boundary_edges",
+    "centroids",
     "find_ligaments",
     "find_rows",
     "loop",
@@ -34,5 +36,6 @@ __all__ = [
     "partition",
     "place",
     "sample_lines",
+    "signed_areas",
     "thin_plate_matrix",
 ]

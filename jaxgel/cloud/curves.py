@@ -8,7 +8,6 @@ import dataclasses
 import numpy as np
 
 from .._types import Float, Int
-from .edges import find_rows
 from .outlines import Outline, loop
 
 
@@ -41,27 +40,3 @@ def curves_of(outlines: tuple[Outline, ...]) -> Curves:
 def parabola(t: Float[np.ndarray, " p"]) -> Float[np.ndarray, "p 3"]:
     """Weights of the three points of a parabola, at the parameters 0, 1/2 and 1, in its point at ``t``."""
     return np.stack([(1 - t) * (1 - 2 * t), 4 * t * (1 - t), t * (2 * t - 1)], axis=-1)
-
-
-def middles(
-    edges: Int[np.ndarray, "e 2"], curves: Curves, cut_segments: Int[np.ndarray, " v"], cut_fractions: Float[np.ndarray, " v"]
-) -> tuple[Int[np.ndarray, "e 3"], Float[np.ndarray, "e 3"]]:
-    """Vertex numbers and weights of the middle of every edge: on the parabola of an edge along an outline, half-way elsewhere.
-
-    ``cut_segments`` (v,) is the segment on which a vertex was cut, -1 for other vertices, at the fraction ``cut_fractions`` (v,).
-    """
-    numbers, weights = edges[:, [0, 1, 1]], np.tile([0.5, 0.5, 0.0], (len(edges), 1))
-    if len(curves.ends) == 0:
-        return numbers, weights
-    segment = np.where(cut_segments[edges[:, 0]] >= 0, cut_segments[edges[:, 0]], cut_segments[edges[:, 1]])
-    segment = np.where(segment >= 0, segment, find_rows(np.sort(curves.ends), np.sort(edges)))  # the segment that is the edge, if any
-    own = curves.ends[segment]
-    fractions = []
-    for end in edges.T:
-        cut = (cut_segments[end] == segment) & (segment >= 0)
-        at = np.where(end == own[:, 0], 0.0, np.where(end == own[:, 1], 1.0, np.nan))
-        fractions.append(np.where(cut, cut_fractions[end], at))
-    middle = np.mean(fractions, axis=0)
-    on = (segment >= 0) & np.isfinite(middle)
-    numbers[on], weights[on] = curves.points(segment[on], middle[on])
-    return numbers, weights

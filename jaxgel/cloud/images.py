@@ -8,18 +8,12 @@ from .._types import Float, Int
 from ..geometry import SYMMETRIES, Plate, image_offsets
 
 
-def nearest_points(points: Float[np.ndarray, "v d"], moved: Float[np.ndarray, "p d"]) -> tuple[Int[np.ndarray, " p"], float]:
-    """The number (p,) of the one of the ``points`` (v, d) nearest each of the ``moved`` ones (p, d), and the largest distance."""
-    distance, nearest = cKDTree(points).query(moved)
-    return nearest, distance.max(initial=0.0)
-
-
 def symmetries_of(points: Float[np.ndarray, "p 2"], tolerance: float) -> list[tuple[np.ndarray, Int[np.ndarray, " p"]]]:
     """The symmetries of the square that the points (p, 2) have: matrix (2, 2), and the point (p,) to which it takes each of them."""
-    found = []
+    tree, found = cKDTree(points), []
     for matrix in map(np.array, SYMMETRIES.values()):
-        image, distance = nearest_points(points, points @ matrix.T)
-        found += [(matrix, image)] if distance < tolerance else []
+        distance, image = tree.query(points @ matrix.T)
+        found += [(matrix, image)] if distance.max() < tolerance else []
     return found
 
 

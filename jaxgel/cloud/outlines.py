@@ -107,12 +107,9 @@ class Lines:
 
     def halved(self, background: Background) -> "Lines":
         """The lines with intervals between nodes halved as the squares around them are."""
-        regions = self.plate.with_regions_as_holes
-        return Lines(
-            self.plate,
-            tuple(_outline(self.plate, o.arc, _halved(self.plate, o, background)) for o in self.outlines),
-            tuple(_interface(regions, o.arc, _halved(regions, o, background)) for o in self.interfaces),
-        )
+        plate, regions = self.plate, self.plate.with_regions_as_holes
+        outlines = tuple(_outline(plate, o.arc, _halved(plate, o, background)) for o in self.outlines)
+        return Lines(plate, outlines, tuple(_interface(regions, o.arc, _halved(regions, o, background)) for o in self.interfaces))
 
     def numbered(self, first: int) -> "Lines":
         """The lines with their vertices numbered from ``first`` on."""
@@ -127,11 +124,9 @@ def sample_lines(plate: Plate, nodes_per_hole: int, side: float) -> Lines:
     A side between two corners has at least one interval.
     """
     regions = plate.with_regions_as_holes
-    return Lines(
-        plate,
-        tuple(_outline(plate, arc, _ends(plate, arc, _intervals_of_hole(nodes_per_hole, plate, arc))) for arc in arcs(plate)),
-        tuple(_interface(regions, arc, _ends(regions, arc, _intervals_of_length(side, regions, arc))) for arc in arcs(regions)),
-    )
+    outlines = [_outline(plate, arc, _ends(plate, arc, _intervals_of_hole(nodes_per_hole, plate, arc))) for arc in arcs(plate)]
+    interfaces = [_interface(regions, arc, _ends(regions, arc, _intervals_of_length(side, regions, arc))) for arc in arcs(regions)]
+    return Lines(plate, tuple(outlines), tuple(interfaces))
 
 
 def on_lines(lines: tuple[Outline, ...], where: Float[np.ndarray, "p 2"], tolerance: float) -> Bool[np.ndarray, " p"]:
@@ -230,7 +225,8 @@ def _trace(line):
         at = nodes[np.mod(own, count)] + np.floor_divide(own, count) * (period if line.closed else 0.0)
         rows += [k] * len(own)
         columns += list(np.mod(own, count))
-        values += list(_lagrange(at, s))
+        apart = at[:, None] - at[None, :]  # the weights are those of Lagrange's polynomials
+        values += list(np.where(apart == 0, 1.0, (s - at)[None, :] / np.where(apart == 0, 1.0, apart)).prod(axis=1))
     return sp.csr_array((values, (rows, columns)), shape=(len(line.s), count))
 
 
@@ -246,10 +242,3 @@ def _stencil(first, count, closed, kinks):
     size = int(min(STENCIL, high - low + 1, count))
     start = int(min(max(first - (size - 2) // 2, low), high - size + 1))
     return list(range(start, start + size))
-
-
-def _lagrange(at, s):
-    """Weights of the values ``at`` a few parameters in that of their polynomial at ``s``."""
-    apart = at[:, None] - at[None, :]
-    factors = np.where(np.eye(len(at), dtype=bool), 1.0, (s - at)[None, :] / np.where(apart == 0, 1.0, apart))
-    return factors.prod(axis=1)

@@ -72,11 +72,7 @@ def squares(plate: Plate, spacing: float) -> tuple[Int[np.ndarray, "2"], Float[n
     return counts, size / counts
 
 
-def make_background(
-    plate: Plate,
-    spacing: float,
-    refined: Sequence[tuple[np.ndarray, Float[np.ndarray, " _"]]] = (),
-) -> Background:
+def make_background(plate: Plate, spacing: float, refined: Sequence[tuple[np.ndarray, Float[np.ndarray, " _"]]] = ()) -> Background:
     """``Background`` of squares nearly ``spacing`` wide (mm), each halved until its side is below those of all strips that it touches.
 
     Where the strips have symmetries of the square, the squares have them too: what a strip only touches is halved with all its images.
@@ -113,8 +109,9 @@ def with_images(plate: Plate, strips: np.ndarray, values: Float[np.ndarray, " m"
 
 def _large_squares(strips, below, low, side, counts):
     """Per k the squares of the k-th halving that touch a strip whose squares are to be smaller."""
-    halved, square = [], np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
-    matrices = _symmetries(strips, side, counts)
+    halved, square = [], np.argwhere(np.ones(counts))
+    found = symmetries_of(shapely.get_coordinates(shapely.centroid(strips)), SAME * side.max())
+    matrices = [m for m, _ in found if np.array_equal(np.abs(m) @ counts, counts) and np.allclose(np.abs(m) @ side, side)]
     while True:
         size = side / 2 ** len(halved)
         narrow = strips[below <= size.max() * (1 + 1e-9)]
@@ -135,19 +132,12 @@ def _large_squares(strips, below, low, side, counts):
         square = (2 * square[:, None] + _CORNERS).reshape(-1, 2)
 
 
-def _symmetries(strips, side, counts):
-    """Matrices (2, 2) of the symmetries of the square that the centres of the strips have."""
-    found = symmetries_of(shapely.get_coordinates(shapely.centroid(strips)), SAME * side.max())
-    return [m for m, _ in found if np.array_equal(np.abs(m) @ counts, counts) and np.allclose(np.abs(m) @ side, side)]
-
-
 def _corners(counts, halved, periodic):
     """Vertices (b, 2) of the squares that are not halved, in steps of the finest grid, and the loops of vertex numbers around them.
 
     A vertex on a periodic edge has an image on the opposite one.
     """
-    rings, square = [], np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
-    finest = len(halved)
+    rings, square, finest = [], np.argwhere(np.ones(counts)), len(halved)
     for k in range(finest + 1):
         again = np.isin(square @ [counts[1] * 2**k, 1], halved[k]) if k < finest else np.zeros(len(square), dtype=bool)
         rings.append((square[~again][:, None] + _CORNERS) * 2 ** (finest - k))

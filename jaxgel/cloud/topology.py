@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 from .._types import Float, Int
 from ..geometry import Frame, Plate, edge_lines, inside_holes, periods
 from .cells import SNAP, Partition, partition
-from .curves import Curves, curves_of, middles
+from .curves import Curves, curves_of
+from .edges import find_rows
 from .ligaments import find_ligaments
 from .morph import Morph, make_morph
 from .outlines import OUTLINE_SEGMENTS, Lines, Outline, on_lines
@@ -91,19 +92,27 @@ class Topology:
         return with_images(self.plate, *find_ligaments(self.lines, OUTLINE_SEGMENTS))
 
     def middles(self, edges: Int[np.ndarray, "e 2"]) -> tuple[Int[np.ndarray, "e 3"], Float[np.ndarray, "e 3"]]:
-        """Vertex numbers and weights that give the middle of every edge, see ``curves.middles``."""
-        part, uncut = self.partition, len(self.partition.vertices) - len(self.partition.cut_segments)
-        segments = np.concatenate([np.full(uncut, -1), part.cut_segments])
-        return middles(edges, self.curves, segments, np.concatenate([np.zeros(uncut), part.cut_fractions]))
+        """Vertex numbers and weights of the middle of every edge: on the parabola of an edge along an outline, half-way elsewhere."""
+        part, curves = self.partition, self.curves
+        numbers, weights = edges[:, [0, 1, 1]], np.tile([0.5, 0.5, 0.0], (len(edges), 1))
+        if len(curves.ends) == 0:
+            return numbers, weights
+        uncut = len(part.vertices) - len(part.cut_segments)
+        segment_of = np.concatenate([np.full(uncut, -1), part.cut_segments])
+        fraction_of = np.concatenate([np.zeros(uncut), part.cut_fractions])
+        segment = segment_of[edges].max(axis=1)
+        segment = np.where(segment >= 0, segment, find_rows(np.sort(curves.ends), np.sort(edges)))  # the segment that is the edge, if any
+        own, cut = curves.ends[segment, :, None] == edges[:, None], segment_of[edges] == segment[:, None]
+        at_ends = np.where(own[:, 0], 0.0, np.where(own[:, 1], 1.0, np.nan))
+        middle = np.where(cut, fraction_of[edges], at_ends).mean(axis=1)
+        on = (segment >= 0) & np.isfinite(middle)
+        numbers[on], weights[on] = curves.points(segment[on], middle[on])
+        return numbers, weights
 
     @functools.cached_property
     def morph(self) -> Morph:
         """How the background follows the outlines, ``morph.Morph``."""
-        n, lines, ends = self.n_background, self.lines.both, []
-        for o in lines:
-            ends += [(o.arc.start_edge, o.vertices[0] - n), (o.arc.end_edge, o.vertices[-1] - n)]
-        nodes, outline = np.concatenate([o.nodes for o in lines]) - n, np.concatenate([o.points for o in lines])
-        return make_morph(self.plate, self.background.vertices, outline, nodes, ends)
+        return make_morph(self.background.vertices, self.lines)
 
     @functools.cached_property
     def traces(self) -> sp.csr_array:
@@ -132,12 +141,16 @@ def assemble(
     """``Topology`` of a background and the sampled ``lines`` of a plate, that ``given`` in its ``frame``; arguments as its fields."""
     plate, lines = lines.plate, lines.numbered(len(background.vertices))
     curves, points = curves_of(lines.both), np.concatenate([np.zeros((0, 2)), *(line.points for line in lines.both)])
-    part = partition(background.vertices, background.loops, curves.ends - len(background.vertices), points, lines.regions)
-    part = _with_cuts_on_curves(part, curves)
+    part = partition(background, points, curves.ends, lines.regions)
+    at, weights = curves.points(part.cut_segments, part.cut_fractions)
+    part.vertices[len(part.vertices) - len(at) :] = np.einsum("pk,pki->pi", weights, part.vertices[at])  # from chords to the curves
     taken = inside_holes(plate, background.vertices, 1e-9 * spacing)
     taken |= on_lines(lines.interfaces, background.vertices, SNAP * spacing)
     node_vertices = np.concatenate([np.flatnonzero(~taken), *(line.nodes for line in lines.both)])
-    nodes = part.vertices[node_vertices]
+    nodes, edge_nodes = part.vertices[node_vertices], {}
+    for edge, (axis, coordinate) in edge_lines(plate).items():
+        on = np.flatnonzero(np.abs(nodes[:, axis] - coordinate) < 1e-9 * spacing)
+        edge_nodes[edge] = on[np.argsort(nodes[on, 1 - axis])]
     return Topology(
         lines=lines,
         given=given,
@@ -151,7 +164,7 @@ def assemble(
         node_regions=_node_regions(nodes, lines),
         node_vertices=node_vertices,
         node_spacing=_graded(nodes, spacing / 2.0 ** background.fewest_halvings(nodes), periods(plate)),
-        edge_nodes=_edge_nodes(plate, nodes, 1e-9 * spacing),
+        edge_nodes=edge_nodes,
     )
 
 
@@ -165,14 +178,6 @@ def _node_regions(nodes, lines):
     return found
 
 
-def _with_cuts_on_curves(part, curves):
-    """The partition with its cut points on the ``curves`` instead of on their chords."""
-    at, weights = curves.points(part.cut_segments, part.cut_fractions)
-    vertices = part.vertices.copy()
-    vertices[len(vertices) - len(at) :] = np.einsum("pk,pki->pi", weights, vertices[at])
-    return dataclasses.replace(part, vertices=vertices)
-
-
 def _graded(nodes, spacing, along):
     """Spacings (n,) of the nodes (n, 2), raised near larger ones so that none falls by more than ``GRADING`` times the distance.
 
@@ -183,12 +188,3 @@ def _graded(nodes, spacing, along):
         distance = cKDTree(places[spacing == size], boxsize=along if along.any() else None).query(places)[0]
         graded = np.maximum(graded, size - GRADING * distance)
     return graded
-
-
-def _edge_nodes(plate, nodes, tolerance):
-    """Node numbers on each edge of the plate, ordered along the edge."""
-    found = {}
-    for edge, (axis, coordinate) in edge_lines(plate).items():
-        on = np.flatnonzero(np.abs(nodes[:, axis] - coordinate) < tolerance)
-        found[edge] = on[np.argsort(nodes[on, 1 - axis])]
-    return found

@@ -41,11 +41,10 @@ def triangulate(
 def _alike(vertices, loops, images):
     """Triangles (t, 3) of the pieces, their pieces (t,) and the pairs (k, 2) that are quadrilaterals, alike for a piece and its images."""
     source, by, mirrors = np.arange(len(loops)), np.full(len(loops), -1), [[] for _ in loops]
-    corners = [np.concatenate(loop) for loop in loops]
-    pieces = {frozenset(own.tolist()): piece for piece, own in enumerate(corners)}
-    for piece, own in enumerate(corners):
+    pieces = {frozenset(np.concatenate(loop).tolist()): piece for piece, loop in enumerate(loops)}
+    for own, piece in pieces.items():
         for number, image in enumerate(images if source[piece] == piece else ()):
-            target = pieces.get(frozenset(image[own].tolist()), -1)  # none: round-off may cut a cell in other pieces than its images
+            target = pieces.get(frozenset(image[list(own)].tolist()), -1)  # none: round-off may cut a cell in other pieces than its images
             if target == piece:
                 mirrors[piece].append(image)
             elif target > piece and source[target] == target:
@@ -88,3 +87,11 @@ def signed_areas(vertices: Float[np.ndarray, "v 2"], triangles: Int[np.ndarray, 
     """Areas (t,) of triangles, positive where they run anticlockwise."""
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
     return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
+
+
+def centroids(
+    vertices: Float[np.ndarray, "v 2"], triangles: Int[np.ndarray, "t 3"], areas: Float[np.ndarray, " t"], owner: Int[np.ndarray, " t"]
+) -> Float[np.ndarray, "c 2"]:
+    """Centroids (c, 2) of what every owner has of the triangles with these ``areas``."""
+    moments = [np.bincount(owner, areas * vertices[triangles][:, :, i].mean(axis=1)) for i in range(2)]
+    return np.stack(moments, axis=1) / np.bincount(owner, areas)[:, None]

@@ -97,70 +97,58 @@ def _starts_and_middles(vertices, ends, at, weights):
 
 
 @once_per_owner
+@jax.ensure_compile_time_eval()  # made of numbers, also inside jit
 def make_connectivity(topology: Topology, basis: str, dmax: float, skin: float) -> Connectivity:
     """``Connectivity`` of the patches of a cloud; nodes that come closer by ``skin`` (mm) are listed too.
 
     Raises ValueError where a point has too few neighbours for the basis.
     """
-    with jax.ensure_compile_time_eval():  # made of numbers, also inside jit
-        return _connected(topology, basis, dmax, skin)
-
-
-def _connected(topology, basis, dmax, skin):
-    part, quadrature = topology.partition, topology.quadrature
+    part, quadrature, support = topology.partition, topology.quadrature, dmax * topology.node_spacing
     patch_of_cell, linear = patches(topology)
-    contour = _contour(topology, patch_of_cell)
-    inner, on_edge = np.asarray(quadrature.points(part.vertices)), np.asarray(contour.points(part.vertices))
-    support = dmax * topology.node_spacing
-    points, cells = np.concatenate([inner, on_edge]), np.concatenate([quadrature.owner, np.repeat(contour.cell, 2)])
+    ends, cell = part.contour_edges
+    owner, middles = patch_of_cell[cell], topology.middles(ends)
+    inner, on_edge = np.asarray(quadrature.points(part.vertices)), np.asarray(_starts_and_middles(part.vertices, ends, *middles))
+    points, cells = np.concatenate([inner, on_edge]), np.concatenate([quadrature.owner, np.repeat(cell, 2)])
     regions = part.region_of_cell[cells]
     _check_support(topology, points, regions, support, basis)
-    point_owner = patch_of_cell[quadrature.owner]
-    on_interfaces, traces = _traces(topology, contour)
-    trace_owner = contour.owner[on_interfaces // 2]
-    also = trace_owner[traces.coords[0]], traces.coords[1]
+    on_interfaces, traces = _traces(topology, ends, cell, middles)
+    row, trace_node = traces.coords
+    trace_owner = owner[on_interfaces // 2]
+    also = trace_owner[row], trace_node
     nodes, supports = pad_nodes(*reaching_nodes(topology, points, patch_of_cell[cells], regions, support, skin, also), support)
+    trace_weights = np.zeros((len(trace_owner), nodes.shape[1]))
+    trace_weights[row, (nodes[also[0]] == trace_node[:, None]).argmax(axis=1)] = traces.data
 
-    groups = _groups_of_similar_size(linear, quadrature.owner, patch_of_cell)
-    end_nodes = plate_edge_ends(topology, contour.ends)
-    listed = (nodes[contour.owner][:, None, :] == end_nodes[:, :, None]) & (supports[contour.owner] > 0)[:, None, :]
+    end_nodes = plate_edge_ends(topology, ends)
+    listed = (nodes[owner][:, None, :] == end_nodes[:, :, None]) & (supports[owner] > 0)[:, None, :]
     edge_ends = np.where(listed.any(axis=2), listed.argmax(axis=2), -1)
     if np.any((edge_ends < 0) != (end_nodes < 0)):
         raise Inadmissible(f"dmax: {dmax} is too small for the supports to reach along the plate's edges; use a larger one")
-    outer = np.flatnonzero(opposite_edges(contour.ends, contour.owner) < 0)  # the others have a cell of the patch on either side
-    numbers = tuple(np.where(rows >= 0, outer[rows], -1) for rows in _rows_of(contour.owner[outer], len(linear), groups))
-    found = (on_interfaces, _in_lists(traces, trace_owner, nodes)) if topology.interfaces else None
-    contour = dataclasses.replace(contour, edge_ends=edge_ends, numbers=numbers, on_interfaces=found)
-    points_of = _rows_of(point_owner, len(linear), groups)
-    return Connectivity(topology, nodes, supports, patch_of_cell, linear, quadrature.owner, points_of, groups, contour)
+    groups = _groups_of_similar_size(linear, quadrature.owner, patch_of_cell)
+    outer = np.flatnonzero(opposite_edges(ends, owner) < 0)  # the others have a cell of the patch on either side
+    contour = Contour(
+        ends=ends,
+        middles=middles,
+        cell=cell,
+        owner=owner,
+        following=find_rows(*(np.stack([cell, vertex], axis=1) for vertex in ends.T)),
+        edge_ends=edge_ends,
+        numbers=tuple(np.where(rows >= 0, outer[rows], -1) for rows in _rows_of(owner[outer], len(linear), groups)),
+        on_interfaces=(on_interfaces, trace_weights) if topology.interfaces else None,
+    )
+    numbers = _rows_of(patch_of_cell[quadrature.owner], len(linear), groups)
+    return Connectivity(topology, nodes, supports, patch_of_cell, linear, quadrature.owner, numbers, groups, contour)
 
 
-def _contour(topology, patch_of_cell):
-    """``Contour`` of the cells, without what depends on node lists."""
-    part = topology.partition
-    ends, cell = part.contour_edges
-    following = find_rows(*(np.stack([cell, vertex], axis=1) for vertex in ends.T))
-    return Contour(ends, topology.middles(ends), cell, patch_of_cell[cell], following, np.full_like(ends, -1), ())
-
-
-def _traces(topology, contour):
+def _traces(topology, ends, cell, middles):
     """Numbers (k,) of the contour's points on interfaces, starts of edges at their vertices and all points of edges along them, and the
     matrix (k, n) from nodal values to the traces there.
     """
-    part, ends = topology.partition, contour.ends
-    region, traces, other = part.region_of_cell[contour.cell], topology.traces, opposite_edges(ends)
+    region, traces, other, (at, weights) = topology.partition.region_of_cell[cell], topology.traces, opposite_edges(ends), middles
     along = np.flatnonzero((other >= 0) & (region != region[other]))
-    starts, (at, weights) = np.flatnonzero(np.diff(traces.indptr)[ends[:, 0]]), contour.middles
+    starts = np.flatnonzero(np.diff(traces.indptr)[ends[:, 0]])
     middle = sum(traces[at[along, k]].multiply(weights[along, k, None]) for k in range(3))
     return np.concatenate([2 * starts, 2 * along + 1]), sp.vstack([traces[ends[starts, 0]], middle]).tocoo()
-
-
-def _in_lists(traces, owner, nodes):
-    """The weights (k, a) of a matrix (k, n) of ``traces`` in the node lists of the ``owner`` (k,) of each."""
-    row, node = traces.coords
-    found = np.zeros((len(owner), nodes.shape[1]))
-    found[row, (nodes[owner[row]] == node[:, None]).argmax(axis=1)] = traces.data
-    return found
 
 
 def _rows_of(owner, count, groups):

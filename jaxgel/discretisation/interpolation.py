@@ -50,10 +50,7 @@ class Interpolation:
 
 
 def interpolate(
-    cloud: Cloud,
-    points: Float[Array, "p 2"],
-    neighbours: tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]],
-    basis: str,
+    cloud: Cloud, points: Float[Array, "p 2"], neighbours: tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]], basis: str
 ) -> Interpolation:
     """``Interpolation`` at points with their lists of ``neighbours``, see ``neighbours_of_points``."""
     lists, supports = neighbours

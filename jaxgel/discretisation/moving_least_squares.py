@@ -28,7 +28,7 @@ _VANISHING = 1e-11  # pivot over its diagonal entry: round-off of singular momen
 
 def n_monomials(basis: str) -> int:
     """Number of monomials of the complete real basis: 3 for ``"linear"``, 6 for ``"quadratic"``."""
-    return _number(_order(basis))
+    return len(_exponents(_order(basis)))
 
 
 def shape_functions(
@@ -227,11 +227,6 @@ def _coordinates(x, y, kind):
 
 def _exponents(degree):
     return [(total - j, j) for total in range(degree + 1) for j in range(total + 1)]
-
-
-def _number(degree):
-    """Number of monomials up to a degree."""
-    return (degree + 1) * (degree + 2) // 2
 
 
 def _monomials(u, v, degree):
