@@ -7,7 +7,7 @@ from .cloud import Cloud, make_cloud, place
 from .edges import boundary_edges, find_rows, opposite_edges
 from .ligaments import find_ligaments
 from .morph import thin_plate_matrix
-from .outlines import OUTLINE_SEGMENTS, Lines, Outline, loop, sample_lines
+from .outlines import OUTLINE_SEGMENTS, Outline, loop, sample_lines
 from .quadrature import EDGE_POINTS
 from .quadtree import make_background
 from .topology import GRADING, Topology, assemble
@@ -20,7 +20,6 @@ __all__ = [
     "OUTLINE_SEGMENTS",
     "SLIVER",
     "Cloud",
-    "Lines",
     "Outline",
     "Topology",
     "assemble",

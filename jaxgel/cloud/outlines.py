@@ -7,7 +7,6 @@ sums of nodal values are the one trace that fields have from both sides.
 """
 
 import dataclasses
-import functools
 import itertools
 
 import numpy as np
@@ -84,38 +83,27 @@ class Lines:
     """The ``Outline`` of every arc of a hole, hole by hole."""
     interfaces: tuple[Outline, ...]
     """The same of the regions; their vertices follow those of the holes."""
+    gel: shapely.Geometry
+    """The dry gel as a shapely polygon: the plate less each hole's fine polygon."""
+    regions: list[shapely.Geometry]
+    """The dry gel of every region as shapely polygons, first that outside all of them."""
 
     @property
     def both(self) -> tuple[Outline, ...]:
         """Outlines and interfaces."""
         return self.outlines + self.interfaces
 
-    @functools.cached_property
-    def gel(self) -> shapely.Geometry:
-        """The dry gel as a shapely polygon: the plate less each hole's fine polygon."""
-        plate = self.plate
-        box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
-        return shapely.difference(box, shapely.union_all(_polygons(self.outlines)))
-
-    @functools.cached_property
-    def regions(self) -> list[shapely.Geometry]:
-        """The dry gel of every region as shapely polygons, first that outside all of them."""
-        own = _polygons(self.interfaces)
-        found = [shapely.difference(self.gel, shapely.union_all(own)), *(shapely.intersection(self.gel, polygon) for polygon in own)]
-        shapely.prepare(found)
-        return found
-
     def halved(self, background: Background) -> "Lines":
         """The lines with intervals between nodes halved as the squares around them are."""
-        plate, regions = self.plate, self.plate.with_regions_as_holes
-        outlines = tuple(_outline(plate, o.arc, _halved(plate, o, background)) for o in self.outlines)
-        return Lines(plate, outlines, tuple(_interface(regions, o.arc, _halved(regions, o, background)) for o in self.interfaces))
+        inner = self.plate.with_regions_as_holes
+        outlines = [(o.arc, _halved(self.plate, o, background)) for o in self.outlines]
+        return _lines(self.plate, outlines, [(o.arc, _halved(inner, o, background)) for o in self.interfaces])
 
     def numbered(self, first: int) -> "Lines":
         """The lines with their vertices numbered from ``first`` on."""
-        starts = np.cumsum([first, *(len(line.s) for line in self.both)]).tolist()
+        starts, k = np.cumsum([first, *(len(line.s) for line in self.both)]).tolist(), len(self.outlines)
         lines = tuple(dataclasses.replace(line, first=start) for line, start in zip(self.both, starts[:-1], strict=True))
-        return Lines(self.plate, lines[: len(self.outlines)], lines[len(self.outlines) :])
+        return dataclasses.replace(self, outlines=lines[:k], interfaces=lines[k:])
 
 
 def sample_lines(plate: Plate, nodes_per_hole: int, side: float) -> Lines:
@@ -123,10 +111,19 @@ def sample_lines(plate: Plate, nodes_per_hole: int, side: float) -> Lines:
 
     A side between two corners has at least one interval.
     """
-    regions = plate.with_regions_as_holes
-    outlines = [_outline(plate, arc, _ends(plate, arc, _intervals_of_hole(nodes_per_hole, plate, arc))) for arc in arcs(plate)]
-    interfaces = [_interface(regions, arc, _ends(regions, arc, _intervals_of_length(side, regions, arc))) for arc in arcs(regions)]
-    return Lines(plate, tuple(outlines), tuple(interfaces))
+    inner = plate.with_regions_as_holes
+    outlines = [(arc, _ends(plate, arc, _intervals_of_hole(nodes_per_hole, plate, arc))) for arc in arcs(plate)]
+    return _lines(plate, outlines, [(arc, _ends(inner, arc, _intervals_of_length(side, inner, arc))) for arc in arcs(inner)])
+
+
+def _lines(plate, outlines, interfaces):
+    """``Lines`` from pairs of an arc and the shares of it at which intervals between nodes end."""
+    inner, box = plate.with_regions_as_holes, shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
+    outlines, interfaces = tuple(_outline(plate, *each) for each in outlines), tuple(_interface(inner, *each) for each in interfaces)
+    gel, own = shapely.difference(box, shapely.union_all(_polygons(outlines))), _polygons(interfaces)
+    regions = [shapely.difference(gel, shapely.union_all(own)), *(shapely.intersection(gel, polygon) for polygon in own)]
+    shapely.prepare(regions)
+    return Lines(plate, outlines, interfaces, gel, regions)
 
 
 def on_lines(lines: tuple[Outline, ...], where: Float[np.ndarray, "p 2"], tolerance: float) -> Bool[np.ndarray, " p"]:

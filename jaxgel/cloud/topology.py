@@ -15,7 +15,7 @@ from .curves import Curves, curves_of
 from .edges import find_rows
 from .ligaments import find_ligaments
 from .morph import Morph, make_morph
-from .outlines import OUTLINE_SEGMENTS, Lines, Outline, on_lines
+from .outlines import OUTLINE_SEGMENTS, Lines, on_lines
 from .quadrature import Quadrature, cell_quadrature
 from .quadtree import Background, with_images
 
@@ -23,11 +23,9 @@ GRADING = 0.75  # slope of the node spacing between large squares and small ones
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Topology:
-    """What does not move with the holes; NumPy arrays, hashed by identity."""
+class Topology(Lines):
+    """The sampled outlines with what is made of them, all that does not move with the holes; NumPy arrays, hashed by identity."""
 
-    lines: Lines
-    """The sampled outlines of the reference plate, in the ``frame`` that is computed."""
     given: Plate
     """The reference plate as given; the same unless an edge of a periodic cell was moved, see `geometry.frame_of`."""
     frame: Frame
@@ -54,21 +52,6 @@ class Topology:
     """Edge of the plate -> numbers of the nodes on it, in order along it."""
 
     @property
-    def plate(self) -> Plate:
-        """The reference plate, in the ``frame`` that is computed."""
-        return self.lines.plate
-
-    @property
-    def outlines(self) -> tuple[Outline, ...]:
-        """The ``Outline`` of every arc of a hole."""
-        return self.lines.outlines
-
-    @property
-    def interfaces(self) -> tuple[Outline, ...]:
-        """The same of the regions; their vertices follow those of the holes."""
-        return self.lines.interfaces
-
-    @property
     def n_background(self) -> int:
         """Number of background vertices."""
         return len(self.background.vertices)
@@ -89,7 +72,7 @@ class Topology:
         """Strips of gel (m,) between outlines or an edge, from node to node, and their widths (m,), mm; see ``ligaments``."""
         if not self.outlines:
             return np.empty(0, object), np.empty(0)
-        return with_images(self.plate, *find_ligaments(self.lines, OUTLINE_SEGMENTS))
+        return with_images(self.plate, *find_ligaments(self, OUTLINE_SEGMENTS))
 
     def middles(self, edges: Int[np.ndarray, "e 2"]) -> tuple[Int[np.ndarray, "e 3"], Float[np.ndarray, "e 3"]]:
         """Vertex numbers and weights of the middle of every edge: on the parabola of an edge along an outline, half-way elsewhere."""
@@ -112,7 +95,7 @@ class Topology:
     @functools.cached_property
     def morph(self) -> Morph:
         """How the background follows the outlines, ``morph.Morph``."""
-        return make_morph(self.background.vertices, self.lines)
+        return make_morph(self.background.vertices, self)
 
     @functools.cached_property
     def traces(self) -> sp.csr_array:
@@ -131,7 +114,7 @@ class Topology:
         """The region (p,) of each point (p, 2) of the reference plate, numbered as those of cells; on an outline the one inside it."""
         found = np.zeros(len(points), dtype=int)
         for number in range(1, len(self.plate.regions) + 1):
-            found[shapely.dwithin(self.lines.regions[number], shapely.points(points), SNAP * self.spacing)] = number
+            found[shapely.dwithin(self.regions[number], shapely.points(points), SNAP * self.spacing)] = number
         return found
 
 
@@ -152,7 +135,7 @@ def assemble(
         on = np.flatnonzero(np.abs(nodes[:, axis] - coordinate) < 1e-9 * spacing)
         edge_nodes[edge] = on[np.argsort(nodes[on, 1 - axis])]
     return Topology(
-        lines=lines,
+        **vars(lines),
         given=given,
         frame=frame,
         spacing=spacing,

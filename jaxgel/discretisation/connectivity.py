@@ -205,7 +205,7 @@ def _check_support(topology, points, regions, support, basis):
 
 def refuse_ligament(topology: Topology, place: Float[np.ndarray, " 2"], reach: float) -> None:
     """ValueError that names the narrow ligament within ``reach``, mm, of a place without usable shape functions, if there is one."""
-    ligament = narrow_ligament(topology.lines, topology.spacing, place, reach)
+    ligament = narrow_ligament(topology, topology.spacing, place, reach)
     if ligament:
         raise Inadmissible(
             f"holes: a ligament of {ligament} is too narrow for the spacing {topology.spacing:g} mm; move the outlines apart, "

@@ -8,7 +8,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from jaxgel import core_rotation, discretise, make_cloud, sample, sweep, uniaxial_swelling
-from jaxgel.cloud import GRADING, OUTLINE_SEGMENTS, Cloud, Lines, assemble, find_ligaments, make_background, place, sample_lines
+from jaxgel.cloud import GRADING, OUTLINE_SEGMENTS, Cloud, assemble, find_ligaments, make_background, place, sample_lines
 from jaxgel.geometry import Circle, Plate, Rectangle, frame_of
 
 SPACING = 22 / 30  # mm; one or two grid lines cross the 1 mm ligaments of the samples
@@ -114,7 +114,7 @@ def test_neighbouring_squares_differ_by_one_halving_at_most():
 def test_patch_test_stays_exact_where_a_square_is_refined(basis, region):
     plate = sample("square")
     background = make_background(plate, plate.spacing, [(np.array([shapely.box(*region)]), np.array([0.05]))])
-    topology = assemble(plate, frame_of(plate), Lines(plate, (), ()), background, plate.spacing, 0, None)
+    topology = assemble(plate, frame_of(plate), sample_lines(plate, 0, 1.0), background, plate.spacing, 0, None)
     cloud = Cloud(plate, jnp.asarray(topology.partition.vertices), topology)
     assert len(cloud.nodes) > 120  # 49 without refinement
     mu = np.linspace(-4.9, 0, 6)
