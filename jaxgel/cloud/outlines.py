@@ -126,6 +126,32 @@ def _lines(plate, outlines, interfaces):
     return Lines(plate, outlines, interfaces, gel, regions)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Curves:
+    """The fine segments of outlines, two to a parabola, which are curved sides of cells; its points are sums of its three vertices."""
+
+    ends: Int[np.ndarray, "s 2"]
+    """Vertex numbers of the ends of each segment."""
+    vertices: Int[np.ndarray, "s 3"]
+    """Vertex numbers of its parabola."""
+    start: Float[np.ndarray, " s"]
+    """Parameter of its first end on the parabola: 0 or 1/2."""
+
+    def points(self, segment: Int[np.ndarray, " p"], fraction: Float[np.ndarray, " p"]) -> tuple[np.ndarray, np.ndarray]:
+        """Vertex numbers (p, 3) and weights (p, 3) of the points at a ``fraction`` of their ``segment``."""
+        t = self.start[segment] + fraction / 2
+        return self.vertices[segment], np.stack([(1 - t) * (1 - 2 * t), 4 * t * (1 - t), t * (2 * t - 1)], axis=-1)
+
+
+def curves_of(outlines: tuple[Outline, ...]) -> Curves:
+    """``Curves`` of all outlines."""
+    lines = [loop(outline) for outline in outlines]
+    first = [np.arange(len(line) - 1) // 2 * 2 for line in lines]
+    ends = np.concatenate([np.zeros((0, 2), int), *(np.stack([line[:-1], line[1:]], axis=1) for line in lines)])
+    vertices = np.concatenate([np.zeros((0, 3), int), *(line[k[:, None] + np.arange(3)] for line, k in zip(lines, first, strict=True))])
+    return Curves(ends, vertices, np.concatenate([np.zeros(0), *(np.arange(len(k)) % 2 / 2 for k in first)]))
+
+
 def on_lines(lines: tuple[Outline, ...], where: Float[np.ndarray, "p 2"], tolerance: float) -> Bool[np.ndarray, " p"]:
     """Whether each place (p, 2) is within ``tolerance`` mm of one of the lines."""
     if not lines:

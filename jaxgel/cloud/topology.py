@@ -11,11 +11,10 @@ from scipy.spatial import cKDTree
 from .._types import Float, Int
 from ..geometry import Frame, Plate, edge_lines, inside_holes, periods
 from .cells import SNAP, Partition, partition
-from .curves import Curves, curves_of
 from .edges import find_rows
 from .ligaments import find_ligaments
 from .morph import Morph, make_morph
-from .outlines import OUTLINE_SEGMENTS, Lines, on_lines
+from .outlines import OUTLINE_SEGMENTS, Curves, Lines, curves_of, on_lines
 from .quadrature import Quadrature, cell_quadrature
 from .quadtree import Background, with_images
 
@@ -131,6 +130,11 @@ def assemble(
     taken |= on_lines(lines.interfaces, background.vertices, SNAP * spacing)
     node_vertices = np.concatenate([np.flatnonzero(~taken), *(line.nodes for line in lines.both)])
     nodes, edge_nodes = part.vertices[node_vertices], {}
+    node_regions = np.zeros((len(nodes), 2), dtype=int)
+    for number, polygon in enumerate(lines.regions[1:], start=1):
+        node_regions[shapely.intersects(polygon, shapely.points(nodes))] = number
+    on_interfaces = [(0, line.arc.hole + 1) for line in lines.interfaces for _ in line.nodes]  # their nodes come last
+    node_regions[len(nodes) - len(on_interfaces) :] = np.reshape(on_interfaces, (-1, 2))
     for edge, (axis, coordinate) in edge_lines(plate).items():
         on = np.flatnonzero(np.abs(nodes[:, axis] - coordinate) < 1e-9 * spacing)
         edge_nodes[edge] = on[np.argsort(nodes[on, 1 - axis])]
@@ -144,21 +148,11 @@ def assemble(
         background=background,
         partition=part,
         curves=curves,
-        node_regions=_node_regions(nodes, lines),
+        node_regions=node_regions,
         node_vertices=node_vertices,
         node_spacing=_graded(nodes, spacing / 2.0 ** background.fewest_halvings(nodes), periods(plate)),
         edge_nodes=edge_nodes,
     )
-
-
-def _node_regions(nodes, lines):
-    """The two regions (n, 2) of each node; those on interfaces come last."""
-    found = np.zeros((len(nodes), 2), dtype=int)
-    for number, polygon in enumerate(lines.regions[1:], start=1):
-        found[shapely.intersects(polygon, shapely.points(nodes))] = number
-    on_interfaces = [line.arc.hole + 1 for line in lines.interfaces for _ in line.nodes]
-    found[len(nodes) - len(on_interfaces) :] = np.stack([np.zeros_like(on_interfaces), on_interfaces], axis=1)
-    return found
 
 
 def _graded(nodes, spacing, along):

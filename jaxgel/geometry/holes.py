@@ -16,13 +16,10 @@ from .hole import Hole, pytree
 
 
 class _Radial:
-    """Outline in polar form about ``centre``, turned by ``angle`` where the kind has one."""
+    """Outline in polar form about ``centre``, turned by ``angle`` where the kind has one.
 
-    centre: Float[Array, "2"]
-
-    def radius_at(self, phi: Scalar) -> Float[Array, ""]:
-        """Distance of the outline from the centre, mm, at the polar angle ``phi`` in the hole's own axes."""
-        raise NotImplementedError
+    ``radius_at(phi)`` is its distance from the centre, mm, at the polar angle ``phi`` in the hole's own axes.
+    """
 
     def point(self, t: Scalar) -> Float[Array, "2"]:
         phi = 2 * jnp.pi * t
