@@ -60,9 +60,8 @@ def across_regions(lines: Lines, spacing: float) -> tuple[np.ndarray, Float[np.n
 def sides_of(plate: Plate) -> list[shapely.LineString]:
     """The sides of the plate, shapely LineStrings in the order of ``geometry.EDGES``; an empty one for a periodic edge."""
     w, h = plate.width / 2, plate.height / 2
-    left, right, bottom, top = [(-w, -h), (-w, h)], [(w, -h), (w, h)], [(-w, -h), (w, -h)], [(-w, h), (w, h)]
-    ends = zip(EDGES, (left, right, bottom, top), strict=True)
-    return [shapely.LineString() if plate.edges[edge] == "periodic" else shapely.LineString(side) for edge, side in ends]
+    ends = {"left": [(-w, -h), (-w, h)], "right": [(w, -h), (w, h)], "bottom": [(-w, -h), (w, -h)], "top": [(-w, h), (w, h)]}
+    return [shapely.LineString([] if plate.edges[edge] == "periodic" else ends[edge]) for edge in EDGES]
 
 
 def _with_images(plate, gel):

@@ -41,6 +41,8 @@ class Topology(Lines):
     """Cells of the reference plate."""
     curves: Curves
     """The curved sides of cells."""
+    nodes: Float[np.ndarray, "n 2"]
+    """Node positions on the reference plate, mm."""
     node_regions: Int[np.ndarray, "n 2"]
     """The regions that each node belongs to, numbered as those of cells: two on an interface, otherwise twice the same."""
     node_vertices: Int[np.ndarray, " n"]
@@ -148,6 +150,7 @@ def assemble(
         background=background,
         partition=part,
         curves=curves,
+        nodes=nodes,
         node_regions=node_regions,
         node_vertices=node_vertices,
         node_spacing=_graded(nodes, spacing / 2.0 ** background.fewest_halvings(nodes), periods(plate)),

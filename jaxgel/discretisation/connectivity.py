@@ -172,8 +172,7 @@ def _groups_of_similar_size(linear, owner, patch_of_cell):
 
 def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, "e 2"]:
     """The two nodes between which each contour edge on an edge of the plate lies; -1 for free edges and inside the plate."""
-    plate, vertices = topology.plate, topology.partition.vertices
-    nodes = vertices[topology.node_vertices]
+    plate, nodes, vertices = topology.plate, topology.nodes, topology.partition.vertices
     ends = np.full((len(edges), 2), -1)
     for edge, (axis, coordinate) in edge_lines(plate).items():
         if plate.edges[edge] == "free":
@@ -188,10 +187,10 @@ def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np
 
 def _check_support(topology, points, regions, support, basis):
     """ValueError, which names the first point, for points within the supports of fewer nodes of their region than the basis needs."""
-    every, need = topology.partition.vertices[topology.node_vertices], n_monomials(basis) + 1
+    need = n_monomials(basis) + 1
     for region in np.unique(regions):
         own = (topology.node_regions == region).any(axis=1)
-        nodes, reach, inside = every[own], support[own], points[regions == region]
+        nodes, reach, inside = topology.nodes[own], support[own], points[regions == region]
         distance, index = cKDTree(nodes).query(inside, k=need)
         index = np.minimum(index, len(nodes) - 1)  # a missing neighbour is infinitely far
         for x, y in inside[(distance >= reach[index]).any(axis=1)]:

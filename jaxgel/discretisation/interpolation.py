@@ -1,6 +1,4 @@
-"""Shape functions at points of a cloud.
-
-Each point has the list of the nodes whose supports reach it, padded with support 0.
+"""Shape functions at points of a cloud, each of which has the list of the nodes whose supports reach it, padded with support 0.
 
 Index letters: ``p`` point, ``a`` node of a list, ``l`` list, ``i j`` space.
 """

@@ -38,7 +38,7 @@ def reaching_nodes(
     ``points`` lie on the reference plate, in these ``regions``, whose nodes alone reach them; ``owner`` numbers count from 0. ``also`` are
     owners and nodes that these list in any case.
     """
-    nodes = topology.partition.vertices[topology.node_vertices]
+    nodes = topology.nodes
     pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max() + skin, output_type="ndarray")
     pairs = pairs[pairs["v"] < support[pairs["j"]] + skin]
     if topology.interfaces:

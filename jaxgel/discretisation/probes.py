@@ -1,7 +1,4 @@
-"""Shape functions where fields are read: at material points, on the horizontal midline of the dry plate and at its core point.
-
-Each point has the list of the nodes whose supports reach it, padded with support 0.
-"""
+"""Shape functions where fields are read: at material points, on the horizontal midline of the dry plate and at its core point."""
 
 import dataclasses
 
@@ -28,9 +25,8 @@ class NodalField:
 
     It belongs to the model's cloud as that was made, on its reference plate. As the parameter of a gel it moves with the nodes: where a
     design moves holes, each point of the material keeps its value, as with `materials.WithHoles`. On another cloud, a finer one for
-    instance, it is read where that cloud's points are on its own reference plate.
-    The shape functions are those of the model: values at nodes and
-    polynomials of the basis are reproduced. Raises ValueError for another number of values than the model has nodes.
+    instance, it is read where that cloud's points are on its own reference plate. Values at nodes and polynomials of the basis are
+    reproduced. Raises ValueError for another number of values than the model has nodes.
 
     >>> import jax.numpy as jnp
     >>> import jaxgel
@@ -67,14 +63,13 @@ class NodalField:
     def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
         """Value at one position X (2,), mm, which may be traced; all nodes of all regions are looked at: see ``at`` for many positions."""
         topology, basis, dmax = self._shape_functions
-        return shape_functions(X, _reference_nodes(topology), dmax * topology.node_spacing, basis=basis, kind="imls") @ jnp.asarray(
-            self.values
-        )
+        phi = shape_functions(X, topology.nodes, dmax * topology.node_spacing, basis=basis, kind="imls")
+        return phi @ jnp.asarray(self.values)
 
     def at(self, points: Float[Array, "p 2"]) -> Float[Array, " p"]:
         """Values at many ``points``, mm, which must be numbers: their neighbours are searched on the host. nan away from the nodes."""
         topology, basis, dmax = self._shape_functions
-        points, nodes = np.asarray(points, dtype=float), _reference_nodes(topology)
+        points, nodes = np.asarray(points, dtype=float), topology.nodes
         with jax.ensure_compile_time_eval():  # numbers, also inside jit
             found = neighbours_of_points(topology, dmax, points, 0.0)
             lists, supports = (np.pad(part, ((0, 0), (0, 1))) for part in found)  # one column at least
@@ -86,19 +81,14 @@ class NodalField:
         return jnp.where(reached, values, jnp.nan)
 
 
-def _reference_nodes(topology):
-    return topology.partition.vertices[topology.node_vertices]
-
-
 def make_probe(model: Model, points: Float[Array, "p 2"], reference_points: Float[Array, "p 2"] | None = None) -> Interpolation:
     """``Interpolation`` at material points of the dry plate, mm.
 
     ``points`` may be traced if ``reference_points``, their values on the reference plate, are given.
     """
-    reference_points = np.asarray(points if reference_points is None else reference_points)
-    topology = model.cloud.topology
-    neighbours = neighbours_of_points(topology, model.dmax, reference_points, SKIN * topology.spacing * is_moved(model.cloud))
-    return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis)
+    reference_points, cloud = np.asarray(points if reference_points is None else reference_points), model.cloud
+    neighbours = neighbours_of_points(cloud.topology, model.dmax, reference_points, SKIN * cloud.spacing * is_moved(cloud))
+    return interpolate(cloud, jnp.asarray(points), neighbours, model.basis)
 
 
 def midline_probe(model: Model) -> Interpolation:
@@ -122,10 +112,8 @@ def core_probe(model: Model) -> Interpolation:
 @once_per_owner
 def _midline(topology: Topology, dmax: float):
     """Points (p, 2) of the gel on the midline, mm, and their neighbour lists."""
-    plate = topology.plate
-    x = plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS)
-    points = np.stack([x, np.zeros_like(x)], axis=1)
-    points = points[~inside_holes(plate, points, -1e-9 * topology.spacing)]
+    points = np.stack([topology.plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS), np.zeros(MIDLINE_POINTS)], axis=1)
+    points = points[~inside_holes(topology.plate, points, -1e-9 * topology.spacing)]
     return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing)
 
 
@@ -135,8 +123,7 @@ def _core(topology: Topology, dmax: float):
 
     In a hole it is replaced by a point of the gel: 0 times nan would spoil every reverse derivative.
     """
-    plate = topology.plate
-    core = np.array([(0.0, 0.0) if plate.core is None else plate.core])
-    in_hole = bool(inside_holes(plate, core)[0])
+    core = np.array([topology.plate.core or (0.0, 0.0)])
+    in_hole = bool(inside_holes(topology.plate, core)[0])
     points = _midline(topology, dmax)[0][:1] if in_hole else core
     return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing), in_hole

@@ -78,10 +78,7 @@ class Hole:
         raise NotImplementedError
 
     def excess(self, x: Float[Array, "2"]) -> Float[Array, ""]:
-        """How far outside the hole the point ``x`` lies, in mm; negative inside.
-
-        Measured along the ray from the hole's centre, for straight-sided holes across the sides.
-        """
+        """How far outside the hole the point ``x`` lies, mm, along the ray from its centre or across its sides; negative inside."""
         raise NotImplementedError
 
     def area(self) -> Float[Array, ""]:
