@@ -1,7 +1,7 @@
 """The node cloud of a plate and its integration cells, which follow the holes."""
 
 from .cells import SLIVER, partition
-from .checks import narrow_ligament
+from .checks import refuse_ligament
 from .clearance import CLEARANCE
 from .cloud import Cloud, make_cloud, place
 from .edges import boundary_edges, find_rows, opposite_edges
@@ -30,10 +30,10 @@ __all__ = [
     "loop",
     "make_background",
     "make_cloud",
-    "narrow_ligament",
     "opposite_edges",
     "partition",
     "place",
+    "refuse_ligament",
     "sample_lines",
     "signed_areas",
     "thin_plate_matrix",

@@ -59,12 +59,18 @@ def check_ligaments(lines: Lines, spacing: float, nodes: Float[np.ndarray, "n 2"
             )
 
 
-def narrow_ligament(lines: Lines, spacing: float, place: Float[np.ndarray, " 2"], reach: float) -> str:
-    """The narrowest ligament within ``reach`` of a place, mm, in words, if it is below ``NARROW`` spacings; else an empty text."""
+def refuse_ligament(lines: Lines, spacing: float, place: Float[np.ndarray, " 2"], reach: float) -> None:
+    """ValueError that names the narrowest ligament within ``reach`` of a place without usable shape functions, mm, if there is one that
+    is below ``NARROW`` spacings.
+    """
     point = shapely.Point(place)
     near = [(line.length, name, other) for name, other, line in _shortest_lines(lines) if line.distance(point) < reach]
     width, name, other = min(near, default=(np.inf, "", ""))
-    return f"{width:.3g} mm between {name} and {other}" if width < NARROW * spacing else ""
+    if width < NARROW * spacing:
+        raise Inadmissible(
+            f"holes: a ligament of {width:.3g} mm between {name} and {other} is too narrow for the spacing {spacing:g} mm; move the "
+            "outlines apart, or across the edge, or use a smaller spacing"
+        )
 
 
 def _shortest_lines(lines):

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
-from ..cloud import EDGE_POINTS, Topology, find_rows, narrow_ligament, opposite_edges
+from ..cloud import EDGE_POINTS, Topology, find_rows, opposite_edges, refuse_ligament
 from ..geometry import edge_lines
 from .moving_least_squares import n_monomials
 from .neighbours import pad_nodes, pad_rows, reaching_nodes
@@ -193,20 +193,10 @@ def _check_support(topology, points, regions, support, basis):
         nodes, reach, inside = topology.nodes[own], support[own], points[regions == region]
         distance, index = cKDTree(nodes).query(inside, k=need)
         index = np.minimum(index, len(nodes) - 1)  # a missing neighbour is infinitely far
-        for x, y in inside[(distance >= reach[index]).any(axis=1)]:
-            if np.sum(np.linalg.norm(nodes - (x, y), axis=1) < reach) < need:  # farther nodes may reach
-                refuse_ligament(topology, (x, y), reach.max())
+        for place in inside[(distance >= reach[index]).any(axis=1)]:
+            if np.sum(np.linalg.norm(nodes - place, axis=1) < reach) < need:  # farther nodes may reach
+                refuse_ligament(topology, topology.spacing, place, reach.max())
                 raise Inadmissible(
-                    f"dmax: a support of {reach.max():.3g} mm reaches fewer than {need} nodes at the point ({x:.4g}, {y:.4g}), "
-                    f"too few for the {basis} basis; use a larger dmax or a smaller spacing"
+                    f"dmax: a support of {reach.max():.3g} mm reaches fewer than {need} nodes at the point ({place[0]:.4g}, "
+                    f"{place[1]:.4g}), too few for the {basis} basis; use a larger dmax or a smaller spacing"
                 )
-
-
-def refuse_ligament(topology: Topology, place: Float[np.ndarray, " 2"], reach: float) -> None:
-    """ValueError that names the narrow ligament within ``reach``, mm, of a place without usable shape functions, if there is one."""
-    ligament = narrow_ligament(topology, topology.spacing, place, reach)
-    if ligament:
-        raise Inadmissible(
-            f"holes: a ligament of {ligament} is too narrow for the spacing {topology.spacing:g} mm; move the outlines apart, "
-            "or across the edge, or use a smaller spacing"
-        )

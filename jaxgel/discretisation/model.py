@@ -16,9 +16,9 @@ import numpy as np
 from .._memo import once_per_owner
 from .._types import Array, Float, Int, Scalar
 from .._validation import Inadmissible, check_kind, one_of
-from ..cloud import Cloud, Topology
+from ..cloud import Cloud, Topology, refuse_ligament
 from ..linalg import SOLVERS
-from .connectivity import Connectivity, make_connectivity, refuse_ligament
+from .connectivity import Connectivity, make_connectivity
 from .consistency import consistent_gradients
 from .interpolation import Interpolation, interpolate
 from .moving_least_squares import BASES
@@ -183,7 +183,7 @@ def _check_reproduction(model):
         if len(bad):
             x, y = nodes[block.nodes[bad[0, 0], 0]]
             stencil = nodes[np.unique(block.nodes[bad[0, 0]])]
-            refuse_ligament(topology, stencil.mean(axis=0), np.ptp(stencil, axis=0).max() / 2)
+            refuse_ligament(topology, topology.spacing, stencil.mean(axis=0), np.ptp(stencil, axis=0).max() / 2)
             raise Inadmissible(
                 f"dmax: {model.dmax} is too small for the {model.basis} basis near the point ({x:.4g}, {y:.4g}): its neighbours lie on "
                 "too few lines; use a larger dmax or a smaller spacing"

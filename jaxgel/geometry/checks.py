@@ -69,25 +69,20 @@ def _checked_outlines(plate, name, box, touch):
             raise Inadmissible(f"{where}: it lies outside the plate, |x| <= {plate.width / 2:g}, |y| <= {plate.height / 2:g}; move it in")
         if shape.contains(box):
             raise Inadmissible(f"{where}: it covers the whole plate of {plate.width:g} x {plate.height:g} mm; make it smaller")
-        _check_sides_along_edges(plate, outline, where, touch)
-        _check_touched_edges(plate, shape, where, touch)
+        _check_edges(plate, outline, shape, where, touch)
     return found
 
 
-def _check_sides_along_edges(plate, hole, where, touch):
-    """Refuse a straight side on the plate's edge: whether the edge cuts it is not defined once the hole moves."""
-    if not hole.corners:
-        return
-    corners = np.asarray(outline_points(hole, np.asarray(hole.corners)))
+def _check_edges(plate, hole, shape, where, touch):
+    """Refuse a straight side on the plate's edge, of which it is not defined whether the edge cuts it once the hole moves, and a polygon
+    that touches an edge without crossing it.
+    """
+    corners = np.asarray(outline_points(hole, np.asarray(hole.corners))) if hole.corners else np.zeros((0, 2))
     on_edge = np.abs(outward(plate, corners)) < touch
     for side in np.flatnonzero((on_edge & np.roll(on_edge, -1, axis=0)).any(axis=1)):
         middle = (corners[side] + corners[(side + 1) % len(corners)]) / 2
         if outward(plate, middle[None]).max() < touch:
             raise Inadmissible(f"{where}: its side {side} lies along the plate's edge; move it across the edge or away from it")
-
-
-def _check_touched_edges(plate, shape, where, touch):
-    """Refuse a polygon that touches an edge without crossing it."""
     points = shapely.get_coordinates(shape)
     half, beyond = np.array([plate.width, plate.height]) / 2, outward(plate, points)
     for column, (edge, (axis, _)) in enumerate(edge_lines(plate).items()):
