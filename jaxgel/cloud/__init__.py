@@ -1,15 +1,17 @@
 """The node cloud of a plate and its integration cells, which follow the holes."""
 
-from .cells import SLIVER, boundary_edges, partition
-from .checks import narrow_ligament
+from .cells import SLIVER, partition
+from .checks import refuse_ligament
 from .clearance import CLEARANCE
 from .cloud import Cloud, make_cloud, place
+from .edges import boundary_edges, find_rows, opposite_edges
 from .ligaments import find_ligaments
 from .morph import thin_plate_matrix
-from .outlines import OUTLINE_SEGMENTS, Outline, loop
+from .outlines import OUTLINE_SEGMENTS, Outline, loop, sample_lines
 from .quadrature import EDGE_POINTS
 from .quadtree import make_background
 from .topology import GRADING, Topology, assemble
+from .triangles import centroids, signed_areas
 
 __all__ = [
     "CLEARANCE",
@@ -22,12 +24,17 @@ __all__ = [
     "Topology",
     "assemble",
     "boundary_edges",
+    "centroids",
     "find_ligaments",
+    "find_rows",
     "loop",
     "make_background",
     "make_cloud",
-    "narrow_ligament",
+    "opposite_edges",
     "partition",
     "place",
+    "refuse_ligament",
+    "sample_lines",
+    "signed_areas",
     "thin_plate_matrix",
 ]

@@ -9,18 +9,19 @@ square, the cells have them too.
 import dataclasses
 import functools
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
 from .._types import Float, Int
-from ..geometry import SYMMETRIES
-from .outlines import SNAP
-from .triangles import nearest_points, signed_areas, triangulate
+from .edges import contour_edges, opposite_edges
+from .images import symmetries_of
+from .quadtree import Background
+from .triangles import centroids, signed_areas, triangulate
 
 SLIVER = 0.3  # pieces below this fraction of their background square join the neighbour with the longest common edge
+SNAP = 1e-7  # points closer than this times the spacing are one vertex
 EQUAL = 1e-6  # relative difference of two common edges that are equally long
 
 
@@ -55,25 +56,24 @@ class Partition:
 
 
 def partition(
-    background: Float[np.ndarray, "b 2"],
-    squares: list[Int[np.ndarray, " _"]],
-    outline_loops: Int[np.ndarray, "s 2"],
+    background: Background,
     outline_vertices: Float[np.ndarray, "o 2"],
-    regions: Sequence[shapely.Geometry],
+    segments: Int[np.ndarray, "s 2"],
+    regions: list[shapely.Geometry],
 ) -> Partition:
     """Partition of the polygons ``regions`` (shapely) by the background squares.
 
-    ``background`` (b, 2) are grid vertices, ``squares`` a list of vertex loops into it (anticlockwise, hanging vertices included),
-    ``outline_vertices`` (o, 2) the fine outline vertices, ``outline_loops`` their segments (s, 2) as numbers into it.
+    The numbers of the fine ``outline_vertices`` (o, 2), between which the ``segments`` (s, 2) of all outlines lie, follow those of the
+    background.
     """
-    known = np.concatenate([background, outline_vertices])
-    segments = np.asarray(outline_loops, dtype=int).reshape(-1, 2) + len(background)
+    known, squares = np.concatenate([background.vertices, outline_vertices]), background.loops
     lines = shapely.STRtree(shapely.linestrings(known[segments]))
     around = np.array([*squares, None], dtype=object)[:-1]  # an array of arrays, also if all loops are equally long
-    boxes = _polygons(background, around)
+    corners = shapely.linearrings(known[np.concatenate(squares)], indices=np.repeat(np.arange(len(squares)), list(map(len, squares))))
+    boxes = shapely.polygons(corners)
     tolerance = SNAP * np.sqrt(np.median(shapely.area(boxes)))
     if len(regions) > 1:
-        regions = [_on_grid_lines(gel, background, tolerance) for gel in regions]
+        regions = [_on_grid_lines(gel, background.vertices, tolerance) for gel in regions]
     region = np.full(len(boxes), -1)  # of whole squares
     for number, gel in enumerate(regions):
         shapely.prepare(gel)
@@ -86,7 +86,10 @@ def partition(
     solid = np.array([len(np.unique(loop[0])) > 2 for loop in loops], dtype=bool)  # others are thinner than the tolerance
     loops, square = [[loop] for loop in around[whole]] + list(itertools.compress(loops, solid)), square[solid]
     region = np.concatenate([region[whole], owner[solid]])  # of pieces
-    images = _images(vertices, loops, tolerance)
+    used, images = np.unique(np.concatenate([ring for loop in loops for ring in loop])), []
+    for _, image in symmetries_of(vertices[used], tolerance):
+        images.append(np.zeros(len(vertices), dtype=int))
+        images[-1][used] = used[image]
     triangles, piece_of_triangle, quadrilaterals = triangulate(vertices, loops, images)
     squares_area = shapely.area(np.concatenate([boxes[whole], boxes[square]]))
     cell_of_triangle = _merge_slivers(vertices, triangles, piece_of_triangle, squares_area, region, images)
@@ -100,27 +103,10 @@ def _on_grid_lines(gel, background, tolerance):
 
     def snapped(points):
         lines = [np.unique(along) for along in background.T]
-        nearest = [line[nearest_points(line[:, None], along[:, None])[0]] for line, along in zip(lines, points.T, strict=True)]
+        nearest = [line[cKDTree(line[:, None]).query(along[:, None])[1]] for line, along in zip(lines, points.T, strict=True)]
         return np.where(np.abs(points.T - nearest) < tolerance, nearest, points.T).T
 
     return shapely.transform(gel, snapped)
-
-
-def _images(vertices, loops, tolerance):
-    """For each symmetry of the square that the vertices of the loops have, the vertex (v,) to which it takes each of them."""
-    used, found = np.unique(np.concatenate([ring for loop in loops for ring in loop])), []
-    for matrix in SYMMETRIES.values():
-        image, distance = nearest_points(vertices[used], vertices[used] @ np.array(matrix, dtype=float).T)
-        if distance < tolerance:
-            found.append(np.zeros(len(vertices), dtype=int))
-            found[-1][used] = used[image]
-    return found
-
-
-def _polygons(vertices, loops):
-    """Shapely polygons around the loops of vertex numbers."""
-    owner = np.repeat(np.arange(len(loops)), [len(loop) for loop in loops])
-    return shapely.polygons(shapely.linearrings(vertices[np.concatenate(loops)], indices=owner))
 
 
 def _clip(boxes, numbers, gel):
@@ -137,47 +123,32 @@ def _number_vertices(pieces, known, segments, lines, tolerance):
 
     Background vertices on an outline have no say: they would not follow it.
     """
-    rings = [[np.asarray(ring.coords)[:-1] for ring in (p.exterior, *p.interiors)] for p in pieces]
-    coordinates = np.concatenate([ring for piece in rings for ring in piece] + [np.zeros((0, 2))])
+    rings, owner = shapely.get_rings(pieces, return_index=True)
+    coordinates, ring = shapely.get_coordinates(rings, return_index=True)
     on_outline = lines.query(shapely.points(known), predicate="dwithin", distance=tolerance)[0]
     usable = np.union1d(np.setdiff1d(np.arange(len(known)), on_outline), segments)
     distance, nearest = cKDTree(known[usable]).query(coordinates)
     number, fresh = usable[nearest], distance > tolerance
-    cuts, inverse = _unique_points(coordinates[fresh], tolerance)
-    number[fresh] = len(known) + inverse
-    cut_segments, cut_fractions = _locate_on_segments(cuts, known, segments, lines, tolerance)
-
-    loops, start = [], 0
-    for piece in rings:
-        numbered = []
-        for ring in piece:
-            loop = number[start : start + len(ring)]
-            start += len(ring)
-            numbered.append(loop[loop != np.roll(loop, 1)])
-        loops.append(numbered)
-    return np.concatenate([known, cuts]), loops, cut_segments, cut_fractions
-
-
-def _unique_points(points, tolerance):
-    """Representatives (u, 2) of clusters of coinciding points and the cluster (n,) of each point."""
-    if len(points) == 0:
-        return np.zeros((0, 2)), np.zeros(0, dtype=int)
-    first = np.arange(len(points))
-    for i, j in cKDTree(points).query_pairs(10 * tolerance):
+    first = np.arange(fresh.sum())  # of the points that coincide with each one
+    for i, j in cKDTree(coordinates[fresh]).query_pairs(10 * tolerance):
         first[max(i, j)] = min(first[max(i, j)], first[min(i, j)])
-    representatives, inverse = np.unique(first, return_inverse=True)
-    return points[representatives], inverse
+    first, inverse = np.unique(first, return_inverse=True)
+    cuts, number[fresh] = coordinates[fresh][first], len(known) + inverse
+    cut_segments, cut_fractions = _locate_on_segments(cuts, known, segments, lines, tolerance)
+    loops = [[] for _ in pieces]
+    for piece, closed in zip(owner, np.split(number, np.flatnonzero(np.diff(ring)) + 1), strict=False):
+        loop = closed[:-1]
+        loops[piece].append(loop[loop != np.roll(loop, 1)])
+    return np.concatenate([known, cuts]), loops, cut_segments, cut_fractions
 
 
 def _locate_on_segments(cuts, known, segments, lines, tolerance):
     """Number of the outline segment (n,) and fraction (n,) of each cut point."""
-    if len(cuts) == 0:
-        return np.zeros(0, dtype=int), np.zeros(0)
     _, nearest = lines.query_nearest(shapely.points(cuts), all_matches=False)
     ends = segments[nearest]
     along = known[ends[:, 1]] - known[ends[:, 0]]
     fraction = np.einsum("ni,ni->n", cuts - known[ends[:, 0]], along) / np.einsum("ni,ni->n", along, along)
-    off = np.abs(known[ends[:, 0]] + fraction[:, None] * along - cuts).max()
+    off = np.abs(known[ends[:, 0]] + fraction[:, None] * along - cuts).max(initial=0.0)
     if off > 100 * tolerance:
         raise RuntimeError(f"partition: a clipped vertex lies {off:.1e} off every hole outline; please report this plate")
     return nearest, fraction
@@ -192,8 +163,13 @@ def _merge_slivers(vertices, triangles, piece_of_triangle, square_area, region, 
     area = np.bincount(piece_of_triangle, areas)
     small = area < SLIVER * square_area
     root = np.arange(len(area))
-    common = _common_edges(vertices, *contour_edges(triangles, piece_of_triangle), small)
-    moves = _piece_images(vertices, triangles, piece_of_triangle, areas, images) if small.any() else []
+    edges, owner = contour_edges(triangles, piece_of_triangle)
+    beyond, length = opposite_edges(edges), np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+    common = {}  # small piece -> [(neighbour, length of a common edge)]
+    for edge in np.flatnonzero((beyond >= 0) & small[owner]):
+        common.setdefault(owner[edge], []).append((owner[beyond[edge]], length[edge]))
+    tree = cKDTree(centroids(vertices, triangles, areas, piece_of_triangle))
+    moves = [tree.query(centroids(vertices, image[triangles], areas, piece_of_triangle))[1] for image in images if small.any()]
     done = np.zeros(len(area), dtype=bool)
     for piece in np.flatnonzero(small)[np.argsort(area[small])]:
         if done[piece] or area[piece] >= SLIVER * square_area[piece]:
@@ -215,47 +191,3 @@ def _merge_slivers(vertices, triangles, piece_of_triangle, square_area, region, 
                 area[two] += area[one]
                 root[root == one] = two
     return np.unique(root[piece_of_triangle], return_inverse=True)[1]
-
-
-def _piece_images(vertices, triangles, piece, areas, images):
-    """For each symmetry of the vertices the piece (p,) to which it takes each piece."""
-
-    def centres(corners):
-        return np.stack(
-            [np.bincount(piece, areas * vertices[corners][:, :, i].mean(axis=1)) / np.bincount(piece, areas) for i in range(2)], 1
-        )
-
-    return [nearest_points(centres(triangles), centres(image[triangles]))[0] for image in images]
-
-
-def _common_edges(vertices, edges, owner, small):
-    """Small piece -> [(neighbour, length of a common edge)]."""
-    n = len(vertices)
-    key, reverse = edges @ [n, 1], edges @ [1, n]
-    order = np.argsort(key)
-    at = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
-    chosen = np.flatnonzero((key[at] == reverse) & small[owner])
-    length = np.linalg.norm(vertices[edges[chosen, 1]] - vertices[edges[chosen, 0]], axis=1)
-    common = {}
-    for piece, other, size in zip(owner[chosen], owner[at[chosen]], length, strict=True):
-        common.setdefault(piece, []).append((other, size))
-    return common
-
-
-def contour_edges(triangles: Int[np.ndarray, "t 3"], owner: Int[np.ndarray, " t"]) -> tuple[np.ndarray, np.ndarray]:
-    """Directed edges (e, 2) of the contours of all owners of triangles, vertex numbers with the gel on the left, and the owners (e,)."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    owners = np.tile(owner, 3)
-    n = triangles.max() + 1
-    key = (owners * n + edges[:, 0]) * n + edges[:, 1]
-    reverse = (owners * n + edges[:, 1]) * n + edges[:, 0]
-    outer = ~np.isin(reverse, key)
-    order = np.argsort(owners[outer], kind="stable")
-    return edges[outer][order], owners[outer][order]
-
-
-def boundary_edges(triangles: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "e 2"]:
-    """Edges that belong to one triangle only."""
-    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    return unique[count == 1]

@@ -1,19 +1,15 @@
 """What a cloud is refused for: unusable sizes, and ligaments that its spacing leaves empty."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
 from .._types import Float
 from .._validation import Inadmissible
-from ..geometry import EDGES, Plate, image_offsets, periods
-from .ligaments import sides
-from .outlines import OUTLINE_SEGMENTS, loop
-
-if TYPE_CHECKING:
-    from .topology import Topology
+from ..geometry import EDGES, Plate, periods
+from .images import translated
+from .ligaments import sides_of
+from .outlines import OUTLINE_SEGMENTS, Lines
 
 NARROW = 0.5  # spacings: width of a ligament that may be why shape functions cannot be made next to it
 MAX_NODES = 1_000_000  # of a cloud: a model of a million nodes takes tens of gigabytes
@@ -48,43 +44,43 @@ def check_sizes(plate: Plate, spacing: float | None, nodes_per_hole: int | None,
     return spacing, nodes_per_hole
 
 
-def check_ligaments(topology: "Topology") -> None:
-    """Refuse a cloud with a ligament narrower than the spacing and no node in it."""
-    part, n = topology.partition, topology.n_background
-    free = topology.node_vertices[topology.node_vertices < n]
-    tree, along = cKDTree(part.vertices[free]) if len(free) else None, periods(topology.plate)
-    for name, other_name, line in _shortest_lines(topology):
-        if line.length >= topology.spacing:
+def check_ligaments(lines: Lines, spacing: float, nodes: Float[np.ndarray, "n 2"]) -> None:
+    """Refuse a ligament narrower than the ``spacing`` with none of the ``nodes`` (n, 2) of the background in it."""
+    tree, along = cKDTree(nodes) if len(nodes) else None, periods(lines.plate)
+    for name, other_name, line in _shortest_lines(lines):
+        if line.length >= spacing:
             continue
         middle = np.asarray(line.centroid.coords)[0]
         middle -= along * np.round(middle / np.where(along > 0, along, 1.0))
-        if tree is None or tree.query(middle)[0] > topology.spacing:
+        if tree is None or tree.query(middle)[0] > spacing:
             raise Inadmissible(
-                f"spacing: {topology.spacing:g} mm leaves no node in the {line.length:.3g} mm ligament between {name} and {other_name}; "
+                f"spacing: {spacing:g} mm leaves no node in the {line.length:.3g} mm ligament between {name} and {other_name}; "
                 f"use a spacing below {line.length:.3g}"
             )
 
 
-def narrow_ligament(topology: "Topology", place: Float[np.ndarray, " 2"], reach: float) -> str:
-    """The narrowest ligament within ``reach`` of a place, mm, in words, if it is below ``NARROW`` spacings; else an empty text."""
+def refuse_ligament(lines: Lines, spacing: float, place: Float[np.ndarray, " 2"], reach: float) -> None:
+    """ValueError that names the narrowest ligament within ``reach`` of a place without usable shape functions, mm, if there is one that
+    is below ``NARROW`` spacings.
+    """
     point = shapely.Point(place)
-    near = [(line.length, name, other) for name, other, line in _shortest_lines(topology) if line.distance(point) < reach]
+    near = [(line.length, name, other) for name, other, line in _shortest_lines(lines) if line.distance(point) < reach]
     width, name, other = min(near, default=(np.inf, "", ""))
-    return f"{width:.3g} mm between {name} and {other}" if width < NARROW * topology.spacing else ""
+    if width < NARROW * spacing:
+        raise Inadmissible(
+            f"holes: a ligament of {width:.3g} mm between {name} and {other} is too narrow for the spacing {spacing:g} mm; move the "
+            "outlines apart, or across the edge, or use a smaller spacing"
+        )
 
 
-def _shortest_lines(topology):
+def _shortest_lines(lines):
     """(hole, hole or edge, line) of the shortest line across every ligament: not within one hole, nor from a cut hole to an edge.
 
     Of a periodic cell images of the holes count, those of a hole itself too.
     """
-    outlines = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(topology.partition.vertices[loop(o)])) for o in topology.outlines]
-    edges = [(f"the {edge} edge", line) for edge, line in zip(EDGES, sides(topology.plate), strict=True) if not line.is_empty]
-    images = [
-        (f"an image of {name}", shapely.transform(curve, lambda at, by=by: at + by))
-        for name, _, curve in outlines
-        for by in image_offsets(topology.plate)[1:]
-    ]
+    outlines = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(o.line)) for o in lines.outlines]
+    edges = [(f"the {edge} edge", line) for edge, line in zip(EDGES, sides_of(lines.plate), strict=True) if not line.is_empty]
+    images = [(f"an image of {name}", image) for name, _, curve in outlines for image in translated(lines.plate, curve)]
     for k, (name, closed, curve) in enumerate(outlines):
         others = [(other, line) for other, _, line in outlines[k + 1 :] if other != name] + (edges if closed else []) + images
         yield from ((name, other, shapely.shortest_line(curve, line)) for other, line in others)

@@ -8,9 +8,9 @@ import dataclasses
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .._types import Float
-from ..geometry import Plate, image_offsets, inside_holes
-from .outlines import OUTLINE_SEGMENTS, SNAP, Outline, on_lines, points_and_normals
+from ..geometry import image_offsets, inside_holes
+from .cells import SNAP
+from .outlines import OUTLINE_SEGMENTS, Lines, on_lines
 from .quadtree import Background
 
 CLEARANCE = 0.2  # least distance of a background vertex from an outline node, in sides of the largest square around it
@@ -18,26 +18,18 @@ ROUND_OFF = 1e-12  # of a unit vector
 EQUAL = 1e-9  # of a side: difference of two distances that are equal
 
 
-def with_clearance(
-    plate: Plate,
-    background: Background,
-    outlines: tuple[Outline, ...],
-    interfaces: tuple[Outline, ...],
-    points: Float[np.ndarray, "o 2"],
-) -> Background:
+def with_clearance(background: Background, lines: Lines) -> Background:
     """The background with its vertices in the gel moved to ``CLEARANCE`` from the nearest outline node, along the outline's normal there.
 
-    ``points`` (o, 2) are those of the fine outlines and ``interfaces``; from these vertices on either side are moved, but not those on
-    them.
-    Vertices on an edge of the plate stay on it; the plate's corners do not move. Of a periodic plate the images of the outline nodes
-    count, and vertices that face each other on opposite edges move alike.
+    From interfaces vertices on either side are moved, but not those on them. Vertices on an edge of the plate stay on it; the plate's
+    corners do not move. Of a periodic plate the images of the outline nodes count, and vertices that face each other on opposite edges
+    move alike.
     """
-    lines = outlines + interfaces
-    if not lines:
+    if not lines.both:
         return background
-    found = [points_and_normals(line, points, len(background.vertices), OUTLINE_SEGMENTS) for line in lines]
-    nodes, normals = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    first_on_interface, offsets = sum(len(o.vertices[::OUTLINE_SEGMENTS]) for o in outlines), image_offsets(plate)
+    nodes = np.concatenate([line.points[::OUTLINE_SEGMENTS] for line in lines.both])
+    normals = np.concatenate([line.normals(OUTLINE_SEGMENTS) for line in lines.both])
+    first_on_interface, offsets = sum(len(o.nodes) for o in lines.outlines), image_offsets(lines.plate)
     on_interface = np.tile(np.arange(len(nodes)) >= first_on_interface, len(offsets))
     nodes, normals = (nodes + offsets[:, None]).reshape(-1, 2), np.tile(normals, (len(offsets), 1))
     vertices, side = background.vertices, background.side.min()
@@ -45,8 +37,8 @@ def with_clearance(
     (distance, second), (nearest, other) = (part.T for part in cKDTree(nodes).query(vertices, k=2))
     free = distance < least * (1 - EQUAL)
     normals = normals[nearest] + np.where((second < distance + EQUAL * side)[:, None], normals[other], 0.0)  # between two as near: of both
-    free[free] = ~inside_holes(plate, vertices[free], 1e-9 * side)
-    free &= ~on_lines(interfaces, points, len(background.vertices), vertices, SNAP * side)
+    free[free] = ~inside_holes(lines.plate, vertices[free], 1e-9 * side)
+    free &= ~on_lines(lines.interfaces, vertices, SNAP * side)
     on_edge = np.abs(np.abs(vertices) + background.low) < 1e-9 * side
     free &= ~on_edge.all(axis=1)
     from_node, least = vertices[free] - nodes[nearest[free]], least[free]

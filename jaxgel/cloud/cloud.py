@@ -16,12 +16,18 @@ import numpy as np
 from .._programs import release_programs_where_crowded
 from .._types import Array, Float, Int
 from .._validation import check_kind
-from ..geometry import Plate, arc_points, reference_plate
-from .outlines import OUTLINE_SEGMENTS
-from .topology import Topology, make_topology
+from ..geometry import Plate, arc_points, check_plate, reference_plate
+from .checks import check_ligaments, check_sizes
+from .clearance import with_clearance
+from .ligaments import across_regions, find_ligaments
+from .outlines import OUTLINE_SEGMENTS, intervals, sample_lines
+from .quadtree import make_background, squares
+from .topology import Topology, assemble
+
+SQUARES_ACROSS = 2  # least number across a region: with the nodes on its outline three lines of nodes, for quadratic shape functions
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["plate", "vertices"], meta_fields=["topology"])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Cloud:
     """Nodes and cell vertices of one plate."""
@@ -30,7 +36,7 @@ class Cloud:
     """The plate on which the cloud is placed, as given."""
     vertices: Float[Array, "v 2"]
     """Positions of all cell vertices, mm, in the frame of the topology."""
-    topology: Topology
+    topology: Topology = dataclasses.field(metadata={"static": True})
     """Lists and the reference, static."""
 
     def __repr__(self) -> str:
@@ -40,7 +46,11 @@ class Cloud:
     @property
     def nodes(self) -> Float[Array, "n 2"]:
         """Node positions, mm."""
-        return _nodes(self.vertices, self.topology.node_vertices)
+        return self.positions(self.topology.node_vertices)
+
+    def positions(self, numbers: Int[np.ndarray, " p"]) -> Float[Array, "p 2"]:
+        """Positions of the vertices with these ``numbers``, mm."""
+        return _rows(self.vertices, numbers)
 
     @property
     def spacing(self) -> float:
@@ -62,44 +72,55 @@ class Cloud:
         return Cloud(plate, place(self.topology, plate), self.topology)
 
 
-def make_cloud(
-    plate: Plate,
-    *,
-    spacing: float | None = None,
-    nodes_per_hole: int | None = None,
-    across: int | None = None,
-) -> Cloud:
+def make_cloud(plate: Plate, *, spacing: float | None = None, nodes_per_hole: int | None = None, across: int | None = None) -> Cloud:
     """Node cloud of a plate: grid points ``spacing`` apart (mm) outside the holes, and ``nodes_per_hole`` on each whole hole.
 
-    Both default to the plate's own; a new spacing scales the number of nodes on the holes with it. ``across`` refines ligaments,
-    between holes and between a hole and an edge of the plate, until at least that many nodes lie across, those on the two outlines
-    (or on the edge) included: the spacing is halved, on the outlines too, until ``across`` - 2 grid lines cross the ligament. A plate
-    made by ``Plate.at`` is given the topology of the plate it came from, so that its parameters may be traced. Squares are
-    halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side, and grid points near an outline node are moved
-    away from it (``clearance``). The periodic edges of a plate may be
-    moved along with it, ``cloud.topology.frame``: its frame is arbitrary and must not cross a hole. Raises ValueError for an unusable
-    plate, a spacing that is not positive or leaves a ligament without a node, an ``across`` that is not at least 2, and where more than
-    ``quadtree.MAX_HALVINGS`` halvings are needed.
+    Both default to the plate's own; a new spacing scales the number of nodes on the holes with it. ``across`` halves the spacing, on the
+    outlines too, in ligaments between holes and between a hole and an edge of the plate until that many nodes lie across, those on the
+    outlines (or on the edge) included. Squares are halved, too, where more than ``outlines.CROWDED`` outline nodes lie to a side, and grid
+    points near an outline node are moved away from it (``clearance``). A plate made by ``Plate.at`` is given the topology of the plate it
+    came from, so that its parameters may be traced. Of a periodic plate the frame is arbitrary: edges that cross a hole are moved, see
+    ``cloud.topology.frame``. Raises ValueError for an unusable plate, an unusable spacing or one that leaves a ligament without a node, an
+    ``across`` below 2, and where more than ``quadtree.MAX_HALVINGS`` halvings are needed.
     """
     check_kind("plate", plate, Plate, "a Plate, such as Plate(4, 4, [Circle((0, 0), 1)])")
     release_programs_where_crowded()  # a new cloud needs new ones
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
-        topology = make_topology(reference, spacing, nodes_per_hole, across)
+        topology = _topology(reference, spacing, nodes_per_hole, across)
     cloud = Cloud(reference, jax.device_put(topology.partition.vertices), topology)
     return cloud if reference is plate else cloud.at(plate)
 
 
-def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
-    """Positions of all vertices for the holes of ``plate``; a pure function, smooth in every hole parameter.
+def _topology(given, spacing, nodes_per_hole, across):
+    """``Topology`` of a concrete plate; arguments and errors as of ``make_cloud``."""
+    frame = check_plate(given)
+    plate = frame.of(given)
+    spacing, nodes_per_hole = check_sizes(plate, spacing, nodes_per_hole, across)
+    lines, refined = sample_lines(plate, nodes_per_hole, squares(plate, spacing)[1].max()), []
+    if across is not None and across > 2 and lines.outlines:
+        strips, widths = find_ligaments(lines)
+        refined.append((strips, widths / (across - 2)))
+    if lines.interfaces:
+        strips, widths = across_regions(lines, spacing)
+        refined.append((strips, widths / SQUARES_ACROSS))
+    if refined:
+        lines = lines.halved(make_background(plate, spacing, refined))
+    background = make_background(plate, spacing, refined + [intervals(line) for line in lines.both])
+    background = with_clearance(background, lines)
+    topology = assemble(given, frame, lines, background, spacing, nodes_per_hole, across)
+    on_grid = topology.node_vertices[topology.node_vertices < topology.n_background]
+    check_ligaments(lines, spacing, background.vertices[on_grid])
+    return topology
 
-    They are those in the topology's ``frame``, which stays as it is.
-    """
+
+def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
+    """Positions of all vertices in the topology's ``frame`` for the holes of ``plate``; pure, smooth in every hole parameter."""
     plate = topology.frame.of(plate)
     part, n = topology.partition, topology.n_background
     on_outlines, regions = [arc_points(plate, o.arc, o.s) for o in topology.outlines], plate.with_regions_as_holes
-    for o, weights in zip(topology.interfaces, topology.along_interfaces, strict=True):
-        on_outlines.append(weights @ arc_points(regions, o.arc, o.s[::OUTLINE_SEGMENTS]))
+    for o in topology.interfaces:
+        on_outlines.append(o.trace.toarray() @ arc_points(regions, o.arc, o.s[::OUTLINE_SEGMENTS]))
     cuts = topology.curves.points(part.cut_segments, part.cut_fractions)
     return _carried(on_outlines, part.vertices, topology.morph if on_outlines else None, *cuts, n)
 
@@ -115,5 +136,5 @@ def _carried(outlines, vertices, morph, cut_vertices, cut_weights, n):
 
 
 @jax.jit
-def _nodes(vertices, numbers):
+def _rows(vertices, numbers):
     return vertices[numbers]

@@ -5,7 +5,6 @@ and the spline carries both displacements inwards. It is linear in the displacem
 """
 
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
@@ -14,12 +13,13 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from .._types import Array, Float, Int
-from ..geometry import Plate, edge_lines
+from ..geometry import edge_lines
+from .outlines import Lines
 
 REST = -1  # source of a displacement of zero: a corner of the plate
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["matrix", "nodes", "sources", "fraction", "axis"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Morph:
     """The linear map from the displacement of the outline vertices to that of the background vertices; a pytree of NumPy arrays."""
@@ -43,14 +43,13 @@ class Morph:
         return self.matrix @ jnp.concatenate([outline[self.nodes], slide])
 
 
-def make_morph(
-    plate: Plate, background: Float[np.ndarray, "b 2"], outline: Float[np.ndarray, "o 2"], nodes: np.ndarray, arc_ends: list
-) -> Morph:
-    """``Morph`` of the vertices ``background`` (b, 2) with the ``outline`` vertices (o, 2), of which the numbers ``nodes`` are nodes.
-
-    ``arc_ends`` lists the outline vertices that lie on an edge of the plate with their edge, as (edge, number).
-    """
-    length, (on_edges, *slides) = max(plate.width, plate.height), _edge_slides(plate, background, outline, arc_ends)
+def make_morph(background: Float[np.ndarray, "b 2"], lines: Lines) -> Morph:
+    """``Morph`` of the vertices ``background`` (b, 2) with the numbered ``lines``."""
+    plate, n, outline, ends = lines.plate, len(background), np.concatenate([line.points for line in lines.both]), []
+    for line in lines.both:
+        ends += [(line.arc.start_edge, line.vertices[0] - n), (line.arc.end_edge, line.vertices[-1] - n)]
+    nodes = np.concatenate([line.nodes for line in lines.both]) - n
+    length, (on_edges, *slides) = max(plate.width, plate.height), _edge_slides(plate, background, outline, ends)
     apart = cKDTree(outline[nodes]).query(background[on_edges])[0] > 1e-9 * length  # an outline may end on an edge of the plate vertex
     on_edges, sources, fraction, axis = (column[apart] for column in (on_edges, *slides))
     controls = np.concatenate([outline[nodes], background[on_edges]])
@@ -60,7 +59,7 @@ def make_morph(
 
 
 def _edge_slides(plate, background, outline, arc_ends):
-    """Wall vertices (w,) among the background, their sources (w, 2), fractions (w,) and axes (w,)."""
+    """Background vertices (w,) on edges, their sources (w, 2), fractions (w,) and axes (w,); ``arc_ends`` are (edge, outline vertex)."""
     size = np.array([plate.width, plate.height])
     corners = np.flatnonzero((np.abs(background) == size / 2).all(axis=1))
     found = [(corners, np.full((len(corners), 2), REST), np.zeros(len(corners)), np.zeros(len(corners), dtype=int))]

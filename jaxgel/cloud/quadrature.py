@@ -55,11 +55,8 @@ def _weights(vertices, corners, slopes, share):
 
 def cell_quadrature(partition: Partition) -> Quadrature:
     """``Quadrature`` of a ``Partition``."""
-    triangles, owner = partition.triangles, partition.cell_of_triangle
-    pairs = partition.quadrilaterals
-    rest = np.ones(len(triangles), dtype=bool)
-    rest[pairs] = False
-
+    triangles, owner, pairs = partition.triangles, partition.cell_of_triangle, partition.quadrilaterals
+    rest = np.setdiff1d(np.arange(len(triangles)), pairs)
     padded = np.concatenate([triangles[rest], triangles[rest][:, :1]], axis=1)
     r, s = _TRIANGLE.T
     slope = np.array([[-1.0, 1, 0, 0], [-1, 0, 1, 0]])

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
 
 from .._types import Bool, Float, Int
 from .._validation import Inadmissible
-from ..geometry import SYMMETRIES, Plate, image_offsets, periods
+from ..geometry import Plate, periods
+from .images import symmetries_of, translated
 
 MAX_HALVINGS = 8  # of a background square
 REACH = range(-2, 3)  # squares of each size are at least two abreast, so that a support spans few sizes
@@ -65,24 +65,25 @@ class Background:
         return np.min([self.halvings(points + 1e-6 * self.side * (2 * corner - 1)) for corner in _CORNERS], axis=0)
 
 
-def make_background(
-    plate: Plate,
-    spacing: float,
-    refined: Sequence[tuple[np.ndarray, Float[np.ndarray, " _"]]] = (),
-) -> Background:
+def squares(plate: Plate, spacing: float) -> tuple[Int[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Numbers of squares nearly ``spacing`` wide (mm) along x and y, and their sides, mm."""
+    size = np.array([plate.width, plate.height])
+    counts = np.maximum(1, np.round(size / spacing).astype(int))
+    return counts, size / counts
+
+
+def make_background(plate: Plate, spacing: float, refined: Sequence[tuple[np.ndarray, Float[np.ndarray, " _"]]] = ()) -> Background:
     """``Background`` of squares nearly ``spacing`` wide (mm), each halved until its side is below those of all strips that it touches.
 
     Where the strips have symmetries of the square, the squares have them too: what a strip only touches is halved with all its images.
     Of a periodic plate the images of the strips count, and squares at opposite edges are neighbours. ``refined`` are pairs of strips,
     shapely geometries (m,), and sides (m,), mm. Raises ValueError where that takes too many halvings.
     """
-    size = np.array([plate.width, plate.height])
-    counts = np.maximum(1, np.round(size / spacing).astype(int))
-    periodic = periods(plate) > 0
-    halved = []
+    size, periodic, halved = np.array([plate.width, plate.height]), periods(plate) > 0, []
+    counts, side = squares(plate, spacing)
     if refined:
         strips, sides = with_images(plate, *map(np.concatenate, zip(*refined, strict=True)))
-        halved = _large_squares(strips, sides, -size / 2, size / counts, counts)
+        halved = _large_squares(strips, sides, -size / 2, side, counts)
     for k in range(len(halved) - 1, 0, -1):  # a square may only be halved if all squares of its size around it exist
         square = np.stack(np.divmod(halved[k], counts[1] * 2**k), axis=1)
         near = np.concatenate([square + [i, j] for i in REACH for j in REACH])
@@ -93,14 +94,13 @@ def make_background(
     finest = counts * 2 ** len(halved)
     ticks = [np.linspace(-length / 2, length / 2, n + 1) for length, n in zip(size, finest, strict=True)]
     vertices = np.stack([ticks[i][vertices[:, i]] for i in range(2)], axis=1)
-    return Background(-size / 2, size / counts, counts, tuple(halved), vertices, loops, periodic)
+    return Background(-size / 2, side, counts, tuple(halved), vertices, loops, periodic)
 
 
 def with_images(plate: Plate, strips: np.ndarray, values: Float[np.ndarray, " m"]) -> tuple[np.ndarray, Float[np.ndarray, " _"]]:
     """The ``strips``, shapely geometries (m,), with those of their images in a periodic plate that meet it, and the values of all."""
     box, found = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2), [(strips, values)]
-    for by in image_offsets(plate)[1:]:
-        images = shapely.transform(strips, lambda at, by=by: at + by)
+    for images in translated(plate, strips):
         met = shapely.intersects(images, box)
         found.append((images[met], values[met]))
     strips, values = map(np.concatenate, zip(*found, strict=True))
@@ -109,8 +109,9 @@ def with_images(plate: Plate, strips: np.ndarray, values: Float[np.ndarray, " m"
 
 def _large_squares(strips, below, low, side, counts):
     """Per k the squares of the k-th halving that touch a strip whose squares are to be smaller."""
-    halved, square = [], np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
-    matrices = _symmetries(strips, side, counts)
+    halved, square = [], np.argwhere(np.ones(counts))
+    found = symmetries_of(shapely.get_coordinates(shapely.centroid(strips)), SAME * side.max())
+    matrices = [m for m, _ in found if np.array_equal(np.abs(m) @ counts, counts) and np.allclose(np.abs(m) @ side, side)]
     while True:
         size = side / 2 ** len(halved)
         narrow = strips[below <= size.max() * (1 + 1e-9)]
@@ -131,24 +132,12 @@ def _large_squares(strips, below, low, side, counts):
         square = (2 * square[:, None] + _CORNERS).reshape(-1, 2)
 
 
-def _symmetries(strips, side, counts):
-    """Matrices (2, 2) of the symmetries of the square that the centres of the strips have."""
-    centres, found = shapely.get_coordinates(shapely.centroid(strips)), []
-    tree = cKDTree(centres)
-    for matrix in map(np.array, SYMMETRIES.values()):
-        fits = np.array_equal(np.abs(matrix) @ counts, counts) and np.allclose(np.abs(matrix) @ side, side)
-        if fits and tree.query(centres @ matrix.T)[0].max() < SAME * side.max():
-            found.append(matrix)
-    return found
-
-
 def _corners(counts, halved, periodic):
     """Vertices (b, 2) of the squares that are not halved, in steps of the finest grid, and the loops of vertex numbers around them.
 
     A vertex on a periodic edge has an image on the opposite one.
     """
-    rings, square = [], np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 2)
-    finest = len(halved)
+    rings, square, finest = [], np.argwhere(np.ones(counts)), len(halved)
     for k in range(finest + 1):
         again = np.isin(square @ [counts[1] * 2**k, 1], halved[k]) if k < finest else np.zeros(len(square), dtype=bool)
         rings.append((square[~again][:, None] + _CORNERS) * 2 ** (finest - k))

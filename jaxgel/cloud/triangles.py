@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from .._types import Float, Int
 from .._validation import Inadmissible
+from .edges import find_rows
 
 
 def triangulate(
@@ -40,11 +41,10 @@ def triangulate(
 def _alike(vertices, loops, images):
     """Triangles (t, 3) of the pieces, their pieces (t,) and the pairs (k, 2) that are quadrilaterals, alike for a piece and its images."""
     source, by, mirrors = np.arange(len(loops)), np.full(len(loops), -1), [[] for _ in loops]
-    corners = [np.concatenate(loop) for loop in loops]
-    pieces = {frozenset(own.tolist()): piece for piece, own in enumerate(corners)}
-    for piece, own in enumerate(corners):
+    pieces = {frozenset(np.concatenate(loop).tolist()): piece for piece, loop in enumerate(loops)}
+    for own, piece in pieces.items():
         for number, image in enumerate(images if source[piece] == piece else ()):
-            target = pieces.get(frozenset(image[own].tolist()), -1)  # none: round-off may cut a cell in other pieces than its images
+            target = pieces.get(frozenset(image[list(own)].tolist()), -1)  # none: round-off may cut a cell in other pieces than its images
             if target == piece:
                 mirrors[piece].append(image)
             elif target > piece and source[target] == target:
@@ -63,8 +63,7 @@ def _exchanged(triangles, mirrors):
     """Pairs (k, 2) of a piece's triangles (t, 3) whose common edge one of its ``mirrors``, images (v,) of the vertices, does not keep."""
     pairs = set()
     for image in mirrors:
-        known = {frozenset(corners) for corners in triangles.tolist()}
-        lone = [k for k, corners in enumerate(image[triangles].tolist()) if frozenset(corners) not in known]
+        lone = np.flatnonzero(find_rows(np.sort(triangles), np.sort(image[triangles])) < 0).tolist()
         for one, two in itertools.combinations(lone, 2):
             corners = set(triangles[one]) | set(triangles[two])
             if len(corners) == 4 and corners == set(image[list(corners)]):
@@ -84,13 +83,15 @@ def _constrained_delaunay(vertices, loops):
     return used[cKDTree(vertices[used]).query(corners)[1]], owner
 
 
-def nearest_points(points: Float[np.ndarray, "v d"], moved: Float[np.ndarray, "p d"]) -> tuple[Int[np.ndarray, " p"], float]:
-    """The number (p,) of the one of the ``points`` (v, d) nearest each of the ``moved`` ones (p, d), and the largest distance."""
-    distance, nearest = cKDTree(points).query(moved)
-    return nearest, distance.max(initial=0.0)
-
-
 def signed_areas(vertices: Float[np.ndarray, "v 2"], triangles: Int[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
     """Areas (t,) of triangles, positive where they run anticlockwise."""
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
     return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
+
+
+def centroids(
+    vertices: Float[np.ndarray, "v 2"], triangles: Int[np.ndarray, "t 3"], areas: Float[np.ndarray, " t"], owner: Int[np.ndarray, " t"]
+) -> Float[np.ndarray, "c 2"]:
+    """Centroids (c, 2) of what every owner has of the triangles with these ``areas``."""
+    moments = [np.bincount(owner, areas * vertices[triangles][:, :, i].mean(axis=1)) for i in range(2)]
+    return np.stack(moments, axis=1) / np.bincount(owner, areas)[:, None]

@@ -1,14 +1,14 @@
 """Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
-from .checks import BASES
 from .connectivity import Connectivity, plate_edge_ends
-from .interpolation import MIDLINE_POINTS, Interpolation, NodalField, core_probe, make_probe, midline_points, midline_probe
+from .interpolation import Interpolation
 from .model import Model, PatchBlock, discretise
-from .moving_least_squares import KINDS, n_monomials, shape_functions, shape_functions_and_gradients
+from .moving_least_squares import BASES, KINDS, n_monomials, shape_functions, shape_functions_and_gradients
 from .neighbours import pad_nodes, reaching_nodes
 from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
 from .pressures import group_weights
+from .probes import MIDLINE_POINTS, NodalField, core_probe, make_probe, midline_points, midline_probe
 from .weights import cubic_spline_weight, singular_weight
 
 __all__ = [

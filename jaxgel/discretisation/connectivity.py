@@ -9,13 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial import cKDTree
 
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
-from ..cloud import EDGE_POINTS, Topology
+from ..cloud import EDGE_POINTS, Topology, find_rows, opposite_edges, refuse_ligament
 from ..geometry import edge_lines
-from .checks import check_support
+from .moving_least_squares import n_monomials
 from .neighbours import pad_nodes, pad_rows, reaching_nodes
 from .patches import patches
 
@@ -96,81 +97,58 @@ def _starts_and_middles(vertices, ends, at, weights):
 
 
 @once_per_owner
+@jax.ensure_compile_time_eval()  # made of numbers, also inside jit
 def make_connectivity(topology: Topology, basis: str, dmax: float, skin: float) -> Connectivity:
     """``Connectivity`` of the patches of a cloud; nodes that come closer by ``skin`` (mm) are listed too.
 
     Raises ValueError where a point has too few neighbours for the basis.
     """
-    with jax.ensure_compile_time_eval():  # made of numbers, also inside jit
-        return _connected(topology, basis, dmax, skin)
-
-
-def _connected(topology, basis, dmax, skin):
-    part, quadrature = topology.partition, topology.quadrature
+    part, quadrature, support = topology.partition, topology.quadrature, dmax * topology.node_spacing
     patch_of_cell, linear = patches(topology)
-    contour = _contour(topology, patch_of_cell)
-    inner, on_edge = np.asarray(quadrature.points(part.vertices)), np.asarray(contour.points(part.vertices))
-    support = dmax * topology.node_spacing
-    points, cells = np.concatenate([inner, on_edge]), np.concatenate([quadrature.owner, np.repeat(contour.cell, 2)])
+    ends, cell = part.contour_edges
+    owner, middles = patch_of_cell[cell], topology.middles(ends)
+    inner, on_edge = np.asarray(quadrature.points(part.vertices)), np.asarray(_starts_and_middles(part.vertices, ends, *middles))
+    points, cells = np.concatenate([inner, on_edge]), np.concatenate([quadrature.owner, np.repeat(cell, 2)])
     regions = part.region_of_cell[cells]
-    check_support(topology, points, regions, support, basis)
-    point_owner = patch_of_cell[quadrature.owner]
-    on_interfaces, traces = _traces(topology, contour)
-    trace_owner = contour.owner[on_interfaces // 2]
-    also = trace_owner[traces.coords[0]], traces.coords[1]
+    _check_support(topology, points, regions, support, basis)
+    on_interfaces, traces = _traces(topology, ends, cell, middles)
+    row, trace_node = traces.coords
+    trace_owner = owner[on_interfaces // 2]
+    also = trace_owner[row], trace_node
     nodes, supports = pad_nodes(*reaching_nodes(topology, points, patch_of_cell[cells], regions, support, skin, also), support)
+    trace_weights = np.zeros((len(trace_owner), nodes.shape[1]))
+    trace_weights[row, (nodes[also[0]] == trace_node[:, None]).argmax(axis=1)] = traces.data
 
-    groups = _groups_of_similar_size(linear, quadrature.owner, patch_of_cell)
-    end_nodes = plate_edge_ends(topology, contour.ends)
-    listed = (nodes[contour.owner][:, None, :] == end_nodes[:, :, None]) & (supports[contour.owner] > 0)[:, None, :]
+    end_nodes = plate_edge_ends(topology, ends)
+    listed = (nodes[owner][:, None, :] == end_nodes[:, :, None]) & (supports[owner] > 0)[:, None, :]
     edge_ends = np.where(listed.any(axis=2), listed.argmax(axis=2), -1)
     if np.any((edge_ends < 0) != (end_nodes < 0)):
         raise Inadmissible(f"dmax: {dmax} is too small for the supports to reach along the plate's edges; use a larger one")
-    outer = np.flatnonzero(_is_outer(contour, len(part.vertices)))
-    numbers = tuple(np.where(rows >= 0, outer[rows], -1) for rows in _rows_of(contour.owner[outer], len(linear), groups))
-    found = (on_interfaces, _in_lists(traces, trace_owner, nodes)) if topology.interfaces else None
-    contour = dataclasses.replace(contour, edge_ends=edge_ends, numbers=numbers, on_interfaces=found)
-    points_of = _rows_of(point_owner, len(linear), groups)
-    return Connectivity(topology, nodes, supports, patch_of_cell, linear, quadrature.owner, points_of, groups, contour)
+    groups = _groups_of_similar_size(linear, quadrature.owner, patch_of_cell)
+    outer = np.flatnonzero(opposite_edges(ends, owner) < 0)  # the others have a cell of the patch on either side
+    contour = Contour(
+        ends=ends,
+        middles=middles,
+        cell=cell,
+        owner=owner,
+        following=find_rows(*(np.stack([cell, vertex], axis=1) for vertex in ends.T)),
+        edge_ends=edge_ends,
+        numbers=tuple(np.where(rows >= 0, outer[rows], -1) for rows in _rows_of(owner[outer], len(linear), groups)),
+        on_interfaces=(on_interfaces, trace_weights) if topology.interfaces else None,
+    )
+    numbers = _rows_of(patch_of_cell[quadrature.owner], len(linear), groups)
+    return Connectivity(topology, nodes, supports, patch_of_cell, linear, quadrature.owner, numbers, groups, contour)
 
 
-def _contour(topology, patch_of_cell):
-    """``Contour`` of the cells, without what depends on node lists."""
-    part = topology.partition
-    ends, cell = part.contour_edges
-    start, end = (cell * len(part.vertices) + vertex for vertex in ends.T)
-    order = np.argsort(start)
-    following = order[np.searchsorted(start, end, sorter=order)]
-    return Contour(ends, topology.middles(ends), cell, patch_of_cell[cell], following, np.full_like(ends, -1), ())
-
-
-def _traces(topology, contour):
+def _traces(topology, ends, cell, middles):
     """Numbers (k,) of the contour's points on interfaces, starts of edges at their vertices and all points of edges along them, and the
     matrix (k, n) from nodal values to the traces there.
     """
-    part, ends = topology.partition, contour.ends
-    n, region, traces = len(part.vertices), part.region_of_cell[contour.cell], topology.traces
-    key, reverse = ends @ [n, 1], ends @ [1, n]
-    order = np.argsort(key)
-    other = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
-    along = np.flatnonzero((key[other] == reverse) & (region != region[other]))
-    starts, (at, weights) = np.flatnonzero(np.diff(traces.indptr)[ends[:, 0]]), contour.middles
+    region, traces, other, (at, weights) = topology.partition.region_of_cell[cell], topology.traces, opposite_edges(ends), middles
+    along = np.flatnonzero((other >= 0) & (region != region[other]))
+    starts = np.flatnonzero(np.diff(traces.indptr)[ends[:, 0]])
     middle = sum(traces[at[along, k]].multiply(weights[along, k, None]) for k in range(3))
     return np.concatenate([2 * starts, 2 * along + 1]), sp.vstack([traces[ends[starts, 0]], middle]).tocoo()
-
-
-def _in_lists(traces, owner, nodes):
-    """The weights (k, a) of a matrix (k, n) of ``traces`` in the node lists of the ``owner`` (k,) of each."""
-    row, node = traces.coords
-    found = np.zeros((len(owner), nodes.shape[1]))
-    found[row, (nodes[owner[row]] == node[:, None]).argmax(axis=1)] = traces.data
-    return found
-
-
-def _is_outer(contour, n):
-    """Whether each edge lies on the contour of its patch; the others have a cell of the patch on either side."""
-    key, reverse = ((contour.owner * n + a) * n + b for a, b in (contour.ends.T, contour.ends.T[::-1]))
-    return ~np.isin(reverse, key)
 
 
 def _rows_of(owner, count, groups):
@@ -194,8 +172,7 @@ def _groups_of_similar_size(linear, owner, patch_of_cell):
 
 def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, "e 2"]:
     """The two nodes between which each contour edge on an edge of the plate lies; -1 for free edges and inside the plate."""
-    plate, vertices = topology.plate, topology.partition.vertices
-    nodes = vertices[topology.node_vertices]
+    plate, nodes, vertices = topology.plate, topology.nodes, topology.partition.vertices
     ends = np.full((len(edges), 2), -1)
     for edge, (axis, coordinate) in edge_lines(plate).items():
         if plate.edges[edge] == "free":
@@ -206,3 +183,20 @@ def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np
         k = np.clip(np.searchsorted(nodes[on_edge, 1 - axis], middle) - 1, 0, len(on_edge) - 2)
         ends[on] = np.stack([on_edge[k], on_edge[k + 1]], axis=1)
     return ends
+
+
+def _check_support(topology, points, regions, support, basis):
+    """ValueError, which names the first point, for points within the supports of fewer nodes of their region than the basis needs."""
+    need = n_monomials(basis) + 1
+    for region in np.unique(regions):
+        own = (topology.node_regions == region).any(axis=1)
+        nodes, reach, inside = topology.nodes[own], support[own], points[regions == region]
+        distance, index = cKDTree(nodes).query(inside, k=need)
+        index = np.minimum(index, len(nodes) - 1)  # a missing neighbour is infinitely far
+        for place in inside[(distance >= reach[index]).any(axis=1)]:
+            if np.sum(np.linalg.norm(nodes - place, axis=1) < reach) < need:  # farther nodes may reach
+                refuse_ligament(topology, topology.spacing, place, reach.max())
+                raise Inadmissible(
+                    f"dmax: a support of {reach.max():.3g} mm reaches fewer than {need} nodes at the point ({place[0]:.4g}, "
+                    f"{place[1]:.4g}), too few for the {basis} basis; use a larger dmax or a smaller spacing"
+                )

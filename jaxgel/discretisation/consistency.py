@@ -12,10 +12,7 @@ from .interpolation import evaluate_points
 
 
 def consistent_gradients(
-    nodes: Float[Array, "n 2"],
-    vertices: Float[Array, "v 2"],
-    connectivity: Connectivity,
-    basis: str,
+    nodes: Float[Array, "n 2"], vertices: Float[Array, "v 2"], connectivity: Connectivity, basis: str
 ) -> tuple[Float[Array, "p a 2"], Float[Array, " p"], Float[Array, "e 2 a"]]:
     """Shape function gradients at all quadrature points, the quadrature weights, and the `area_rows` of the contours.
 

@@ -1,34 +1,23 @@
-"""Shape functions at points of a cloud, also where rotations are read: on the horizontal midline of the dry plate and at its core point.
-
-Each point has the list of the nodes whose supports reach it, padded with support 0.
+"""Shape functions at points of a cloud, each of which has the list of the nodes whose supports reach it, padded with support 0.
 
 Index letters: ``p`` point, ``a`` node of a list, ``l`` list, ``i j`` space.
 """
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._memo import once_per_owner
 from .._types import Array, Float, Int
-from ..cloud import Cloud, Topology
-from ..geometry import Frame, inside_holes
+from ..cloud import Cloud
 from .moving_least_squares import shape_functions, shape_functions_and_gradients
-from .neighbours import SKIN, is_moved, neighbours_of_points
-
-if TYPE_CHECKING:
-    from .model import Model
 
 BATCH = 64  # points whose shape functions are evaluated together
 GROUP = 1024  # points of one call of the program that evaluates them: one size, so that it serves every cloud
 NEIGHBOURS = 32  # the program's neighbours are padded to a multiple of this
-LARGEST_SUM = 10.0  # of absolute values of shape functions: below 3 in the gel, and more away from it, where they extrapolate
-MIDLINE_POINTS = 401  # samples of the plate's midline, those in holes included
 
 
 @jax.tree_util.register_dataclass
@@ -58,108 +47,8 @@ class Interpolation:
         return jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi)
 
 
-@jax.tree_util.register_pytree_node_class
-class NodalField:
-    """A field by its values at the nodes, interpolated by the shape functions of a model; a pytree whose data are the values.
-
-    It belongs to the model's cloud as that was made, on its reference plate. As the parameter of a gel it moves with the nodes: where a
-    design moves holes, each point of the material keeps its value, as with `materials.WithHoles`. On another cloud, a finer one for
-    instance, it is read where that cloud's points are on its own reference plate.
-    The shape functions are those of the model: values at nodes and
-    polynomials of the basis are reproduced. Raises ValueError for another number of values than the model has nodes.
-
-    >>> import jax.numpy as jnp
-    >>> import jaxgel
-    >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, spacing=0.5)))
-    >>> field = NodalField(model.cloud.nodes[:, 0] ** 2, model)
-    >>> [round(float(value), 6) for value in field.at([[0.5, 0.3], [-0.7, 0.1], [9.0, 0.0]])]
-    [0.25, 0.49, nan]
-    """
-
-    values: Float[Array, " n"]
-    """Value at each node."""
-
-    def __init__(self, values: Float[Array, " n"], model: "Model") -> None:
-        if np.shape(values) != (model.n_nodes,):
-            raise ValueError(f"values: an array of shape {np.shape(values)}, it must have one number for each of {model.n_nodes} nodes")
-        self.values, self._shape_functions = values, (model.cloud.topology, model.basis, model.dmax)
-
-    @property
-    def frame(self) -> Frame:
-        """The frame of its cloud: positions are those in it."""
-        return self._shape_functions[0].frame
-
-    def tree_flatten(self) -> tuple:
-        """The values, and what does not change."""
-        return (self.values,), self._shape_functions
-
-    @classmethod
-    def tree_unflatten(cls, shape_functions: tuple, values: tuple) -> "NodalField":
-        """The field with these values."""
-        field = object.__new__(cls)
-        (field.values,), field._shape_functions = values, shape_functions
-        return field
-
-    def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
-        """Value at one position X (2,), mm, which may be traced; all nodes of all regions are looked at: see ``at`` for many positions."""
-        topology, basis, dmax = self._shape_functions
-        return shape_functions(X, _reference_nodes(topology), dmax * topology.node_spacing, basis=basis, kind="imls") @ jnp.asarray(
-            self.values
-        )
-
-    def at(self, points: Float[Array, "p 2"]) -> Float[Array, " p"]:
-        """Values at many ``points``, mm, which must be numbers: their neighbours are searched on the host. nan away from the nodes."""
-        topology, basis, dmax = self._shape_functions
-        points, nodes = np.asarray(points, dtype=float), _reference_nodes(topology)
-        with jax.ensure_compile_time_eval():  # numbers, also inside jit
-            found = neighbours_of_points(topology, dmax, points, 0.0)
-            lists, supports = (np.pad(part, ((0, 0), (0, 1))) for part in found)  # one column at least
-            own = np.arange(len(points))
-            phi = np.asarray(evaluate_points(nodes, points, lists, supports, own, basis=basis, gradients=False))
-        missed = np.linalg.norm(np.einsum("pa,pai->pi", phi, nodes[lists]) - points, axis=1)
-        reached = (missed < 1e-6 * topology.spacing) & (np.abs(phi).sum(axis=1) < LARGEST_SUM)
-        values = jnp.einsum("pa,pa->p", np.where(reached[:, None], phi, 0.0), jnp.asarray(self.values)[lists])
-        return jnp.where(reached, values, jnp.nan)
-
-
-def _reference_nodes(topology):
-    return topology.partition.vertices[topology.node_vertices]
-
-
-def make_probe(model: "Model", points: Float[Array, "p 2"], reference_points: Float[Array, "p 2"] | None = None) -> Interpolation:
-    """``Interpolation`` at material points of the dry plate, mm.
-
-    ``points`` may be traced if ``reference_points``, their values on the reference plate, are given.
-    """
-    reference_points = np.asarray(points if reference_points is None else reference_points)
-    topology = model.cloud.topology
-    neighbours = neighbours_of_points(topology, model.dmax, reference_points, SKIN * topology.spacing * is_moved(model.cloud))
-    return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis)
-
-
-def midline_probe(model: "Model") -> Interpolation:
-    """``Interpolation`` at the points (p, 2) of the gel on y = 0 in the dry plate, from left to right; it follows the model's cloud."""
-    points, neighbours = _midline(model.cloud.topology, model.dmax)
-    return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis)
-
-
-def midline_points(topology: Topology, dmax: float) -> Float[np.ndarray, "p 2"]:
-    """The points (p, 2) of `midline_probe`, mm; ``dmax`` is the model's."""
-    return _midline(topology, dmax)[0]
-
-
-def core_probe(model: "Model") -> Interpolation:
-    """``Interpolation`` at the plate's core point (1, 2) on the model's cloud; its gradients are nan where the core lies in a hole."""
-    points, neighbours, in_hole = _core(model.cloud.topology, model.dmax)
-    probe = interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis)
-    return dataclasses.replace(probe, dphi=jnp.full_like(probe.dphi, jnp.nan)) if in_hole else probe
-
-
 def interpolate(
-    cloud: Cloud,
-    points: Float[Array, "p 2"],
-    neighbours: tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]],
-    basis: str,
+    cloud: Cloud, points: Float[Array, "p 2"], neighbours: tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]], basis: str
 ) -> Interpolation:
     """``Interpolation`` at points with their lists of ``neighbours``, see ``neighbours_of_points``."""
     lists, supports = neighbours
@@ -228,26 +117,3 @@ def _evaluated(points, neighbours, supports, *, basis, gradients):
         return values if gradients else (values,)
 
     return lax.map(one, (points, neighbours, supports), batch_size=BATCH)
-
-
-@once_per_owner
-def _midline(topology: Topology, dmax: float):
-    """Points (p, 2) of the gel on the midline, mm, and their neighbour lists."""
-    plate = topology.plate
-    x = plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS)
-    points = np.stack([x, np.zeros_like(x)], axis=1)
-    points = points[~inside_holes(plate, points, -1e-9 * topology.spacing)]
-    return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing)
-
-
-@once_per_owner
-def _core(topology: Topology, dmax: float):
-    """The core point (1, 2), mm, its neighbour lists, and whether it lies in a hole.
-
-    In a hole it is replaced by a point of the gel: 0 times nan would spoil every reverse derivative.
-    """
-    plate = topology.plate
-    core = np.array([(0.0, 0.0) if plate.core is None else plate.core])
-    in_hole = bool(inside_holes(plate, core)[0])
-    points = _midline(topology, dmax)[0][:1] if in_hole else core
-    return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing), in_hole

@@ -15,24 +15,23 @@ import numpy as np
 
 from .._memo import once_per_owner
 from .._types import Array, Float, Int, Scalar
-from .._validation import check_kind
-from ..cloud import Cloud, Topology
-from .checks import check_options, check_reproduction
+from .._validation import Inadmissible, check_kind, one_of
+from ..cloud import Cloud, Topology, refuse_ligament
+from ..linalg import SOLVERS
 from .connectivity import Connectivity, make_connectivity
 from .consistency import consistent_gradients
 from .interpolation import Interpolation, interpolate
+from .moving_least_squares import BASES
 from .neighbours import SKIN, is_moved, neighbours_of_points
 from .pressures import group_weights, n_carrying
 
 OUTLINE_ROOM = 1 / 400  # of the plate's width: further room in the neighbour lists of outline points, on a cloud that moves far
+STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
+REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
 DMAX = 2.95  # support radius over spacing: nearly three grid lines to each side, and clear of the third, where round-off would decide
 
 
-@functools.partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["patches", "nodes", "position", "dphi", "weight", "group_weight", "contour"],
-    meta_fields=["carrying"],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PatchBlock:
     """Patches of similar size; a pytree."""
@@ -51,7 +50,7 @@ class PatchBlock:
     """Weights of J at the points in each volume group, see `pressures`."""
     contour: Float[Array, "c 2 r a"]
     """Rows of the area form of the contour, see `consistency.area_rows`."""
-    carrying: int
+    carrying: int = dataclasses.field(metadata={"static": True})
     """Number of the groups of a patch that carry its volume, in equal shares; the others are held."""
 
     @property
@@ -60,11 +59,7 @@ class PatchBlock:
         return self.group_weight.shape[2]
 
 
-@functools.partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["cloud", "blocks", "outline", "contact"],
-    meta_fields=["lists", "basis", "dmax", "solver"],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Model:
     """A cloud with its cells, quadrature points and shape functions: all that is needed to integrate an energy; a pytree."""
@@ -75,13 +70,13 @@ class Model:
     """Patches, in blocks of similar size."""
     outline: Interpolation | None
     """Shape functions at all outline vertices, arc after arc; None where a derivative does not depend on them."""
-    lists: Connectivity
+    lists: Connectivity = dataclasses.field(metadata={"static": True})
     """Neighbours and layout of the quadrature points; static."""
-    basis: str
+    basis: str = dataclasses.field(metadata={"static": True})
     """``"linear"`` or ``"quadratic"``."""
-    dmax: float
+    dmax: float = dataclasses.field(metadata={"static": True})
     """Support radius over node spacing."""
-    solver: str = "auto"
+    solver: str = dataclasses.field(default="auto", metadata={"static": True})
     """How linear systems are solved: ``"auto"``, ``"direct"`` or ``"iterative"``, see ``linalg``."""
     contact: object = None
     """The ``mechanics.Contact`` of hole boundaries with themselves; None where they may overlap."""
@@ -116,43 +111,32 @@ def discretise(
     *,
     basis: str = "quadratic",
     dmax: float | None = None,
-    skin: float | None = None,
     solver: str = "auto",
 ) -> Model:
     """``Model`` of a cloud: cells, quadrature points, shape function gradients.
 
     Pressures are linear over patches of 2 x 2 squares and constant over single cells along outlines and in narrow ligaments; what they do
     not see of the volume ratio J is held. The cells partition the gel, with curved sides along the outlines, and weights and gradients are
-    corrected so that linear fields are integrated exactly (patch test). ``dmax`` is the support radius over the node spacing (2.95).
-    ``skin`` (mm) enlarges the neighbour lists by the distance that points of a moved cloud may have come closer; by default 0 on
-    the reference cloud and a quarter of the spacing on a placed one. ``solver`` is ``"auto"``, ``"direct"`` or ``"iterative"``, see
-    ``linalg``. Raises ValueError for unknown options and where a point has too few neighbours for the basis.
+    corrected so that linear fields are integrated exactly (patch test). ``dmax`` is the support radius over the node spacing (2.95),
+    ``solver`` ``"auto"``, ``"direct"`` or ``"iterative"``, see ``linalg``. Raises ValueError for unknown options and where a point has too
+    few neighbours for the basis. On a moved cloud neighbour lists have room for points that came closer by a quarter of the spacing.
     """
     check_kind("cloud", cloud, Cloud, "a Cloud, as make_cloud(plate) makes it")
-    check_options(basis, solver)
+    one_of("basis", basis, BASES)
+    one_of("solver", solver, SOLVERS)
     dmax = DMAX if dmax is None else float(dmax)
     if not dmax > 1.0:
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
-    topology = cloud.topology
-    skin = (SKIN * cloud.spacing if is_moved(cloud) else 0.0) if skin is None else float(skin)
-    lists = make_connectivity(topology, basis, dmax, skin)
-    blocks = _blocks(lists, topology.quadrature.points(cloud.vertices), *consistent_gradients(cloud.nodes, cloud.vertices, lists, basis))
-    model = Model(cloud, blocks, _outline_interpolation(cloud, dmax, basis), lists, basis, dmax, solver)
-    check_reproduction(model)
+    lists = make_connectivity(cloud.topology, basis, dmax, SKIN * cloud.spacing * is_moved(cloud))
+    points = cloud.topology.quadrature.points(cloud.vertices)
+    blocks = _blocks(lists, points, *consistent_gradients(cloud.nodes, cloud.vertices, lists, basis))
+    outline = Interpolation(jnp.zeros((0, 2)), np.zeros((0, 1), np.int32), *map(jnp.zeros, ((0, 1), (0, 1), (0, 1, 2))))
+    if cloud.topology.outlines:
+        numbers, neighbours = _outline(cloud.topology, dmax, is_moved(cloud))
+        outline = interpolate(cloud, cloud.positions(numbers), neighbours, basis)
+    model = Model(cloud, blocks, outline, lists, basis, dmax, solver)
+    _check_reproduction(model)
     return model
-
-
-def _outline_interpolation(cloud, dmax, basis):
-    """``Interpolation`` at all outline vertices of the cloud; of no points for a plate without holes."""
-    if not cloud.topology.outlines:
-        return Interpolation(jnp.zeros((0, 2)), np.zeros((0, 1), np.int32), *map(jnp.zeros, ((0, 1), (0, 1), (0, 1, 2))))
-    numbers, neighbours = _outline(cloud.topology, dmax, is_moved(cloud))
-    return interpolate(cloud, _points_of(cloud.vertices, numbers), neighbours, basis)
-
-
-@jax.jit
-def _points_of(vertices, numbers):
-    return vertices[numbers]
 
 
 @once_per_owner
@@ -182,3 +166,25 @@ def _by_patch(points, dphi, weight, rows, point_numbers, edge_numbers, *, widths
         contour = jnp.where((edges >= 0)[:, None, :, None], jnp.swapaxes(rows[edges][..., :n], 1, 2), 0.0)
         values.append((points[at], dphi[at, :n], w, group_weights(points[at], w, of), contour))
     return values
+
+
+def _check_reproduction(model):
+    """ValueError, outside traces, for a model whose gradients do not reproduce the coordinates: neighbours on too few lines."""
+    cloud, topology = model.cloud, model.cloud.topology
+    if isinstance(cloud.vertices, jax.core.Tracer):
+        return
+    nodes, steepest = np.asarray(cloud.nodes), STEEPEST_ACCEPTED / topology.node_spacing.min()
+    for block in model.blocks:
+        dphi = np.asarray(block.dphi)
+        F = np.einsum("cai,cqaj->cqij", nodes[block.nodes], dphi)
+        error = np.abs(F - np.eye(2)).max(axis=(2, 3))
+        poor = ~(error < REPRODUCTION) | ~(np.abs(dphi).max(axis=(2, 3)) < steepest)
+        bad = np.argwhere(poor & (np.asarray(block.weight) > 0))
+        if len(bad):
+            x, y = nodes[block.nodes[bad[0, 0], 0]]
+            stencil = nodes[np.unique(block.nodes[bad[0, 0]])]
+            refuse_ligament(topology, topology.spacing, stencil.mean(axis=0), np.ptp(stencil, axis=0).max() / 2)
+            raise Inadmissible(
+                f"dmax: {model.dmax} is too small for the {model.basis} basis near the point ({x:.4g}, {y:.4g}): its neighbours lie on "
+                "too few lines; use a larger dmax or a smaller spacing"
+            )

@@ -18,16 +18,17 @@ from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
 from .._types import Array, Float, Inexact, Scalar
+from .._validation import one_of
 from .weights import cubic_spline_weight, safe_sqrt, singular_slope, singular_weight
 
 KINDS = ("iicvmls", "imls", "icvmls", "mls")
-_ORDER = {"linear": 1, "quadratic": 2}
+BASES = ("linear", "quadratic")
 _VANISHING = 1e-11  # pivot over its diagonal entry: round-off of singular moment matrices leaves up to 1e-13, clouds have 1e-6 or more
 
 
 def n_monomials(basis: str) -> int:
     """Number of monomials of the complete real basis: 3 for ``"linear"``, 6 for ``"quadratic"``."""
-    return _number(_order(basis))
+    return len(_exponents(_order(basis)))
 
 
 def shape_functions(
@@ -59,9 +60,7 @@ def shape_functions(
         fit = _fit(x, neighbours, support, order, kind)
         y = _coefficients(fit.w, fit.p, fit.inverse_w_k, fit.p_x, _factor(fit, order, kind))
         return fit.nearest * y[0] + fit.w * _polynomial(y, fit.p, fit.inverse_w_k)
-    scale = lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
-    distance_squared = jnp.sum((neighbours - x) ** 2, axis=1)
-    return _least_squares((neighbours - x) / scale, cubic_spline_weight(distance_squared, support), order, kind)
+    return _least_squares(x, neighbours, support, order, kind)
 
 
 def shape_functions_and_gradients(
@@ -85,12 +84,7 @@ def shape_functions_and_gradients(
     """
     order, support = _checked(neighbours, support, basis, kind)
     if kind not in ("iicvmls", "imls"):
-
-        def phi(x):
-            value = shape_functions(x, neighbours, support, basis=basis, kind=kind)
-            return value, value
-
-        return jax.jacfwd(phi, has_aux=True)(x)[::-1]
+        return jax.jacfwd(lambda x: 2 * (_least_squares(x, neighbours, support, order, kind),), has_aux=True)(x)[::-1]
     fit = _fit(x, neighbours, support, order, kind)
     nearest, w, p, inverse_w_k, p_x, along = fit
     factor = _factor(fit, order, kind)
@@ -106,8 +100,7 @@ def shape_functions_and_gradients(
 def _checked(neighbours, support, basis, kind):
     """Order of the basis, and the supports (n,)."""
     order = _order(basis)
-    if kind not in KINDS:
-        raise ValueError(f"kind: {kind!r} is not one of {', '.join(KINDS)}")
+    one_of("kind", kind, KINDS)
     return order, jnp.broadcast_to(jnp.asarray(support, dtype=neighbours.dtype), neighbours.shape[:1])
 
 
@@ -120,18 +113,12 @@ class _Fit(NamedTuple):
     of w_k. The choice of k is free: every choice gives the same phi.
     """
 
-    nearest: Inexact[Array, " n"]
-    """1 for the nearest node, 0 for the others."""
-    w: Inexact[Array, " n"]
-    """weights of the other nodes; 0 for the nearest."""
-    p: Inexact[Array, "m n"]
-    """(m, n) monomials at the nodes."""
-    inverse_w_k: Inexact[Array, ""]
-    """inverse weight of the nearest node."""
-    p_x: Inexact[Array, " m"]
-    """monomials at the point."""
-    along: list[tuple]
-    """Derivatives of the weights, the inverse weight and p_x by the two coordinates of the point."""
+    nearest: Inexact[Array, " n"]  # 1 for the nearest node, 0 for the others
+    w: Inexact[Array, " n"]  # weights of the other nodes; 0 for the nearest
+    p: Inexact[Array, "m n"]  # monomials at the nodes
+    inverse_w_k: Inexact[Array, ""]  # inverse weight of the nearest node
+    p_x: Inexact[Array, " m"]  # monomials at the point
+    along: list[tuple]  # derivatives of the weights, the inverse weight and p_x by the two coordinates of the point
 
 
 def _fit(x, neighbours, support, order, kind):
@@ -212,8 +199,10 @@ def _coefficients_jvp(primals, tangents):
     return y, _coefficients(*system, jnp.broadcast_to(change, rhs.shape), factor)
 
 
-def _least_squares(r, w, order, kind):
-    """Moving least squares, phi = p(x)^T A^-1 B; ``r`` (n, 2) are the neighbours about the point."""
+def _least_squares(x, neighbours, support, order, kind):
+    """Moving least squares, phi = p(x)^T A^-1 B."""
+    scale = lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
+    w, r = cubic_spline_weight(jnp.sum((neighbours - x) ** 2, axis=1), support), (neighbours - x) / scale
     u, v = _coordinates(r[:, 0], r[:, 1], kind)
     p = (jnp.stack([u**k for k in range(order + 1)]) if kind == "icvmls" else _monomials(u, v, order)).T
     weighted = w[:, None] * p.conj()
@@ -227,11 +216,6 @@ def _coordinates(x, y, kind):
 
 def _exponents(degree):
     return [(total - j, j) for total in range(degree + 1) for j in range(total + 1)]
-
-
-def _number(degree):
-    """Number of monomials up to a degree."""
-    return (degree + 1) * (degree + 2) // 2
 
 
 def _monomials(u, v, degree):
@@ -277,6 +261,6 @@ def _inverse_jvp(primals, tangents):
 
 
 def _order(basis):
-    if basis not in _ORDER:
-        raise ValueError(f"basis: {basis!r} is not one of {', '.join(_ORDER)}")
-    return _ORDER[basis]
+    """Degree of the monomials of a basis."""
+    one_of("basis", basis, BASES)
+    return BASES.index(basis) + 1

@@ -33,12 +33,12 @@ def reaching_nodes(
     skin: float,
     also: tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]] = (np.zeros(0, int), np.zeros(0, int)),
 ) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " o"]]:
-    """Numbers of the nodes whose ``support`` reaches a point of each owner to within ``skin`` mm, ascending, owner after owner.
+    """Numbers of the nodes whose ``support`` reaches a point of each owner to within ``skin`` mm, ascending, and how many each owner has.
 
-    The second value is how many each owner has. ``points`` lie on the reference plate, in these ``regions``, whose nodes alone reach them;
-    ``owner`` numbers count from 0. ``also`` are owners and nodes that these list in any case.
+    ``points`` lie on the reference plate, in these ``regions``, whose nodes alone reach them; ``owner`` numbers count from 0. ``also`` are
+    owners and nodes that these list in any case.
     """
-    nodes = topology.partition.vertices[topology.node_vertices]
+    nodes = topology.nodes
     pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max() + skin, output_type="ndarray")
     pairs = pairs[pairs["v"] < support[pairs["j"]] + skin]
     if topology.interfaces:
@@ -52,9 +52,8 @@ def pad_nodes(
 ) -> tuple[Int[np.ndarray, "o a"], Float[np.ndarray, "o a"]]:
     """Node lists, padded with their first node, and its supports, 0 for padding, from the lists one after the other."""
     numbers = pad_rows(np.arange(len(nodes)), counts, np.arange(len(counts)))
-    real = numbers >= 0
-    padded = nodes[np.where(real, numbers, numbers[:, :1])].astype(np.int32)
-    return padded, np.where(real, support[padded], 0.0)
+    padded = nodes[np.where(numbers >= 0, numbers, numbers[:, :1])].astype(np.int32)
+    return padded, np.where(numbers >= 0, support[padded], 0.0)
 
 
 def pad_rows(values: Int[np.ndarray, " r"], counts: Int[np.ndarray, " o"], rows: Int[np.ndarray, " s"]) -> Int[np.ndarray, "s m"]:

@@ -6,8 +6,8 @@ from .._validation import POSITIVE, check_options, keywords_of, option, whole, w
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate
 from ..linalg import SOLVERS
-from .checks import BASES
 from .model import Model, discretise
+from .moving_least_squares import BASES
 from .placement import refreshed
 
 

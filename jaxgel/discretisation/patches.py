@@ -11,7 +11,7 @@ import shapely
 
 from .._memo import once_per_owner
 from .._types import Bool, Int
-from ..cloud import Topology
+from ..cloud import Topology, centroids, opposite_edges, signed_areas
 
 SQUARES = 2  # least whole squares of a block with a linear pressure, which is larger than these: two alone do not vary twice across
 LIGAMENT = 2.0  # squares across a ligament up to which it has single ones: as a block of two the lattice's buckle 9 % late
@@ -21,7 +21,9 @@ ROUND_OFF = 1e-9  # of areas, relative
 @once_per_owner
 def patches(topology: Topology) -> tuple[Int[np.ndarray, " c"], Bool[np.ndarray, " p"]]:
     """The patch (c,) of every cell, and whether each patch (p,) has a linear pressure."""
-    area, centre = _areas_and_centres(topology)
+    part = topology.partition
+    areas = signed_areas(part.vertices, part.triangles)
+    area, centre = np.bincount(part.cell_of_triangle, areas), centroids(part.vertices, part.triangles, areas, part.cell_of_triangle)
     block, square, complete = _blocks_of_squares(topology, centre)
     block = _connected_parts(topology, block)
     whole, size = (np.bincount(block, of) for of in (area > square * (1 - ROUND_OFF), area / square))
@@ -32,17 +34,6 @@ def patches(topology: Topology) -> tuple[Int[np.ndarray, " c"], Bool[np.ndarray,
     is_linear = np.zeros(patch.max() + 1, dtype=bool)
     is_linear[patch] = linear[block]
     return patch, is_linear
-
-
-def _areas_and_centres(topology):
-    """Areas (c,), mm^2, and centroids (c, 2), mm, of all cells."""
-    part = topology.partition
-    corners = part.vertices[part.triangles]
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    area = np.bincount(part.cell_of_triangle, areas)
-    centre = [np.bincount(part.cell_of_triangle, areas * corners[:, :, i].mean(axis=1)) / area for i in range(2)]
-    return area, np.stack(centre, axis=1)
 
 
 def _blocks_of_squares(topology, centre):
@@ -66,12 +57,8 @@ def _connected_parts(topology, block):
     """Connected part (c,) of its block that each cell belongs to: a hole may divide a block."""
     part = topology.partition
     edges, owner = part.contour_edges
-    n = len(part.vertices)
-    key, reverse = edges @ [n, 1], edges @ [1, n]
-    order = np.argsort(key)
-    at = order[np.minimum(np.searchsorted(key, reverse, sorter=order), len(key) - 1)]
-    region = part.region_of_cell[owner]
-    inside = (key[at] == reverse) & (block[owner] == block[owner[at]]) & (region == region[at])
+    at, region = opposite_edges(edges), part.region_of_cell[owner]
+    inside = (at >= 0) & (block[owner] == block[owner[at]]) & (region == region[at])
     pairs = owner[inside], owner[at[inside]]
     graph = sp.coo_array((np.ones(len(pairs[0])), pairs), (len(block), len(block)))
     return sp.csgraph.connected_components(graph, directed=False)[1]

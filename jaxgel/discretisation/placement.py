@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from .._validation import Inadmissible
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate, reference_plate
-from .interpolation import SKIN
 from .model import DMAX, discretise
+from .neighbours import SKIN
 
 SMALLEST_CELL = 0.4  # least quadrature weight over its value when the cloud was made
 SPENT = 0.2  # the same for a cloud that may yet serve a single trial design
@@ -69,7 +69,7 @@ def quality(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None
         return Quality(*sizes)
     quadrature, before, now = topology.quadrature, topology.partition.vertices, np.asarray(cloud.vertices)
     support, points = dmax * topology.node_spacing, (np.asarray(quadrature.points(before)), np.asarray(quadrature.points(now)))
-    nodes = before[topology.node_vertices], now[topology.node_vertices]
+    nodes = topology.nodes, now[topology.node_vertices]
     near = cKDTree(points[1]).sparse_distance_matrix(cKDTree(nodes[1]), support.max(), output_type="ndarray")
     regions = topology.partition.region_of_cell[quadrature.owner]
     near = near[(topology.node_regions[near["j"]] == regions[near["i"], None]).any(axis=1)]

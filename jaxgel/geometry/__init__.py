@@ -1,11 +1,12 @@
 """The dry plate: its holes, its edges and the pieces of hole outlines that lie inside it."""
 
-from .boundary import CONDITIONS, EDGES, edge_lines, held_components, image_offsets, periods
+from .boundary import CONDITIONS, EDGES, held_components
+from .checks import check_plate
 from .frame import Frame, frame_of
-from .hole import Hole
+from .hole import Hole, outline_points
 from .holes import KINDS, Circle, Ellipse, Fourier, Polygon, Rectangle, Superellipse
-from .outline import Arc, arc_parameter, arc_point, arc_points, arcs, equal_arc_length, inside_holes, outline_points, stretches
-from .plate import KINEMATICS, Plate, check_plate, reference_plate
+from .outline import Arc, arc_parameter, arc_points, arcs, corners_between, equal_arc_length, inside_holes
+from .plate import KINEMATICS, Plate, edge_lines, image_offsets, periods, reference_plate
 from .symmetries import SYMMETRIES, keeps_edges
 
 __all__ = [
@@ -25,10 +26,10 @@ __all__ = [
     "Rectangle",
     "Superellipse",
     "arc_parameter",
-    "arc_point",
     "arc_points",
     "arcs",
     "check_plate",
+    "corners_between",
     "edge_lines",
     "equal_arc_length",
     "frame_of",
@@ -39,5 +40,4 @@ __all__ = [
     "outline_points",
     "periods",
     "reference_plate",
-    "stretches",
 ]

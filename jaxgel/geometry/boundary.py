@@ -3,15 +3,11 @@
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .._types import Float
 from .._validation import did_you_mean, finite_numbers
-
-if TYPE_CHECKING:
-    from .plate import Plate
 
 EDGES = ("left", "right", "bottom", "top")
 CONDITIONS = ("roller", "fixed", "free", "periodic")
@@ -42,24 +38,6 @@ class Edges(Mapping):
         return len(EDGES)
 
 
-def edge_lines(plate: "Plate") -> dict[str, tuple[int, float]]:
-    """Edge -> (axis, coordinate): the edge lies where x (axis 0) or y (axis 1) has the coordinate, mm."""
-    w, h = plate.width / 2, plate.height / 2
-    return {"left": (0, -w), "right": (0, w), "bottom": (1, -h), "top": (1, h)}
-
-
-def periods(plate: "Plate") -> Float[np.ndarray, " 2"]:
-    """Periods (2,) of a plate along x and y, mm; 0 along an axis whose edges are not periodic."""
-    sides = plate.width, plate.height
-    return np.array([side if plate.edges[edges[0]] == "periodic" else 0.0 for side, edges in zip(sides, FRAME_EDGES, strict=True)])
-
-
-def image_offsets(plate: "Plate") -> Float[np.ndarray, "m 2"]:
-    """Translations (m, 2), mm, of a periodic plate to itself and its neighbours in the lattice, first (0, 0); of others (0, 0) alone."""
-    steps = [(0.0, -period, period) if period else (0.0,) for period in periods(plate)]
-    return np.array(list(itertools.product(*steps)))
-
-
 def checked_edges(edges: Mapping[str, str] | str) -> Edges:
     """The conditions as ``Edges``, rollers where none is given; ValueError for unknown ones and half a periodic pair."""
     if isinstance(edges, str):
@@ -77,14 +55,12 @@ def checked_edges(edges: Mapping[str, str] | str) -> Edges:
 
 
 def checked_deformation(deformation: object, edges: Edges) -> Deformation:
-    """The macroscopic deformation gradient as nested tuples; ValueError for an unusable one, one that tilts a roller edge, and a component
-    that is "free" where edges hold it.
-    """
+    """The macroscopic deformation gradient as nested tuples; ValueError for one that edges do not allow."""
     listed = np.array(_all_free(edges) if isinstance(deformation, str) and deformation == FREE else deformation, dtype=object)
-    unknown = [entry for entry in listed.ravel() if isinstance(entry, str) and entry != FREE]
-    if unknown:
-        raise ValueError(f"deformation: {unknown[0]!r} is neither a number nor {FREE!r}")
     free = np.reshape([isinstance(entry, str) for entry in listed.ravel()], listed.shape)
+    for entry in listed[free]:
+        if entry != FREE:
+            raise ValueError(f"deformation: {entry!r} is neither a number nor {FREE!r}")
     if free.any() and free.shape == (2, 2):
         _check_free(free, edges)
         deformation = np.where(free, np.eye(2), listed).tolist()
@@ -98,7 +74,7 @@ def checked_deformation(deformation: object, edges: Edges) -> Deformation:
 
 
 def _all_free(edges):
-    """The deformation whose components are all free, but for those that do not belong to a periodic cell and its rotation."""
+    """The deformation whose components are all free that can be."""
     along = [edges[edge] == "periodic" for edge in ("left", "bottom")]
     if not any(along):
         raise ValueError(f"deformation: {FREE!r} is that of a periodic cell; make two opposite edges periodic")
@@ -122,7 +98,7 @@ def _check_free(free, edges):
 
 
 def checked_displacement(displacement: object, edges: Edges) -> Edges:
-    """The displacements as ``Edges``; ValueError for components that are not held and for edges that tear their corner."""
+    """The displacements as ``Edges``; ValueError for those that edges do not allow."""
     if not isinstance(displacement, Mapping):
         raise ValueError(f"displacement: {displacement!r} is not a mapping from edges to displacements such as {{'top': (0, 0.1)}}")
     found = dict.fromkeys(EDGES, (0.0, 0.0))

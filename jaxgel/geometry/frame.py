@@ -4,21 +4,18 @@ The frame is arbitrary: a periodic edge may lie along any straight line that cro
 """
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._types import Array, Float
 from .._validation import Inadmissible
-from .boundary import FRAME_EDGES, periods
-from .outline import outline_points
-
-if TYPE_CHECKING:
-    from .plate import Plate
+from .boundary import FRAME_EDGES
+from .hole import Hole, outline_points
+from .plate import Plate, periods
 
 TOUCH = 1e-5  # gaps below this fraction of the plate's shorter side count as contact
 EQUAL = 1e-9  # relative difference of two clearances that are equal
-SAMPLES = 1440  # points of an outline whose extent is taken
+SAMPLES = 1440  # points of a whole outline
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,7 +36,7 @@ class Frame:
         """Whether the rectangle and all that lies in it are as given."""
         return not (self.middle.any() or self.holes.any() or self.regions.any())
 
-    def of(self, plate: "Plate") -> "Plate":
+    def of(self, plate: Plate) -> Plate:
         """The ``plate``, whose parameters may be traced, in this frame; the plate itself if the frame is as given."""
         if self.is_given:
             return plate
@@ -59,13 +56,14 @@ class Frame:
         return points if self.is_given else _wrapped(points + self.middle, self.periods)
 
 
-def frame_of(plate: "Plate") -> Frame:
+def frame_of(plate: Plate) -> Frame:
     """The `Frame` of a concrete plate: its periodic edges lie in the middle of the widest gap between holes and regions, seen along them.
 
     So the frame does not depend on that of the plate as given, which is kept if its edges lie in the middle of one of the widest gaps.
     Raises ValueError, one line, if there is no gap: every line along an edge then crosses a hole or one of its images.
     """
-    along, spans = periods(plate), [_spans(outlines) for outlines in (plate.holes, plate.regions)]
+    along, samples = periods(plate), [[sampled_outline(o) for o in outlines] for outlines in (plate.holes, plate.regions)]
+    spans = [np.array([[end(p, axis=0) for p in points] for end in (np.min, np.max)]).reshape(2, -1, 2) for points in samples]
     middle, layers = np.zeros(2), (spans[1][0] < -along / 2) & (spans[1][1] > along / 2)
     for axis in np.flatnonzero(along):
         low, high = np.concatenate([spans[0], spans[1][:, ~layers[:, axis]]], axis=1)[:, :, axis]
@@ -95,10 +93,9 @@ def frame_of(plate: "Plate") -> Frame:
     return Frame(middle, along, holes, regions)
 
 
-def _spans(outlines):
-    """Least and largest coordinates (2, k, 2) of the ``outlines``."""
-    points = [np.asarray(outline_points(o, np.union1d(np.arange(SAMPLES) / SAMPLES, o.corners))) for o in outlines]
-    return np.array([[reduce(p, axis=0) for p in points] for reduce in (np.min, np.max)]).reshape(2, -1, 2)
+def sampled_outline(outline: Hole) -> Float[np.ndarray, "p 2"]:
+    """Points (p, 2) of an outline, its corners among them, mm: enough for its extent and for how it lies."""
+    return np.asarray(outline_points(outline, np.union1d(np.arange(SAMPLES) / SAMPLES, outline.corners)))
 
 
 def _gaps(low, high, period):

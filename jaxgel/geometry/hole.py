@@ -78,10 +78,7 @@ class Hole:
         raise NotImplementedError
 
     def excess(self, x: Float[Array, "2"]) -> Float[Array, ""]:
-        """How far outside the hole the point ``x`` lies, in mm; negative inside.
-
-        Measured along the ray from the hole's centre, for straight-sided holes across the sides.
-        """
+        """How far outside the hole the point ``x`` lies, mm, along the ray from its centre or across its sides; negative inside."""
         raise NotImplementedError
 
     def area(self) -> Float[Array, ""]:
@@ -91,21 +88,21 @@ class Hole:
 
 def checked_parameter(value: object, shape: tuple, name: str) -> Array:
     """``value`` as a float array of ``shape``; ValueError otherwise."""
+    wanted = "a number" if shape == () else f"an array of numbers of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
     if isinstance(value, (list, tuple, int, float, np.ndarray, np.generic)):
         with contextlib.suppress(TypeError, ValueError, OverflowError):  # a list that holds traced numbers, or no numbers at all
             value = np.asarray(value, dtype=float)
+    is_float = isinstance(value, jax.Array) and value.dtype == jnp.float64  # converting a traced one takes time and does nothing
     try:
-        array = value if _is_float(value) else jnp.asarray(value, dtype=float)  # converting a traced one takes time and does nothing
+        array = value if is_float else jnp.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name}: {value!r} is not {_shape_in_words(shape)}") from None
+        raise ValueError(f"{name}: {value!r} is not {wanted}") from None
     if array.ndim != len(shape) or any(isinstance(n, int) and n != m for n, m in zip(shape, array.shape, strict=True)):
-        raise ValueError(f"{name}: an array of shape {array.shape} is not {_shape_in_words(shape)}")
+        raise ValueError(f"{name}: an array of shape {array.shape} is not {wanted}")
     return array
 
 
-def _is_float(value):
-    return isinstance(value, jax.Array) and value.dtype == jnp.float64
-
-
-def _shape_in_words(shape):
-    return "a number" if shape == () else f"an array of numbers of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+@jax.jit
+def outline_points(hole: Hole, t: Float[Array, " m"]) -> Float[Array, "m 2"]:
+    """Points (m, 2) of the outline at the parameters ``t`` (m,), mm; compiled once per kind of hole."""
+    return jax.vmap(hole.point)(t)

@@ -10,21 +10,16 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .._types import Array, Float, Scalar
-from .._validation import Inadmissible
 from .hole import Hole, pytree
 
 
 class _Radial:
-    """Outline in polar form about ``centre``, turned by ``angle`` where the kind has one."""
+    """Outline in polar form about ``centre``, turned by ``angle`` where the kind has one.
 
-    centre: Float[Array, "2"]
-
-    def radius_at(self, phi: Scalar) -> Float[Array, ""]:
-        """Distance of the outline from the centre, mm, at the polar angle ``phi`` in the hole's own axes."""
-        raise NotImplementedError
+    ``radius_at(phi)`` is its distance from the centre, mm, at the polar angle ``phi`` in the hole's own axes.
+    """
 
     def point(self, t: Scalar) -> Float[Array, "2"]:
         phi = 2 * jnp.pi * t
@@ -214,22 +209,6 @@ class Polygon(Hole):
 
 KINDS: Mapping[str, type[Hole]] = {kind.__name__.lower(): kind for kind in (Circle, Ellipse, Rectangle, Superellipse, Fourier, Polygon)}
 """Name of each kind of hole, as written in a case file, and its class."""
-
-
-def check_parameters(hole: Hole, name: str) -> None:
-    """Raise ValueError, in one line that starts with the hole's ``name``, for concrete parameters out of their range."""
-    for parameter, value in hole.theta.items():
-        value = np.asarray(value)
-        if not np.isfinite(value).all():
-            raise Inadmissible(f"{name}.{parameter}: {value.tolist()} is not finite; give numbers")
-        if parameter in hole.positive and not (value > 0).all():
-            raise Inadmissible(f"{name}.{parameter}: {value.tolist()} is not positive; give values above 0")
-    if isinstance(hole, Superellipse) and not 1 < hole.exponent <= 100:
-        raise Inadmissible(f"{name}.exponent: {hole.exponent} is not in (1, 100]")
-    if isinstance(hole, Polygon):
-        sides = np.linalg.norm(hole.vertices - np.roll(hole.vertices, -1, axis=0), axis=1)
-        if len(sides) < 3 or not (sides > 0).all():
-            raise Inadmissible(f"{name}.vertices: {np.asarray(hole.vertices).tolist()} are not at least 3, each different from the next")
 
 
 def _direction(phi):

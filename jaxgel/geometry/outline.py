@@ -1,27 +1,24 @@
 """Pieces of hole outlines that lie inside the plate, points along them, and which points lie in holes.
 
-Lengths in mm; the plate is centred at the origin. ``point``, ``arc_point`` and what they call are pure functions of the hole
+Lengths in mm; the plate is centred at the origin. ``arc_points`` and what it calls are pure functions of the hole
 parameters. ``arcs``, ``equal_arc_length`` and ``inside_holes`` work on the host and need concrete parameters.
 """
 
 import dataclasses
 import functools
 import itertools
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from numpy.polynomial.legendre import leggauss
 from scipy.optimize import brentq, minimize_scalar
 
 from .._types import Array, Bool, Float, Scalar
-from .boundary import EDGES, edge_lines
-
-if TYPE_CHECKING:
-    from .hole import Hole
-    from .plate import Plate
+from .boundary import EDGES
+from .hole import Hole, outline_points
+from .plate import Plate, edge_lines
 
 OUTLINE_SAMPLES = 2048  # points per outline among which arcs are searched
 PANELS, POINTS = 256, 16  # of the quadrature of a smooth stretch's arc length: panels, and Gauss points of each
@@ -49,44 +46,40 @@ class Arc:
         return self.start_edge is None
 
 
-def arcs(plate: "Plate") -> list[Arc]:
+def arcs(plate: Plate) -> list[Arc]:
     """All pieces of hole outlines inside the plate, hole by hole and anticlockwise along each.
 
     A hole inside the plate, also one that touches the edge in a point, gives one closed arc; a hole cut by the edge gives open arcs
     whose ends are on the edge to round-off.
     """
-    return [arc for k in range(len(plate.holes)) for arc in _arcs_of_hole(plate, k)]
+    return [arc for k, hole in enumerate(plate.holes) for arc in _arcs_of_hole(plate, k, hole)]
 
 
-def arc_parameter(plate: "Plate", arc: Arc, s: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
+def arc_parameter(plate: Plate, arc: Arc, s: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
     """Outline parameter t () at the share ``s`` () in [0, 1] of the arc, on a plate whose holes may have moved.
 
     The ends of an open arc stay on their edge: they solve 'normal coordinate of ``point(t)`` = the edge's' by Newton's method
     from the ends on the reference plate, so all derivatives pass through them.
     """
-    start = _on_edge(plate, arc.hole, arc.start, arc.start_edge)
-    end = _on_edge(plate, arc.hole, arc.end, arc.end_edge)
+    hole, ends = plate.holes[arc.hole], ((arc.start, arc.start_edge), (arc.end, arc.end_edge))
+    start, end = (t if edge is None else _meet(hole, jnp.asarray(t, dtype=float), *edge_lines(plate)[edge]) for t, edge in ends)
     return start + s * (end - start)
 
 
-def arc_point(plate: "Plate", arc: Arc, s: Scalar) -> Float[Array, "2"]:
-    """Point (2,) in mm at the share ``s`` () of the arc; see ``arc_parameter``."""
-    return plate.holes[arc.hole].point(arc_parameter(plate, arc, s))
-
-
-def arc_points(plate: "Plate", arc: Arc, s: Float[Array, " m"]) -> Float[Array, "m 2"]:
+def arc_points(plate: Plate, arc: Arc, s: Float[Array, " m"]) -> Float[Array, "m 2"]:
     """Points (m, 2) in mm at the shares ``s`` (m,) of the arc; compiled once per kind of hole."""
     return outline_points(plate.holes[arc.hole], arc_parameter(plate, arc, np.asarray(s)))
 
 
-def equal_arc_length(plate: "Plate", arc: Arc, n_intervals: int) -> Float[np.ndarray, " m"]:
+def equal_arc_length(plate: Plate, arc: Arc, n_intervals: int) -> Float[np.ndarray, " m"]:
     """Shares s along the arc that cut it into pieces of equal length, corners being cuts.
 
-    NumPy (n_intervals + 1,) with both ends for an open arc, (n_intervals,) from t = 0 on for a whole hole. Between corners the
+    (n_intervals + 1,) with both ends for an open arc, (n_intervals,) from t = 0 on for a whole hole. Between corners the
     number of pieces goes with the length (largest remainder, at least one). Exact to 1e-10 of the arc for smooth outlines.
     Raises ValueError if there are fewer intervals than stretches between corners.
     """
-    hole, stops = plate.holes[arc.hole], np.array([arc.start, *_corners_on(plate, arc), arc.end])
+    hole = plate.holes[arc.hole]
+    stops = np.array([arc.start, *corners_between(hole, arc.start, arc.end), arc.end])
     tables = [_length_table(hole, a, b) for a, b in itertools.pairwise(stops)]
     shares = _largest_remainder(np.array([lengths[-1] for _, lengths in tables]), n_intervals, arc)
     t = np.concatenate([_cuts(hole, *table, n) for table, n in zip(tables, shares, strict=True)] + [[arc.end]])
@@ -95,18 +88,12 @@ def equal_arc_length(plate: "Plate", arc: Arc, n_intervals: int) -> Float[np.nda
     return s[:-1] if arc.closed else s
 
 
-def stretches(plate: "Plate", arc: Arc) -> int:
-    """Number of smooth stretches of an arc, between its corners and ends: the least number of its intervals."""
-    return len(_corners_on(plate, arc)) + 1
+def corners_between(hole: Hole, start: float, end: float) -> list[float]:
+    """The t of the corners of an outline between ``start`` and ``end``, which may be above 1, ascending."""
+    return sorted({c + turn for c in hole.corners for turn in (0, 1) if start + 1e-9 < c + turn < end - 1e-9})
 
 
-def _corners_on(plate, arc):
-    """The t of the corners inside an arc, ascending."""
-    corners = plate.holes[arc.hole].corners
-    return sorted({c + turn for c in corners for turn in (0, 1) if arc.start + 1e-9 < c + turn < arc.end - 1e-9})
-
-
-def inside_holes(plate: "Plate", points: Float[Array, "p 2"] | list[Any], tolerance: float = 0.0) -> Bool[np.ndarray, " p"]:
+def inside_holes(plate: Plate, points: Float[Array, "p 2"] | list[Any], tolerance: float = 0.0) -> Bool[np.ndarray, " p"]:
     """Boolean (p,): whether each of ``points`` (p, 2) lies in a hole, on its outline, or within ``tolerance`` mm of it."""
     points, inside = np.asarray(points, dtype=float), np.zeros(len(points), dtype=bool)
     with jax.ensure_compile_time_eval():  # numbers, also where a program around it is being compiled
@@ -115,28 +102,15 @@ def inside_holes(plate: "Plate", points: Float[Array, "p 2"] | list[Any], tolera
     return inside
 
 
-def _traced(tree):
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
-
-
-def _on_edge(plate, k, t, edge):
-    """The t at which hole ``k`` meets the line of the edge, from the guess ``t``; unchanged for no edge."""
-    return t if edge is None else _meet(plate.holes[k], jnp.asarray(t, dtype=float), *edge_lines(plate)[edge])
-
-
 @functools.partial(jax.jit, static_argnames="axis")  # compiled once per kind of hole
 def _meet(hole, t, axis, coordinate):
+    """The t at which the hole's outline meets the line of an edge, from the guess ``t``."""
+
     def newton_step(_, t):
         value, slope = jax.value_and_grad(lambda t: hole.point(t)[axis])(t)
         return t - (value - coordinate) / slope
 
     return jax.lax.fori_loop(0, NEWTON_STEPS, newton_step, t)
-
-
-@jax.jit
-def outline_points(hole: "Hole", t: Float[Array, " m"]) -> Float[Array, "m 2"]:
-    """Points (m, 2) of the outline at the parameters ``t`` (m,), mm; compiled once per kind of hole."""
-    return jax.vmap(hole.point)(t)
 
 
 @jax.jit
@@ -149,29 +123,26 @@ def _excess(hole, points):
     return jax.vmap(hole.excess)(points)
 
 
-def _outward(plate, points):
+def outward(plate: Plate, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 4"]:
     """Distances (p, 4) of points outside the lines of ``EDGES``, mm; negative inside."""
     return np.stack([np.sign(c) * points[:, axis] - abs(c) for axis, c in edge_lines(plate).values()], axis=1)
 
 
-def _arcs_of_hole(plate, k):
-    hole, tolerance = plate.holes[k], 1e-12 * max(plate.width, plate.height)
+def _arcs_of_hole(plate, k, hole):
+    def beyond(t):
+        return outward(plate, np.asarray(outline_points(hole, np.atleast_1d(t))))
 
-    def outward(t):
-        return _outward(plate, np.asarray(outline_points(hole, np.atleast_1d(t))))
-
-    t = _outline_samples(hole, lambda t: outward(t).max(axis=1))
-    distances = outward(t)
-    outside = distances.max(axis=1) > tolerance
+    t = _outline_samples(hole, lambda t: beyond(t).max(axis=1))
+    distances = beyond(t)
+    outside = distances.max(axis=1) > 1e-12 * max(plate.width, plate.height)
     if not outside.any():
         return [Arc(k, 0.0, 1.0)]
-    starts = np.flatnonzero(outside & ~np.roll(outside, -1))  # last sample outside before the arc
     found = []
-    for i in starts:
+    for i in np.flatnonzero(outside & ~np.roll(outside, -1)):  # last sample outside before the arc
         length = np.argmax(np.roll(outside, -i - 1))  # samples of the arc
         j = (i + length) % len(t)  # its last sample
-        start, start_edge = _crossing(outward, t[(i + 1) % len(t)], t[i])
-        end, end_edge = _crossing(outward, t[j], t[(j + 1) % len(t)])
+        start, start_edge = _crossing(beyond, t[(i + 1) % len(t)], t[i])
+        end, end_edge = _crossing(beyond, t[j], t[(j + 1) % len(t)])
         start = start % 1.0 % 1.0  # a tiny negative number first gives 1
         found.append(Arc(k, start, start + (end - start) % 1.0, start_edge, end_edge))
     return sorted(found, key=lambda arc: arc.start)

@@ -1,19 +1,17 @@
 """A plate with its holes and edges."""
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 
 import jax
 import numpy as np
-import shapely
+from jax.core import Tracer
 
-from .._types import Array, Scalar
+from .._types import Array, Float, Scalar
 from .._validation import Inadmissible, did_you_mean, one_of
-from .boundary import FREE, checked_deformation, checked_displacement, checked_edges, edge_lines
-from .frame import TOUCH, frame_of
+from .boundary import FRAME_EDGES, FREE, checked_deformation, checked_displacement, checked_edges
 from .hole import Hole, checked_parameter, pytree
-from .holes import check_parameters
-from .outline import _outward, _traced, outline_points
 
 KINEMATICS = ("plane strain", "generalised plane strain", "plane stress")
 
@@ -143,74 +141,22 @@ def reference_plate(plate: Plate) -> Plate:
     return reference
 
 
-def check_plate(plate: Plate) -> None:
-    """Raise ValueError, in one line that names the hole, for parameters or an arrangement of holes that make no plate.
-
-    That is: values that are not finite or not positive, outlines that cross themselves, holes outside the plate, with a side along
-    its edge, overlapping or touching each other, swallowing the plate or cutting it into parts. The plate's edge may cut holes; of a
-    periodic cell another frame is taken, see `frame_of`, and images of holes count.
-    """
-    for name in ("holes", "regions"):
-        for k, outline in enumerate(getattr(plate, name)):
-            check_parameters(outline, f"{name}[{k}]")
-    plate = frame_of(plate).of(plate)
-    box = shapely.box(-plate.width / 2, -plate.height / 2, plate.width / 2, plate.height / 2)
-    touch = TOUCH * min(plate.width, plate.height)
-    shapes = _checked_outlines(plate, "holes", box, touch)
-    inner = shapely.intersection(shapes, box)
-    for i, j in _apart(inner, touch):
-        raise Inadmissible(f"holes[{i}], holes[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
-    rest = shapely.get_parts(shapely.difference(box, shapely.union_all(inner)))
-    if len(rest) != 1:
-        raise Inadmissible(f"holes: they cut the plate into {len(rest)} parts; leave one connected piece")
-    _check_regions(plate, shapes, box, touch)
+def edge_lines(plate: Plate) -> dict[str, tuple[int, float]]:
+    """Edge -> (axis, coordinate): the edge lies where x (axis 0) or y (axis 1) has the coordinate, mm."""
+    w, h = plate.width / 2, plate.height / 2
+    return {"left": (0, -w), "right": (0, w), "bottom": (1, -h), "top": (1, h)}
 
 
-def _check_regions(plate, holes, box, touch):
-    """Refuse regions that cross a hole or each other; ``holes`` are polygons."""
-    shapes = _checked_outlines(plate, "regions", box, touch)
-    inner = shapely.intersection(shapes, box)
-    for i, j in _apart(inner, touch):
-        raise Inadmissible(f"regions[{i}], regions[{j}]: they overlap or touch; leave more than {touch:.2g} mm between them")
-    lines = shapely.intersection(shapely.boundary(shapes), box), shapely.intersection(shapely.boundary(holes), box)
-    for i, j in np.argwhere(shapely.dwithin(lines[0][:, None], lines[1][None, :], touch)):
-        raise Inadmissible(f"regions[{i}], holes[{j}]: their outlines cross or touch; leave more than {touch:.2g} mm between them")
-    for i, j in np.argwhere(shapely.contains(holes[:, None], inner[None, :])):
-        raise Inadmissible(f"regions[{j}]: it lies in holes[{i}]; to fill a hole give its outline as a region instead")
+def periods(plate: Plate) -> Float[np.ndarray, " 2"]:
+    """Periods (2,) of a plate along x and y, mm; 0 along an axis whose edges are not periodic."""
+    sides = plate.width, plate.height
+    return np.array([side if plate.edges[edges[0]] == "periodic" else 0.0 for side, edges in zip(sides, FRAME_EDGES, strict=True)])
 
 
-def _checked_outlines(plate, name, box, touch):
-    """Polygons of the ``holes`` or ``regions``, also outside the plate; ValueError for one that has no part or all of the plate."""
-    found = np.empty(len(getattr(plate, name)), dtype=object)
-    for k, outline in enumerate(getattr(plate, name)):
-        where = f"{name}[{k}]"
-        shape = shapely.Polygon(np.asarray(outline_points(outline, np.union1d(np.arange(1440) / 1440, outline.corners))))
-        if not shape.is_valid or not shape.exterior.is_ccw:
-            raise Inadmissible(f"{where}: its outline crosses itself or runs clockwise; give a simple anticlockwise outline")
-        if shape.intersection(box).area <= touch**2:
-            raise Inadmissible(f"{where}: it lies outside the plate, |x| <= {plate.width / 2:g}, |y| <= {plate.height / 2:g}; move it in")
-        if shape.contains(box):
-            raise Inadmissible(f"{where}: it covers the whole plate of {plate.width:g} x {plate.height:g} mm; make it smaller")
-        _check_sides_along_edges(plate, outline, where, touch)
-        for edge in _touched_edges(plate, shape, touch):
-            raise Inadmissible(f"{where}: it touches the {edge} edge; move it in by more than {touch:.2g} mm, or across the edge")
-        found[k] = shape
-    return found
-
-
-def _touched_edges(plate, shape, touch):
-    """The edges that a polygon touches without crossing them."""
-    points = shapely.get_coordinates(shape)
-    half, beyond = np.array([plate.width, plate.height]) / 2, _outward(plate, points)
-    for column, (edge, (axis, _)) in enumerate(edge_lines(plate).items()):
-        beside = np.abs(points[:, 1 - axis]) < half[1 - axis] + touch
-        if plate.edges[edge] != "periodic" and abs(np.max(beyond[beside, column], initial=-np.inf)) < touch:
-            yield edge
-
-
-def _apart(one, touch):
-    """Pairs of numbers i < j of polygons (k,) that are not more than ``touch`` apart."""
-    return np.argwhere(np.triu(shapely.dwithin(one[:, None], one[None, :], touch), 1))
+def image_offsets(plate: Plate) -> Float[np.ndarray, "m 2"]:
+    """Translations (m, 2), mm, of a periodic plate to itself and its neighbours in the lattice, first (0, 0); of others (0, 0) alone."""
+    steps = [(0.0, -period, period) if period else (0.0,) for period in periods(plate)]
+    return np.array(list(itertools.product(*steps)))
 
 
 def _all_at(outlines, theta, name, kind):
@@ -220,15 +166,23 @@ def _all_at(outlines, theta, name, kind):
         raise ValueError(f"{name}: {theta!r} is not accepted; give a list with one dict of parameters per {kind}, such as {example}")
     if len(theta) != len(outlines):
         raise ValueError(f"{name}: {len(theta)} entries for {len(outlines)} {kind}s; give one dict of parameters per {kind}")
-    return tuple(_hole_at(hole, new, f"{name}[{k}]") for k, (hole, new) in enumerate(zip(outlines, theta, strict=True)))
+    for k, (hole, new) in enumerate(zip(outlines, theta, strict=True)):
+        for parameter, value in new.items():
+            if parameter not in hole.theta:
+                known = did_you_mean(parameter, hole.theta)
+                raise ValueError(f"{name}[{k}]: unknown parameter {parameter!r} of {type(hole).__name__}; {known}")
+            own = hole.theta[parameter].shape
+            if np.shape(value) != own:
+                raise ValueError(f"{name}[{k}]: {parameter} has shape {np.shape(value)}, but the hole's own has {own}")
+    return tuple(dataclasses.replace(hole, **new) for hole, new in zip(outlines, theta, strict=True))
 
 
 def _checked_stretch(value, kinematics):
     """The axial stretch as an array (), None if the kinematics have none; ValueError for what is not accepted."""
     if kinematics != "generalised plane strain":
-        if value is None:
-            return None
-        raise ValueError(f"axial_stretch: {value!r} is not accepted in {kinematics}, only in generalised plane strain")
+        if value is not None:
+            raise ValueError(f"axial_stretch: {value!r} is not accepted in {kinematics}, only in generalised plane strain")
+        return None
     if value is None:
         raise ValueError("axial_stretch: is missing; generalised plane strain takes a finite number > 0, 1 for plane strain")
     message = f"axial_stretch: {value!r} is not accepted, it must be a finite number > 0"
@@ -241,24 +195,5 @@ def _checked_stretch(value, kinematics):
     return value
 
 
-def _hole_at(hole, new, where):
-    """The hole with the parameters of the dict ``new`` in place of its own."""
-    theta = hole.theta
-    for name, value in new.items():
-        if name not in theta:
-            raise ValueError(f"{where}: unknown parameter {name!r} of {type(hole).__name__}; {did_you_mean(name, theta)}")
-        if np.shape(value) != theta[name].shape:
-            raise ValueError(f"{where}: {name} has shape {np.shape(value)}, but the hole's own has {theta[name].shape}")
-    return dataclasses.replace(hole, **new)
-
-
-def _check_sides_along_edges(plate, hole, where, touch):
-    """Refuse a straight side on the plate's edge: whether the edge cuts it is not defined once the hole moves."""
-    if not hole.corners:
-        return
-    corners = np.asarray(outline_points(hole, np.asarray(hole.corners)))
-    on_edge = np.abs(_outward(plate, corners)) < touch
-    for side in np.flatnonzero((on_edge & np.roll(on_edge, -1, axis=0)).any(axis=1)):
-        middle = (corners[side] + corners[(side + 1) % len(corners)]) / 2
-        if _outward(plate, middle[None]).max() < touch:
-            raise Inadmissible(f"{where}: its side {side} lies along the plate's edge; move it across the edge or away from it")
+def _traced(tree):
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))

@@ -1,8 +1,5 @@
 """The symmetries of the square, and which of them a plate's edges have."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from .._types import Float
@@ -23,22 +20,14 @@ _NORMALS = dict(zip(EDGES, ((-1, 0), (1, 0), (0, -1), (0, 1)), strict=True))
 
 
 def keeps_edges(plate: Plate, matrix: Float[np.ndarray, "2 2"]) -> bool:
-    """Whether the plate turned or mirrored by a ``matrix`` (2, 2) of `SYMMETRIES` has the same sides, conditions, displacements and
-    macroscopic deformation.
-    """
-    size, moves = np.array([plate.width, plate.height]), plate.displacement
+    """Whether the plate moved by a ``matrix`` (2, 2) of `SYMMETRIES` has the same sides, conditions, displacements and deformation."""
+    size, moves, names = np.array([plate.width, plate.height]), plate.displacement, {normal: edge for edge, normal in _NORMALS.items()}
+    image = {edge: names[tuple(int(c) for c in np.array(matrix) @ normal)] for edge, normal in _NORMALS.items()}
     free = np.array([[int((min(i, j), max(i, j)) in plate.free_strains) for j in range(2)] for i in range(2)])
     return bool(
         np.array_equal(np.abs(matrix) @ size, size)
-        and _after(plate.edges, matrix) == dict(plate.edges)
-        and {edge: tuple(matrix @ move) for edge, move in _after(moves, matrix).items()}
-        == {e: tuple(map(float, m)) for e, m in moves.items()}
+        and all(plate.edges[image[edge]] == condition for edge, condition in plate.edges.items())
+        and all(np.array_equal(matrix @ move, moves[image[edge]]) for edge, move in moves.items())
         and np.array_equal(matrix @ plate.dry_deformation, plate.dry_deformation @ matrix)
         and np.array_equal(np.abs(matrix) @ free @ np.abs(matrix).T, free)
     )
-
-
-def _after(values: Mapping[str, Any], matrix: Float[np.ndarray, "2 2"]) -> dict[str, Any]:
-    """Edge -> value of the plate turned or mirrored by ``matrix``."""
-    names = {normal: edge for edge, normal in _NORMALS.items()}
-    return {names[tuple(int(c) for c in matrix @ _NORMALS[edge])]: value for edge, value in dict(values).items()}

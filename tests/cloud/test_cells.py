@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from jaxgel.cloud import SLIVER, make_cloud, partition, triangles
+from jaxgel.cloud import SLIVER, make_background, make_cloud, partition, triangles
 from jaxgel.geometry import Circle, Plate, Rectangle, edge_lines
 
 each_case = pytest.mark.parametrize("name", ["sample-1", "sample-7", "lattice", "square"])
@@ -140,11 +140,11 @@ def test_a_hole_inside_one_background_square_is_cut_out_of_it(monkeypatch):
 
 
 def test_a_clipped_corner_off_every_outline_is_reported():
-    grid = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    outline = np.array([[0.5, 0.0], [0.5, 1.0]])
-    gel = shapely.Polygon([(0, 0), (0.8, 0.0), (0.5, 1.0), (0, 1)])  # not along the outline
+    background = make_background(Plate(1, 1), 1.0)
+    outline = np.array([[0.0, -0.5], [0.0, 0.5]])
+    gel = shapely.Polygon([(-0.5, -0.5), (0.3, -0.5), (0.0, 0.5), (-0.5, 0.5)])  # not along the outline
     with pytest.raises(RuntimeError, match=r"a clipped vertex lies 3\.0e-01 off every hole outline"):
-        partition(grid, [np.arange(4)], np.array([[0, 1]]), outline, [gel])
+        partition(background, outline, np.array([[4, 5]]), [gel])
 
 
 def test_a_piece_that_is_cut_in_two_leaves_its_images_whole():

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from jaxgel.cases import sample
-from jaxgel.cloud import OUTLINE_SEGMENTS, make_cloud, place
+from jaxgel.cloud import OUTLINE_SEGMENTS, make_cloud, place, refuse_ligament
 from jaxgel.geometry import Circle, Ellipse, Plate, Rectangle, edge_lines
 
 NODES = {
@@ -203,6 +203,13 @@ def test_cloud_can_be_made_inside_jit_from_a_concrete_reference(cloud_of):
 def test_unusable_spacing_is_refused(spacing):
     with pytest.raises(ValueError, match=r"^spacing: \S+ is not in \(0, 11\], half the plate's shorter side$"):
         make_cloud(sample("sample-1"), spacing=spacing)
+
+
+def test_place_without_shape_functions_in_a_narrow_ligament_names_it():
+    topology = make_cloud(Plate(4, 8, [Circle((0, 0), 1.92)], spacing=0.5, nodes_per_hole=16)).topology
+    refuse_ligament(topology, 0.5, np.array([0.0, 3.0]), 0.3)  # far away from it
+    with pytest.raises(ValueError, match=r"^holes: a ligament of 0\.08 mm between holes\[0\] and the left edge is too narrow"):
+        refuse_ligament(topology, 0.5, np.array([-1.9, 0.1]), 0.3)
 
 
 def test_ligament_without_a_node_is_refused_with_its_holes(monkeypatch):

@@ -8,8 +8,8 @@ import shapely
 from scipy.spatial import cKDTree
 
 from jaxgel import Problem, core_rotation, discretise, make_cloud, sample, sweep, uniaxial_swelling
-from jaxgel.cloud import GRADING, OUTLINE_SEGMENTS, Cloud, assemble, find_ligaments, make_background, place
-from jaxgel.geometry import Circle, Plate, Rectangle, arcs
+from jaxgel.cloud import GRADING, OUTLINE_SEGMENTS, Cloud, assemble, find_ligaments, make_background, place, sample_lines
+from jaxgel.geometry import Circle, Plate, Rectangle, frame_of
 
 SPACING = 22 / 30  # mm; one or two grid lines cross the 1 mm ligaments of the samples
 AWKWARD = {
@@ -60,11 +60,7 @@ def test_two_nodes_across_change_nothing():
 
 
 def test_wedge_between_a_cut_hole_and_its_wall_is_no_ligament():
-    plate = Plate(10, 10, [Circle((-4.5, 0), 2)])
-    curve = np.stack([plate.holes[0].point(t) for t in np.linspace(arcs(plate)[0].start, arcs(plate)[0].end, 50)])
-    walls = [shapely.LineString(side) for side in ([(-5, -5), (-5, 5)], [(5, -5), (5, 5)], [(-5, -5), (5, -5)], [(-5, 5), (5, 5)])]
-    gel = shapely.difference(shapely.box(-5, -5, 5, 5), shapely.Polygon(np.concatenate([curve, [(-6, 1), (-6, -1)]])))
-    _, widths = find_ligaments(walls, [curve], arcs(plate), gel)
+    _, widths = find_ligaments(sample_lines(Plate(10, 10, [Circle((-4.5, 0), 2)]), 40, 0.5))
     assert widths.min() == pytest.approx(3, abs=1e-3)  # from its top and bottom to those walls
 
 
@@ -118,7 +114,7 @@ def test_neighbouring_squares_differ_by_one_halving_at_most():
 def test_patch_test_stays_exact_where_a_square_is_refined(basis, region):
     plate = sample("square")
     background = make_background(plate, plate.spacing, [(np.array([shapely.box(*region)]), np.array([0.05]))])
-    topology = assemble(plate, plate.spacing, background, (), np.zeros((0, 2)))
+    topology = assemble(plate, frame_of(plate), sample_lines(plate, 0, 1.0), background, plate.spacing, 0, None)
     cloud = Cloud(plate, jnp.asarray(topology.partition.vertices), topology)
     assert len(cloud.nodes) > 120  # 49 without refinement
     mu = np.linspace(-4.9, 0, 6)

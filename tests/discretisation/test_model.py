@@ -196,14 +196,14 @@ def test_midline_lies_in_the_gel_from_wall_to_wall(coarse_model, cloud_of):
 # --- moved clouds ------------------------------------------------------------------------------------------------------------
 
 
-def test_moved_cloud_keeps_every_neighbour_that_it_needs(tiny_plate):
+def test_moved_cloud_keeps_every_neighbour_that_it_needs(tiny_plate, monkeypatch):
     """A wider skin changes nothing: the lists made on the reference contain all nodes that reach a moved point."""
     cloud = jaxgel.make_cloud(tiny_plate)
     moved = cloud.at(tiny_plate.at(({"radius": jnp.asarray(1.15), "centre": jnp.asarray([0.15, -0.2])},)))
-    x = moved.nodes + 0.02 * np.random.default_rng(3).normal(size=moved.nodes.shape)
-    energies = [
-        float(jax.jit(network_energy)(x, jaxgel.discretise(moved, basis="linear", skin=skin), tiny_plate.gel)) for skin in (None, 0.5)
-    ]
+    x, energies = moved.nodes + 0.02 * np.random.default_rng(3).normal(size=moved.nodes.shape), []
+    for skin in (0.25, 0.5 / cloud.spacing):
+        monkeypatch.setattr("jaxgel.discretisation.model.SKIN", skin)
+        energies.append(float(jax.jit(network_energy)(x, jaxgel.discretise(moved, basis="linear"), tiny_plate.gel)))
     assert energies[0] == pytest.approx(energies[1], rel=1e-12)
 
 

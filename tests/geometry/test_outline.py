@@ -19,7 +19,7 @@ from jaxgel.geometry import (
     Rectangle,
     Superellipse,
     arc_parameter,
-    arc_point,
+    arc_points,
     arcs,
     check_plate,
     edge_lines,
@@ -240,10 +240,9 @@ def test_arc_ends_lie_on_their_edges_to_round_off():
     plate = lattice()
     for arc in arcs(plate):
         if not arc.closed:
-            start, end = (np.asarray(arc_point(plate, arc, s)) for s in (0.0, 1.0))
+            start, middle, end = np.asarray(arc_points(plate, arc, [0.0, 0.5, 1.0]))
             assert distance_to_edge(plate, start, arc.start_edge) < 1e-14
             assert distance_to_edge(plate, end, arc.end_edge) < 1e-14
-            middle = np.asarray(arc_point(plate, arc, 0.5))
             assert np.abs(middle).max() < 4
 
 
@@ -265,7 +264,7 @@ def test_arc_ends_stay_on_the_edge_when_the_hole_moves_and_grows(kind, edge):
     (arc,) = arcs(plate)
     other = plate.at((moved(shift + np.array([0.2, -0.15]), 1.2),))
     for placed in (plate, other):
-        line = np.asarray(jax.vmap(lambda s, placed=placed: arc_point(placed, arc, s))(jnp.linspace(0.0, 1.0, 33)))
+        line = np.asarray(arc_points(placed, arc, np.linspace(0.0, 1.0, 33)))
         assert distance_to_edge(placed, line[[0, -1]], edge) < 1e-13  # a few roundings of coordinates near 10
         assert (np.abs(line) < [10 + 1e-12, 5 + 1e-12]).all()
 
@@ -275,7 +274,7 @@ def test_derivatives_of_a_cut_end_match_the_circle():
     (arc,) = arcs(plate)
 
     def height(radius, x):  # the arc is anticlockwise, so it ends at the upper crossing: y^2 = r^2 - (x + 10)^2
-        return arc_point(plate.at(({"radius": radius, "centre": jnp.stack([x, 0.0])},)), arc, 1.0)[1]
+        return arc_points(plate.at(({"radius": radius, "centre": jnp.stack([x, 0.0])},)), arc, [1.0])[0, 1]
 
     r, x, y = 2.2, -9.1, np.sqrt(2.2**2 - 0.9**2)
     np.testing.assert_allclose(height(r, x), y, rtol=1e-14)
@@ -318,16 +317,16 @@ def test_hole_around_a_corner_ends_on_both_edges():
 def test_hole_cut_twice_by_one_edge_has_two_arcs():
     staple = Polygon([(-2, 3), (-1, 3), (-1, 4.5), (1, 4.5), (1, 3), (2, 3), (2, 5), (-2, 5)])
     plate = Plate(8, 8, holes=[staple])
-    ends = [np.asarray(arc_point(plate, arc, s)) for arc in arcs(plate) for s in (0.0, 1.0)]
+    ends = np.concatenate([arc_points(plate, arc, [0.0, 1.0]) for arc in arcs(plate)])
     np.testing.assert_allclose(ends, [(1, 4), (2, 4), (-2, 4), (-1, 4)], atol=1e-14)
 
 
 def test_corner_of_a_hole_on_the_edge_is_an_end():
     plate = Plate(8, 8, holes=[Rectangle((0.0, 4.0), (2.0, 2.0), np.pi / 4)])
     (arc,) = arcs(plate)
-    np.testing.assert_allclose(arc_point(plate, arc, 0.0), (-np.sqrt(2), 4), atol=1e-14)
+    np.testing.assert_allclose(arc_points(plate, arc, [0.0]), [(-np.sqrt(2), 4)], atol=1e-14)
     for y in (3.9, 4.1):
-        end = arc_point(plate.at(({"centre": np.array([0.0, y])},)), arc, 1.0)
+        (end,) = arc_points(plate.at(({"centre": np.array([0.0, y])},)), arc, [1.0])
         np.testing.assert_allclose(end, (np.sqrt(2) - 0.1, 4), atol=1e-14)
 
 

@@ -177,7 +177,10 @@ def test_hole_areas_of_a_bent_plate_are_exact(coarse_path):
     holes = [jaxgel.Circle((0.7, 0.5), 0.8), jaxgel.Circle((-2.0, -2.0), 1.2)]  # whole, and a quarter in a corner
     model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, holes, spacing=0.5, nodes_per_hole=16)))
     nodes = np.asarray(model.cloud.nodes)
-    bent = with_states(dataclasses.replace(coarse_path, model=model), (nodes + 0.1 * (nodes**2 - 4) * [1.0, 0.0])[None])
+    bent = with_states(
+        dataclasses.replace(coarse_path, problem=coarse_path.problem.replace(model=model)),
+        (nodes + 0.1 * (nodes**2 - 4) * [1.0, 0.0])[None],
+    )
     centroids = [shapely.Polygon(np.asarray(loop)).centroid.x for loop in dry_outlines(model)]
     np.testing.assert_allclose(jaxgel.area_reduction_per_hole(bent)[0], -0.2 * np.array(centroids), atol=1e-11)
 

@@ -74,7 +74,8 @@ def test_newtons_matrix_is_the_hessian_of_the_energy_for_complex_shape_functions
     scheme, states = swollen(kind="icvmls", conditions="penalty", method=method)
     gel, mu, state = scheme.cloud.plate.gel, MU[-1], states[-1]
     correction = NewtonCorrection(np.zeros(0))
-    assert iterate(SchemeProblem(scheme, gel), State(mu, mu, state.x + 1e-9, state.pressure), correction).status.ok  # a step: it has a matrix
+    start = State(mu, mu, state.x + 1e-9, state.pressure)  # a step away: the correction has a matrix
+    assert iterate(SchemeProblem(scheme, gel), start, correction).status.ok
     dry = jnp.asarray(scheme.cloud.nodes)
 
     def energy(u):
