@@ -1,0 +1,116 @@
+"""Programs that JAX compiles, stage by stage, in one process that begins without any: python benchmarks/programs.py [--functions N]
+
+A stage prints how many programs it compiled or loaded, and its seconds: in all, of tracing, of lowering, and of compiling (or loading from
+a compilation cache, where JAX_COMPILATION_CACHE_DIR names one); then the functions whose programs took longest. The two plates have four
+holes each and nearly as many nodes. ``--quick`` takes a wide spacing.
+"""
+
+import argparse
+import collections
+import time
+
+import jax
+import jax.numpy as jnp
+from jax import monitoring
+
+import jaxgel
+
+KINDS = {"jaxpr_trace_duration": "tracing", "jaxpr_to_mlir_module_duration": "lowering", "backend_compile_duration": "compiling"}
+GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
+VALUES = jnp.linspace(-3.8, -2.9, 4)
+
+
+class Programs:
+    """Spans of time that JAX spends on each kind of work, by function, until `taken`."""
+
+    def __init__(self):
+        self.spans = collections.defaultdict(list)
+        monitoring.register_event_time_span_listener(self._hear)
+
+    def _hear(self, event, start, end, fun_name="", **_):
+        kind = KINDS.get(event.rpartition("/")[2])
+        if kind:
+            self.spans[kind].append((start, end, fun_name))
+
+    def taken(self):
+        """Kind of work -> its spans since the last call."""
+        spans, self.spans = self.spans, collections.defaultdict(list)
+        return spans
+
+
+def covered(spans):
+    """Seconds that a list of spans covers, those inside others once."""
+    total, last = 0.0, 0.0
+    for start, end, _ in sorted(spans):
+        total += max(0.0, end - max(start, last))
+        last = max(last, end)
+    return total
+
+
+def plate(axes, spacing):
+    """A plate with four like ellipses."""
+    holes = [jaxgel.Ellipse((x, y), axes, 0.3) for x in (-11.0, 11.0) for y in (-11.0, 11.0)]
+    return jaxgel.Plate(44, 44, holes, spacing=spacing, core=(9.0, 9.0))
+
+
+def rotation(made, cloud):
+    """Rotation of the core at the last of ``VALUES``, as a function of the holes' semi-axes."""
+
+    def of(axes):
+        model = jaxgel.discretise(cloud.at(made.at([{"semi_axes": axes}] * 4)))
+        return jaxgel.core_rotation(jaxgel.sweep(jaxgel.Problem(model, GEL), VALUES))[-1]
+
+    return of
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--functions", type=int, default=6, help="functions named for each stage (6)")
+    parser.add_argument("--quick", action="store_true", help="a wide spacing")
+    options = parser.parse_args()
+    spacing = 3.0 if options.quick else 1.4
+    programs = Programs()
+    print(f"{'stage':<34} {'programs':>8} {'seconds':>8} {'tracing':>8} {'lowering':>8} {'compiling':>9}  nodes")
+    clouds = {}
+    for name, axes in {"first": (6.0, 4.5), "second": (5.7, 4.9)}.items():
+        made = plate(axes, spacing)
+
+        def swept(made=made, name=name):
+            clouds[name] = made, jaxgel.make_cloud(made)
+            path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(clouds[name][1]), GEL), VALUES)
+            return jaxgel.core_rotation(path)
+
+        stage(f"{name} plate: sweep", swept, programs, options.functions, lambda name=name: clouds[name][1])
+    for name, axes in {"first": (6.0, 4.5), "second": (5.7, 4.9)}.items():
+        of = jax.value_and_grad(rotation(*clouds[name]))
+        stage(f"{name} plate: gradient", lambda of=of, axes=axes: of(jnp.array(axes)), programs, options.functions)
+    for name in clouds:
+        problem = jaxgel.Problem(jaxgel.discretise(clouds[name][1]), GEL)
+        stage(f"{name} plate: critical points", lambda p=problem: jaxgel.critical_points(p, (-4.0, -2.5)), programs, options.functions)
+
+    def again():
+        moved = plate((6.2, 4.4), spacing)
+        return jax.value_and_grad(rotation(moved, jaxgel.make_cloud(moved)))(jnp.array([6.2, 4.4]))
+
+    stage("a cloud made anew: gradient", again, programs, options.functions)
+
+
+def stage(name, run, programs, count, cloud=None):
+    """Run a stage and print its line and its dearest functions."""
+    programs.taken()
+    began = time.perf_counter()
+    jax.block_until_ready(run())
+    seconds, spans = time.perf_counter() - began, programs.taken()
+    compiled = spans["compiling"]
+    of_kind = [covered(spans[kind]) for kind in ("tracing", "lowering", "compiling")]
+    nodes = "" if cloud is None else len(cloud().nodes)
+    print(f"{name:<34} {len(compiled):8} {seconds:8.1f} {of_kind[0]:8.1f} {of_kind[1]:8.1f} {of_kind[2]:9.1f}  {nodes}")
+    by_function = collections.defaultdict(list)
+    for start, end, function in compiled:
+        by_function[function].append(end - start)
+    dearest = sorted(by_function.items(), key=lambda item: -sum(item[1]))[:count]
+    print("    " + ", ".join(f"{function} {sum(taken):.2f} s ({len(taken)})" for function, taken in dearest), flush=True)
+
+
+if __name__ == "__main__":
+    main()
