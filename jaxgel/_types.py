@@ -6,11 +6,11 @@ Letters of shapes: ``n`` nodes, ``k`` states, ``f`` free degrees of freedom, ``c
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Inexact, Int, Shaped
+from jaxtyping import Bool, Complex, Float, Inexact, Int, Num, Shaped
 
 Array = jax.Array | np.ndarray
 """An array of JAX (traced or not) or of NumPy."""
 Scalar = float | int | np.number | Float[Array, ""] | Int[Array, ""]
 """A real number: of Python, NumPy or JAX."""
 
-__all__ = ["Array", "Bool", "Complex", "Float", "Inexact", "Int", "Scalar", "Shaped"]
+__all__ = ["Array", "Bool", "Complex", "Float", "Inexact", "Int", "Num", "Scalar", "Shaped"]

@@ -8,7 +8,7 @@ from .edges import boundary_edges, find_rows, opposite_edges
 from .ligaments import find_ligaments
 from .morph import thin_plate_matrix
 from .outlines import OUTLINE_SEGMENTS, Outline, loop, sample_lines
-from .quadrature import EDGE_POINTS
+from .quadrature import EDGE_POINTS, Quadrature
 from .quadtree import make_background
 from .topology import GRADING, Topology, assemble
 from .triangles import centroids, signed_areas
@@ -21,6 +21,7 @@ __all__ = [
     "SLIVER",
     "Cloud",
     "Outline",
+    "Quadrature",
     "Topology",
     "assemble",
     "boundary_edges",

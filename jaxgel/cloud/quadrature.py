@@ -7,7 +7,6 @@ not prefer one of the diagonals; the rest is integrated over its triangles. Inde
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Int
@@ -18,9 +17,10 @@ _TRIANGLE = np.array([[1, 1], [4, 1], [1, 4]]) / 6  # local coordinates, equal w
 _SQUARE = np.stack(np.meshgrid(EDGE_POINTS, EDGE_POINTS, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Quadrature:
-    """Points of all cells, ordered by cell; NumPy arrays."""
+    """Points of all cells, ordered by cell; NumPy arrays; a pytree."""
 
     corners: Int[np.ndarray, "p 4"]
     """Vertices of the triangle (the last one without weight) or quadrilateral that a point belongs to."""
@@ -34,23 +34,13 @@ class Quadrature:
     """Cell number."""
 
     def points(self, vertices: Float[Array, "v 2"]) -> Float[Array, "p 2"]:
-        """The points for these positions of the vertices, mm."""
-        return _points(vertices, self.corners, self.values)
+        """The points for these positions of the vertices, mm; without a program for numbers."""
+        return vertices.__array_namespace__().einsum("pk,pki->pi", self.values, vertices[self.corners])
 
     def weights(self, vertices: Float[Array, "v 2"]) -> Float[Array, " p"]:
-        """Quadrature weights of the points, mm^2: they add up to the area of each cell."""
-        return _weights(vertices, self.corners, self.slopes, self.share)
-
-
-@jax.jit
-def _points(vertices, corners, values):
-    return jnp.einsum("pk,pki->pi", values, vertices[corners])
-
-
-@jax.jit
-def _weights(vertices, corners, slopes, share):
-    a, b = jnp.einsum("plk,pki->lpi", slopes, vertices[corners])
-    return share * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+        """Quadrature weights of the points, mm^2: they add up to the area of each cell; without a program for numbers."""
+        a, b = vertices.__array_namespace__().einsum("plk,pki->lpi", self.slopes, vertices[self.corners])
+        return self.share * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def cell_quadrature(partition: Partition) -> Quadrature:

@@ -6,7 +6,6 @@ import dataclasses
 import functools
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
@@ -63,9 +62,10 @@ class Connectivity:
         return found
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Contour:
-    """Directed edges of the contours of all cells, the gel on the left."""
+    """Directed edges of the contours of all cells, the gel on the left; a pytree."""
 
     ends: Int[np.ndarray, "e 2"]
     """Vertex numbers."""
@@ -86,14 +86,14 @@ class Contour:
     """Numbers of the `points` that lie on interfaces, and the weights of the nodes in the patches' lists in the trace there, see
     ``cloud.curves``; None without interfaces."""
 
-    def points(self, vertices: Float[Array, "v 2"]) -> Float[Array, "r 2"]:
-        """Points of the contours, r = 2 e, for these positions of the vertices: start and middle of every edge."""
+    def points(self, vertices: Float[Array, "v 2"]) -> Float[Array, "e 2 2"]:
+        """Start and middle of every edge for these positions of the vertices; without a program for numbers."""
         return _starts_and_middles(vertices, self.ends, *self.middles)
 
 
-@jax.jit
 def _starts_and_middles(vertices, ends, at, weights):
-    return jnp.stack([vertices[ends[:, 0]], jnp.einsum("ek,eki->ei", weights, vertices[at])], axis=1).reshape(-1, 2)
+    xp = vertices.__array_namespace__()
+    return xp.stack([vertices[ends[:, 0]], xp.einsum("ek,eki->ei", weights, vertices[at])], axis=1)
 
 
 @once_per_owner
@@ -107,8 +107,8 @@ def make_connectivity(topology: Topology, basis: str, dmax: float, skin: float) 
     patch_of_cell, linear = patches(topology)
     ends, cell = part.contour_edges
     owner, middles = patch_of_cell[cell], topology.middles(ends)
-    inner, on_edge = np.asarray(quadrature.points(part.vertices)), np.asarray(_starts_and_middles(part.vertices, ends, *middles))
-    points, cells = np.concatenate([inner, on_edge]), np.concatenate([quadrature.owner, np.repeat(cell, 2)])
+    points = np.concatenate([quadrature.points(part.vertices), *_starts_and_middles(part.vertices, ends, *middles)])
+    cells = np.concatenate([quadrature.owner, np.repeat(cell, 2)])
     regions = part.region_of_cell[cells]
     _check_support(topology, points, regions, support, basis)
     on_interfaces, traces = _traces(topology, ends, cell, middles)

@@ -6,51 +6,79 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._sizes import cut, padded, rung
 from .._types import Array, Float, Int
+from ..cloud import Cloud
 from .connectivity import Connectivity
-from .interpolation import evaluate_points
+from .interpolation import evaluate_groups
+from .layout import layout_of
+from .pressures import group_weights
 
 
-def consistent_gradients(
-    nodes: Float[Array, "n 2"], vertices: Float[Array, "v 2"], connectivity: Connectivity, basis: str
-) -> tuple[Float[Array, "p a 2"], Float[Array, " p"], Float[Array, "e 2 a"]]:
-    """Shape function gradients at all quadrature points, the quadrature weights, and the `area_rows` of the contours.
+def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tuple[jax.Array, ...]]:
+    """Per block of patches: positions (c, q, 2) of the quadrature points, shape function gradients (c, q, a, 2) and weights (c, q) there,
+    those of the volume groups (c, q, g), and the `area_rows` (c, 2, r, a) of the contours.
 
     One constant vector per cell and node is added to the gradients so that sum_q w_q dphi_a(q) is the contour integral of phi_a n, the
     integration constraint of Chen et al. (2001). The weights are scaled to the area inside each cell's dry contour, and
     the contour integral is the derivative of that area by the position of node a. Contour edges on held edges of the plate carry
     the linear trace between two nodes, see ``Contour.edge_ends``, and points on interfaces the trace that is common to both sides.
     """
-    lists, supports, contour = connectivity.nodes, connectivity.support, connectivity.contour
-    quadrature = connectivity.topology.quadrature
-    shared = dict(lists=lists, supports=supports, basis=basis)
-    _, dphi = evaluate_points(nodes, quadrature.points(vertices), owner=connectivity.owner, **shared)
-    on_contour = contour.points(vertices)
-    trace = evaluate_points(nodes, on_contour, owner=np.repeat(contour.owner, 2), gradients=False, **shared)
-    if contour.on_interfaces is not None:
-        at, weights = contour.on_interfaces
-        trace = jnp.asarray(trace).at[at].set(weights)
-    numbers = connectivity.cell_of_point, connectivity.patch_of_cell, contour.ends, contour.cell, contour.following
-    weight = quadrature.weights(vertices)
-    return _consistent(nodes, vertices, on_contour, trace, dphi, weight, *numbers, lists, supports, contour.edge_ends)
+    layout, n_points, n_edges = layout_of(lists), len(lists.cell_of_point), len(lists.contour.ends)
+    nodes, points, weight, on_contour = _placed(padded(cloud.vertices, rung(len(cloud.vertices))), layout)
+    of_patches, owner, on_edges = (layout.nodes, layout.support), layout.patch[layout.quadrature.owner], np.repeat(layout.contour.owner, 2)
+    dphi = evaluate_groups(nodes, points, *of_patches, owner, n_points, basis=basis)[1]
+    (trace,) = evaluate_groups(nodes, on_contour, *of_patches, on_edges, 2 * n_edges, basis=basis, gradients=False)
+    linear = tuple(bool(lists.linear[patches[0]]) for patches in lists.patches)
+    blocks = _consistent(nodes, points, weight, on_contour, trace, dphi, layout, linear=linear)
+    shapes = []
+    for patches, numbers, edges, (*_, groups, _) in zip(lists.patches, lists.points, lists.contour.numbers, blocks, strict=True):
+        (c, q), r, a = numbers.shape, edges.shape[1], int((lists.support[patches] > 0).sum(axis=1).max())
+        shapes += [(c, q, 2), (c, q, a, 2), (c, q), (c, q, groups.shape[2]), (c, 2, r, a)]
+    return cut(blocks, tuple(shapes))
 
 
 @jax.jit
-def _consistent(nodes, vertices, on_contour, trace, dphi, weight, cell, patch, ends, edge_cell, following, lists, supports, edge_ends):
-    start, along = vertices[ends[:, 0]], vertices[ends[:, 1]] - vertices[ends[:, 0]]
-    linear = jax.vmap(functools.partial(_linear_trace, np.array([0.0, 0.5])))(start, along, nodes[lists[patch[edge_cell]]], edge_ends)
-    trace = jnp.where(edge_ends[:, :1, None] >= 0, linear, trace.reshape(len(ends), 2, -1))
-    rows, dry = area_rows(trace, following), area_rows(on_contour.reshape(len(ends), 2, 2), following)
+def _placed(vertices, layout):
+    """Nodes, quadrature points and their weights, starts and middles of the contours' edges for these positions of the vertices."""
+    quadrature = layout.quadrature
+    on_contour = layout.contour.points(vertices).reshape(-1, 2)
+    return vertices[layout.node_vertices], quadrature.points(vertices), quadrature.weights(vertices), on_contour
+
+
+@functools.partial(jax.jit, static_argnames="linear")
+def _consistent(nodes, points, weight, on_contour, trace, dphi, layout, *, linear):
+    """What `consistent_patches` returns, padded."""
+    cell, patch, contour = layout.quadrature.owner, layout.patch, layout.contour
+    edge_cell, following, ends = contour.cell, contour.following, contour.edge_ends
+    on_contour = on_contour.reshape(len(ends), 2, 2)
+    start = on_contour[:, 0]
+    if contour.on_interfaces is not None:
+        trace = trace.at[contour.on_interfaces[0]].set(contour.on_interfaces[1])
+    straight = jax.vmap(functools.partial(_linear_trace, np.array([0.0, 0.5])))
+    straight = straight(start, start[following] - start, nodes[layout.nodes[contour.owner]], ends)
+    trace = jnp.where(ends[:, :1, None] >= 0, straight, trace.reshape(len(ends), 2, -1))
+    rows, dry = area_rows(trace, following), area_rows(on_contour, following)
     turned = jnp.stack([dry[..., 1], -dry[..., 0]], axis=-1)
     flux = rows[:, 0, :, None] * turned[:, 1, None] - rows[:, 1, :, None] * turned[:, 0, None]
     sides = dry[:, 0, 0] * dry[:, 1, 1] - dry[:, 0, 1] * dry[:, 1, 0]
-    area = jax.ops.segment_sum(sides, edge_cell, len(patch))
-    weight = weight * (area / jax.ops.segment_sum(weight, cell, len(patch)))[cell]
+    area, given = jax.ops.segment_sum(sides, edge_cell, len(patch)), jax.ops.segment_sum(weight, cell, len(patch))
+    weight = weight * (area / jnp.where(given > 0, given, 1.0))[cell]
     flux = jax.ops.segment_sum(flux, edge_cell, len(patch))
     integral = jax.ops.segment_sum(weight[:, None, None] * dphi, cell, len(patch))
-    correction = (flux - integral) / jax.ops.segment_sum(weight, cell, len(patch))[:, None, None]
-    real = (supports > 0)[patch[cell]][:, :, None]
-    return jnp.where(real, dphi + correction[cell], 0.0), weight, rows
+    correction = (flux - integral) / jnp.where(area > 0, area, 1.0)[:, None, None]
+    dphi = jnp.where((layout.support > 0)[patch[cell]][:, :, None], dphi + correction[cell], 0.0)
+    return [
+        _patches(points, dphi, weight, rows, *numbers, of) for *numbers, of in zip(layout.points_of, contour.numbers, linear, strict=True)
+    ]
+
+
+def _patches(points, dphi, weight, rows, numbers, edges, linear):
+    """The part of one block; padding repeats a point of its own patch, where every energy is finite."""
+    at = jnp.where(numbers >= 0, numbers, numbers[:, :1])
+    w = jnp.where(numbers >= 0, weight[at], 0.0)
+    contour = jnp.where((edges >= 0)[:, None, :, None], jnp.swapaxes(rows[edges], 1, 2), 0.0)
+    return points[at], dphi[at], w, group_weights(points[at], w, linear), contour
 
 
 def area_rows(trace: Float[Array, "e 2 *v"], following: Int[Array, " e"]) -> Float[Array, "e 2 *v"]:

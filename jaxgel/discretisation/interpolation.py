@@ -11,12 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._types import Array, Float, Int
+from .._sizes import cut, padded, rung
+from .._types import Array, Float, Int, Num
 from ..cloud import Cloud
 from .moving_least_squares import shape_functions, shape_functions_and_gradients
 
 BATCH = 64  # points whose shape functions are evaluated together
 GROUP = 1024  # points of one call of the program that evaluates them: one size, so that it serves every cloud
+FINE = 4  # sizes to a doubling of the number of groups: each group costs time
 NEIGHBOURS = 32  # the program's neighbours are padded to a multiple of this
 
 
@@ -65,23 +67,49 @@ def evaluate_points(
     *,
     basis: str,
     gradients: bool = True,
-) -> Float[Array, "p a"] | tuple[Float[Array, "p a"], Float[Array, "p a 2"]]:
-    """Shape functions at ``points`` with the node lists and supports of their owners, and their gradients.
+) -> tuple[Float[Array, "p a *i"], ...]:
+    """Shape functions at ``points`` with the node lists and supports of their owners, and their ``gradients``."""
+    count, shape = len(points), (len(points), lists.shape[1])
+    points, owner = (padded(part, size_of_groups(count)) for part in (points, owner))
+    lists, supports = widened(lists), widened(supports)
+    values = evaluate_groups(padded(nodes, rung(len(nodes))), points, lists, supports, owner, count, basis=basis, gradients=gradients)
+    return cut(values, (shape, (*shape, 2))[: len(values)])
 
-    Without ``gradients`` only the values; with them the pair of values (p, a) and gradients (p, a, 2).
+
+def size_of_groups(count: int) -> int:
+    """Number of points of the groups that hold ``count`` points."""
+    return GROUP * rung(-(-count // GROUP), FINE)
+
+
+def widened(lists: Num[np.ndarray, "l a"]) -> Num[np.ndarray, "l b"]:
+    """Lists of nodes or supports with further columns of zeros, to a multiple of ``NEIGHBOURS``."""
+    return np.pad(lists, ((0, 0), (0, -lists.shape[1] % NEIGHBOURS)))
+
+
+def evaluate_groups(
+    nodes: Float[Array, "n 2"],
+    points: Float[Array, "p 2"],
+    lists: Int[np.ndarray, "l a"],
+    supports: Float[np.ndarray, "l a"],
+    owner: Int[np.ndarray, " p"],
+    count: int,
+    *,
+    basis: str,
+    gradients: bool = True,
+) -> tuple[Float[Array, "p a *i"], ...]:
+    """`evaluate_points` for whole groups of points, of which the first ``count`` are asked for, and `widened` lists.
+
+    Groups without one of these hold the values of another group; in a trace, whose programs must not depend on ``count``, their own.
     """
-    count, width = len(points), lists.shape[1]
-    lists, supports = (np.pad(part, ((0, 0), (0, -width % NEIGHBOURS))) for part in (lists, supports))
-    numbers = np.minimum(np.arange(count + -count % GROUP), count - 1).reshape(-1, GROUP)
-    own = [owner[some] for some in numbers]
-    at = zip(_rows(points, numbers), _rows(nodes, [lists[some] for some in own]), own, strict=True)
-    groups = [_evaluated(*some, supports[of], basis=basis, gradients=gradients) for *some, of in at]
-    values = tuple(_joined(parts, count, width) for parts in zip(*groups, strict=True))
-    return values if gradients else values[0]
+    own = owner.reshape(-1, GROUP)
+    used = own if any(isinstance(given, jax.core.Tracer) for given in (nodes, points)) else own[: -(-count // GROUP)]
+    at = zip(_rows(points, list(np.arange(used.size).reshape(used.shape))), _rows(nodes, [lists[some] for some in used]), strict=True)
+    groups = [_evaluated(*some, supports[of], basis=basis, gradients=gradients) for some, of in zip(at, used, strict=True)]
+    return tuple(_joined([*parts, *parts[-1:] * (len(own) - len(used))]) for parts in zip(*groups, strict=True))
 
 
 def _rows(values, numbers):
-    """Rows of an array for each of the ``numbers``; by NumPy where nothing is traced: no program is compiled for every number of points."""
+    """Rows of an array for each of the ``numbers``; by NumPy where nothing is traced."""
     if isinstance(values, jax.core.Tracer):
         return _taken(values, numbers)
     values = np.asarray(values)
@@ -94,16 +122,14 @@ def _taken(values, numbers):
     return [values[some] for some in numbers]
 
 
-def _joined(parts, count, width):
-    """The first ``count`` rows and ``width`` columns of the values (g, a, ...) of all groups, likewise."""
-    if isinstance(parts[0], jax.core.Tracer):
-        return _concatenated(parts, count, width)
-    return jax.device_put(np.concatenate(parts)[:count, :width])
+def _joined(parts):
+    """The values (p, ...) of all groups, likewise."""
+    return _concatenated(parts) if isinstance(parts[0], jax.core.Tracer) else np.concatenate(parts)
 
 
-@functools.partial(jax.jit, static_argnames=("count", "width"))
-def _concatenated(parts, count, width):
-    return jnp.concatenate(parts)[:count, :width]
+@jax.jit
+def _concatenated(parts):
+    return jnp.concatenate(parts)
 
 
 @functools.partial(jax.jit, static_argnames=("basis", "gradients"))

@@ -7,7 +7,6 @@ of padded arrays.
 """
 
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
@@ -19,11 +18,11 @@ from .._validation import Inadmissible, check_kind, one_of
 from ..cloud import Cloud, Topology, refuse_ligament
 from ..linalg import SOLVERS
 from .connectivity import Connectivity, make_connectivity
-from .consistency import consistent_gradients
+from .consistency import consistent_patches
 from .interpolation import Interpolation, interpolate
 from .moving_least_squares import BASES
 from .neighbours import SKIN, is_moved, neighbours_of_points
-from .pressures import group_weights, n_carrying
+from .pressures import n_carrying
 
 OUTLINE_ROOM = 1 / 400  # of the plate's width: further room in the neighbour lists of outline points, on a cloud that moves far
 STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
@@ -128,8 +127,10 @@ def discretise(
     if not dmax > 1.0:
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
     lists = make_connectivity(cloud.topology, basis, dmax, SKIN * cloud.spacing * is_moved(cloud))
-    points = cloud.topology.quadrature.points(cloud.vertices)
-    blocks = _blocks(lists, points, *consistent_gradients(cloud.nodes, cloud.vertices, lists, basis))
+    blocks = tuple(
+        PatchBlock(patches, lists.nodes[patches, : values[1].shape[2]], *values, n_carrying(bool(lists.linear[patches[0]])))
+        for patches, values in zip(lists.patches, consistent_patches(cloud, lists, basis), strict=True)
+    )
     outline = Interpolation(jnp.zeros((0, 2)), np.zeros((0, 1), np.int32), *map(jnp.zeros, ((0, 1), (0, 1), (0, 1, 2))))
     if cloud.topology.outlines:
         numbers, neighbours = _outline(cloud.topology, dmax, is_moved(cloud))
@@ -145,27 +146,6 @@ def _outline(topology: Topology, dmax: float, moved: bool):
     numbers = np.concatenate([outline.vertices for outline in topology.outlines])
     room = SKIN * topology.spacing * moved + OUTLINE_ROOM * topology.plate.width
     return numbers, neighbours_of_points(topology, dmax, topology.partition.vertices[numbers], room)
-
-
-def _blocks(lists, points, dphi, weight, rows):
-    """``PatchBlock``s from positions (p, 2), gradients (p, a, 2) and weights (p,) of all quadrature points and the `area_rows`."""
-    widths = tuple(int((lists.support[patches] > 0).sum(axis=1).max()) for patches in lists.patches)
-    linear = tuple(bool(lists.linear[patches[0]]) for patches in lists.patches)
-    values = _by_patch(points, dphi, weight, rows, lists.points, lists.contour.numbers, widths=widths, linear=linear)
-    parts = zip(lists.patches, widths, values, linear, strict=True)
-    return tuple(PatchBlock(patches, lists.nodes[patches, :n], *of_patches, n_carrying(of)) for patches, n, of_patches, of in parts)
-
-
-@functools.partial(jax.jit, static_argnames=("widths", "linear"))
-def _by_patch(points, dphi, weight, rows, point_numbers, edge_numbers, *, widths, linear):
-    """Per block positions (c, q, 2), gradients (c, q, a, 2) with lists of the given width, weights (c, q), those of groups, area forms."""
-    values = []
-    for numbers, edges, n, of in zip(point_numbers, edge_numbers, widths, linear, strict=True):
-        at = jnp.where(numbers >= 0, numbers, numbers[:, :1])  # padding repeats a point of its own patch, where every energy is finite
-        w = jnp.where(numbers >= 0, weight[at], 0.0)
-        contour = jnp.where((edges >= 0)[:, None, :, None], jnp.swapaxes(rows[edges][..., :n], 1, 2), 0.0)
-        values.append((points[at], dphi[at, :n], w, group_weights(points[at], w, of), contour))
-    return values
 
 
 def _check_reproduction(model):

@@ -23,7 +23,9 @@ from .weights import cubic_spline_weight, safe_sqrt, singular_slope, singular_we
 
 KINDS = ("iicvmls", "imls", "icvmls", "mls")
 BASES = ("linear", "quadratic")
-_VANISHING = 1e-11  # pivot over its diagonal entry: round-off of singular moment matrices leaves up to 1e-13, clouds have 1e-6 or more
+_VANISHING = (
+    1e-9  # pivot over its diagonal entry: round-off of a thousand singular moment matrices leaves up to 5e-11, clouds have 1e-6 or more
+)
 
 
 def n_monomials(basis: str) -> int:

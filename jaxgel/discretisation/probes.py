@@ -74,7 +74,7 @@ class NodalField:
             found = neighbours_of_points(topology, dmax, points, 0.0)
             lists, supports = (np.pad(part, ((0, 0), (0, 1))) for part in found)  # one column at least
             own = np.arange(len(points))
-            phi = np.asarray(evaluate_points(nodes, points, lists, supports, own, basis=basis, gradients=False))
+            phi = np.asarray(evaluate_points(nodes, points, lists, supports, own, basis=basis, gradients=False)[0])
         missed = np.linalg.norm(np.einsum("pa,pai->pi", phi, nodes[lists]) - points, axis=1)
         reached = (missed < 1e-6 * topology.spacing) & (np.abs(phi).sum(axis=1) < LARGEST_SUM)
         values = jnp.einsum("pa,pa->p", np.where(reached[:, None], phi, 0.0), jnp.asarray(self.values)[lists])

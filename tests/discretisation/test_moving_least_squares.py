@@ -347,10 +347,10 @@ def test_too_few_neighbours_give_nan_and_never_a_wrong_number():
 def test_nodes_that_do_not_determine_a_polynomial_give_nan(basis, kind):
     """The moment matrix is singular, but its last pivots are round-off instead of 0."""
     random = np.random.default_rng(21)
-    angle, x = random.uniform(0, 2 * np.pi, (100, 9)), random.uniform(-0.5, 0.5, (100, 2))
+    angle, x = random.uniform(0, 2 * np.pi, (1000, 9)), random.uniform(-0.5, 0.5, (1000, 2))
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     line = np.stack([np.cos(0.7) * np.sin(angle), np.sin(0.7) * np.sin(angle) + 0.3], axis=-1)
-    few = np.concatenate([random.uniform(-1, 1, (100, n_monomials(basis) - 1, 2)), np.zeros((100, 10 - n_monomials(basis), 2))], axis=1)
+    few = np.concatenate([random.uniform(-1, 1, (1000, n_monomials(basis) - 1, 2)), np.zeros((1000, 10 - n_monomials(basis), 2))], axis=1)
     support = np.where(np.arange(9) < n_monomials(basis) - 1, 3.5, 0.0)
     function = functools.partial(shape_functions, basis=basis, kind=kind)
     compiled = jax.jit(jax.vmap(function, in_axes=(0, 0, None)))

@@ -1,0 +1,81 @@
+"""The index arrays of a cloud's patches as the programs take them: padded to sizes that clouds of similar size share."""
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from .._memo import once_per_owner
+from .._sizes import padded, rung
+from .._types import Float, Int
+from ..cloud import Quadrature
+from .connectivity import Connectivity, Contour
+from .interpolation import size_of_groups, widened
+
+
+class Layout(NamedTuple):
+    """Index arrays whose padding is inert: points without weight, edges without length, and patches that are cut off in the end.
+
+    Index letters: ``n`` node, ``p`` point, ``l`` patch.
+    """
+
+    node_vertices: Int[np.ndarray, " n"]
+    """Vertex of each node."""
+    quadrature: Quadrature
+    """The points; ``owner`` is the cell."""
+    patch: Int[np.ndarray, " cells"]
+    """Patch number of each cell."""
+    nodes: Int[np.ndarray, "l a"]
+    """Node list of each patch."""
+    support: Float[np.ndarray, "l a"]
+    """Support radii; 0 for padding."""
+    contour: Contour
+    """The contours."""
+    points_of: tuple[Int[np.ndarray, "..."], ...]
+    """Per block the numbers (c, q) of the patches' points, -1 for padding."""
+
+
+@once_per_owner
+def layout_of(lists: Connectivity) -> Layout:
+    """The ``Layout`` of a ``Connectivity``."""
+    topology = lists.topology
+    nodes, support = (padded(widened(part), rung(len(part))) for part in (lists.nodes, lists.support))
+    return Layout(
+        padded(topology.node_vertices, rung(len(topology.node_vertices))),
+        _quadrature(topology.quadrature),
+        padded(lists.patch_of_cell, rung(len(lists.patch_of_cell))),
+        nodes,
+        support,
+        _contour(lists.contour),
+        tuple(map(_rounded, lists.points)),
+    )
+
+
+def _quadrature(given):
+    """Points, with further ones without weight."""
+    count = len(given.owner)
+    more = jax.tree.map(lambda values: padded(values, size_of_groups(count)), given)
+    more.share[count:] = 0.0
+    return more
+
+
+def _contour(given):
+    """Edges, with further ones of no length that follow themselves."""
+    count = len(given.cell)
+    edges = size_of_groups(2 * count) // 2
+    rows = dataclasses.replace(given, numbers=(), on_interfaces=None)
+    more = jax.tree.map(lambda values: padded(values, edges), rows)
+    if edges > count:
+        more.ends[count:] = more.middles[0][count:] = given.ends[-1, 0]
+        more.following[count:], more.edge_ends[count:] = np.arange(count, edges), -1
+    traces = given.on_interfaces
+    if traces is not None:
+        traces = tuple(padded(part, rung(len(part))) for part in (traces[0], widened(traces[1])))
+    return dataclasses.replace(more, numbers=tuple(map(_rounded, given.numbers)), on_interfaces=traces)
+
+
+def _rounded(numbers):
+    """Numbers (c, q) with rows and columns of the ladder, -1 in the further columns."""
+    wide = np.pad(numbers, ((0, 0), (0, rung(numbers.shape[1]) - numbers.shape[1])), constant_values=-1)
+    return padded(wide, rung(len(wide)))
