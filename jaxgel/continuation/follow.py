@@ -155,8 +155,8 @@ class _Step:
         """The first `State` of a sweep, by way of others where it is not found at once."""
         found = self._solve(problem, value, *predict(problem, value, []))
         if not found.status.ok and (problem.moves_edges or problem.model.cloud.plate.moved):
-            found = _ramped(problem, value, found)
-        return found if found.status.ok else _approached(problem, value, found)
+            found = _ramped(problem, value, found, self.options.newton)
+        return found if found.status.ok else _approached(problem, value, found, self.options.newton)
 
     def _after(self, frame: Frame, value: float, history: list[State]) -> tuple[State, Change]:
         """`State` at a ``value`` from the one that ``history`` predicts, and why it does not continue these states.
@@ -246,7 +246,7 @@ def _unforeseen(model, x, predicted, foreseen):
     return jnp.sum(volumes * apart) / jnp.sum(volumes)
 
 
-def _ramped(problem, value, failed):
+def _ramped(problem, value, failed, newton):
     """First `State` of a plate whose edges are moved step by step, where moving them at once ``failed``."""
     model, pressure = problem.model, dry_state(problem)[1]
     whole, x = problem.dry_positions(value) - model.cloud.nodes, model.cloud.nodes
@@ -254,7 +254,7 @@ def _ramped(problem, value, failed):
     now, mu = problem.at(value)
     while share < 1:
         more = min(step, 1 - share)
-        found = solve(now, mu, x + more * whole, pressure)
+        found = solve(now, mu, x + more * whole, pressure, newton=newton)
         iterations += found.newton_iterations
         if found.status.ok:
             x, pressure, share = found.x, found.pressure, share + more
@@ -265,12 +265,12 @@ def _ramped(problem, value, failed):
     return dataclasses.replace(found, value=value, newton_iterations=iterations)
 
 
-def _approached(problem, value, failed):
+def _approached(problem, value, failed, newton):
     """First `State` by way of lower chemical potentials, on the dry gel's branch, where going there at once ``failed``."""
     (now, mu), start, spent = problem.at(value), dry_state(problem, value), failed.newton_iterations
 
     def attempt(mu, states):
-        return solve(now, mu, *(predict(now, mu, states[-EXTRAPOLATED:]) if states else start))
+        return solve(now, mu, *(predict(now, mu, states[-EXTRAPOLATED:]) if states else start), newton=newton)
 
     for found in adaptive(attempt, Adaptive(float(mu) - FAR_BELOW, float(mu)), []):
         spent += found.newton_iterations

@@ -56,7 +56,7 @@ class StepControl:
     first_step: float = 0.125
     """First chosen step, of the way between two ends."""
     least_step: float = 1e-5
-    """Chosen steps shorter than this part of the way end the sweep."""
+    """Steps shorter than this part of the way, between two ends or two given values, end the sweep where they fail."""
     snap: float = 5e-3
     """Longest step, of the control's scale, whose failure means that the stable branch ends, so that the gel relaxes to another state."""
     leap: float = 2e-2
@@ -76,7 +76,7 @@ def given_values(
     """States at the given values, after those ``before``; a failed step is cut, its intermediate states are not kept."""
     states = list(before)
     for value in values:
-        state, status = _reach(attempt, value, states, control.max_cuts)
+        state, status = _reach(attempt, value, states, control)
         if state is None:
             return status, states[-1].value if states else value
         states.append(state.light)
@@ -85,9 +85,10 @@ def given_values(
     return Status.CONVERGED, values[-1]
 
 
-def _reach(attempt, target, states, max_cuts):
+def _reach(attempt, target, states, control):
     """State at ``target``, by way of intermediate states where the direct step fails, and its status; or None and the reason."""
     history, spent, cuts, goal, switched = list(states), 0, 0, target, Change.NONE
+    least = control.least_step * abs(target - states[-1].value) if states else 0.0
     while True:
         found = attempt(goal, history)
         spent += found.newton_iterations
@@ -98,7 +99,7 @@ def _reach(attempt, target, states, max_cuts):
             history.append(found.light)
             goal = target if cuts <= 1 else _nearer(goal, 2 * goal - history[-2].value, target)
             cuts = max(0, cuts - 1)
-        elif not history or cuts >= max_cuts or found.status is Status.SELF_CONTACT:
+        elif not history or cuts >= control.max_cuts or abs(goal - history[-1].value) < least or found.status is Status.SELF_CONTACT:
             return None, found.status if not history or found.status in NAMED else Status.STEP_TOO_SMALL
         else:
             cuts += 1

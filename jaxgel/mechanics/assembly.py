@@ -119,7 +119,6 @@ class TangentOperator:
     """Products with the tangents of states of one problem, which are not assembled.
 
     >>> import jaxgel, numpy as np
-    >>> from jaxgel.mechanics import prepare
     >>> model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("square"), spacing=0.25), basis="linear")
     >>> path = jaxgel.sweep(jaxgel.Problem(model, jaxgel.Gel(1e-3, 0.1)), [-1.0])
     >>> problem = path.problem.prepared

@@ -101,10 +101,10 @@ def lattice_onset(problem: Problem, between: tuple[float, float], *, divisions: 
     depends on that. Raises ValueError for a plate that is not periodic, another control, and a lattice that is unstable from the first
     state on, ``SweepFailed`` where the branch ends, or the sides of a hole touch, before an onset is found.
     """
-    first, last = ends_of(problem, between)
-    check_values((first, last), rising=True)
     if problem.control.name != "mu":
         raise ValueError(f"lattice_onset: is not available with the control {problem.control.name!r}, only with the chemical potential")
+    first, last = ends_of(problem, between)
+    check_values((first, last), rising=True)
     if not (isinstance(divisions, int) and divisions > 0):
         raise ValueError(f"divisions: {divisions!r} is not a positive whole number")
     check_periodic(problem.model.lists.topology.plate)

@@ -64,7 +64,7 @@ def run_of(mu, parent):
     folder = parent / "whole"
     (folder.parent / "tiny.toml").write_text(TINY + mu)
     case = cases.load_case(folder.parent / "tiny.toml")
-    recorder = Interrupted(folder, case, case.model(), case.gel)
+    recorder = Interrupted(folder, case, case.problem(case.model()))
     path = sweep(Problem(recorder.model, case.gel), case.sweep.values, observer=Observer(accepted=recorder))
     recorder.finish("complete", path.stop_text, path.stop)
     return folder, path
@@ -121,7 +121,7 @@ def test_a_path_read_back_is_the_one_that_was_written(swept):
     again = load_path(folder)
     for leaf, original in zip(jax.tree.leaves((again.model, again.gel)), jax.tree.leaves((path.model, path.gel)), strict=True):
         np.testing.assert_array_equal(leaf, original)
-    for name in set(path.__dataclass_fields__) - {"model", "gel"}:
+    for name in set(path.__dataclass_fields__) - {"problem"}:
         np.testing.assert_array_equal(getattr(again, name), getattr(path, name), err_msg=name)
 
 

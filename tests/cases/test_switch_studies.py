@@ -14,7 +14,7 @@ import pytest
 import jaxgel
 from jaxgel.cases import VERIFIED, load_study, study_from_table
 from jaxgel.cli import command_line as cli
-from jaxgel.controls import Load
+from jaxgel.controls import Load, Stretch, chi
 from jaxgel.design import SWITCHES, DesignProblem, switches
 from jaxgel.discretisation import DiscretisationOptions
 
@@ -98,33 +98,34 @@ def problem_of(*replaced):
     return study_from_table(tomllib.loads(text), "small").problem
 
 
-def test_terms_constraints_and_reports_take_their_numbers_from_one_loop_for_each_path(monkeypatch):
+def test_terms_constraints_and_reports_take_their_numbers_from_one_loop_for_each_path(monkeypatch, tiny_model):
     """Of a loop that is replaced: it is driven by the path's own control between the ends of the sweep."""
     calls = []
 
-    def replaced(model, gel, **driven):
-        calls.append(driven)
+    def replaced(problem, values, **options):
+        calls.append((problem.control.name, float(jnp.abs(problem.loads).max()), problem.has_contact, values, options))
         return SimpleNamespace(fold_up=SimpleNamespace(value=0.24), fold_down=SimpleNamespace(value=-0.1), width=0.34)
 
     monkeypatch.setattr(switches, "loop", replaced)
     problem = problem_of()
-    path, other = (SimpleNamespace(model=SimpleNamespace(contact=None), gel=None, control=name) for name in ("own", "another"))
+    swept = [jaxgel.Problem(tiny_model, jaxgel.Gel(1e-3, 0.1), control=control, contact=False) for control in (chi(), Stretch("x"))]
+    path, other = (SimpleNamespace(problem=of, model=of.model, gel=of.gel, control=of.control) for of in swept)
     assert float(problem.objective(path)) == pytest.approx(0.04**2 + 2 * 0.05**2, rel=1e-12)
     (constraint,) = problem.constraints
     assert constraint.name == "loop_width >= 0.1" and float(constraint.function(path)) == pytest.approx(0.24, rel=1e-12)
     assert {name: float(function(path)) for name, function in problem.reported.items()} == dict(
         fold_up=0.24, fold_down=-0.1, loop_width=0.34
     )
-    assert calls == [{"control": "own", "values": (-0.3, 0.3), "contact": "off", "loads": None, "unstable": False}]
+    assert calls == [("chi", 0.0, False, (-0.3, 0.3), {"unstable": False})]
     problem.objective(other)
-    assert [driven["control"] for driven in calls] == ["own", "another"]
+    assert [control for control, *_ in calls] == ["chi", "stretch"]
 
 
 @pytest.mark.slow
 def test_terms_and_constraints_are_those_of_the_loop_between_the_ends_of_the_sweep_which_runs_once(strip, monkeypatch):
     path, _, loop = strip
     calls, found = [], switches.loop
-    monkeypatch.setattr(switches, "loop", lambda *args, **options: calls.append(options) or found(*args, **options))
+    monkeypatch.setattr(switches, "loop", lambda *args, **options: calls.append(args[1]) or found(*args, **options))
     problem = problem_of()
     up, down, width = float(loop.fold_up.value), float(loop.fold_down.value), float(loop.width)
     assert float(problem.objective(path)) == pytest.approx((up - 0.2) ** 2 + 2 * (down + 0.15) ** 2, rel=1e-6)
@@ -132,7 +133,7 @@ def test_terms_and_constraints_are_those_of_the_loop_between_the_ends_of_the_swe
     assert constraint.name == "loop_width >= 0.1" and float(constraint.function(path)) == pytest.approx(width - 0.1, abs=1e-8)
     reported = {name: float(function(path)) for name, function in problem.reported.items()}
     assert reported == pytest.approx({"fold_up": up, "fold_down": down, "loop_width": width}, abs=1e-8)
-    assert len(calls) == 1 and calls[0]["values"] == (-0.3, 0.3)
+    assert calls == [(-0.3, 0.3)]
 
 
 @pytest.mark.slow

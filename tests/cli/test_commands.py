@@ -56,8 +56,8 @@ def test_a_run_prints_a_table_its_events_and_where_its_files_are(tmp_path, capsy
 def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
     models = []
 
-    def fail(model, *_, **__):
-        models.append(model)
+    def fail(problem, *_, **__):
+        models.append(problem.model)
         raise SweepFailed("sweep: not wanted")
 
     monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", fail)

@@ -260,6 +260,14 @@ def test_tolerances_of_newtons_method_are_options(tiny_model):
         jaxgel.sweep(problem, [-2.0], newton=jaxgel.Newton(max_iterations=1))
 
 
+def test_a_sweep_to_a_value_without_a_state_ends_after_a_bounded_number_of_steps():
+    """At the dry size there is no room for solvent; every halved step on the way there succeeds."""
+    model, tried = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, spacing=0.5))), []
+    problem = jaxgel.Problem(model, Gel(1e-3, 0.1), control=jaxgel.Stretch("both"))
+    path = jaxgel.sweep(problem, [1.1, 1.0], observer=jaxgel.Observer(refused=lambda state: tried.append(state.value)))
+    assert path.stop is Status.STEP_TOO_SMALL and path.value.tolist() == [1.1] and len(tried) < 60
+
+
 @pytest.mark.parametrize(("gel", "name"), [(Gel(Nv=0.0), "Nv"), (Gel(Nv=np.nan), "Nv"), (Gel(chi=2.0), "chi"), (Gel(chi=np.nan), "chi")])
 def test_unusable_gel_is_refused(gel, name, tiny_model):
     with pytest.raises(ValueError, match=f"^{name}: "):

@@ -8,21 +8,20 @@ import numpy as np
 import pytest
 
 from jaxgel.controls import (
+    Changes,
+    ChemicalPotential,
     Control,
     Driven,
     Load,
     Setting,
     Stretch,
-    adds_loads,
+    changes_of,
     check_control,
+    check_is_control,
     check_values,
     chi,
-    control_name,
     edge_motion,
-    moves_edges,
-    setting_of,
     temperature,
-    unit_of,
 )
 from jaxgel.geometry import Plate
 from jaxgel.materials import Composite, Elastomer, Filled, Gel, LocalValues
@@ -31,12 +30,12 @@ GEL = Gel(1e-3, 0.1)
 PLATE = Plate(4.0, 4.0, displacement={"top": (0.0, 0.1)})
 
 
-def test_without_a_control_the_value_is_the_chemical_potential():
-    setting = setting_of(None, -0.5, GEL)
-    assert (setting.mu, setting.gel) == (-0.5, GEL)
-    assert (control_name(None), unit_of(None)) == ("mu", "kT")
-    assert not moves_edges(None, GEL)
-    assert not adds_loads(None, GEL)
+def test_the_chemical_potential_is_a_control_that_changes_nothing_else():
+    control = ChemicalPotential()
+    setting = control(-0.5, GEL)
+    assert isinstance(control, Control) and (setting.mu, setting.gel) == (-0.5, GEL)
+    assert (control.name, control.unit) == ("mu", "kT")
+    assert changes_of(control, GEL) == Changes(edges=False, loads=False, gel=False, stiffness=False)
     assert edge_motion(setting, PLATE) is None
 
 
@@ -61,8 +60,7 @@ def test_a_stretch_moves_the_edges_along_its_direction():
         F, displacement = edge_motion(control(1.2, GEL), PLATE)
         np.testing.assert_allclose(F, np.diag(expected))
         assert displacement == dict(PLATE.displacement)  # what the control does not say of an edge the plate does
-        assert moves_edges(control, GEL)
-        assert not adds_loads(control, GEL)
+        assert changes_of(control, GEL) == Changes(edges=True, loads=False, gel=False, stiffness=False)
     with pytest.raises(ValueError, match="direction: 'z' is not one of x, y, both"):
         Stretch("z")
 
@@ -70,8 +68,7 @@ def test_a_stretch_moves_the_edges_along_its_direction():
 def test_a_load_multiplies_its_loads():
     loads = np.arange(6.0).reshape(3, 2)
     np.testing.assert_array_equal(Load(loads)(0.5, GEL).loads, loads / 2)
-    assert adds_loads(Load(loads), GEL)
-    assert not moves_edges(Load(loads), GEL)
+    assert changes_of(Load(loads), GEL) == Changes(edges=False, loads=True, gel=False, stiffness=False)
 
 
 def _ramp(value, gel, rate):
@@ -112,7 +109,6 @@ def _unknown(value, gel):
 @pytest.mark.parametrize(
     ("control", "message"),
     [
-        (lambda value, gel: Setting(value, gel), "control: .* must have a name, a unit and a scale"),
         (temperature(), "control: 'temperature' is no parameter of Gel, it has Nv, chi"),
         (Driven(_jump, name="ramp"), r"ramp: what acts jumps at 0\.3, the path must be continuous"),
         (Driven(_nothing, name="ramp"), "ramp: the control gives float at 0, it must give a Setting"),
@@ -121,12 +117,17 @@ def _unknown(value, gel):
         (Stretch(mu=np.nan), "stretch = 0: mu: nan is not accepted"),
         (Driven(_too_poor, name="ramp"), r"ramp = 1: chi: 2 is not accepted, it must be a finite number < 2"),
     ],
-    ids=["no name", "no temperature", "jump", "no setting", "not finite", "no edge", "mu", "chi"],
+    ids=["no temperature", "jump", "no setting", "not finite", "no edge", "mu", "chi"],
 )
 def test_controls_that_cannot_be_used_are_refused_in_one_line(control, message):
     with pytest.raises(ValueError, match=f"^{message}") as caught:
         check_control(control, GEL, np.array([0.0, 1.0]))
     assert "\n" not in str(caught.value)
+
+
+def test_what_has_no_name_is_no_control():
+    with pytest.raises(ValueError, match=r"^control: .* must have a name, a unit and a scale"):
+        check_is_control(lambda value, gel: Setting(value, gel))
 
 
 def test_a_parameter_that_varies_over_the_plate_is_not_driven():
@@ -161,4 +162,4 @@ def test_values_that_cannot_be_used_are_refused(values, message):
 def test_values_of_a_study_must_rise():
     with pytest.raises(ValueError, match=r"^mu: -1 is followed by -2, the values must increase"):
         check_values([-1.0, -2.0], rising=True)
-    np.testing.assert_array_equal(check_values([-2.0, -1.0], rising=True).numbers, [-2.0, -1.0])
+    np.testing.assert_array_equal(check_values([-2.0, -1.0], rising=True), [-2.0, -1.0])

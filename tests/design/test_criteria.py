@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxgel.controls import ChemicalPotential
 from jaxgel.design import misfit, value_at
 from jaxgel.equilibrium import Status
 
@@ -14,7 +15,7 @@ MU = np.array([-3.0, -2.0, -1.0])
 
 
 def path_of(values, stop=Status.CONVERGED):
-    return SimpleNamespace(value=jnp.asarray(values), control=None, stop=stop)
+    return SimpleNamespace(value=jnp.asarray(values), control=ChemicalPotential(), stop=stop)
 
 
 def square(path):

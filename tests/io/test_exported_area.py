@@ -10,6 +10,7 @@ import shapely
 from PIL import Image
 
 import jaxgel
+from jaxgel.controls import ChemicalPotential
 from jaxgel.io import dry_gel, swollen_gel, write_outline
 from jaxgel.mechanics import held_dofs
 from jaxgel.observables import cell_volumes, deformed_vertices
@@ -51,7 +52,8 @@ def swollen(name):
     else:
         bend = np.stack([(x + 2) * (0.05 + 0.08 * np.cos(np.pi * y / 4)), (y + 2) * (0.05 + 0.08 * np.cos(np.pi * x / 4))], axis=1)
     bend = np.where(held_dofs(model.lists.topology), 0.0, bend)
-    states = States(model=model, x=jnp.asarray(X @ np.array(plate.dry_deformation).T + bend)[None], value=np.zeros(1), control=None)
+    x = jnp.asarray(X @ np.array(plate.dry_deformation).T + bend)
+    states = States(model=model, x=x[None], value=np.zeros(1), control=ChemicalPotential())
     return states, float(np.asarray(cell_volumes(model)) @ np.asarray(jaxgel.volume_ratio(states))[0])
 
 
@@ -116,7 +118,7 @@ def test_pictures_hold_the_area_of_the_gel(tmp_path):
 
 def test_a_hole_that_crosses_the_plates_edge_is_refused():
     states, _ = swollen("more hole than gel")
-    far = States(model=states.model, x=1.5 * states.x, value=np.zeros(1), control=None)
+    far = States(model=states.model, x=1.5 * states.x, value=np.zeros(1), control=ChemicalPotential())
     far.x = jnp.where(held_dofs(states.model.lists.topology), states.x, far.x)
     with pytest.raises(ValueError, match=r"^state: the outline at mu = 0 crosses itself$"):
         swollen_gel(far, 0)

@@ -56,7 +56,7 @@ def folder(tmp_path_factory):
     parent = tmp_path_factory.mktemp("driven")
     (parent / "case.toml").write_text(CASE)
     case = load_case(parent / "case.toml")
-    recorder = Interrupted(parent / "whole", case, case.model(), case.gel)
+    recorder = Interrupted(parent / "whole", case, case.problem(case.model()))
     path = case.path(recorder.model, observer=Observer(accepted=recorder))
     recorder.finish("complete", path.stop_text, path.stop)
     return parent / "whole"

@@ -294,7 +294,7 @@ def test_an_imperfection_pushes_along_a_mode_and_its_strains():
     problem = Problem(model, GEL, contact=False).prepared
     mode = np.asarray(scatter(np.random.default_rng(1).normal(size=len(problem.free)), (model.n_nodes, 2), problem.free))
     unused = dict(x=mode, pressure=np.zeros(0), eigenvalues=np.zeros(1), slope=-1.0, curvature=1.0, imperfection=0.0, symmetries={})
-    point = CriticalPoint(value=-1.0, kind="bifurcation", modes=mode[None], unstable=0, correction=mode, **unused)
+    point = CriticalPoint(value=-1.0, mu=-1.0, kind="bifurcation", modes=mode[None], unstable=0, correction=mode, **unused)
     loads = imperfection(Problem(model, GEL, contact=False), point, 0.1)
     network = np.asarray(problem.operators.network)
     (i, j), nodal = np.asarray(problem.operators.pairs).T, np.zeros_like(mode)

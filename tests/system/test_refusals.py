@@ -25,7 +25,7 @@ def test_models_and_gels_are_told_from_other_arguments(solve, tiny_model, tiny_p
         (tiny_model, {"Nv": 1e-3}, r"^gel: an argument of the kind dict is not accepted; give a gel such as"),
     ]:
         with pytest.raises(ValueError, match=message):
-            solve(model, gel, mu=(-3.0, -2.0))
+            solve(jaxgel.Problem(model, gel), (-3.0, -2.0))
 
 
 def test_other_functions_tell_models_paths_and_points_from_other_arguments(tiny_model, tiny_plate):
