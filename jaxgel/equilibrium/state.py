@@ -9,7 +9,6 @@ import numpy as np
 from .._types import Array, Float, Scalar
 from ..linalg import Factor, Kept
 from ..materials import gel_in_groups
-from ..materials import value as number
 from ..mechanics import (
     Linearisation,
     Problem,
@@ -170,7 +169,7 @@ def dry_state(problem: Problem, value: Scalar | None = None) -> tuple[Float[Arra
     With a ``value`` of the control the edges are where they are there, and the pressures higher where that leaves the gel more room.
     """
     model, moved = problem.model, problem.moves_edges or problem.model.lists.topology.plate.moved
-    pressure = jnp.where(carries_volume(model), -number(gel_in_groups(problem.gel).Nv), 0.0)
+    pressure = jnp.where(carries_volume(model), -gel_in_groups(problem.gel).Nv, 0.0)
     if value is None or not moved:
         return start_positions(model.lists.topology, model.cloud.nodes), pressure
     x = problem.dry_positions(value)

@@ -50,6 +50,7 @@ from .volumes import (
     pressure_at,
     ratio_at,
     stiffness_at,
+    volume_law,
     volume_ratios,
 )
 
@@ -126,6 +127,7 @@ __all__ = [
     "total_energy",
     "touches",
     "unknowns",
+    "volume_law",
     "volume_ratios",
     "with_contact",
     "with_free_values",

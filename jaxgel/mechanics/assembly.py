@@ -23,14 +23,14 @@ from jax import lax
 from .._threads import ONE_THREAD
 from .._types import Array, Float
 from ..linalg import Factor, factor
-from ..materials import Varying, elementwise, gel_at_points, neo_hookean, network_at, split
+from ..materials import elementwise, gel_at_points, neo_hookean, network_at
 from .contact import contact_force, contact_tangents
 from .dofs import Strained, gather, scatter
 from .mixed import Linearisation, network_force, nodal_sum, pressure_step, volume_gradients
 from .operators import add_cell_matrices, area_form_sum
 from .pairs import contact_pairs
 from .problem import Problem
-from .volumes import all_volumes, axial_stretch, by_block, stiffness_at
+from .volumes import all_volumes, by_block, stiffness_at
 
 STATES_TOGETHER = 4  # states whose volume gradients are computed together
 
@@ -42,20 +42,19 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
     With contact the pairs of `contact_pairs` follow.
     """
     model, gel, operators = problem.model, problem.gel, problem.operators
-    quadratic, network = gel.network is neo_hookean, network_at(gel, axial_stretch(model))
+    quadratic, network = gel.network is neo_hookean, network_at(gel, model.cloud.plate.axial_stretch)
     total = jnp.zeros((len(operators.pairs), 4))
     if quadratic:
         total += operators.network[:, None] * jnp.eye(2).ravel()
 
     def patch(arrays):
-        x, dphi, weight, p, forms, k_over_V, G, parameters = arrays
+        x, dphi, weight, p, forms, k_over_V, G, gel = arrays
         S = area_form_sum(p, forms)
         H = k_over_V[:, None, None] * G
         outer = [[jnp.sum(H[:, i, :, None] * G[:, k, None], axis=0) for k in range(2)] for i in range(2)]
         K = jnp.stack([outer[0][0], outer[0][1] + S, outer[1][0] - S, outer[1][1]], axis=-1)
         if not quadratic:
-            F, at = jnp.einsum("ai,qaj->qij", x, dphi), joined([Varying(values) for values in parameters])
-            A = elementwise(jax.hessian(network), F, at, "(i,j)->(i,j,k,l)")
+            A = elementwise(jax.hessian(network), jnp.einsum("ai,qaj->qij", x, dphi), gel, signature="(i,j)->(i,j,k,l)")
             K += jnp.einsum("q,qijkl,qaj,qbl->abik", weight, A, dphi, dphi).reshape(K.shape)
         return K
 
@@ -63,8 +62,10 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
     k_over_V = jnp.where(volumes > 0, linearisation.stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
     groups = by_block(p, model), by_block(k_over_V, model), operators.area_forms, linearisation.gradients, operators.slots
     for number, (block, pressure, k_over_V, forms, G, slot) in enumerate(zip(model.blocks, *groups, strict=True)):
-        parameters, joined = split(gel_at_points(gel, number))
-        arrays = x[block.nodes], block.dphi, block.weight, pressure, forms, k_over_V, G, [] if quadratic else parameters
+        there = (
+            None if quadratic else jax.tree.map(lambda v, shape=block.weight.shape: jnp.broadcast_to(v, shape), gel_at_points(gel, number))
+        )
+        arrays = x[block.nodes], block.dphi, block.weight, pressure, forms, k_over_V, G, there
         total = add_cell_matrices(total, patch, arrays, slot, block.nodes.shape[1])
     total = total.reshape(-1, 2, 2)
     return total if model.contact is None else _add_contact(total, x, model)

@@ -16,7 +16,7 @@ from jax import lax
 
 from .._types import Array, Float, Int
 from ..discretisation import Model, PatchBlock
-from ..materials import LocalGel, gel_at_points, value
+from ..materials import LocalGel, gel_at_points
 from .dofs import Free, unknowns
 from .pairs import node_pairs
 from .volumes import contour_shares, local_positions
@@ -57,7 +57,7 @@ def _integrated(total, blocks, gel, slots):
         return jnp.einsum("q,qai,qbi->ab", arrays[1], arrays[0], arrays[0])
 
     for number, (block, slot) in enumerate(zip(blocks, slots, strict=True)):
-        weight = block.weight * value(gel_at_points(gel, number).Nv)
+        weight = block.weight * gel_at_points(gel, number).Nv
         total = add_cell_matrices(total, laplacian, (block.dphi, weight), slot, block.nodes.shape[1])
     return total, tuple(map(area_forms, blocks))
 
