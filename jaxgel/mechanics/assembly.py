@@ -24,8 +24,8 @@ from .._threads import ONE_THREAD
 from .._types import Array, Float
 from ..linalg import Factor, factor
 from ..materials import elementwise, gel_at_points, neo_hookean, network_at
+from .conditions import gather, scatter
 from .contact import contact_force, contact_tangents
-from .dofs import Strained, gather, scatter
 from .mixed import Linearisation, network_force, nodal_sum, pressure_step, volume_gradients
 from .operators import add_cell_matrices, area_form_sum
 from .pairs import contact_pairs
@@ -112,8 +112,7 @@ def is_sparse(problem: Problem) -> bool:
     """Whether `TangentOperator` multiplies by sparse matrices."""
     model = problem.model
     own = problem.gel.network is neo_hookean and model.contact is None and model.lists.unknowns is None
-    own = own and not isinstance(problem.free, Strained) and not problem.changes.stiffness
-    return own and len(problem.free) <= ONE_THREAD
+    return own and not problem.changes.stiffness and len(problem.free) <= ONE_THREAD
 
 
 class TangentOperator:
@@ -131,7 +130,8 @@ class TangentOperator:
 
     def __init__(self, problem: Problem) -> None:
         model, operators = problem.model, problem.operators
-        self._problem, self._free, self._n_nodes = problem, np.asarray(operators.free), model.n_nodes
+        self._problem, self._fields = problem, operators.free.matrix
+        self._forces = self._fields.T.tocsr()
         n, (i, j) = model.n_nodes, np.asarray(operators.pairs).T
         self._upper = sp.csr_matrix((np.zeros(len(i), complex), j, np.searchsorted(i, np.arange(n + 1))), (n, n))
         nodes = [np.repeat(block.nodes, block.n_groups, axis=0) for block in model.blocks]
@@ -164,22 +164,12 @@ class TangentOperator:
         below, back = upper.T, volumes.T
 
         def product(v):
-            z = self._complex_field(v)
+            z = (self._fields @ v).view(complex)
             mirrored = z.conj()
-            return self._forces(upper @ z + (below @ mirrored).conj() + back @ (stiffness * (volumes @ mirrored).real))
+            forces = upper @ z + (below @ mirrored).conj() + back @ (stiffness * (volumes @ mirrored).real)
+            return self._forces @ forces.view(float)
 
         return product
-
-    def _complex_field(self, v):
-        """Complex nodal field (n,) of a vector (f,)."""
-        full = np.zeros(2 * self._n_nodes + 2)  # the last ones are the padding of degrees of freedom that move together
-        full[self._free.T] = v
-        return full[:-2].view(complex)
-
-    def _forces(self, z):
-        """Vector (f,) of a complex nodal field (n,) of forces."""
-        forces = np.append(z.view(float), 0.0)[self._free]
-        return forces if forces.ndim == 1 else forces.sum(axis=1)
 
 
 @jax.jit

@@ -27,8 +27,8 @@ from jax import lax
 from .._types import Array, Float
 from ..discretisation import Model
 from ..materials import LocalGel, gel_in_groups, neo_hookean
+from .conditions import gather
 from .contact import contact_force
-from .dofs import gather
 from .energy import network_energy
 from .operators import Operators, area_gradients
 from .problem import Problem

@@ -17,7 +17,8 @@ from jax import lax
 from .._types import Array, Float, Int
 from ..discretisation import Model, PatchBlock
 from ..materials import LocalGel, gel_at_points
-from .dofs import Free, unknowns
+from .conditions import Free
+from .dofs import unknowns
 from .pairs import node_pairs
 from .volumes import contour_shares, local_positions
 
@@ -39,14 +40,15 @@ class Operators:
     area_forms: tuple
     """Per block the `AreaForms` of its volume groups."""
     free: Free
-    """Free degrees of freedom, see `dofs`."""
+    """Free degrees of freedom."""
 
 
 def precomputed_operators(model: Model, gel: LocalGel) -> Operators:
     """`Operators` of a model with a gel."""
     pairs, slots = node_pairs(model.lists)
     network, area_forms = _integrated(jnp.zeros(len(pairs)), model.blocks, gel, slots)
-    return Operators(*jax.device_put((pairs, tuple(slots))), network, area_forms, unknowns(model.lists))
+    pairs, slots, free = jax.device_put((pairs, tuple(slots), unknowns(model.lists)))
+    return Operators(pairs, slots, network, area_forms, free)
 
 
 @jax.jit
