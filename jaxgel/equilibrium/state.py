@@ -79,7 +79,8 @@ class State:
     def __repr__(self) -> str:
         """Where the state is, and how it stands."""
         negative = {-1: "stability not computed", 0: "stable"}.get(self.negative_pivots, f"{self.negative_pivots} negative eigenvalues")
-        return f"State of {len(self.x)} nodes, mu = {self.mu:.6g} kT, {negative}: {self.status.text}"
+        mu = " to ".join(f"{value:.6g}" for value in sorted({np.min(self.mu), np.max(self.mu)}))
+        return f"State of {len(self.x)} nodes, mu = {mu} kT, {negative}: {self.status.text}"
 
     @property
     def negative_pivots(self) -> int:
