@@ -84,7 +84,7 @@ def dense_sweep(problem, gel, mu):
             x, p, now, count = state
             entries = tangent(problem, x, p, now).ravel()[source]
             K = jnp.zeros((len(free),) * 2).at[rows, columns].set(entries)
-            dx = jnp.zeros(x.size).at[free].set(jnp.linalg.solve(K, condensed_rhs(problem, now, now))).reshape(x.shape)
+            dx = jnp.zeros(x.size).at[free.masters].set(jnp.linalg.solve(K, condensed_rhs(problem, now, now))).reshape(x.shape)
             x, p = x + dx, p + pressure_step(dx, now, now, model)
             return x, p, linearise(problem, x, p, mu), count + 1
 

@@ -35,7 +35,7 @@ FORCE, NETWORK_FORCE = jax.jit(residual), jax.jit(jax.grad(network_energy))
 def faults(path):
     """What is wrong with a path's states, a list of texts; empty for a path that obeys mechanics."""
     found, model, gel = [], path.model, path.gel
-    plate, free = model.cloud.plate, free_dofs(model.lists.topology)
+    plate, free = model.cloud.plate, free_dofs(model.lists.topology).masters
     states = [dataclasses.replace(path, mu=path.mu[k : k + 1], x=path.x[k : k + 1]) for k in range(len(path))]  # compiled once
     gap, loads = np.array([jaxgel.min_gap(one)[0] for one in states]), np.zeros((model.n_nodes, 2))
     areas = [np.asarray(jaxgel.area_reduction_per_hole(one))[0] if plate.holes else np.zeros(0) for one in states]

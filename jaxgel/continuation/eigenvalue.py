@@ -9,7 +9,7 @@ import numpy as np
 from .._types import Array, Float
 from ..equilibrium import first_order_only
 from ..linalg import SingularTangent, lowest_mode
-from ..materials import gel_at_points, value
+from ..materials import gel_at_points
 from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, scatter, touches
 from .autodiff import is_traced
 from .path import Path, check_is_path
@@ -70,9 +70,7 @@ def _change(modes, inputs, dots):
         def one(x, v, at):
             now, mu = problem.at(at)
             model, gel = now.model, problem.gel  # eigenvalues are over the stiffness of the gel that is given, whatever the control
-            densities = [
-                value(gel_at_points(gel, k).Nv) * jnp.sum(deformation_gradients(v, b) ** 2, (2, 3)) for k, b in enumerate(model.blocks)
-            ]
+            densities = [gel_at_points(gel, k).Nv * jnp.sum(deformation_gradients(v, b) ** 2, (2, 3)) for k, b in enumerate(model.blocks)]
             network = sum(jnp.sum(block.weight * density) for block, density in zip(model.blocks, densities, strict=True))
             return curvature(x, v, model, now.gel, mu, jnp.zeros_like(x)) / network
 

@@ -11,7 +11,6 @@ from .._validation import FLAG, NUMBER, Inadmissible, check_options, entry_of, l
 from ..controls import CONTROLS, DIRECTIONS, Control, check_control, check_values, turning_points
 from ..geometry import Plate
 from ..materials import SMALLEST_SWELLING, AnyGel, check_gel, gel_in_groups, osmotic, takes_solvent
-from ..materials import value as number
 from ..mechanics import Problem, check_driven, check_room
 from .follow import BRANCHES, SYMMETRY
 from .steps import Adaptive
@@ -177,13 +176,14 @@ def _check_round_off(problem, values):
     """
     for value in values:
         now, mu = problem.at(value)
-        if mu > LOW_MU:
+        lowest = np.min(mu)
+        if lowest > LOW_MU:
             continue
         gel = gel_in_groups(now.gel)
-        resolved = jnp.maximum(SMALLEST_SWELLING, DIGITS * np.finfo(float).eps / number(gel.Nv))  # J - 1
-        least = jnp.where(takes_solvent(gel), osmotic(1 + resolved, 0.0, gel) + number(gel.Nv), -jnp.inf).max()
-        if mu < least:
+        resolved = jnp.maximum(SMALLEST_SWELLING, DIGITS * np.finfo(float).eps / gel.Nv)  # J - 1
+        least = jnp.where(takes_solvent(gel), osmotic(1 + resolved, 0.0, gel) + gel.Nv, -jnp.inf).max()
+        if lowest < least:
             where = "" if problem.control.name == "mu" else f" at {problem.control.name} = {value:g}"
             raise Inadmissible(
-                f"mu: {mu:g}{where} is too low, J - 1 would be lost in round-off; give at least {np.ceil(10 * least) / 10:.1f} kT"
+                f"mu: {lowest:g}{where} is too low, J - 1 would be lost in round-off; give at least {np.ceil(10 * least) / 10:.1f} kT"
             )

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
 from ..discretisation import Connectivity
-from ..mechanics import Problem, constrained_part, deformation_gradients, restrict, scatter
+from ..mechanics import Free, Problem, constrained_part, deformation_gradients, restrict, scatter
 
 
 class Motions:
@@ -75,6 +75,6 @@ def edge_cotangents(problem: Problem, values: Float[Array, " k"], forces: Float[
 
 
 @jax.jit
-def moved(motion: Float[Array, "k n 2"], correction: Float[Array, "k f"], free: Int[Array, "f ..."]) -> Float[Array, "k n 2"]:
+def moved(motion: Float[Array, "k n 2"], correction: Float[Array, "k f"], free: Free) -> Float[Array, "k n 2"]:
     """Nodal motions (k, n, 2): the prescribed ones and the corrections (k, f) of the free degrees of freedom."""
     return motion + jax.vmap(lambda dx: scatter(dx, motion.shape[1:], free))(correction)

@@ -9,7 +9,6 @@ import numpy as np
 from .._types import Array, Float, Scalar
 from ..linalg import Factor, Kept
 from ..materials import gel_in_groups
-from ..materials import value as number
 from ..mechanics import (
     Linearisation,
     Problem,
@@ -80,7 +79,8 @@ class State:
     def __repr__(self) -> str:
         """Where the state is, and how it stands."""
         negative = {-1: "stability not computed", 0: "stable"}.get(self.negative_pivots, f"{self.negative_pivots} negative eigenvalues")
-        return f"State of {len(self.x)} nodes, mu = {self.mu:.6g} kT, {negative}: {self.status.text}"
+        mu = " to ".join(f"{value:.6g}" for value in sorted({np.min(self.mu), np.max(self.mu)}))
+        return f"State of {len(self.x)} nodes, mu = {mu} kT, {negative}: {self.status.text}"
 
     @property
     def negative_pivots(self) -> int:
@@ -170,7 +170,7 @@ def dry_state(problem: Problem, value: Scalar | None = None) -> tuple[Float[Arra
     With a ``value`` of the control the edges are where they are there, and the pressures higher where that leaves the gel more room.
     """
     model, moved = problem.model, problem.moves_edges or problem.model.lists.topology.plate.moved
-    pressure = jnp.where(carries_volume(model), -number(gel_in_groups(problem.gel).Nv), 0.0)
+    pressure = jnp.where(carries_volume(model), -gel_in_groups(problem.gel).Nv, 0.0)
     if value is None or not moved:
         return start_positions(model.lists.topology, model.cloud.nodes), pressure
     x = problem.dry_positions(value)

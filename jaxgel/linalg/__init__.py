@@ -14,7 +14,7 @@ from .eigen import (
 from .factors import Bordered, Factor, SingularTangent, factor, solve_near_factor
 from .kept_factors import RECENT_FACTORS, FactorCache, Kept, remember, solve_near
 from .multifrontal import factorise
-from .pattern import SOLVERS, Pattern, View, analyse, standing
+from .pattern import SOLVERS, Pattern, analyse
 
 __all__ = [
     "RECENT_FACTORS",
@@ -26,7 +26,6 @@ __all__ = [
     "Kept",
     "Pattern",
     "SingularTangent",
-    "View",
     "analyse",
     "columnwise",
     "dissect",
@@ -41,5 +40,4 @@ __all__ = [
     "remember",
     "solve_near",
     "solve_near_factor",
-    "standing",
 ]

@@ -2,9 +2,7 @@
 
 import copy
 import dataclasses
-import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,23 +14,14 @@ SOLVERS = ("auto", "direct", "iterative")
 LARGE_BYTES = 2**31  # of a factor in double precision, above which "auto" is "iterative": 1.3e5 nodes of sample 1
 
 
-class View(NamedTuple):
-    """How the d = 2 n degrees of freedom follow the unknowns."""
-
-    stands: Int[np.ndarray, " d"]
-    """Which degree of freedom stands for each one, ~ that number where it moves the other way and 2 n where it is held."""
-    strains: Float[np.ndarray, "m n 2"] | None = None
-    """Nodal fields of m more unknowns, which most nodes do not follow."""
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pattern:
     """Where the entries of node-pair blocks go in the free-free matrix; NumPy arrays, hashed by identity."""
 
     n_pairs: int
     """Number of node pairs i <= j."""
-    free: Int[np.ndarray, "..."]
-    """(b,) or (b, k) degrees of freedom of each unknown that has any of its own: of all f but strains."""
+    free: Int[np.ndarray, " f"]
+    """Degree of freedom that stands for each unknown; 2n and on where none does."""
     structure: sp.csc_matrix
     """The free-free matrix (f, f) of a tangent with, in place of its values, ``source``."""
     tree: Tree
@@ -83,36 +72,27 @@ class Pattern:
 def analyse(
     pair_nodes: Int[np.ndarray, "p 2"],
     points: Float[np.ndarray, "n 2"],
-    free: Int[np.ndarray, "..."],
+    masters: Int[np.ndarray, " f"],
+    fields: Sequence[sp.csr_matrix] | None = None,
     solver: str = "auto",
-    views: Sequence[View] | None = None,
 ) -> Pattern:
-    """``Pattern`` for node pairs (p, 2) with i <= j between nodes at ``points`` (n, 2) and free degrees of freedom (b,) or (b, k).
+    """``Pattern`` of C^T K C for node pairs (p, 2) with i <= j of K between nodes at ``points`` (n, 2), the mean over the C (2n, f).
 
-    The pairs include (i, i) for every node of theirs. Where degrees of freedom move together the ``views`` say how, by default as
-    `standing` says of ``free``. The strains of the views are the last of all unknowns. Of several views the matrix is the mean.
+    The pairs include (i, i) for every node of theirs. ``masters`` are degrees of freedom that stand for the unknowns, ascending, 2n and on
+    for unknowns that may move all nodes. Without ``fields`` C selects these degrees of freedom.
     """
-    n_pairs, joined, n, strains = len(pair_nodes), None, len(points), 0
-    if free.ndim == 2:
-        views = [View(standing(free, n))] if views is None else views
-        strains = 0 if views[0].strains is None else len(views[0].strains)
-        points = np.concatenate([points, np.zeros(((strains + 1) // 2, 2))])  # two strains are as it were the components of a node
-        pair_nodes, joined = _join(pair_nodes, len(points), [_layers(view, n, 2 * len(points)) for view in views])
-    own = free if joined is None else np.append(free[:, 0], 2 * n + np.arange(strains))
+    n_pairs, joined, n = len(pair_nodes), None, len(points)
+    if fields is not None and (len(fields) > 1 or fields[0].nnz > len(masters)):  # else an unknown is one degree of freedom
+        more = max(int(masters[-1]) // 2 + 1 - n, 0)  # nodes whose components are as it were two of the unknowns that may move all
+        points = np.concatenate([points, np.zeros((more, 2))])
+        pair_nodes, joined = _join(pair_nodes, len(points), masters, fields)
     local = np.full(2 * len(points), -1)
-    local[own] = np.arange(len(own))
-    structure = _sources(pair_nodes, len(points))[own][:, own]
+    local[masters] = np.arange(len(masters))
+    structure = _sources(pair_nodes, len(points))[masters][:, masters]
     structure.sort_indices()
     nodes = np.unique(pair_nodes)
     tree = dissect(np.searchsorted(nodes, pair_nodes), local.reshape(-1, 2)[nodes], points[nodes], last=len(points) - n)
-    return Pattern(n_pairs, free, structure.T, tree, joined, solver=solver)
-
-
-def standing(free: Int[np.ndarray, "f k"], n: int) -> Int[np.ndarray, " d"]:
-    """Which degree of freedom stands for each of the d = 2 n ones, see `View`; those that move together are rows of ``free`` (f, k)."""
-    numbers, stands = np.where(free < 0, ~free, free), np.full(2 * n + 1, 2 * n)
-    stands[numbers] = np.where(free < 0, ~free[:, :1], free[:, :1])
-    return stands[:-1]
+    return Pattern(n_pairs, masters, structure.T, tree, joined, solver=solver)
 
 
 def _sources(pairs, n):
@@ -131,41 +111,33 @@ def _pair_graph(pairs, n):
     return sp.csr_matrix((np.concatenate([np.where(apart, number, -number), -number[apart]]), ends), shape=(n, n))
 
 
-def _layers(view, n, held):
-    """What the degrees of freedom (d,) follow, layer by layer: the number of an unknown, ``held`` where there is none, and the weight."""
-    stands = np.where(view.stands == 2 * n, held, view.stands)
-    layers = [(np.where(stands < 0, ~stands, stands), np.where(stands < 0, -1.0, 1.0))]
-    for number, field in enumerate(() if view.strains is None else view.strains):
-        layers.append((np.where(field.ravel() != 0, 2 * n + number, held), field.ravel()))
-    return layers
-
-
-def _join(pair_nodes, n, views):
-    """Pairs (q, 2) of nodes that stand for others, and the matrix (4 q, 4 p) that adds up the blocks of the pairs (p, 2) they stand for."""
-    parts = [_entries_of_layers(pair_nodes, n, *both) for layers in views for both in itertools.product(layers, repeat=2)]
-    key, entry, source, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
+def _join(pair_nodes, n, masters, fields):
+    """Pairs (q, 2) of nodes of the ``masters``, and the matrix (4 q, 4 p) that takes the blocks of K to those of C^T K C."""
+    parts = [_products(pair_nodes, masters, C) for C in fields]
+    first, second, source, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
+    key, entry = first // 2 * n + second // 2, 2 * (first % 2) + second % 2
     nodes = np.unique(np.concatenate([key // n, key % n]))
     known = np.union1d(key, nodes * (n + 1))
     rows = 4 * np.searchsorted(known, key) + entry
-    joined = sp.csr_matrix((weight / len(views), (rows, source)), shape=(4 * len(known), 4 * len(pair_nodes)))
+    joined = sp.csr_matrix((weight / len(fields), (rows, source)), shape=(4 * len(known), 4 * len(pair_nodes)))
     return np.stack([known // n, known % n], axis=1), joined
 
 
-def _entries_of_layers(pair_nodes, n, left, right):
-    """Where the entries of the pair blocks go as one end follows the layer ``left`` and the other ``right``: keys of pairs and entries of
-    their blocks, the entries' numbers and their weights.
+def _products(pair_nodes, masters, C):
+    """Products of the rows of C (2n, f) at both ends of every entry of the pair blocks (p, 2, 2): the masters that they couple, that of
+    the earlier node first, the entries' numbers and the weights.
     """
-    dofs = 2 * pair_nodes[:, :, None] + np.arange(2)  # (p, end, component)
-    some = np.flatnonzero((left[0][dofs[:, 0]] < 2 * n).any(axis=1) & (right[0][dofs[:, 1]] < 2 * n).any(axis=1))
-    dofs, apart = dofs[some], (pair_nodes[:, 0] != pair_nodes[:, 1])[some, None, None]
-    first, second = np.broadcast_arrays(left[0][dofs[:, 0], None], right[0][dofs[:, 1]][:, None])  # (p, 2, 2)
-    weight, source = left[1][dofs[:, 0], None] * right[1][dofs[:, 1]][:, None], 4 * some[:, None, None] + np.array([[0, 1], [2, 3]])
-    swapped = first // 2 > second // 2
-    real = (first < 2 * n) & (second < 2 * n) & (apart | ~swapped)  # the block of a node with itself has every entry twice
-    turned = real & (first // 2 == second // 2) & apart  # also the transpose counts
+    ends = (2 * pair_nodes[:, :, None] + np.arange(2))[:, :, [[0, 0, 1, 1], [0, 1, 0, 1]]]
+    i, j = ends[:, 0, 0].ravel(), ends[:, 1, 1].ravel()
+    counts = np.diff(C.indptr)
+    several = counts[i] * counts[j]
+    source = np.repeat(np.arange(len(i)), several)
+    place = np.arange(len(source)) - np.repeat(np.cumsum(several) - several, several)
+    at = C.indptr[i][source] + place // counts[j][source], C.indptr[j][source] + place % counts[j][source]
+    first, second = (masters[C.indices[k]] for k in at)
+    weight, apart = C.data[at[0]] * C.data[at[1]], (pair_nodes[:, 0] != pair_nodes[:, 1])[source // 4]
+    real = apart | (first // 2 <= second // 2)  # the block of a node with itself has every entry twice
+    first, second, source, weight, apart = (part[real] for part in (first, second, source, weight, apart))
+    swapped, turned = first // 2 > second // 2, (first // 2 == second // 2) & apart  # also the transpose counts
     first, second = np.where(swapped, second, first), np.where(swapped, first, second)
-    found = []
-    for a, b, where in ((first, second, real), (second, first, turned)):
-        a, b = a[where], b[where]
-        found.append((a // 2 * n + b // 2, 2 * (a % 2) + b % 2, source[where], weight[where]))
-    return tuple(np.concatenate(column) for column in zip(*found, strict=True))
+    return tuple(np.append(a, b[turned]) for a, b in ((first, second), (second, first), (source, source), (weight, weight)))

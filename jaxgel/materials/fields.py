@@ -1,8 +1,8 @@
 """Parameters that vary over the dry plate: printed gels.
 
 A parameter of a gel is a number or a field: a function of the position X (2,), mm, that gives one number, plain or with parameters of its
-own (any pytree with ``__call__``), in which everything that follows is differentiable. Here a field becomes its values at many places,
-`Varying`, and functions of a gel are mapped over these.
+own (any pytree with ``__call__``), in which everything that follows is differentiable. On a model a field becomes arrays of its values,
+`LocalValues`, and functions of the gel of one place are mapped over these by `elementwise`.
 """
 
 import dataclasses
@@ -12,18 +12,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.ndimage import map_coordinates
 
 from .._types import Array, Float, Int
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True, eq=False)
-class Varying:
-    """A parameter at many places."""
-
-    values: Float[Array, "..."]
-    """One number for each place."""
 
 
 @jax.tree_util.register_dataclass
@@ -40,8 +32,8 @@ class LocalValues:
 
 
 EDGE = 1e-9  # of a picture's size: points within this distance beyond its edge belong to it
-Field = Callable[..., Any] | LocalValues | Varying
-"""A parameter that is no number: a function of the position, or what it became on a model."""
+Field = Callable[..., Any] | LocalValues | Array
+"""A parameter that is no number: a function of the position, its values on a model, or an array of them."""
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["extent", "smooth"])
@@ -114,11 +106,6 @@ def with_parameters(gel: Any, change: Callable[[Any], Any]) -> Any:
     return jax.tree.map(change, gel, is_leaf=lambda part: part is not gel)
 
 
-def value(parameter: Any) -> Any:
-    """The number of a parameter, or its values where it is `Varying`."""
-    return parameter.values if isinstance(parameter, Varying) else parameter
-
-
 def gel_at_points(gel: Any, block: int) -> Any:
     """The gel at the quadrature points (c, q) of a block, given by its number."""
     return _taken(gel, lambda local: local.points[block])
@@ -135,29 +122,23 @@ def gel_on_outline(gel: Any, ends: Int[Array, "m 2"]) -> Any:
 
 
 def _taken(gel, values):
-    return with_parameters(gel, lambda part: Varying(values(part)) if isinstance(part, LocalValues) else part)
+    return with_parameters(gel, lambda part: values(part) if isinstance(part, LocalValues) else part)
 
 
 def varies(gel: Any) -> bool:
-    """Whether a parameter of the gel is a field, or its values."""
-    parts = jax.tree.leaves(gel, is_leaf=lambda part: callable(part) or isinstance(part, LocalValues | Varying))
-    return any(callable(part) or isinstance(part, LocalValues | Varying) for part in parts)
+    """Whether a parameter of the gel is a field, or an array of its values."""
+    return any(callable(part) or np.ndim(part) > 0 for part in jax.tree.leaves(gel, is_leaf=callable))
 
 
-def split(gel: Any) -> tuple[list[Float[Array, "..."]], Callable[[list[Any]], Any]]:
-    """Values of the parameters that are `Varying`, and the function that makes a gel of one number for each."""
-    parts, structure = jax.tree.flatten(gel, is_leaf=lambda part: isinstance(part, Varying))
+def elementwise(function: Callable[..., Any], x: Float[Array, "..."], *parameters: Any, signature: str = "()->()") -> Float[Array, "..."]:
+    """``function(x, *parameters)`` for every element of ``x`` with the parameters of its place.
 
-    def joined(numbers):
-        numbers = iter(numbers)
-        return jax.tree.unflatten(structure, [next(numbers) if isinstance(part, Varying) else part for part in parts])
-
-    return [part.values for part in parts if isinstance(part, Varying)], joined
-
-
-def elementwise(function: Callable[..., Any], x: Float[Array, "..."], gel: Any, signature: str = "()->()") -> Float[Array, "..."]:
-    """``function(x, gel)`` for every element of ``x``, with the parameters of its place; ``signature`` says what an element is."""
-    values, joined = split(gel)
+    ``parameters`` are pytrees of numbers and of arrays that broadcast with the elements; ``signature`` says what an element is.
+    """
+    numbers, structure = jax.tree.flatten(jax.tree.map(lambda leaf: jnp.asarray(leaf, float), parameters))
     element, result = signature.split("->")
-    arguments = ",".join([element] + ["()"] * len(values))
-    return jnp.vectorize(lambda x, *numbers: function(x, joined(numbers)), signature=f"{arguments}->{result}")(x, *values)
+
+    def of_place(x, *numbers):
+        return function(x, *jax.tree.unflatten(structure, numbers))
+
+    return jnp.vectorize(of_place, signature=f"{','.join([element] + ['()'] * len(numbers))}->{result}")(jnp.asarray(x, float), *numbers)

@@ -21,9 +21,9 @@ import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
 from .checks import check_number
-from .fields import Field
+from .fields import Field, elementwise
 from .mixing import flory_rehner
-from .swelling import Numbers, _elementwise
+from .swelling import Numbers
 
 
 def neo_hookean(F: Float[Array, "2 2"], gel: Any, axial: Scalar = 1.0) -> Float[Array, ""]:
@@ -81,11 +81,15 @@ class ArrudaBoyce:
         return gel.Nv / initial * sum(c * (invariant ** (i + 1) - 3 ** (i + 1)) for i, c in enumerate(terms))
 
 
-def network_at(gel: Any, axial: Scalar = 1.0) -> Callable[..., Any]:
-    """Network energy of the gel as a function (F (2, 2), gel) -> () at the stretch ``axial`` out of plane; of plane strain at 1.0."""
-    if isinstance(axial, float) and axial == 1.0:
-        return gel.network
-    return lambda F, gel: gel.network(F, gel, axial)
+def network_at(gel: Any, axial: Scalar | None = None) -> Callable[..., Any]:
+    """Network energy of the gel as a function (F (2, 2), gel) -> () at the stretch ``axial`` out of plane; None in plane strain."""
+    return gel.network if axial is None else lambda F, gel: gel.network(F, gel, axial)
+
+
+def check_network(gel: Any) -> None:
+    """Raise ValueError unless the gel's network is ``neo_hookean``: the energy of others is no sum over the directions, as a film needs."""
+    if gel.network is not neo_hookean:
+        raise ValueError(f"network: {gel.network!r} is not accepted in plane stress, it must be neo_hookean")
 
 
 def check_stretched_network(gel: Any) -> None:
@@ -104,13 +108,15 @@ def free_energy(F: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Float[Array, ""
     return gel.network(F, gel) + gel.volumetric(J, gel) - mu * (J - 1)
 
 
-def cauchy_stress(F: Float[Array, "2 2"], mu: Scalar, gel: Any, pressure: Scalar | None = None, axial: Scalar = 1.0) -> Float[Array, "2 2"]:
+def cauchy_stress(
+    F: Float[Array, "2 2"], mu: Scalar, gel: Any, pressure: Scalar | None = None, axial: Scalar | None = None
+) -> Float[Array, "2 2"]:
     """In-plane Cauchy stress (2, 2), in kT/v, at ``F`` (2, 2); ``pressure`` () replaces ``osmotic(J, mu, gel)`` if given.
 
-    A mixed method passes its own pressure. ``axial`` is the stretch out of plane. The stress out of plane does not follow from an energy of
-    the in-plane ``F``.
+    A mixed method passes its own pressure. ``axial`` is the stretch out of plane, 1 if it is None. The stress out of plane does not follow
+    from an energy of the in-plane ``F``.
     """
-    J = _det(F) * axial
+    J = _det(F) if axial is None else _det(F) * axial
     pressure = osmotic(J, mu, gel) if pressure is None else pressure
     return jax.grad(network_at(gel, axial))(F, gel) @ F.T / J + pressure * jnp.eye(2)
 
@@ -118,13 +124,13 @@ def cauchy_stress(F: Float[Array, "2 2"], mu: Scalar, gel: Any, pressure: Scalar
 @jax.jit
 def osmotic(J: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Pressure p = d volumetric / dJ - ``mu``, in kT/v, at the volume ratio ``J`` (...) > 1."""
-    return _elementwise(jax.grad(gel.volumetric), J, gel) - mu
+    return elementwise(jax.grad(gel.volumetric), J, gel) - mu
 
 
 @jax.jit
 def bulk_stiffness(J: Numbers, gel: Any) -> Float[Array, "..."]:
     """dp/dJ, in kT/v, at the volume ratio ``J`` (...) > 1; about 1/(J-1), so 1e3 to 1e5 times Nv over most of a sweep."""
-    return _elementwise(jax.grad(jax.grad(gel.volumetric)), J, gel)
+    return elementwise(jax.grad(jax.grad(gel.volumetric)), J, gel)
 
 
 def _det(A):

@@ -22,56 +22,53 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Array, Float, Scalar
+from .composite import takes_solvent
 from .gel import neo_hookean, network_at
-from .swelling import Numbers, branch_ends, inverted, rises_always
+from .swelling import Numbers, branch_ends, first_root, rises_always
 
 
-def surface_volume_ratio(tangential: Float[Array, "..."], mu: Scalar, gel: Any, axial: Numbers = 1.0) -> Float[Array, "..."]:
-    """Volume ratio J (...) at a surface without traction that has the ``tangential`` stretch (...), held at ``axial`` out of plane.
+def surface_volume_ratio(tangential: Numbers, mu: Numbers, gel: Any, axial: Scalar | None = None) -> Float[Array, "..."]:
+    """Volume ratio J (...) at a surface without traction that has the ``tangential`` stretch (...), held at ``axial`` out of plane, or 1.
 
     The root of dW/dJ = 0 that is connected with the dry state, see `volume_ratio_at`; the normal stretch is J / (tangential axial).
     """
-    plain = isinstance(axial, float) and axial == 1.0
-    energy, held = (_at_surface, ()) if plain else (_at_held_surface, (jnp.asarray(axial, float),))
-    return _first_root(energy, tangential, mu, gel, held)
+    if axial is None:
+        return _first_root(_at_surface, mu, gel, tangential)
+    return _first_root(_at_held_surface, mu, gel, tangential, axial)
 
 
-def film_edge_volume_ratio(tangential: Float[Array, "..."], mu: Scalar, gel: Any) -> Float[Array, "..."]:
+def film_edge_volume_ratio(tangential: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """The same at the edge of a film, in uniaxial stress: normal stretch and stretch of the thickness are sqrt(J / tangential)."""
-    return _first_root(_at_film_edge, tangential, mu, gel, ())
+    return _first_root(_at_film_edge, mu, gel, tangential)
 
 
-def _first_root(energy, tangential, mu, gel, held):
+def _first_root(energy, mu, gel, *stretches):
     rises = rises_always(gel) if gel.network is neo_hookean else False  # other networks may lock, which ends the search
-    end = branch_ends(lambda t, own: (energy, (t, *own)), tangential, (gel, *held), rises)
-    return inverted(lambda t, own: (energy, own[0], (t, *own[1:])), tangential, (jnp.asarray(mu, float), gel, *held), end)
+    end = branch_ends(energy, gel, *stretches, rises=rises)
+    return first_root(energy, takes_solvent(gel) * mu, end, gel, *stretches)
 
 
-def _at_surface(J, of):
-    tangential, gel = of
+def _at_surface(J, gel, tangential):
     return gel.network(jnp.diag(jnp.stack([tangential, J / tangential])), gel) + gel.volumetric(J, gel)
 
 
-def _at_held_surface(J, of):
-    tangential, gel, axial = of
+def _at_held_surface(J, gel, tangential, axial):
     return gel.network(jnp.diag(jnp.stack([tangential, J / (tangential * axial)])), gel, axial) + gel.volumetric(J, gel)
 
 
-def _at_film_edge(J, of):
-    tangential, gel = of
+def _at_film_edge(J, gel, tangential):
     return gel.Nv * J / tangential + gel.volumetric(J, gel)
 
 
 def surface_stability(
-    stretches: Float[Array, " 2"], pressure: Scalar, stiffness: Scalar, gel: Any, axial: Scalar = 1.0
+    stretches: Float[Array, " 2"], pressure: Scalar, stiffness: Scalar, gel: Any, axial: Scalar | None = None
 ) -> Float[Array, ""]:
     """Stability () of a surface to short waves, at the ``stretches`` (2,) along and normal to it: det Z / (Z11 Z22 + Z12^2).
 
     1 if displacements along and normal to the surface do not couple, as in the dry state of a stiff gel; below 0 the surface wrinkles; -1
     if the gel itself is unstable, not strongly elliptic, as within the miscibility gap of a poor solvent. The scale of energies does not
-    matter. ``pressure`` and ``stiffness`` (kT/v) are w' and w'' of the energy w(A) besides the network's, A being the areal stretch: of a
-    gel in plane strain `osmotic` and `bulk_stiffness`, of a film `film_pressure` and `film_stiffness`, of a gel held at the stretch
-    ``axial`` out of plane those at the volume ratio ``axial`` A, times ``axial`` and its square. The network must be isotropic.
+    matter. ``pressure`` and ``stiffness`` (kT/v) are w' and w'' of a `VolumeLaw`, in plane strain `osmotic` and `bulk_stiffness`; ``axial``
+    is the stretch out of plane at which the gel is held, if that is not 1. The network must be isotropic.
 
     >>> from jaxgel.materials import Gel, bulk_stiffness
     >>> gel, J = Gel(Nv=1e-3, chi=0.1), 3.317  # a layer on a rigid base that has swollen to its onset; no traction: p = -Nv J

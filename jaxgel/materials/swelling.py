@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Bool, Float, Int, Scalar
-from .fields import Varying, elementwise, split, value
+from .composite import Filled, takes_solvent
+from .fields import elementwise
 from .mixing import flory_rehner, good_solvent
 
 Numbers = Float[Array, "..."] | Scalar
@@ -25,8 +26,7 @@ def _volume_only(J, gel):
     return gel.volumetric(J, gel)
 
 
-def _volume_less(J, gel_and_stiffness):
-    gel, stiffness = gel_and_stiffness
+def _volume_less(J, gel, stiffness):
     return gel.volumetric(J, gel) - stiffness * J**2 / 2
 
 
@@ -34,8 +34,7 @@ def _free(J, gel):
     return gel.network(jnp.sqrt(J) * jnp.eye(2), gel) + gel.volumetric(J, gel)
 
 
-def _free_held(J, gel_and_axial):
-    gel, axial = gel_and_axial
+def _free_held(J, gel, axial):
     return gel.network(jnp.sqrt(J / axial) * jnp.eye(2), gel, axial) + gel.volumetric(J, gel)
 
 
@@ -55,17 +54,14 @@ def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any, largest: Numbers | None =
     the spinodal, where dp/dJ = 0. The root between, on the side of the dry state, is returned; there dp/dJ > 0. For a larger p it
     is the J of the largest pressure, at most 1 + LARGEST_SWELLING, and for p + mu below about -31 it is 1 + SMALLEST_SWELLING; the
     derivatives are then those of that J, 0 with respect to p and mu. Of another ``volumetric`` the first increasing part is inverted:
-    of two phases the shrunken one. ``largest`` (...) is the J at which that ends where it is known.
+    of two phases the shrunken one. ``largest`` (...) is the J at which that ends where it is known. An elastomer has a J > 0 for every p.
 
     >>> from jaxgel.materials import Gel
     >>> volume_ratio_at(-0.1, -0.5, Gel(Nv=1e-3, chi=0.1)).round(6)
     Array(1.32168, dtype=float64)
     """
-    if largest is None:
-        end = branch_ends(lambda _, gel: (_volume_only, gel), jnp.zeros(_places(gel)), gel, rises_always(gel))  # one end for each gel
-    else:
-        end = jnp.log(jnp.asarray(largest, float) - 1)
-    return inverted(lambda target, gel: (_volume_only, target, gel), jnp.asarray(p, float) + mu, gel, end)
+    ends = branch_ends(_volume_only, gel, rises=rises_always(gel)) if largest is None else jnp.asarray(largest, float)  # one for each gel
+    return first_root(_volume_only, p + takes_solvent(gel) * mu, ends, gel)
 
 
 @jax.jit
@@ -81,7 +77,7 @@ def free_swelling(mu: Numbers, gel: Any, axial: Scalar | None = None) -> Float[A
     """
     if axial is None:
         return jnp.sqrt(_volume_ratio_or_nan(_free, mu, gel))
-    return jnp.sqrt(_volume_ratio_or_nan(_free_held, mu, (gel, axial)) / axial)
+    return jnp.sqrt(_volume_ratio_or_nan(_free_held, mu, gel, axial) / axial)
 
 
 @jax.jit
@@ -127,9 +123,8 @@ def stiff_until(stiffness: Numbers, gel: Any) -> Float[Array, "..."]:
     With 0 the first spinodal of the gel, up to which ``volume_ratio_at`` inverts its pressure. 1 + LARGEST_SWELLING where that has no end.
     Without derivatives.
     """
-    stiffness = jnp.broadcast_to(jnp.asarray(stiffness, float), jnp.broadcast_shapes(jnp.shape(stiffness), _places(gel)))
-    rises = rises_always(gel) & jnp.all(stiffness <= 0)
-    return 1 + jnp.exp(branch_ends(lambda stiffness, gel: (_volume_less, (gel, stiffness)), stiffness, gel, rises))
+    rises = rises_always(gel) & jnp.all(jnp.asarray(stiffness) <= 0)
+    return branch_ends(_volume_less, gel, jnp.asarray(stiffness, float), rises=rises)
 
 
 @jax.jit
@@ -143,61 +138,69 @@ def phase_of(J: Numbers, gel: Any) -> Int[Array, "..."]:
     >>> phase_of(jnp.array([1.5, 10.0, 100.0]), Gel(Nv=0.01, chi=0.9)).tolist()
     [0, 1, 2]
     """
-    grows = _elementwise(jax.grad(jax.grad(_volume_only)), J, gel) > 0
+    grows = elementwise(jax.grad(jax.grad(_volume_only)), J, gel) > 0
     return jnp.where(jnp.asarray(J) < stiff_until(0.0, gel), COLLAPSED, jnp.where(grows, SWOLLEN, UNSTABLE))
 
 
-def _places(gel):
-    """Shape of the parameters of a gel that are `Varying`."""
-    return jnp.broadcast_shapes(*map(jnp.shape, split(gel)[0]))
-
-
 def rises_always(gel: Any) -> Bool[Array, ""] | bool:
-    """Whether the slope of the gel's ``volumetric`` is known to increase with every J > 1, wherever the gel varies: in a good solvent."""
-    return gel.volumetric is flory_rehner and jnp.all(good_solvent(value(gel.Nv), value(gel.chi)))
+    """Whether the slope of ``volumetric`` is known to increase with every J at all places of the gel: in good solvents and elastomers."""
+    of_solvent = gel.gel.volumetric if isinstance(gel, Filled) else gel.volumetric
+    return of_solvent is flory_rehner and jnp.all(good_solvent(gel.Nv, gel.chi) | ~takes_solvent(gel))
 
 
-def branch_ends(energy_at: Callable, x: Float[Array, "..."], gel: Any, rises: Bool[Array, ""] | bool) -> Float[Array, "..."]:
-    """`_branch_end` of ``energy_at(x, gel)``, an energy and what it takes besides J, at every element of ``x``.
+def least_volume_ratio(gel: Any) -> Float[Array, "..."]:
+    """Infimum (...) of the volume ratios that the gel can have: 1, and 0 in elastomers."""
+    return jnp.where(takes_solvent(gel), 1.0, 0.0)
 
-    Where the slope is known to meet no target twice, ``rises``, it is the bound of the search, without looking.
+
+def branch_ends(energy: Callable, gel: Any, *others: Any, rises: Bool[Array, ""] | bool) -> Float[Array, "..."]:
+    """J (...) up to which the slope of ``energy(J, gel, *others)`` increases from the dry state on, at every place; no derivatives.
+
+    It is the bound of the search, without looking, if the slope is known to meet no target twice, ``rises``, and in elastomers.
     """
+    of = jax.lax.stop_gradient((gel, *others))
+    places = jnp.zeros(jnp.broadcast_shapes(*map(jnp.shape, jax.tree.leaves(of))))
+    bound = jnp.full(places.shape, 1 + LARGEST_SWELLING)
 
     def scanned():
-        return _elementwise(lambda x, gel: _branch_end(*energy_at(x, gel)), x, gel)
+        ends = elementwise(lambda _, *of: 1 + jnp.exp(_branch_end(energy, of)), places, *of)
+        return jnp.where(takes_solvent(gel), ends, bound)
 
-    if rises is False:
-        return scanned()
-    return jax.lax.cond(rises, lambda: jnp.full(jnp.shape(x), math.log(LARGEST_SWELLING)), scanned)
+    return scanned() if rises is False else jax.lax.cond(rises, lambda: bound, scanned)
 
 
-def inverted(problem_at: Callable, x: Float[Array, "..."], gel: Any, end: Float[Array, "..."]) -> Float[Array, "..."]:
-    """J at every element of ``x`` on the branch up to ``end``; ``problem_at(x, gel)`` is an energy, its slope, what it takes besides."""
+def first_root(
+    energy: Callable, target: Numbers, end: Float[Array, "..."], gel: Any, *others: Any, least: Float[Array, "..."] | None = None
+) -> Float[Array, "..."]:
+    """J (...) at which the slope of ``energy(J, gel, *others)`` is ``target``, at every place, on the branch from ``least`` up to ``end``.
 
-    def one(x, own):
-        energy, target, of = problem_at(x, own[0])
-        return _volume_ratio(energy, target, of, own[1])[0]
+    By default ``least`` is `least_volume_ratio`. A target beyond the slopes of the branch gives its nearer end.
+    """
 
-    return _elementwise(one, x, (gel, Varying(jax.lax.stop_gradient(end))))
+    def of_place(target, least, end, *of):
+        return _volume_ratio(energy, target, of, least, end)[0]
+
+    least = least_volume_ratio(gel) if least is None else least
+    return elementwise(of_place, target, *jax.lax.stop_gradient((least, end)), gel, *others)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 @functools.partial(jax.jit, static_argnums=0)
-def _volume_ratio(energy, target, gel, end):
-    """The first J () from the dry state on at which d energy(J, gel)/dJ = ``target`` (), by Newton's method in u = ln(J - 1), and if it is.
+def _volume_ratio(energy, target, of, least, end):
+    """The first J () above ``least`` () whose slope d energy(J, *of)/dJ is ``target`` (), by Newton's method in u = ln(J - least), and
+    whether there is one.
 
-    The search is on the branch up to ``end``, see ``_branch_end``, where the slope g(u) = d energy/dJ increases; a ``target``
-    outside its range
-    gives the nearer end and False. For the Flory-Rehner gel g starts as u + constant and is concave (0 <= chi < 2, Nv < 2), so the
-    iterates rise to the root from the left. In general ``below`` and ``above`` bracket it, and a Newton step that leaves the bracket or is
-    not at most half the last step is replaced by bisection.
+    The search is on the branch up to J = ``end``, see ``_branch_end``, where the slope g(u) = d energy/dJ increases; a ``target`` outside
+    its range gives the nearer end and False. For the Flory-Rehner gel g starts as u + constant and is concave (0 <= chi < 2, Nv < 2), so
+    the iterates rise to the root from the left; in elastomers they start from the dry state. In general ``below`` and ``above`` bracket
+    the root, and a Newton step that leaves the bracket or is not at most half the last step is replaced by bisection.
     """
-    ends = least, end = jnp.stack([jnp.log(SMALLEST_SWELLING), end])
-    lowest, highest = jax.vmap(lambda u: _slopes(energy, u, gel)[0])(ends)
+    ends = lowest_u, end = jnp.log(jnp.stack([jnp.asarray(SMALLEST_SWELLING), end - least]))
+    lowest, highest = jax.vmap(lambda u: _slopes(energy, least, u, of)[0])(ends)
 
     def body(state):
         u, below, above, last, _, steps = state
-        slope, stiffness = _slopes(energy, u, gel)
+        slope, stiffness = _slopes(energy, least, u, of)
         left = slope < target
         below, above = jnp.where(left, u, below), jnp.where(left, above, u)
         newton = (target - slope) / (stiffness * jnp.exp(u))
@@ -209,28 +212,29 @@ def _volume_ratio(energy, target, gel, end):
 
     def going(state):
         u, _, _, _, error, steps = state
-        return (error * jnp.exp(u) > 4e-15 * jnp.maximum(jnp.exp(u), 1.0)) & (steps < _MOST_STEPS)  # the resolution of u, or of J
+        return (error * jnp.exp(u) > 4e-15 * jnp.maximum(jnp.exp(u), least)) & (steps < _MOST_STEPS)  # the resolution of u, or of J
 
-    start = jnp.clip(jnp.minimum(target - 3, -2.0), least, end)  # g(u) < u + 1 + chi: left of the root
+    left = jnp.minimum(target - 3, -2.0)  # of the root: g(u) < u + 1 + chi
+    start = jnp.clip(jnp.where(least < 1, jnp.log(jnp.maximum(1 - least, SMALLEST_SWELLING)), left), lowest_u, end)
     start = jnp.where(target >= highest, end, start)
     infinity = jnp.full_like(start, jnp.inf)
-    state = (start, least, end, infinity, infinity, 0)
-    return 1 + jnp.exp(jax.lax.while_loop(going, body, state)[0]), (lowest < target) & (target < highest)
+    state = (start, lowest_u, end, infinity, infinity, 0)
+    return least + jnp.exp(jax.lax.while_loop(going, body, state)[0]), (lowest < target) & (target < highest)
 
 
 @_volume_ratio.defjvp
 def _volume_ratio_jvp(energy, primals, tangents):
-    """g(J, gel) = target gives g_J dJ + g_gel dgel = dtarget.
+    """g(J, *of) = target gives g_J dJ + g_of dof = dtarget.
 
-    Beyond the branch J is its last point, a spinodal, where g_J = 0 gives g_JJ dJ + g_Jgel dgel = 0; the ends of the search are constants.
+    Beyond the branch J is its last point, a spinodal, where g_J = 0 gives g_JJ dJ + g_Jof dof = 0; the ends of the search are constants.
     """
-    target, gel, end = primals
-    J, solved = _volume_ratio(energy, target, gel, end)
+    _target, of, least, _ = primals
+    J, solved = _volume_ratio(energy, *primals)
     slope, stiffness, change = (_nth_derivative(energy, n) for n in (1, 2, 3))
-    from_gel, at_spinodal = (jax.jvp(lambda gel, g=g: g(J, gel), (gel,), (tangents[1],))[1] for g in (slope, stiffness))
-    spinodal = ~solved & (J > 1 + 2 * SMALLEST_SWELLING) & (J < 1 + LARGEST_SWELLING / 2)
-    of_end = jnp.where(spinodal, -at_spinodal / jnp.where(spinodal, change(J, gel), 1.0), 0.0)
-    J_dot = jnp.where(solved, (tangents[0] - from_gel) / jnp.where(solved, stiffness(J, gel), 1.0), of_end)
+    from_gel, at_spinodal = (jax.jvp(lambda of, g=g: g(J, *of), (of,), (tangents[1],))[1] for g in (slope, stiffness))
+    spinodal = ~solved & (least + 2 * SMALLEST_SWELLING < J) & (J < 1 + LARGEST_SWELLING / 2)
+    of_end = jnp.where(spinodal, -at_spinodal / jnp.where(spinodal, change(J, *of), 1.0), 0.0)
+    J_dot = jnp.where(solved, (tangents[0] - from_gel) / jnp.where(solved, stiffness(J, *of), 1.0), of_end)
     return (J, solved), (J_dot, np.zeros(solved.shape, jax.dtypes.float0))
 
 
@@ -238,7 +242,7 @@ def _nth_derivative(function, n):
     return function if n == 0 else jax.grad(_nth_derivative(function, n - 1))
 
 
-def _branch_end(energy, gel):
+def _branch_end(energy, of):
     """End of the branch: the u = ln(J - 1) up to which the slope of ``energy`` increases from the dry state on.
 
     That is its first maximum, the end of the domain of the energy, or the bound of the search. It is found by scanning with steps of 0.1,
@@ -246,13 +250,13 @@ def _branch_end(energy, gel):
     """
 
     def increasing(u):
-        return jnp.isfinite(energy(1 + jnp.exp(u), gel)) & (_slopes(energy, u, gel)[1] > 0)
+        return jnp.isfinite(energy(1 + jnp.exp(u), *of)) & (_slopes(energy, 1.0, u, of)[1] > 0)
 
     def halved(_, interval):
         middle = jnp.mean(interval)
         return jnp.where(increasing(middle), interval.at[0].set(middle), interval.at[1].set(middle))
 
-    gel = jax.lax.stop_gradient(gel)
+    of = jax.lax.stop_gradient(of)
     u = jnp.linspace(math.log(SMALLEST_SWELLING), math.log(LARGEST_SWELLING), 512)
     falls = ~jax.vmap(increasing)(u)
     first = jnp.argmax(falls)
@@ -260,25 +264,19 @@ def _branch_end(energy, gel):
     return jnp.where(jnp.any(falls), jax.lax.fori_loop(0, _HALVINGS, halved, interval)[0], u[-1])
 
 
-def _slopes(energy, u, gel):
-    """First and second derivative of ``energy`` with respect to J at J = 1 + exp(u)."""
-    return jax.value_and_grad(jax.grad(energy))(1 + jnp.exp(u), gel)
+def _slopes(energy, least, u, of):
+    """First and second derivative of ``energy`` with respect to J at J = least + exp(u)."""
+    return jax.value_and_grad(jax.grad(energy))(least + jnp.exp(u), *of)
 
 
 def _largest_slope(energy, gel):
     """Supremum () of d energy/dJ on the branch of ``_branch_end``; its J is held, so first derivatives are right, second ones not."""
-    return _slopes(energy, _branch_end(energy, gel), gel)[0]
+    return _slopes(energy, 1.0, _branch_end(energy, (gel,)), (gel,))[0]
 
 
-def _volume_ratio_or_nan(energy, target, gel):
-    def one(target, gel):
-        J, solved = _volume_ratio(energy, target, gel, _branch_end(energy, gel))
+def _volume_ratio_or_nan(energy, target, *of):
+    def of_place(target, *of):
+        J, solved = _volume_ratio(energy, target, of, jnp.ones(()), 1 + jnp.exp(_branch_end(energy, of)))
         return jnp.where(solved, J, jnp.nan)
 
-    return _elementwise(one, jnp.asarray(target, float), gel)
-
-
-def _elementwise(function, x, gel):
-    """``function(x (), gel)`` at every element of ``x`` (...), with the parameters of its place where these are `Varying`."""
-    gel = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), gel)
-    return elementwise(function, jnp.asarray(x, float), gel)
+    return elementwise(of_place, target, *of)

@@ -1,23 +1,17 @@
 """Mechanics: the energy of a swollen gel, its contact and loads, its degrees of freedom, and its tangent."""
 
 from .assembly import STATES_TOGETHER, TangentOperator, factorised_tangent, is_sparse, tangent, tangent_product
+from .conditions import Free, constrained_part, gather, restrict, scatter, with_free_values
 from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, touches, with_contact
 from .dofs import (
-    Free,
-    Strained,
     check_edges,
     check_room,
-    constrained_part,
     deformation_of,
     free_dofs,
-    gather,
     held_dofs,
     periodic_images,
-    restrict,
-    scatter,
     start_positions,
     unknowns,
-    with_free_values,
 )
 from .energy import curvature, energy_at, hessian_product, network_energy, residual, total_energy
 from .loads import Loads, load_vector
@@ -50,6 +44,7 @@ from .volumes import (
     pressure_at,
     ratio_at,
     stiffness_at,
+    volume_law,
     volume_ratios,
 )
 
@@ -64,7 +59,6 @@ __all__ = [
     "Loads",
     "Operators",
     "Problem",
-    "Strained",
     "TangentOperator",
     "all_volumes",
     "at_points",
@@ -126,6 +120,7 @@ __all__ = [
     "total_energy",
     "touches",
     "unknowns",
+    "volume_law",
     "volume_ratios",
     "with_contact",
     "with_free_values",

@@ -23,14 +23,14 @@ from jax import lax
 from .._threads import ONE_THREAD
 from .._types import Array, Float
 from ..linalg import Factor, factor
-from ..materials import Varying, elementwise, gel_at_points, neo_hookean, network_at, split
+from ..materials import elementwise, gel_at_points, neo_hookean, network_at
+from .conditions import gather, scatter
 from .contact import contact_force, contact_tangents
-from .dofs import Strained, gather, scatter
 from .mixed import Linearisation, network_force, nodal_sum, pressure_step, volume_gradients
 from .operators import add_cell_matrices, area_form_sum
 from .pairs import contact_pairs
 from .problem import Problem
-from .volumes import all_volumes, axial_stretch, by_block, stiffness_at
+from .volumes import all_volumes, by_block, stiffness_at
 
 STATES_TOGETHER = 4  # states whose volume gradients are computed together
 
@@ -42,20 +42,19 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
     With contact the pairs of `contact_pairs` follow.
     """
     model, gel, operators = problem.model, problem.gel, problem.operators
-    quadratic, network = gel.network is neo_hookean, network_at(gel, axial_stretch(model))
+    quadratic, network = gel.network is neo_hookean, network_at(gel, model.cloud.plate.axial_stretch)
     total = jnp.zeros((len(operators.pairs), 4))
     if quadratic:
         total += operators.network[:, None] * jnp.eye(2).ravel()
 
     def patch(arrays):
-        x, dphi, weight, p, forms, k_over_V, G, parameters = arrays
+        x, dphi, weight, p, forms, k_over_V, G, gel = arrays
         S = area_form_sum(p, forms)
         H = k_over_V[:, None, None] * G
         outer = [[jnp.sum(H[:, i, :, None] * G[:, k, None], axis=0) for k in range(2)] for i in range(2)]
         K = jnp.stack([outer[0][0], outer[0][1] + S, outer[1][0] - S, outer[1][1]], axis=-1)
         if not quadratic:
-            F, at = jnp.einsum("ai,qaj->qij", x, dphi), joined([Varying(values) for values in parameters])
-            A = elementwise(jax.hessian(network), F, at, "(i,j)->(i,j,k,l)")
+            A = elementwise(jax.hessian(network), jnp.einsum("ai,qaj->qij", x, dphi), gel, signature="(i,j)->(i,j,k,l)")
             K += jnp.einsum("q,qijkl,qaj,qbl->abik", weight, A, dphi, dphi).reshape(K.shape)
         return K
 
@@ -63,8 +62,10 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
     k_over_V = jnp.where(volumes > 0, linearisation.stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
     groups = by_block(p, model), by_block(k_over_V, model), operators.area_forms, linearisation.gradients, operators.slots
     for number, (block, pressure, k_over_V, forms, G, slot) in enumerate(zip(model.blocks, *groups, strict=True)):
-        parameters, joined = split(gel_at_points(gel, number))
-        arrays = x[block.nodes], block.dphi, block.weight, pressure, forms, k_over_V, G, [] if quadratic else parameters
+        there = (
+            None if quadratic else jax.tree.map(lambda v, shape=block.weight.shape: jnp.broadcast_to(v, shape), gel_at_points(gel, number))
+        )
+        arrays = x[block.nodes], block.dphi, block.weight, pressure, forms, k_over_V, G, there
         total = add_cell_matrices(total, patch, arrays, slot, block.nodes.shape[1])
     total = total.reshape(-1, 2, 2)
     return total if model.contact is None else _add_contact(total, x, model)
@@ -111,8 +112,7 @@ def is_sparse(problem: Problem) -> bool:
     """Whether `TangentOperator` multiplies by sparse matrices."""
     model = problem.model
     own = problem.gel.network is neo_hookean and model.contact is None and model.lists.unknowns is None
-    own = own and not isinstance(problem.free, Strained) and not problem.changes.stiffness
-    return own and len(problem.free) <= ONE_THREAD
+    return own and not problem.changes.stiffness and len(problem.free) <= ONE_THREAD
 
 
 class TangentOperator:
@@ -129,7 +129,8 @@ class TangentOperator:
 
     def __init__(self, problem: Problem) -> None:
         model, operators = problem.model, problem.operators
-        self._problem, self._free, self._n_nodes = problem, np.asarray(operators.free), model.n_nodes
+        self._problem, self._fields = problem, operators.free.matrix
+        self._forces = self._fields.T.tocsr()
         n, (i, j) = model.n_nodes, np.asarray(operators.pairs).T
         self._upper = sp.csr_matrix((np.zeros(len(i), complex), j, np.searchsorted(i, np.arange(n + 1))), (n, n))
         nodes = [np.repeat(block.nodes, block.n_groups, axis=0) for block in model.blocks]
@@ -162,22 +163,12 @@ class TangentOperator:
         below, back = upper.T, volumes.T
 
         def product(v):
-            z = self._complex_field(v)
+            z = (self._fields @ v).view(complex)
             mirrored = z.conj()
-            return self._forces(upper @ z + (below @ mirrored).conj() + back @ (stiffness * (volumes @ mirrored).real))
+            forces = upper @ z + (below @ mirrored).conj() + back @ (stiffness * (volumes @ mirrored).real)
+            return self._forces @ forces.view(float)
 
         return product
-
-    def _complex_field(self, v):
-        """Complex nodal field (n,) of a vector (f,)."""
-        full = np.zeros(2 * self._n_nodes + 2)  # the last ones are the padding of degrees of freedom that move together
-        full[self._free.T] = v
-        return full[:-2].view(complex)
-
-    def _forces(self, z):
-        """Vector (f,) of a complex nodal field (n,) of forces."""
-        forces = np.append(z.view(float), 0.0)[self._free]
-        return forces if forces.ndim == 1 else forces.sum(axis=1)
 
 
 @jax.jit

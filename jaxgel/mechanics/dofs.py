@@ -1,20 +1,16 @@
 """Essential conditions of a plate: which degrees of freedom are free, which move together, and where the others are held.
 
-Degrees of freedom are numbered 2 node + component. The unknowns of a plate are an array ``free`` of such numbers: (f,), or with periodic
-edges (f, k), where a row lists the degrees of freedom that move together, first the one that stands for them, padded with 2 n; one that
-moves the other way, as in a mirror image, is listed as ~ its number. Free components of the macroscopic deformation of a periodic cell
-are further unknowns, see `Strained`. Held ones
-follow the plate's macroscopic deformation and the displacement of their edge, and so do the two sides of a periodic cell relative to
-each other: a roller holds the component normal to its edge, a fixed edge both.
+Degrees of freedom are numbered 2 node + component; `free_dofs` are those that may move, see `Free`. Held ones follow the plate's
+macroscopic deformation and the displacement of their edge, and so do the two sides of a periodic cell relative to each other: a roller
+holds the component normal to its edge, a fixed edge both.
 """
 
-import dataclasses
-import functools
 from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int, Scalar
@@ -22,46 +18,36 @@ from .._validation import Inadmissible
 from ..cloud import Topology, thin_plate_matrix
 from ..discretisation import Connectivity
 from ..geometry import EDGES, Plate, held_components
+from .conditions import Free
 
 ROUND_OFF = 1e-12  # of the extent of held nodes: their extent across a line, if they lie on one
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["rows", "strains", "ends"], meta_fields=[])
-@dataclasses.dataclass(frozen=True, eq=False)
-class Strained:
-    """The unknowns of a periodic cell whose macroscopic deformation has m free components: f in all, the macroscopic ones at the end.
-
-    A macroscopic unknown is how far a side of the cell moves beyond the opposite one, mm; the middle of the cell stays where it is.
-    """
-
-    rows: Int[Array, "b k"]
-    """Degrees of freedom that move together, see above: b = f - m."""
-    strains: Float[Array, "m n 2"]
-    """Nodal field of each macroscopic unknown: that of the nodes along periodic edges; of all others 0."""
-    ends: Int[Array, "m 2"]
-    """The degrees of freedom whose difference the macroscopic unknown is."""
-
-    def __len__(self) -> int:
-        return len(self.rows) + len(self.strains)
-
-
-Free = Int[Array, "f ..."] | Strained
-"""Unknowns, see above."""
-
-
 @once_per_owner
 def free_dofs(topology: Topology) -> Free:
-    """The unknowns ``free``, see above; ValueError as `check_edges`."""
+    """The unknowns of a plate; ValueError as `check_edges`."""
     plate, walls = topology.plate, topology.edge_nodes
-    free = ~held_dofs(topology)
+    held, first = held_dofs(topology), periodic_images(topology)
     if "periodic" in plate.edges.values():
-        first = periodic_images(topology)
         corner = first[walls["left"][0] if plate.edges["left"] == "periodic" else walls["bottom"][0]]
-        free[corner, free.all(axis=0)] = False  # a periodic cell has its place by convention
-        rows = _tied(first, free)
-        return Strained(rows, *_strains(topology)) if plate.free_strains else rows
-    check_edges(plate)
-    return np.flatnonzero(free.ravel())
+        held[corner, ~held.any(axis=0)] = True  # a periodic cell has its place by convention
+        np.logical_or.at(held, first, held)
+    else:
+        check_edges(plate)
+    stands = first == np.arange(len(first))
+    number = np.where(stands[:, None] & ~held, 0, -1)
+    masters = np.flatnonzero(number == 0)
+    number.ravel()[masters] = np.arange(len(masters))
+    unknown = number[first].ravel()
+    dofs = np.flatnonzero(unknown >= 0)
+    fields = sp.csr_matrix((np.ones(len(dofs)), (dofs, unknown[dofs])), shape=(held.size, len(masters)))
+    readings = sp.csr_matrix((np.ones(len(masters)), (np.arange(len(masters)), masters)), shape=(len(masters), held.size))
+    if not plate.free_strains:
+        return Free.of(masters, fields, readings)
+    strains, sides = _strains(topology)
+    beyond = sp.csr_matrix(strains.reshape(len(strains), -1))
+    readings = sp.vstack([readings - (readings @ beyond.T) @ sides, sides])  # at a master less what the macroscopic deformation moves it
+    return Free.of(np.append(masters, held.size + np.arange(len(strains))), sp.hstack([fields, beyond.T]).tocsr(), readings.tocsr())
 
 
 def held_dofs(topology: Topology) -> Bool[np.ndarray, "n 2"]:
@@ -137,20 +123,11 @@ def periodic_images(topology: Topology) -> Int[np.ndarray, " n"]:
     return first[first]
 
 
-def _tied(first, free):
-    """Rows of degrees of freedom that move together, from the node (n,) that stands for each one and the free components (n, 2)."""
-    order = np.argsort(first, kind="stable")  # a node that stands for others has the lowest number of them
-    groups = np.split(order, np.flatnonzero(np.diff(first[order])) + 1)
-    most = max(map(len, groups))
-    nodes = np.array([[*group, *[len(first)] * (most - len(group))] for group in groups])
-    rows = 2 * nodes[:, None, :] + np.arange(2)[:, None]
-    unknown = np.append(free, [[True, True]], axis=0)[nodes].all(axis=1)
-    return np.minimum(rows, 2 * len(first))[unknown]
-
-
 def _strains(topology):
-    """Fields (m, n, 2) and ends (m, 2) of the macroscopic unknowns, see `Strained`: of F11 and F12 = F21 that of the right edge beyond the
-    left one, of F22 that of the top beyond the bottom.
+    """Fields (m, n, 2) of the macroscopic unknowns, and the matrix (m, 2n) that reads these off a nodal field.
+
+    A macroscopic unknown is how far a side of the cell moves beyond the opposite one, mm, while the middle of the cell stays where it is:
+    of F11 and F12 = F21 the right edge beyond the left one, of F22 the top beyond the bottom. Its field is 0 but for periodic edges.
     """
     plate, walls = topology.plate, topology.edge_nodes
     sides, beyond = np.array([plate.width, plate.height]), np.zeros((len(topology.node_vertices), 2))
@@ -163,7 +140,8 @@ def _strains(topology):
         F[i, j] = F[j, i] = 1 / sides[i]
         fields.append(beyond @ F)
         ends.append([2 * node + j for node in _period(topology, i)])
-    return np.stack(fields), np.array(ends)
+    difference = np.tile([1.0, -1.0], len(ends)), (np.repeat(np.arange(len(ends)), 2), np.ravel(ends))
+    return np.stack(fields), sp.csr_matrix(difference, shape=(len(ends), beyond.size))
 
 
 def _period(topology, axis):
@@ -183,55 +161,6 @@ def deformation_of(x: Float[Array, "n 2"], topology: Topology, held: Float[Array
             far, near = _period(topology, axis)
             columns[axis] = (x[far] - x[near]) / length
     return jnp.stack(columns, axis=1)
-
-
-def gather(forces: Float[Array, "n 2"], free: Free) -> Float[Array, " f"]:
-    """Generalised forces (f,) on the unknowns for nodal forces (n, 2): the sums over what moves together."""
-    if isinstance(free, Strained):
-        return jnp.concatenate([gather(forces, free.rows), jnp.einsum("mni,ni->m", free.strains, forces)])
-    forces = jnp.asarray(forces).ravel()
-    if free.ndim == 1:
-        return forces[free]
-    numbers, signs = _numbers_and_signs(free)
-    return jnp.sum(signs * forces.at[numbers].get(mode="fill", fill_value=0.0), axis=1)
-
-
-@functools.partial(jax.jit, static_argnames="shape")
-def scatter(vector: Float[Array, " f"], shape: tuple[int, int], free: Free) -> Float[Array, "n 2"]:
-    """Nodal field (n, 2) of a vector (f,) of the unknowns, zero where nothing is free."""
-    if isinstance(free, Strained):
-        b = len(free.rows)
-        return scatter(vector[:b], shape, free.rows) + jnp.tensordot(vector[b:], free.strains, 1)
-    if free.ndim == 1:
-        return jnp.zeros(shape).ravel().at[free].add(vector).reshape(shape)
-    numbers, signs = _numbers_and_signs(free)
-    return jnp.zeros(shape).ravel().at[numbers].add(signs * vector[:, None], mode="drop").reshape(shape)
-
-
-def _numbers_and_signs(free):
-    """Degrees of freedom (f, k) and the signs (f, k) with which they follow their unknowns."""
-    return jnp.where(free < 0, ~free, free), jnp.where(free < 0, -1.0, 1.0)
-
-
-def restrict(field: Float[Array, "n 2"], free: Free) -> Float[Array, " f"]:
-    """Values (f,) of the unknowns in a nodal field (n, 2): those of the degrees of freedom that stand for them."""
-    if isinstance(free, Strained):
-        host = isinstance(field, np.ndarray)
-        rows, strains, ends = (np.asarray(part) if host else part for part in (free.rows, free.strains, free.ends))
-        far, near = field.ravel()[ends.T]
-        own = restrict(field, rows) - (far - near) @ strains.reshape(len(ends), -1)[:, rows[:, 0]]
-        return (np if host else jnp).concatenate([own, far - near])
-    return field.ravel()[free if free.ndim == 1 else free[:, 0]]
-
-
-def with_free_values(values: Float[Array, " f"], positions: Float[Array, "n 2"], free: Free) -> Float[Array, "n 2"]:
-    """Nodal positions (n, 2) with the unknowns at ``values`` (f,) and the rest as in ``positions`` (n, 2), which satisfy the conditions."""
-    return positions + scatter(values - restrict(positions, free), positions.shape, free)
-
-
-def constrained_part(field: Float[Array, "n 2"], free: Free) -> Float[Array, "n 2"]:
-    """What a nodal field (n, 2) prescribes: the field less that of the unknowns, which is at rest where they are."""
-    return field - scatter(restrict(field, free), field.shape, free)
 
 
 EdgeMotion = tuple[Float[Array, "2 2"], Mapping[str, Sequence[Scalar] | Float[Array, " 2"]]]

@@ -9,15 +9,20 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from .._types import Array, Float, Scalar
+from .._types import Array, Float
 from ..discretisation import Model
 from ..materials import LocalGel, elementwise, gel_at_points, network_at
 from .contact import contact_energy
-from .volumes import axial_stretch, gradients_by_block, ratios_of, ratios_that_carry, volume_energy
+from .volumes import Chemical, gradients_by_block, ratios_of, ratios_that_carry, volume_energy
 
 
 def total_energy(
-    x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar, loads: Float[Array, "n 2"], pressure: Float[Array, " g"] | None = None
+    x: Float[Array, "n 2"],
+    model: Model,
+    gel: LocalGel,
+    mu: Chemical,
+    loads: Float[Array, "n 2"],
+    pressure: Float[Array, " g"] | None = None,
 ) -> Float[Array, ""]:
     """Total energy (), kT/v mm^2, at nodal positions ``x`` (n, 2): free energy of the gel less the work of dead ``loads`` (n, 2).
 
@@ -34,7 +39,7 @@ def total_energy(
 
 
 def curvature(
-    x: Float[Array, "n 2"], v: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar, loads: Float[Array, "n 2"]
+    x: Float[Array, "n 2"], v: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Chemical, loads: Float[Array, "n 2"]
 ) -> Float[Array, ""]:
     """Second derivative () of the total energy along the field ``v`` (n, 2), at ``x`` (n, 2): v . K v."""
 
@@ -50,9 +55,9 @@ def network_energy(x: Float[Array, "n 2"], model: Model, gel: LocalGel) -> Float
 
 
 def _network_energy(gradients, model, gel):
-    network, total = network_at(gel, axial_stretch(model)), 0.0
+    network, total = network_at(gel, model.cloud.plate.axial_stretch), 0.0
     for number, (F, block) in enumerate(zip(gradients, model.blocks, strict=True)):
-        total += jnp.sum(block.weight * elementwise(network, F, gel_at_points(gel, number), "(i,j)->()"))
+        total += jnp.sum(block.weight * elementwise(network, F, gel_at_points(gel, number), signature="(i,j)->()"))
     return total
 
 
@@ -67,7 +72,7 @@ def hessian_product(
     v: Float[Array, "n 2"],
     model: Model,
     gel: LocalGel,
-    mu: Scalar,
+    mu: Chemical,
     loads: Float[Array, "n 2"],
     pressure: Float[Array, " g"] | None = None,
 ) -> Float[Array, "n 2"]:

@@ -24,15 +24,16 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .._types import Array, Float, Scalar
+from .._types import Array, Float
 from ..discretisation import Model
-from ..materials import LocalGel, gel_in_groups, neo_hookean, value
+from ..materials import LocalGel, gel_in_groups, neo_hookean
+from .conditions import gather
 from .contact import contact_force
-from .dofs import gather
 from .energy import network_energy
 from .operators import Operators, area_gradients
 from .problem import Problem
 from .volumes import (
+    Chemical,
     all_volumes,
     axial_stretch,
     by_block,
@@ -73,8 +74,8 @@ class Linearisation:
 
 
 @jax.jit
-def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], mu: Scalar) -> Linearisation:
-    """`Linearisation` at positions ``x``, mm, and pressures ``p``, kT/v, at the chemical potential ``mu`` (kT)."""
+def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], mu: Chemical) -> Linearisation:
+    """`Linearisation` at positions ``x``, mm, and pressures ``p``, kT/v, at the chemical potential ``mu``, kT."""
     model, gel = problem.model, problem.gel
     gradients, J = volume_gradients(x, model, problem.operators)
     about, gap = linearised_about(p, J, model, gel, mu)
@@ -85,7 +86,7 @@ def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], m
     rhs = problem.loads - network - touch - nodal_sum(gradients, p, model)
     topology = model.lists.topology
     across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
-    off = axial_stretch(model) * jnp.abs(error) + jnp.where(gap == 0, 0.0, jnp.abs(gap) / value(gel_in_groups(gel).Nv))
+    off = axial_stretch(model) * jnp.abs(error) + jnp.where(gap == 0, 0.0, jnp.abs(gap) / gel_in_groups(gel).Nv)
     violation = jnp.max(off / (swelling_of(about, model, gel) + ROUND_OFF)) / max(1.0, across / FINE)
     per_force = 1 / (jnp.linalg.norm(network) + jnp.linalg.norm(problem.loads))
     residual_norm = jnp.linalg.norm(gather(rhs, problem.free)) * per_force
@@ -109,7 +110,7 @@ def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factori
 
 
 @jax.jit
-def state_pressure(x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
+def state_pressure(x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
     """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``."""
     return pressure_at(volume_ratios(x, model), model, gel, mu)
 

@@ -16,8 +16,9 @@ from jax import lax
 
 from .._types import Array, Float, Int
 from ..discretisation import Model, PatchBlock
-from ..materials import LocalGel, gel_at_points, value
-from .dofs import Free, unknowns
+from ..materials import LocalGel, gel_at_points
+from .conditions import Free
+from .dofs import unknowns
 from .pairs import node_pairs
 from .volumes import contour_shares, local_positions
 
@@ -39,14 +40,15 @@ class Operators:
     area_forms: tuple
     """Per block the `AreaForms` of its volume groups."""
     free: Free
-    """Free degrees of freedom, see `dofs`."""
+    """Free degrees of freedom."""
 
 
 def precomputed_operators(model: Model, gel: LocalGel) -> Operators:
     """`Operators` of a model with a gel."""
     pairs, slots = node_pairs(model.lists)
     network, area_forms = _integrated(jnp.zeros(len(pairs)), model.blocks, gel, slots)
-    return Operators(*jax.device_put((pairs, tuple(slots))), network, area_forms, unknowns(model.lists))
+    pairs, slots, free = jax.device_put((pairs, tuple(slots), unknowns(model.lists)))
+    return Operators(pairs, slots, network, area_forms, free)
 
 
 @jax.jit
@@ -57,7 +59,7 @@ def _integrated(total, blocks, gel, slots):
         return jnp.einsum("q,qai,qbi->ab", arrays[1], arrays[0], arrays[0])
 
     for number, (block, slot) in enumerate(zip(blocks, slots, strict=True)):
-        weight = block.weight * value(gel_at_points(gel, number).Nv)
+        weight = block.weight * gel_at_points(gel, number).Nv
         total = add_cell_matrices(total, laplacian, (block.dphi, weight), slot, block.nodes.shape[1])
     return total, tuple(map(area_forms, blocks))
 

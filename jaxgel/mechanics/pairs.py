@@ -8,9 +8,9 @@ import numpy as np
 from .._memo import once_per_owner
 from .._types import Array, Int
 from ..discretisation import Connectivity
-from ..linalg import Pattern, View, analyse, standing
+from ..linalg import Pattern, analyse
 from .contact import contact_groups
-from .dofs import Strained, unknowns
+from .dofs import unknowns
 
 CELLS_TOGETHER = 1024  # cells whose node pairs are listed together
 
@@ -63,9 +63,8 @@ def tangent_pattern(lists: Connectivity, solver: str = "auto", contact_dmax: flo
     ``dmax``, is given.
     """
     topology, pairs = lists.topology, node_pairs(lists)[0]
-    points, free = topology.partition.vertices[topology.node_vertices], unknowns(lists)
-    views = [View(standing(free.rows, len(points)), free.strains)] if isinstance(free, Strained) else None
-    at = points, free.rows if isinstance(free, Strained) else free, solver, views
+    free = unknowns(lists)
+    at = topology.partition.vertices[topology.node_vertices], free.masters, [free.matrix], solver
     if contact_dmax is None:
         return analyse(pairs, *at)
     wider = analyse(np.concatenate([pairs, contact_pairs(lists, contact_dmax)[0]]), *at)

@@ -15,8 +15,9 @@ from ..controls import Changes, ChemicalPotential, Control, changes_of, check_fi
 from ..discretisation import Model
 from ..linalg import Pattern
 from ..materials import AnyGel, LocalGel
+from .conditions import Free, constrained_part
 from .contact import with_contact
-from .dofs import Free, check_moving, constrained_part, start_positions, unknowns
+from .dofs import check_moving, start_positions, unknowns
 from .local_gel import check_model, localised
 from .operators import Operators, precomputed_operators
 from .pairs import tangent_pattern
@@ -147,7 +148,7 @@ class Problem:
 
     @property
     def free(self) -> Free:
-        """Free degrees of freedom, see `dofs`."""
+        """Free degrees of freedom."""
         return unknowns(self.model.lists) if self.operators is None else self.operators.free
 
     @property

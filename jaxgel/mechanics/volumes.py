@@ -1,13 +1,12 @@
 """Volume groups: the parts of patches that carry a volume ratio J, and the pressure that belongs to it.
 
 Index letters as in ``discretisation``; quantities of all groups are one vector (g,), block after block. A group that carries volume
-follows the gel: its pressure is p = d volumetric / dJ - mu. In a film, in plane stress, J is the areal stretch and the pressure that of
-``materials.film``. In generalised plane strain J is the areal stretch, too, the volume ratio is l3 J with the plate's axial stretch l3, and
-the pressure p = l3 (volumetric'(l3 J) - mu); in plane strain l3 is 1. A held group is a moment of J that no pressure sees; it is held with
-the stiffness of the network, p = HELD Nv J, so that its energy is HELD Nv/2 V J^2.
+follows the `VolumeLaw` of the plate's kinematics; J is then its areal stretch, which is the volume ratio in plane strain. A held group is a
+moment of J that no pressure sees; it is held with the stiffness of the network, p = HELD Nv J, so that its energy is HELD Nv/2 V J^2.
+The chemical potential is one number, or one for each group (g,).
 """
 
-import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,35 +15,13 @@ from jax import lax
 
 from .._types import Array, Bool, Float, Scalar
 from ..discretisation import Model, PatchBlock
-from ..materials import (
-    LocalGel,
-    bulk_stiffness,
-    by_material,
-    elastic_energy,
-    elastic_film_energy,
-    elastic_film_pressure,
-    elastic_film_stiffness,
-    elastic_film_stretch_at,
-    elastic_pressure,
-    elastic_stiffness,
-    elastic_volume_ratio,
-    elementwise,
-    film_energy,
-    film_pressure,
-    film_stiffness,
-    film_stretch_at,
-    gel_in_groups,
-    osmotic,
-    rises_always,
-    stiff_until,
-    takes_solvent,
-    value,
-    volume_ratio_at,
-)
+from ..materials import LocalGel, VolumeLaw, gel_in_groups, rises_always, takes_solvent
 
 SOFT = 10.0  # bulk stiffness, over the network's Nv, up to which the pressure of a group is linearised about its own volume ratio
 ROUNDED = 1e-12  # by which a volume ratio at the end of a range may have been rounded below it
 HELD = 2.0  # stiffness that holds what the pressures do not see of J, over the network's Nv
+Chemical = Scalar | Float[Array, " g"]
+"""Chemical potential, kT, of all volume groups or of each."""
 
 
 def is_film(model: Model) -> bool:
@@ -60,6 +37,11 @@ def is_generalised(model: Model) -> bool:
 def axial_stretch(model: Model) -> Scalar:
     """Axial stretch () of the plate; the number 1.0 in plane strain and for a film, whose thickness is not one number."""
     return model.cloud.plate.axial_stretch if is_generalised(model) else 1.0
+
+
+def volume_law(model: Model, gel: Any, mu: Scalar | Float[Array, "..."]) -> VolumeLaw:
+    """Law of a gel on the plate, the parameters of which, and ``mu``, are numbers or arrays for places of any kind."""
+    return VolumeLaw(gel, mu, model.cloud.plate.axial_stretch, film=is_film(model))
 
 
 def deformation_gradients(x: Float[Array, "n 2"], block: PatchBlock) -> jax.Array:
@@ -147,45 +129,39 @@ def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c
 
 
 def ratio_at(
-    p: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar, largest: Float[Array, "..."] | None = None
+    p: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical, largest: Float[Array, "..."] | None = None
 ) -> Float[Array, " g"]:
     """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible.
 
-    ``largest`` as in `volume_ratio_at`; of no meaning in films.
+    ``largest`` as of `VolumeLaw.areal_stretch`.
     """
-    carries, gel, axial = carries_volume(model), gel_in_groups(gel), axial_stretch(model)
+    carries, gel = carries_volume(model), gel_in_groups(gel)
     safe = jnp.where(carries, p, -1.0) if not carries.all() else p
-    if is_film(model):
-        star = by_material(lambda p, gel: film_stretch_at(p, mu, gel), elastic_film_stretch_at, safe, -1.0, gel)
-    else:
-        star = by_material(lambda p, gel: volume_ratio_at(p, mu, gel, largest), elastic_volume_ratio, safe / axial, -1.0, gel) / axial
-    return jnp.where(carries, star, p / (HELD * value(gel.Nv)))
+    star = volume_law(model, gel, mu).areal_stretch(safe, largest)
+    return jnp.where(carries, star, p / (HELD * gel.Nv))
 
 
-def pressure_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
+def pressure_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
     """Pressure of each group at its volume ratio ``J``, kT/v; nan where a group of gel that carries volume has J <= 1."""
-    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model)
-    if is_film(model):
-        own = by_material(lambda A, gel: film_pressure(A, mu, gel), elastic_film_pressure, safe, 2.0, gel)
-    else:
-        axial = axial_stretch(model)
-        own = axial * by_material(lambda J, gel: osmotic(J, mu, gel), elastic_pressure, axial * safe, 2.0, gel)
-    return jnp.where(carries, own, HELD * value(gel.Nv) * J)
+    gel = gel_in_groups(gel)
+    return jnp.where(carries_volume(model), volume_law(model, gel, mu).pressure(_feasible(J, model)), HELD * gel.Nv * J)
 
 
-def stiffness_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
+def stiffness_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
     """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v."""
-    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model)
-    if is_film(model):
-        own = by_material(lambda A, gel: film_stiffness(A, mu, gel), elastic_film_stiffness, safe, 2.0, gel)
-    else:
-        axial = axial_stretch(model)
-        own = axial**2 * by_material(bulk_stiffness, elastic_stiffness, axial * safe, 2.0, gel)
-    return jnp.where(carries, own, HELD * value(gel.Nv))
+    gel = gel_in_groups(gel)
+    return jnp.where(carries_volume(model), volume_law(model, gel, mu).stiffness(_feasible(J, model)), HELD * gel.Nv)
+
+
+def volume_energy(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, ""]:
+    """Energy () of all volume groups, kT/v mm^2."""
+    gel = gel_in_groups(gel)
+    density = jnp.where(carries_volume(model), volume_law(model, gel, mu).energy(_feasible(J, model)), HELD * gel.Nv / 2 * J**2)
+    return jnp.sum(all_volumes(model) * density)
 
 
 def linearised_about(
-    p: Float[Array, " g"], J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar
+    p: Float[Array, " g"], J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical
 ) -> tuple[Float[Array, " g"], Float[Array, " g"]]:
     """Volume ratios J0 (g,) about which the pressures of the groups are linearised, and what these are there less ``p`` (g,), kT/v.
 
@@ -194,19 +170,14 @@ def linearised_about(
     in a poor solvent J*(p) would be that of another phase. There dp/dJ is of the order of Nv, or negative. Films are never stiff.
     In good solvents, and in elastomers, it is J*(p) everywhere.
     """
-    gel_there = gel_in_groups(gel)
-    axial = axial_stretch(model)
-    swells, rises = carries_volume(model) & (all_volumes(model) > 0) & takes_solvent(gel_there), rises_always(gel_there)
+    there = gel_in_groups(gel)
+    swells, rises = carries_volume(model) & (all_volumes(model) > 0) & takes_solvent(there), rises_always(there)
 
     def of_any():
-        if is_film(model):
-            star = ratio_at(p, model, gel, mu)
-            soft, end = swells & (J > 0), 0.0
-        else:
-            end = stiff_until(SOFT * value(gel_there.Nv), gel_there)
-            star = ratio_at(p, model, gel, mu, end)
-            soft = swells & (jnp.maximum(J, (1 + ROUNDED) * star) >= end / axial)
-        about = jnp.where(soft, jnp.maximum(J, end / axial), star)
+        end = volume_law(model, there, mu).stiff_until(SOFT * there.Nv)
+        star = ratio_at(p, model, gel, mu, end)
+        soft = swells & ((end < J) | (end > 0) & ((1 + ROUNDED) * star >= end))
+        about = jnp.where(soft, jnp.maximum(J, end), star)
         return about, jnp.where(soft, pressure_at(about, model, gel, mu) - p, 0.0)
 
     def of_good():
@@ -214,24 +185,6 @@ def linearised_about(
         return star, jnp.zeros_like(star)
 
     return of_any() if rises is False else lax.cond(rises, of_good, of_any)
-
-
-def pressure_rate(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
-    """Derivative dp/dmu of the pressure of each group at its volume ratio ``J``, 1/v; -1 in plane strain."""
-    if is_film(model):
-        return jax.jvp(lambda mu: pressure_at(J, model, gel, mu), (jnp.asarray(mu, float),), (1.0,))[1]
-    return -axial_stretch(model) * (carries_volume(model) * takes_solvent(gel_in_groups(gel))).astype(float)
-
-
-def volume_energy(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, ""]:
-    """Energy () of all volume groups, kT/v mm^2."""
-    carries, gel, safe = carries_volume(model), gel_in_groups(gel), _feasible(J, model)
-    if is_film(model):
-        own = by_material(lambda A, gel: film_energy(A, mu, gel), elastic_film_energy, safe, 2.0, gel)
-    else:
-        swelling = functools.partial(elementwise, lambda J, gel: gel.volumetric(J, gel) - mu * (J - 1))
-        own = by_material(swelling, elastic_energy, axial_stretch(model) * safe, 2.0, gel)
-    return jnp.sum(all_volumes(model) * jnp.where(carries, own, HELD * value(gel.Nv) / 2 * J**2))
 
 
 def swelling_of(J: Float[Array, " g"], model: Model, gel: LocalGel) -> Float[Array, " g"]:
@@ -245,15 +198,15 @@ def _feasible(J, model):
     return jnp.where(carries_volume(model) & (all_volumes(model) > 0), J, 2.0 / axial_stretch(model))
 
 
-def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: LocalGel, mu: Scalar) -> Float[Array, " g"]:
+def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
     """The volume ratios (g,) that carry the ``pressure`` (g,), with the derivatives of those near them, ``J`` (g,).
 
     Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,
     which mixed second derivatives would show. A group that is soft, see `linearised_about`, has its own volume ratio.
     """
     fixed = lax.stop_gradient((J, model, gel, mu))  # before, not after: what has no derivative is not differentiated
-    stiffness, gel_there = stiffness_at(*fixed), gel_in_groups(fixed[2])
-    least = jnp.where(rises_always(gel_there), 0.0, SOFT * value(gel_there.Nv))
+    stiffness, there = stiffness_at(*fixed), gel_in_groups(fixed[2])
+    least = jnp.where(rises_always(there), 0.0, SOFT * there.Nv)
     real = (all_volumes(fixed[1]) > 0) & (stiffness > least)
     away = lax.stop_gradient(pressure) - pressure_at(*fixed)
     return J + jnp.where(real, away / jnp.where(real, stiffness, 1.0), 0.0)

@@ -14,11 +14,7 @@ from ..discretisation import Model, make_probe
 from ..materials import (
     LocalGel,
     LocalValues,
-    Varying,
-    by_material,
-    elastic_film_stretch,
     elementwise,
-    film_volume_ratio,
     free_swelling,
     gel_at_points,
     gel_in_groups,
@@ -36,6 +32,7 @@ from ..mechanics import (
     deformation_of,
     gradients_by_block,
     is_film,
+    volume_law,
     volume_ratios,
 )
 from .states import States, of_path, over_states
@@ -48,16 +45,13 @@ def volume_ratio(path: States) -> Float[Array, "k c"]:
     In a film and in generalised plane strain the areal stretch is that field, and J follows from it and from the ``gel`` and ``mu`` of the
     path.
     """
-    if is_film(path.model):
-        return _film_volume_ratio(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
-    return over_states(_cell_volume_ratio, path) * axial_stretch(path.model)
+    return _volume_ratio(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
 
 
 @of_path
 def thickness_stretch(path: Path) -> Float[Array, "k c"]:
     """Stretch of the thickness of every cell; 1 in plane strain."""
-    areal = over_states(_cell_volume_ratio, path)
-    return volume_ratio(path) / areal if is_film(path.model) else jnp.full(areal.shape, axial_stretch(path.model))
+    return volume_ratio(path) / over_states(_areal_stretch, path)
 
 
 @of_path
@@ -89,12 +83,12 @@ def _membrane_stress(x, p, at, problem):
     problem, _ = problem.at(at)
     model, gel, smallest = problem.model, problem.gel, []
     for number, (block, F) in enumerate(zip(model.blocks, gradients_by_block(x, model), strict=True)):
-        own = gel_at_points(gel, number), Varying(at_points(by_block(p, model)[number], block))
-        sigma = elementwise(lambda F, own: _film_stress(F, *own), F, own, "(i,j)->(i,j)")
+        pressure = at_points(by_block(p, model)[number], block)
+        sigma = elementwise(_film_stress, F, gel_at_points(gel, number), pressure, signature="(i,j)->(i,j)")
         mean, half = (sigma[..., 0, 0] + sigma[..., 1, 1]) / 2, (sigma[..., 0, 0] - sigma[..., 1, 1]) / 2
         square = half**2 + sigma[..., 0, 1] ** 2
         principal = mean - jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-        smallest.append(jnp.min(jnp.where(own[1].values < 0, principal, jnp.inf)))  # a film's pressure is, but for that of a steep field
+        smallest.append(jnp.min(jnp.where(pressure < 0, principal, jnp.inf)))  # a film's pressure is, but for that of a steep field
     return jnp.min(jnp.stack(smallest))
 
 
@@ -174,22 +168,22 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """
     model = path.model
     probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
-    mean, axial = _node_mean(model), axial_stretch(model)
+    mean, axial = _node_mean(model), model.cloud.plate.axial_stretch
 
     def one(x, p, value):
         problem, mu = path.problem.at(value)
         gel = _gel_at_nodes(problem.gel, model, mean)
         pressure = mean(_cell_means(p, model))
         F = probe.deformation_gradient(x)
-        stress = _film_stress if is_film(model) else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p / axial, axial)
-        sigma = elementwise(lambda F, own: stress(F, *own), F, (gel, Varying(pressure)), "(i,j)->(i,j)")
+        stress = _film_stress if is_film(model) else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p / axial_stretch(model), axial)
+        sigma = elementwise(stress, F, gel, pressure, signature="(i,j)->(i,j)")
         return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
     return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value))
 
 
 def _film_stress(F: Float[Array, "2 2"], gel: LocalGel, p: Scalar) -> Float[Array, "2 2"]:
-    """In-plane Cauchy stress (2, 2) of a film with the pressure ``p`` < 0 of ``materials.film``; some finite one for others."""
+    """In-plane Cauchy stress (2, 2) of a film with the pressure ``p`` < 0 of ``materials.laws``; some finite one for others."""
     A = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
     return (gel.Nv * F @ F.T / A + p * jnp.eye(2)) / jnp.sqrt(jnp.where(p < 0, -p * A / gel.Nv, 1.0))
 
@@ -200,22 +194,20 @@ def _gel_at_nodes(gel: LocalGel, model: Model, mean: Callable) -> LocalGel:
     def at_nodes(part):
         if not isinstance(part, LocalValues):
             return part
-        return Varying(mean(_cell_mean(part, model, cell_volumes(model))))
+        return mean(_cell_mean(part, model, cell_volumes(model)))
 
     return with_parameters(gel, at_nodes)
 
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
-def _film_volume_ratio(x, at, problem):
-    problem, mu = problem.at(at)
-    model, gel = problem.model, problem.gel
-    A, carries = volume_ratios(x, model), carries_volume(model)
-    safe, elastic = jnp.where(carries, A, 2.0), lambda A, Nv, K: A * elastic_film_stretch(A, Nv, K)
-    return _cell_means(by_material(lambda A, gel: film_volume_ratio(A, mu, gel), elastic, safe, 2.0, gel_in_groups(gel)), model)
+def _volume_ratio(x, at, problem):
+    now, mu = problem.at(at)
+    A, carries = volume_ratios(x, now.model), carries_volume(now.model)
+    return _cell_means(volume_law(now.model, gel_in_groups(now.gel), mu).volume_ratio(jnp.where(carries, A, 2.0)), now.model)
 
 
-def _cell_volume_ratio(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:
+def _areal_stretch(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:
     return _cell_means(volume_ratios(x, model), model)
 
 

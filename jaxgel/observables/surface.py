@@ -17,11 +17,9 @@ from ..cloud import OUTLINE_SEGMENTS, Topology
 from ..continuation import Path
 from ..discretisation import Model
 from ..materials import (
-    by_material,
-    elastic_volume_ratio,
+    VolumeLaw,
     elementwise,
     film_edge_volume_ratio,
-    film_volume_ratio,
     gel_on_outline,
     network_at,
     osmotic,
@@ -29,13 +27,11 @@ from ..materials import (
     stiff_until,
     surface_volume_ratio,
     takes_solvent,
-    value,
 )
-from ..mechanics import SOFT, Problem, is_film, is_generalised
+from ..mechanics import SOFT, Problem, is_film, is_generalised, volume_law
 from .states import of_path
 
 VERTICES = 512  # to a multiple of which the places at which surface ratios are found are padded
-ELASTIC_ITERATIONS = 6  # for the volume ratio at the free surface of an elastomer; each reduces the error by Nv over the bulk stiffness
 PHASE_ITERATIONS = 6  # of Newton's method, for that at the free surface of a swollen gel in a poor solvent
 CREASE_RATIO = 2.4  # ratio of the in-plane principal stretches at which a plane-strain surface creases, stretch 0.647 (Hong et al. 2009)
 SHARPNESS = 40.0  # of the softened maximum of the surface ratio
@@ -78,8 +74,8 @@ def _has_surface_ratios(model):
     return not (is_film(model) or is_generalised(model))
 
 
-def _ratio(tangential, near, mu, gel):
-    return surface_swelling(tangential, near, mu, gel, None, False) / tangential**2
+def _ratio(tangential, near, law):
+    return surface_swelling(tangential, near, law) / tangential**2
 
 
 @jax.jit
@@ -89,7 +85,7 @@ def _chord_stretches(x: Any, at: Any, problem: Problem) -> Any:
     model, chords = problem.model, _padded(chords_of(problem.model.lists.topology))
     dry, deformed = (lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
     now, mu = problem.at(at)
-    return deformed / dry, areal_stretches(x, model, chords), mu, gel_on_outline(now.gel, chords)
+    return deformed / dry, areal_stretches(x, model, chords), volume_law(model, gel_on_outline(now.gel, chords), mu)
 
 
 @functools.partial(jax.jit, static_argnums=3)
@@ -101,7 +97,7 @@ def _arc_stretches(x: Any, at: Any, problem: Problem, share: float) -> Any:
     ends = _padded(ends)
     dry, deformed = (total[ends[:, 1]] - total[ends[:, 0]] for total in sums)
     ends, (now, mu) = np.stack([segments[ends[:, 0], 0], segments[ends[:, 1] - 1, 1]], axis=1), problem.at(at)
-    return deformed / dry, areal_stretches(x, model, ends), mu, gel_on_outline(now.gel, ends)
+    return deformed / dry, areal_stretches(x, model, ends), volume_law(model, gel_on_outline(now.gel, ends), mu)
 
 
 def _padded(ends: Int[np.ndarray, "m 2"]) -> Int[np.ndarray, "p 2"]:
@@ -119,39 +115,24 @@ def lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Arr
     return jnp.linalg.norm(points[chords[:, 1]] - points[chords[:, 0]], axis=1)
 
 
-@functools.partial(jax.jit, static_argnums=5)
-@functools.partial(jax.vmap, in_axes=(0, 0, 0, 0, None, None))
-def surface_swelling(
-    tangential: Float[Array, " m"], near: Float[Array, " m"], mu: Scalar, gel: Any, axial: Scalar | None, film: bool
-) -> Float[Array, " m"]:
-    """Volume ratio at a surface without traction of the ``tangential`` stretch, in the phase of the areal stretch ``near`` it.
-
-    ``axial`` is the stretch out of plane, None in plane strain and for a ``film``.
-    """
-
-    def of_gel(t, gel):
-        if film:
-            return film_edge_volume_ratio(t, mu, gel)
-        return surface_volume_ratio(t, mu, gel, 1.0 if axial is None else axial)
-
-    def carried(J):
-        normal, out_of_plane = normal_stretch(tangential, J, axial, film)
-        return traction_free_pressure(tangential, normal, gel, axial) / out_of_plane
-
-    def of_elastomer(t, Nv, K):
-        return jax.lax.fori_loop(0, ELASTIC_ITERATIONS, lambda _, J: elastic_volume_ratio(carried(J), Nv, K), jnp.ones_like(t))
+@jax.jit
+@jax.vmap
+def surface_swelling(tangential: Float[Array, " m"], near: Float[Array, " m"], law: VolumeLaw) -> Float[Array, " m"]:
+    """Volume ratio at a surface without traction of the ``tangential`` stretch, in the phase of the areal stretch ``near`` it."""
+    mu, gel = law.mu, law.gel
+    stiff = film_edge_volume_ratio(tangential, mu, gel) if law.film else surface_volume_ratio(tangential, mu, gel, law.axial)
 
     def newton(J, _):
-        off, slope = jax.jvp(lambda J: osmotic(J, mu, gel) - carried(J), (J,), (jnp.ones_like(J),))
-        return J - off / slope, None
+        def off(J):
+            normal, out_of_plane = normal_stretch(tangential, J, law)
+            return osmotic(J, mu, gel) - traction_free_pressure(tangential, normal, law) / out_of_plane
 
-    stiff = by_material(of_gel, of_elastomer, tangential, 1.0, gel)
+        miss, slope = jax.jvp(off, (J,), (jnp.ones_like(J),))
+        return J - miss / slope, None
 
     def in_its_phase():
-        J = near if axial is None else near * axial
-        if film:
-            J = by_material(lambda A, gel: film_volume_ratio(A, mu, gel), lambda A, *_: A, near, 2.0, gel)
-        soft = takes_solvent(gel) & (stiff_until(SOFT * value(gel.Nv), gel) <= J)
+        J = law.volume_ratio(near)
+        soft = takes_solvent(gel) & (stiff_until(SOFT * gel.Nv, gel) <= J)
         return jnp.where(soft, jax.lax.scan(newton, jnp.where(soft, J, 2.0), length=PHASE_ITERATIONS)[0], stiff)
 
     rises = rises_always(gel)
@@ -159,22 +140,20 @@ def surface_swelling(
 
 
 def normal_stretch(
-    tangential: Float[Array, " m"], J: Float[Array, " m"], axial: Scalar | None, film: bool
+    tangential: Float[Array, " m"], J: Float[Array, " m"], law: VolumeLaw
 ) -> tuple[Float[Array, " m"], Float[Array, " m"] | Scalar]:
     """Stretches (m,) normal to the surface and out of plane; in a film, in uniaxial stress there, they are the same."""
-    if film:
+    if law.film:
         return (jnp.sqrt(J / tangential),) * 2
-    out_of_plane = 1.0 if axial is None else axial
+    out_of_plane = 1.0 if law.axial is None else law.axial
     return J / (tangential * out_of_plane), out_of_plane
 
 
-def traction_free_pressure(
-    tangential: Float[Array, " m"], normal: Float[Array, " m"], gel: Any, axial: Scalar | None
-) -> Float[Array, " m"]:
+def traction_free_pressure(tangential: Float[Array, " m"], normal: Float[Array, " m"], law: VolumeLaw) -> Float[Array, " m"]:
     """In-plane pressure (m,), the derivative by the areal stretch, that leaves no traction: -(dnetwork/dstretch_n) / stretch_t."""
-    network = network_at(gel, 1.0 if axial is None else axial)
+    network = network_at(law.gel, law.axial)
     F = jnp.stack([tangential, normal], axis=1)[:, :, None] * jnp.eye(2)
-    return -elementwise(lambda F, gel: jax.grad(network)(F, gel)[1, 1], F, gel, "(i,j)->()") / tangential
+    return -elementwise(lambda F, gel: jax.grad(network)(F, gel)[1, 1], F, law.gel, signature="(i,j)->()") / tangential
 
 
 @once_per_owner

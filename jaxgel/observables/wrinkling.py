@@ -8,22 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
-from .._types import Array, Float, Int, Scalar
+from .._types import Array, Float, Int
 from ..cloud import Topology
 from ..continuation import Path
 from ..geometry import inside_holes
-from ..materials import (
-    Varying,
-    bulk_stiffness,
-    by_material,
-    elastic_film_stiffness,
-    elastic_stiffness,
-    elementwise,
-    film_stiffness_at,
-    gel_on_outline,
-)
+from ..materials import VolumeLaw, elementwise, gel_on_outline
 from ..materials import surface_stability as stability_at
-from ..mechanics import Problem, gradients_by_block, is_film
+from ..mechanics import Problem, gradients_by_block, volume_law
 from .states import of_path
 from .surface import VERTICES, areal_stretches, chords_of, lengths, normal_stretch, surface_swelling, traction_free_pressure
 
@@ -40,10 +31,8 @@ def surface_stability(path: Path) -> Float[Array, " k"]:
     model = path.model
     if not any(map(len, _free_surfaces(model.lists.topology))):
         return jnp.ones(len(path.x))
-    axial = model.cloud.plate.axial_stretch
-    tangential, near, mu, gel = _surface_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
-    J = surface_swelling(tangential, near, mu, gel, axial, is_film(model))
-    return jnp.min(_stability(tangential, J, gel, axial, is_film(model)), axis=1)
+    tangential, near, law = _surface_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
+    return jnp.min(_stability(tangential, surface_swelling(tangential, near, law), law), axis=1)
 
 
 @jax.jit
@@ -57,7 +46,7 @@ def _surface_stretches(x: Any, at: Any, problem: Problem) -> Any:
     near = jnp.concatenate([areal_stretches(x, model, chords), jax.lax.stop_gradient(jnp.linalg.det(F))])
     dry, deformed = (jnp.concatenate([lengths(model.outline.position(y), chords), lengths(y, edges)]) for y in (model.cloud.nodes, x))
     on_edges = len(model.outline.points) + np.searchsorted(model.lists.topology.free_edge_nodes, edges)
-    return deformed / dry, near, mu, gel_on_outline(now.gel, np.concatenate([chords, on_edges]))
+    return deformed / dry, near, volume_law(model, gel_on_outline(now.gel, np.concatenate([chords, on_edges])), mu)
 
 
 @once_per_owner
@@ -79,20 +68,14 @@ def _nearest_points(middles, model):
     return jax.lax.map(lambda at: jnp.argmin(jnp.sum((points - at) ** 2, axis=1)), jax.lax.stop_gradient(middles))
 
 
-@functools.partial(jax.jit, static_argnums=4)
-@functools.partial(jax.vmap, in_axes=(0, 0, 0, None, None))
-def _stability(tangential: Float[Array, " m"], J: Float[Array, " m"], gel: Any, axial: Scalar | None, film: bool) -> Float[Array, " m"]:
+@jax.jit
+@jax.vmap
+def _stability(tangential: Float[Array, " m"], J: Float[Array, " m"], law: VolumeLaw) -> Float[Array, " m"]:
     """`materials.surface_stability` (m,) of surfaces without traction that have the volume ratio ``J`` (m,)."""
-    normal, out_of_plane = normal_stretch(tangential, J, axial, film)
-    if film:
-        stiffness = by_material(lambda A, gel: film_stiffness_at(A, J, gel), elastic_film_stiffness, tangential * normal, 2.0, gel)
-    else:
-        stiffness = out_of_plane**2 * by_material(bulk_stiffness, elastic_stiffness, J, 2.0, gel)
-    held = 1.0 if axial is None else axial
+    normal, _ = normal_stretch(tangential, J, law)
+    pressure, stiffness = traction_free_pressure(tangential, normal, law), law.stiffness(tangential * normal, J)
 
-    def at(stretches, gel_there):
-        gel, pressure, stiffness = gel_there
-        return stability_at(stretches, pressure, stiffness, gel, held)
+    def of_place(stretches, pressure, stiffness, gel):
+        return stability_at(stretches, pressure, stiffness, gel, law.axial)
 
-    gel_there = gel, Varying(traction_free_pressure(tangential, normal, gel, axial)), Varying(stiffness)
-    return elementwise(at, jnp.stack([tangential, normal], axis=1), gel_there, "(i)->()")
+    return elementwise(of_place, jnp.stack([tangential, normal], axis=1), pressure, stiffness, law.gel, signature="(i)->()")

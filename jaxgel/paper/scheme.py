@@ -164,7 +164,7 @@ def make_scheme(
         raise ValueError("cloud: the paper's scheme has plane strain, one gel, and edges that are free, rollers or fixed in place")
     cells = _cells(cloud, basis, dmax, kind, method)
     size = 2 * len(cloud.nodes)
-    free = free_dofs(cloud.topology) if conditions == "nodes" else np.arange(size)
+    free = free_dofs(cloud.topology).masters if conditions == "nodes" else np.arange(size)
     scheme = Scheme(cloud, cells, basis, dmax, kind, conditions, free, sp.csr_array((size, size)), np.zeros((0, size)))
     if conditions == "nodes":
         return scheme

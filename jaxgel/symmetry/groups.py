@@ -18,7 +18,7 @@ from ..cloud import Topology
 from ..discretisation import Connectivity, Model
 from ..geometry import SYMMETRIES, keeps_edges
 from ..materials import LocalGel, LocalValues, neo_hookean
-from ..mechanics import Problem, Strained, free_dofs
+from ..mechanics import Problem, free_dofs
 
 EXACT = 1e-10  # of the spacing: how far a place may lie from its image's; round-off leaves 1e-12
 EQUAL = 1e-10  # relative difference of weights, loads and parameters that are equal
@@ -140,15 +140,12 @@ def _keeps(image, problem):
     """Whether a symmetry keeps nodes, quadrature points with their weights, the gel's parameters and the loads."""
     model, tolerance = problem.model, EXACT * problem.model.cloud.spacing
     nodes, loads = np.asarray(model.cloud.nodes), np.asarray(problem.loads)
-    held = np.ones(2 * len(nodes) + 1, dtype=bool)
-    free = free_dofs(model.lists.topology)
-    held[np.asarray(free.rows if isinstance(free, Strained) else free)] = False
-    there = np.where(image.dofs < 0, ~image.dofs, image.dofs)
+    held, there = free_dofs(model.lists.topology).held, np.where(image.dofs < 0, ~image.dofs, image.dofs)
     positions, weights = (_by_point(model.lists, [getattr(block, name) for block in model.blocks]) for name in ("position", "weight"))
     fields = [part for part in jax.tree.leaves(problem.gel, is_leaf=_is_local) if _is_local(part)]
     return (
         np.abs(nodes[image.nodes] - nodes @ image.matrix.T).max() < tolerance
-        and np.array_equal(held[there], held[:-1])  # of a cell that is periodic one way a corner is held
+        and np.array_equal(held[there], held)  # of a cell that is periodic one way a corner is held
         and np.abs(positions[image.points] - positions @ image.matrix.T).max() < tolerance
         and np.allclose(weights[image.points], weights, rtol=0.0, atol=EQUAL * weights.max())
         and np.allclose(loads[image.nodes], loads @ image.matrix.T, rtol=0.0, atol=EQUAL * np.abs(loads).max())

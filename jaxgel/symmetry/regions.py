@@ -21,8 +21,8 @@ from .._types import Array, Float, Int
 from ..discretisation import Connectivity, Model, PatchBlock
 from ..linalg import Pattern, analyse
 from ..materials import LocalValues, with_parameters
-from ..mechanics import Free, Problem, Strained, contact_pairs, node_pairs, precomputed_operators
-from .fields import TOWARDS, turned, unknowns_of, view_of
+from ..mechanics import Free, Problem, contact_pairs, node_pairs, precomputed_operators
+from .fields import TOWARDS, turned, turned_fields, unknowns_of
 from .groups import IDENTITY, images
 from .irreducible import Representation, representations
 
@@ -34,7 +34,7 @@ class Basis:
     representation: Representation
     """Its representation."""
     unknowns: Free
-    """Its unknowns, see `mechanics.dofs`."""
+    """Its unknowns."""
     fields: tuple[sp.csr_matrix, ...]
     """Per copy of the block the matrix (f, b) from its unknowns to the free degrees of freedom of the plate."""
     pattern: Pattern
@@ -121,7 +121,7 @@ def _region_lists(lists: Connectivity, group: tuple[str, ...]) -> Connectivity:
         lists,
         patches=tuple(patches for patches, _ in parts),
         points=tuple(points for _, points in parts),
-        unknowns=unknowns_of(lists, symmetric)[0],
+        unknowns=unknowns_of(lists, symmetric),
         holes=_holes(lists, group),
     )
 
@@ -152,15 +152,14 @@ def bases(lists: Connectivity, group: tuple[str, ...], solver: str, contact_dmax
     own, found = _region_lists(lists, group), []
     points, pairs = lists.topology.partition.vertices[lists.topology.node_vertices], node_pairs(own)[0]
     for representation in representations(group):
-        unknowns, matrix = unknowns_of(lists, representation)
+        unknowns = unknowns_of(lists, representation)
         if len(unknowns):
-            views = [view_of(unknowns, lists, turn) for turn in representation.turns]
-            rows = unknowns.rows if isinstance(unknowns, Strained) else unknowns
-            pattern = analyse(pairs, points, rows, solver, views)
+            at = points, unknowns.masters, [turned_fields(unknowns, lists, turn) for turn in representation.turns], solver
+            pattern = analyse(pairs, *at)
             if contact_dmax is not None:
                 wider = np.concatenate([pairs, contact_pairs(own, contact_dmax)[0]])
-                pattern = dataclasses.replace(analyse(wider, points, rows, solver, views), narrower=pattern)
-            fields = tuple(turned(matrix, lists, turn) for turn in representation.turns[: representation.copies])
+                pattern = dataclasses.replace(analyse(wider, *at), narrower=pattern)
+            fields = tuple(turned(unknowns, lists, turn) for turn in representation.turns[: representation.copies])
             found.append(Basis(representation, unknowns, fields, pattern))
     return tuple(found)
 

@@ -20,7 +20,7 @@ from .._types import Complex, Float
 from ..discretisation import Connectivity
 from ..equilibrium import State
 from ..linalg import Factor, Pattern, analyse, factor, nearest_modes, network_matrix
-from ..mechanics import Problem, Strained, held_dofs, linearise, node_pairs, periodic_images, scatter, tangent, touches
+from ..mechanics import Problem, held_dofs, linearise, node_pairs, periodic_images, scatter, tangent, touches
 from .cells import check_periodic
 
 FIRST_SHIFT = 0.05  # below zero, over the stiffness of the network: where the lowest eigenvalues are looked for first
@@ -77,7 +77,7 @@ class BlochStates:
 
     def _strains(self, wave_vector):
         """Whether the waves with a wave vector are the same in all cells and may strain them."""
-        return isinstance(self.problem.free, Strained) and self.layout.of(wave_vector) is not self.layout
+        return self.problem.free.n_macroscopic > 0 and self.layout.of(wave_vector) is not self.layout
 
     def negative(self, wave_vector: Float[np.ndarray, " 2"]) -> int:
         """Number of unstable waves with a ``wave_vector`` (2,), rad/mm."""

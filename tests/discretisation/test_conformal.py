@@ -50,7 +50,7 @@ def forms(model):
     for row, G, block in zip(rows, now.gradients, model.blocks, strict=True):
         c, g = np.ogrid[: G.shape[0], : G.shape[1]]
         np.add.at(row, (c[:, :, None], g[:, :, None], np.asarray(block.nodes)[:, None, :]), np.asarray(G).swapaxes(2, 3))
-    G = np.concatenate([row.reshape(-1, 2 * model.n_nodes) for row in rows])[:, np.asarray(problem.free)]
+    G = np.concatenate([row.reshape(-1, 2 * model.n_nodes) for row in rows])[:, np.asarray(problem.free.masters)]
     return form, network, (G / np.sqrt(volumes)[:, None])[carries]
 
 

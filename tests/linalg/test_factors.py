@@ -26,7 +26,7 @@ def pattern(lists):
 
 
 def arguments(lists):
-    return node_pairs(lists)[0], lists.topology.partition.vertices[lists.topology.node_vertices], free_dofs(lists.topology)
+    return node_pairs(lists)[0], lists.topology.partition.vertices[lists.topology.node_vertices], free_dofs(lists.topology).masters
 
 
 def random_pairs(pattern, seed, shift=0.0):

@@ -13,7 +13,7 @@ from jaxgel.mechanics import free_dofs, node_pairs
 def system(coarse_model):
     """Pairs, numbers of the unknowns, points and tree of 321 nodes with holes: several levels of fronts."""
     topology = coarse_model.lists.topology
-    points, free = topology.partition.vertices[topology.node_vertices], free_dofs(topology)
+    points, free = topology.partition.vertices[topology.node_vertices], free_dofs(topology).masters
     unknowns = np.full(2 * len(points), -1)
     unknowns[free] = np.arange(len(free))
     pairs = node_pairs(coarse_model.lists)[0]

@@ -10,10 +10,9 @@ from scipy.optimize import brentq
 from jaxgel.materials import (
     Gel,
     Gent,
+    VolumeLaw,
     bulk_stiffness,
     film_edge_volume_ratio,
-    film_pressure,
-    film_stiffness,
     osmotic,
     surface_stability,
     surface_volume_ratio,
@@ -158,8 +157,8 @@ def film_onset(gel):
     """Stretch l of a film held along x, F = diag(1, l) and l through the thickness, at which its edge wrinkles in the plane."""
 
     def stability(stretch):
-        A, mu = stretch, float(osmotic(stretch**2, 0.0, gel)) + gel.Nv
-        return float(surface_stability(jnp.array([1.0, stretch]), film_pressure(A, mu, gel), film_stiffness(A, mu, gel), gel))
+        law = VolumeLaw(gel, float(osmotic(stretch**2, 0.0, gel)) + gel.Nv, film=True)
+        return float(surface_stability(jnp.array([1.0, stretch]), law.pressure(stretch), law.stiffness(stretch), gel))
 
     return brentq(stability, 1.5, 8.0, xtol=1e-6)
 
@@ -234,7 +233,7 @@ def test_the_state_of_a_surface_has_no_traction():
         n = J / t
         np.testing.assert_allclose(Nv * n * factor(t**2 + n**2), -np.asarray(osmotic(J, mu, gel)) * t, rtol=1e-9)
     J = np.asarray(film_edge_volume_ratio(t, mu, Gel(Nv, chi)))
-    np.testing.assert_allclose(film_pressure(np.sqrt(J * t), mu, Gel(Nv, chi)), -Nv * np.sqrt(J / t) / t, rtol=1e-9)
+    np.testing.assert_allclose(VolumeLaw(Gel(Nv, chi), mu, film=True).pressure(np.sqrt(J * t)), -Nv * np.sqrt(J / t) / t, rtol=1e-9)
 
 
 def test_derivatives_are_those_of_differences():

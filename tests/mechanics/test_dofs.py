@@ -1,10 +1,37 @@
-"""Facts about essential conditions: where the edges take the dry nodes."""
+"""Facts about essential conditions: nodal fields of the unknowns, the tangent on them, and where the edges take the dry nodes."""
 
 import jax
 import numpy as np
+import pytest
 
 import jaxgel
-from jaxgel.mechanics import start_positions
+from jaxgel.mechanics import free_dofs, gather, node_pairs, restrict, scatter, start_positions, tangent_pattern
+
+PLATES = {
+    "held": dict(edges={"top": "free"}),
+    "periodic": dict(edges="periodic"),
+    "strained": dict(edges="periodic", deformation="free"),
+    "strip": dict(edges={"left": "periodic", "right": "periodic", "top": "free"}, deformation=(("free", 0.0), (0.0, 1.0))),
+}
+
+
+@pytest.mark.parametrize("name", PLATES)
+def test_forces_tangent_and_values_of_the_unknowns_follow_from_one_matrix(name):
+    """C^T F and C^T K C by dense algebra, with a random K of the node pairs; values at the unknowns invert C."""
+    lists = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, [jaxgel.Circle((0.1, 0.0), 0.4)], **PLATES[name], spacing=0.5))).lists
+    free, pairs, random = free_dofs(lists.topology), node_pairs(lists)[0], np.random.default_rng(0)
+    C, shape = free.matrix.toarray(), (free.size // 2, 2)
+    v, F = random.normal(size=len(free)), random.normal(size=shape)
+    np.testing.assert_allclose(scatter(v, shape, free), (C @ v).reshape(shape), atol=1e-15)
+    np.testing.assert_allclose(gather(F, free), C.T @ F.ravel(), atol=1e-14)
+    for field in ((C @ v).reshape(shape), jax.numpy.asarray(C @ v).reshape(shape)):
+        np.testing.assert_allclose(restrict(field, free), v, atol=1e-14)
+    blocks, K = random.normal(size=(len(pairs), 2, 2)), np.zeros((free.size, free.size))
+    for (i, j), block in zip(pairs, blocks, strict=True):
+        block[...] = block + block.T if i == j else block
+        K[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = block
+        K[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = block.T
+    np.testing.assert_allclose(tangent_pattern(lists).matrix(blocks).toarray(), C.T @ K @ C, atol=1e-12)
 
 
 def test_a_traced_motion_of_the_one_held_edge_moves_all_nodes_alike_although_it_cuts_a_hole():

@@ -8,7 +8,7 @@ import numpy as np
 
 import jaxgel
 from jaxgel.continuation import Path
-from jaxgel.materials import Gel, bulk_stiffness, film_pressure, film_stiffness, osmotic, surface_stability, volume_ratio_at
+from jaxgel.materials import Gel, VolumeLaw, bulk_stiffness, osmotic, surface_stability, volume_ratio_at
 from jaxgel.observables import events, surface_ratios
 from jaxgel.observables import surface_stability as least_stability
 
@@ -75,7 +75,7 @@ def test_the_free_edge_of_a_film_is_a_surface():
     mu = np.log1p(-1 / J) + 1 / J + CHI / J**2 - NV / J + NV
     found = np.asarray(least_stability(stretched(strip("plane stress"), gel, mu, stretch)))
     exact = [
-        surface_stability(jnp.array([1.0, v]), film_pressure(v, m, gel), film_stiffness(v, m, gel), gel)
+        surface_stability(jnp.array([1.0, v]), VolumeLaw(gel, m, film=True).pressure(v), VolumeLaw(gel, m, film=True).stiffness(v), gel)
         for v, m in zip(stretch, mu, strict=True)
     ]
     np.testing.assert_allclose(found, exact, atol=1e-9)
