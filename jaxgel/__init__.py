@@ -5,8 +5,9 @@ patches of cells against locking. Importing it switches JAX to 64-bit numbers an
 used, from the package that ``__init__.pyi`` lists for it.
 """
 
-from ._float64 import always_on
+import jax
+
 from ._lazy import attach
 
-always_on()
+jax.config.update("jax_enable_x64", True)
 __getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,6 +1,7 @@
 """The entry point ``jaxgel``: parse, check what is given, prepare the process, then import and run the command.
 
-Help texts, lists and refusals of unusable input come before JAX is imported, so they answer at once. The exit codes are in `environment`.
+Help texts, lists and refusals of unusable input come before the packages are imported, so they answer soon. The exit codes are in
+`environment`.
 What a run has finished is in its folder, however the command ends.
 """
 
@@ -16,7 +17,10 @@ from .parser import parse
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line on ``argv`` (by default the process's own) and return its exit code; jaxgel's warnings are lines of stderr."""
+    """Run the command line on ``argv`` and return its exit code; jaxgel's warnings are lines of stderr.
+
+    By default it is the process's own, which is then prepared for JAX; a process that calls this with arguments is left as it is.
+    """
     with warnings.catch_warnings():
         warnings.showwarning = functools.partial(_show_warning, warnings.showwarning)
         return _exit_code(argv)
@@ -28,10 +32,11 @@ def _exit_code(argv):
             args = parse(sys.argv[1:] if argv is None else list(argv))
             check_jaxlib()
             check_inputs(args)
-            own = prepare_environment(getattr(args, "cache", None))
+            if argv is None:
+                prepare_environment(getattr(args, "cache", None))
             name, command = args.command.split(".")
             module = importlib.import_module(f"{__package__}.{name}")
-            if own:
+            if argv is None:
                 collect_seldom()
             return getattr(module, command)(args)
         finally:

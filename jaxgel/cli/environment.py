@@ -1,6 +1,6 @@
 """The process of the command line: its exit codes, releases of jaxlib that are refused, XLA's flags, threads, and the cache of programs.
 
-Only this module of jaxgel sets environment variables, and only before JAX is imported: as a library jaxgel leaves the process alone.
+Only this module of jaxgel sets environment variables, and only for a process of its own: as a library jaxgel leaves the process alone.
 
 Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the sweep stopped early; 130 interrupted; 141 when the reader of the
 output closes the pipe, as ``| head`` does.
@@ -8,9 +8,10 @@ output closes the pipe, as ``| head`` does.
 
 import gc
 import os
-import sys
 from importlib.metadata import version
 from pathlib import Path
+
+import jax
 
 DONE, UNUSABLE, STOPPED, INTERRUPTED, UNREAD = 0, 2, 3, 130, 141
 REFUSED = {
@@ -29,14 +30,11 @@ def check_jaxlib(found: str | None = None) -> None:
         raise ValueError(f"jaxlib: {found} {REFUSED[found]}; pip install 'jax>=0.10.1,{excluded},<0.13' 'jaxlib>=0.10.1,{excluded},<0.13'")
 
 
-def prepare_environment(cache: str | None = None) -> bool:
-    """Set what JAX and Matplotlib read when they are imported; variables that the user has set are kept.
+def prepare_environment(cache: str | None = None) -> None:
+    """Set what JAX and Matplotlib read when they start, here and in worker processes; variables that the user has set are kept.
 
-    Where JAX is imported already nothing is set, and the result is False. ``cache`` is the folder of compiled programs or "off", see
-    `cache_folder`.
+    ``cache`` is the folder of compiled programs or "off", see `cache_folder`.
     """
-    if "jax" in sys.modules:
-        return False
     os.environ.setdefault("JAX_PLATFORMS", "cpu")  # a GPU gains nothing on programs that the host drives, see docs/dependencies.md
     own = os.environ.get("XLA_FLAGS", "")
     os.environ["XLA_FLAGS"] = " ".join([own, *(flag for flag in quick_flags() if flag.split("=")[0] not in own)]).strip()
@@ -50,7 +48,10 @@ def prepare_environment(cache: str | None = None) -> bool:
     else:
         os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-    return True
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"]))
+    jax.config.update("jax_enable_compilation_cache", folder is not None)  # JAX has read its variables when it was imported
+    jax.config.update("jax_compilation_cache_dir", folder)
+    jax.config.update("jax_platforms", os.environ["JAX_PLATFORMS"])
 
 
 def collect_seldom() -> None:

@@ -1,4 +1,4 @@
-"""What a command is given, checked against the schema before JAX is imported; what needs geometry is checked by the packages later."""
+"""What a command is given, checked against the schema at once; what needs geometry is checked by the packages later."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Commands with which work starts: the built-in cases, a case file to change, the schema. None of them imports JAX for a built-in case."""
+"""Commands with which work starts: the built-in cases, a case file to change, the schema."""
 
 import json
 from argparse import Namespace
