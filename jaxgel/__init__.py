@@ -9,5 +9,5 @@ import jax
 
 from ._lazy import attach
 
-jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_enable_x64", True)  # pyright: ignore[reportUnknownMemberType]
 __getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -41,7 +41,9 @@ def prepare_environment(cache: str | None = None) -> None:
     if (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()) == 1:
         os.environ.setdefault("NPROC", "2")  # XLA's threads: a host callback waits on one for its arguments, which another one copies
     os.environ.setdefault("MPLBACKEND", "Agg")  # Matplotlib would look for a screen
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA writes its machine's features for every program from the cache
+    if os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") == "1" and "JAX_LOGGING_LEVEL" not in os.environ:  # 1 is what JAX itself has set
+        os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"  # XLA writes its machine's features for every program from the cache
+        jax.config.update("jax_logging_level", "CRITICAL")
     folder = cache_folder(cache)
     if folder is None:
         os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "false"

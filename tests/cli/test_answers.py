@@ -75,7 +75,7 @@ def test_jax_has_64_bits_in_every_order_of_imports(imports):
 
 
 def test_importing_the_package_sets_no_variable():
-    code = "import os; before = dict(os.environ); import jaxgel; jaxgel.sweep; print(before == dict(os.environ))"
+    code = "import os, jax; before = dict(os.environ); import jaxgel; jaxgel.sweep; print(before == dict(os.environ))"
     assert python(code) == "True"
 
 
@@ -113,5 +113,5 @@ def test_the_command_line_computes_on_the_cpu_unless_told_otherwise():
 def test_the_process_is_prepared_and_one_that_calls_a_command_is_left_alone(tmp_path):
     told = "import jax; print(jax.config.jax_compilation_cache_dir, jax.config.jax_platforms, jax.devices()[0].platform)"
     assert python(PREPARE + "prepare('there'); " + told).split() == ["there", "cpu", "cpu"]
-    code = "import os; before = dict(os.environ); from jaxgel.cli import main; main(['samples']); print(before == dict(os.environ)); "
+    code = "import os, jax; before = dict(os.environ); from jaxgel.cli import main; main(['samples']); print(before == dict(os.environ)); "
     assert python(code + told).split()[-4:] == ["True", "None", "None", "cpu"]
