@@ -12,7 +12,6 @@ from pyevtk.vtk import VtkGroup, VtkTriangle
 from .._types import Array, Float, Int
 from ..continuation import Path
 from ..discretisation import make_probe
-from ..mechanics import is_film, is_generalised
 from ..observables import SELF_CONTACT, cauchy_stress, field_values, history, parameter_values, thickness_stretch
 from .files import open_folder
 
@@ -33,7 +32,7 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
     fields, J = point_fields(path, used), np.asarray(field_values(path, "J"))
     cells = np.asarray(cloud.cell_of_triangle)
     dry_fields = {name: np.ascontiguousarray(np.asarray(values)[cells]) for name, values in parameter_values(path).items()}
-    thickness = np.asarray(thickness_stretch(path))[:, cells] if is_film(path.model) or is_generalised(path.model) else None
+    thickness = None if cloud.plate.kinematics == "plane strain" else np.asarray(thickness_stretch(path))[:, cells]
     dry, deformed = np.asarray(cloud.vertices)[used], fields.pop("position")
     invalid = [text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]]
     folder = open_folder(folder)

@@ -29,7 +29,7 @@ SLACK = 1e-9  # of Nv: a film's pressure that is not below this is taken for it,
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["gel", "mu", "axial"], meta_fields=["film"])
 @dataclasses.dataclass(frozen=True, eq=False)
 class VolumeLaw:
-    """Law of a gel in one kinematics; a pytree. All functions are elementwise, with the parameters of the gel and ``mu`` at each place.
+    """Law of a gel or an elastomer in one kinematics; a pytree. Its functions are elementwise, with parameters and ``mu`` of each place.
 
     >>> from jaxgel.materials import Gel
     >>> law = VolumeLaw(Gel(Nv=1e-3, chi=0.1), -1.0, film=True)
@@ -52,7 +52,7 @@ class VolumeLaw:
 
     @jax.jit
     def energy(self, A: Numbers) -> Float[Array, "..."]:
-        """W (...), kT/v, at the areal stretch ``A`` (...)."""
+        """Energy w (...), kT/v, at the areal stretch ``A`` (...)."""
         if self.film:
             return _film_energy(A, self.gel, self.mu)
         return _free_part(self._held * jnp.asarray(A, float), self.gel, self.mu)
@@ -72,7 +72,7 @@ class VolumeLaw:
 
         def condensed(A, J, gel, mu):
             (AA, AJ), (_, JJ) = jax.hessian(_film_energy_at, argnums=(0, 1))(A, J, gel, mu)
-            return AA - AJ**2 / JJ  # l3 follows A
+            return AA - AJ**2 / JJ  # J follows A; the derivative of the pressure would differentiate the root once more
 
         return elementwise(condensed, A, J, self.gel, self.mu)
 
@@ -106,6 +106,12 @@ class VolumeLaw:
         return jnp.cbrt(-gel.Nv * J**2 / p)
 
     @jax.jit
+    def swelling(self, A: Numbers) -> Float[Array, "..."]:
+        """What the accuracy of the areal stretch ``A`` (...) is measured by: the solvent J - 1 in a gel, J in elastomers, A in films."""
+        A = jnp.asarray(A, float)
+        return A if self.film else self._held * A - least_volume_ratio(self.gel)
+
+    @jax.jit
     def stiff_until(self, stiffness: Numbers) -> Float[Array, "..."]:
         """Areal stretch (...) up to which the law is stiffer than ``stiffness`` (...), kT/v, see `swelling.stiff_until`; 0 for a film."""
         return jnp.zeros(()) if self.film else stiff_until(stiffness, self.gel) / self._held
@@ -118,7 +124,7 @@ def _derivative(function, x):
 
 
 def _free_part(J, gel, mu):
-    """Phi (...) at the volume ratio ``J`` (...)."""
+    """Energy phi (...), kT/v, at the volume ratio ``J`` (...)."""
     return elementwise(lambda J, gel, mu: gel.volumetric(J, gel) - takes_solvent(gel) * mu * (J - 1), J, gel, mu)
 
 
@@ -134,7 +140,7 @@ def _film_energy(A, gel, mu):
 
 @_film_energy.defjvp
 def _film_energy_jvp(primals, tangents):
-    """At fixed J, as the energy is stationary in it."""
+    """At fixed J, in which the energy is stationary (envelope theorem)."""
     J = _film_volume_ratio(*primals)
     return jax.jvp(lambda A, gel, mu: elementwise(_film_energy_at, A, J, gel, mu), primals, tangents)
 

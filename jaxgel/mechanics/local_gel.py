@@ -35,7 +35,7 @@ from ..materials import (
     takes_solvent,
     with_parameters,
 )
-from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, is_film, is_generalised
+from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, is_film
 
 
 def check_model(model: Model, gel: AnyGel) -> None:
@@ -55,7 +55,7 @@ def localised(model: Model, gel: AnyGel) -> LocalGel:
     own = matrix_of(gel)
     if is_film(model):
         check_network(own)
-    if is_generalised(model):
+    if model.lists.topology.plate.axial_stretch is not None:
         check_stretched_network(own)
     for part in jax.tree.leaves(gel, is_leaf=lambda part: isinstance(part, LocalValues)):
         if isinstance(part, LocalValues) and part.groups.shape != np.shape(carries_volume(model)):

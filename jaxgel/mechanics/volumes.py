@@ -29,14 +29,9 @@ def is_film(model: Model) -> bool:
     return model.lists.topology.plate.kinematics == "plane stress"
 
 
-def is_generalised(model: Model) -> bool:
-    """Whether the plate is in generalised plane strain."""
-    return model.lists.topology.plate.kinematics == "generalised plane strain"
-
-
 def axial_stretch(model: Model) -> Scalar:
     """Axial stretch () of the plate; the number 1.0 in plane strain and for a film, whose thickness is not one number."""
-    return model.cloud.plate.axial_stretch if is_generalised(model) else 1.0
+    return 1.0 if model.cloud.plate.axial_stretch is None else model.cloud.plate.axial_stretch
 
 
 def volume_law(model: Model, gel: Any, mu: Scalar | Float[Array, "..."]) -> VolumeLaw:
@@ -189,8 +184,7 @@ def linearised_about(
 
 def swelling_of(J: Float[Array, " g"], model: Model, gel: LocalGel) -> Float[Array, " g"]:
     """What the accuracy of each group's volume ratio ``J`` is measured by: the solvent in a gel, J in films and elastomers; 0 if held."""
-    own = J if is_film(model) else axial_stretch(model) * J - jnp.where(takes_solvent(gel_in_groups(gel)), 1.0, 0.0)
-    return jnp.where(carries_volume(model), own, 0.0)
+    return jnp.where(carries_volume(model), volume_law(model, gel_in_groups(gel), 0.0).swelling(J), 0.0)
 
 
 def _feasible(J, model):

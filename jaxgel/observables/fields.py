@@ -45,7 +45,9 @@ def volume_ratio(path: States) -> Float[Array, "k c"]:
     In a film and in generalised plane strain the areal stretch is that field, and J follows from it and from the ``gel`` and ``mu`` of the
     path.
     """
-    return _volume_ratio(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
+    if is_film(path.model):
+        return _film_volume_ratio(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
+    return over_states(_areal_stretch, path) * axial_stretch(path.model)
 
 
 @of_path
@@ -201,7 +203,7 @@ def _gel_at_nodes(gel: LocalGel, model: Model, mean: Callable) -> LocalGel:
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
-def _volume_ratio(x, at, problem):
+def _film_volume_ratio(x, at, problem):
     now, mu = problem.at(at)
     A, carries = volume_ratios(x, now.model), carries_volume(now.model)
     return _cell_means(volume_law(now.model, gel_in_groups(now.gel), mu).volume_ratio(jnp.where(carries, A, 2.0)), now.model)
