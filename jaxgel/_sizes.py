@@ -6,6 +6,7 @@ and cut by NumPy, those of traces by two small programs.
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -44,6 +45,12 @@ def cut(values: Any, shapes: Any) -> Any:
         return jax.tree.unflatten(structure, _cut(leaves, shapes))
     corners = [np.asarray(leaf)[tuple(map(slice, shape))] for leaf, shape in zip(leaves, shapes, strict=True)]
     return jax.tree.unflatten(structure, jax.device_put(corners))
+
+
+def at_numbers(program: Callable[..., Array], owner: Any, rows: np.ndarray) -> np.ndarray:
+    """Values, NumPy, of ``program(owner, rows)``, which maps each row to one, at rows that are numbers; also inside traces."""
+    with jax.ensure_compile_time_eval():
+        return np.asarray(program(owner, padded(rows, rung(len(rows)))))[: len(rows)]
 
 
 @functools.partial(jax.jit, static_argnames="count")

@@ -50,7 +50,9 @@ class Cloud:
 
     def positions(self, numbers: Int[np.ndarray, " p"]) -> Float[Array, "p 2"]:
         """Positions of the vertices with these ``numbers``, mm."""
-        return _rows(self.vertices, numbers)
+        if isinstance(self.vertices, jax.core.Tracer):
+            return _rows(self.vertices, numbers)
+        return jax.device_put(np.asarray(self.vertices)[numbers])
 
     @property
     def spacing(self) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 import shapely
 
+from .._sizes import at_numbers
 from .._types import Bool, Float, Int
 from ..geometry import Arc, Hole, Plate, arc_points, arcs, corners_between, equal_arc_length, outline_points
 from .quadtree import Background
@@ -216,7 +217,7 @@ def _intervals_of_length(length, plate, arc):
 
 def _length(hole, start, end):
     """Length of an outline from t = ``start`` to ``end``, mm, by chords."""
-    return np.linalg.norm(np.diff(np.asarray(outline_points(hole, np.linspace(start, end, 4001))), axis=0), axis=1).sum()
+    return np.linalg.norm(np.diff(at_numbers(outline_points, hole, np.linspace(start, end, 4001)), axis=0), axis=1).sum()
 
 
 def _polygons(lines):
@@ -229,7 +230,7 @@ def _polygons(lines):
             if not this.closed:
                 stop = following.arc.start + (following.arc.start <= this.arc.end - 1e-12 or len(own) == 1)
                 outside = np.union1d(np.linspace(this.arc.end, stop, 66)[1:-1], corners_between(this.hole, this.arc.end, stop))
-                ring.append(np.asarray(outline_points(this.hole, outside % 1.0)))
+                ring.append(at_numbers(outline_points, this.hole, outside % 1.0))
         found.append(shapely.Polygon(np.concatenate(ring)))
     return found
 

@@ -168,7 +168,7 @@ class _Step:
         x, near, most = frame.onto(x, value), None, np.inf
         if problem.has_contact:
             most = float(problem.model.contact.range)
-            far = not np.abs(x - last.x).max() < most
+            far = not np.abs(x - np.asarray(last.x)).max() < most
             was_active = touches(last.x, problem.model) if last.contact_active is None else last.contact_active
             near = bool((was_active or far) and touches(x, problem.model))
             if far and (was_active or near):
@@ -177,7 +177,7 @@ class _Step:
         short = abs(value - last.value) <= self.snap
         if found.status.ok and not short and _against_prediction(frame, found, x, last):
             found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
-        if found.status.ok and found.contact_active and not np.abs(found.x - last.x).max() < most:
+        if found.status.ok and found.contact_active and not np.abs(np.asarray(found.x) - np.asarray(last.x)).max() < most:
             found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
         if found.status.ok and _changes_phase(problem, found, x, self.options.steps):
             if abs(value - last.value) <= self.options.steps.leap * problem.control.scale:

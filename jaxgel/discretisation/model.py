@@ -9,7 +9,6 @@ of padded arrays.
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
@@ -131,7 +130,7 @@ def discretise(
         PatchBlock(patches, lists.nodes[patches, : values[1].shape[2]], *values, n_carrying(bool(lists.linear[patches[0]])))
         for patches, values in zip(lists.patches, consistent_patches(cloud, lists, basis), strict=True)
     )
-    outline = Interpolation(jnp.zeros((0, 2)), np.zeros((0, 1), np.int32), *map(jnp.zeros, ((0, 1), (0, 1), (0, 1, 2))))
+    outline = Interpolation(np.zeros((0, 2)), np.zeros((0, 1), np.int32), *map(np.zeros, ((0, 1), (0, 1), (0, 1, 2))))
     if cloud.topology.outlines:
         numbers, neighbours = _outline(cloud.topology, dmax, is_moved(cloud))
         outline = interpolate(cloud, cloud.positions(numbers), neighbours, basis)

@@ -3,6 +3,7 @@
 import numpy as np
 import shapely
 
+from .._sizes import at_numbers
 from .._validation import Inadmissible
 from .frame import TOUCH, Frame, frame_of, sampled_outline
 from .hole import Hole, outline_points
@@ -77,7 +78,7 @@ def _check_edges(plate, hole, shape, where, touch):
     """Refuse a straight side on the plate's edge, of which it is not defined whether the edge cuts it once the hole moves, and a polygon
     that touches an edge without crossing it.
     """
-    corners = np.asarray(outline_points(hole, np.asarray(hole.corners))) if hole.corners else np.zeros((0, 2))
+    corners = at_numbers(outline_points, hole, np.asarray(hole.corners)) if hole.corners else np.zeros((0, 2))
     on_edge = np.abs(outward(plate, corners)) < touch
     for side in np.flatnonzero((on_edge & np.roll(on_edge, -1, axis=0)).any(axis=1)):
         middle = (corners[side] + corners[(side + 1) % len(corners)]) / 2

@@ -7,6 +7,7 @@ import dataclasses
 
 import numpy as np
 
+from .._sizes import at_numbers
 from .._types import Array, Float
 from .._validation import Inadmissible
 from .boundary import FRAME_EDGES
@@ -95,7 +96,7 @@ def frame_of(plate: Plate) -> Frame:
 
 def sampled_outline(outline: Hole) -> Float[np.ndarray, "p 2"]:
     """Points (p, 2) of an outline, its corners among them, mm: enough for its extent and for how it lies."""
-    return np.asarray(outline_points(outline, np.union1d(np.arange(SAMPLES) / SAMPLES, outline.corners)))
+    return at_numbers(outline_points, outline, np.union1d(np.arange(SAMPLES) / SAMPLES, outline.corners))
 
 
 def _gaps(low, high, period):

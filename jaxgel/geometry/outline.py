@@ -15,6 +15,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.optimize import brentq, minimize_scalar
 
+from .._sizes import at_numbers
 from .._types import Array, Bool, Float, Scalar
 from .boundary import EDGES
 from .hole import Hole, outline_points
@@ -96,9 +97,8 @@ def corners_between(hole: Hole, start: float, end: float) -> list[float]:
 def inside_holes(plate: Plate, points: Float[Array, "p 2"] | list[Any], tolerance: float = 0.0) -> Bool[np.ndarray, " p"]:
     """Boolean (p,): whether each of ``points`` (p, 2) lies in a hole, on its outline, or within ``tolerance`` mm of it."""
     points, inside = np.asarray(points, dtype=float), np.zeros(len(points), dtype=bool)
-    with jax.ensure_compile_time_eval():  # numbers, also where a program around it is being compiled
-        for hole in plate.holes:
-            inside |= np.asarray(_excess(hole, points)) <= tolerance
+    for hole in plate.holes:
+        inside |= at_numbers(_excess, hole, points) <= tolerance
     return inside
 
 
@@ -115,7 +115,7 @@ def _meet(hole, t, axis, coordinate):
 
 @jax.jit
 def _speeds(hole, t):
-    return jnp.linalg.norm(jax.vmap(jax.jacfwd(hole.point))(t), axis=-1)
+    return jnp.linalg.norm(jax.vmap(lambda t: jax.jvp(hole.point, (t,), (jnp.ones_like(t),))[1])(t), axis=-1)
 
 
 @jax.jit
@@ -130,7 +130,7 @@ def outward(plate: Plate, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray,
 
 def _arcs_of_hole(plate, k, hole):
     def beyond(t):
-        return outward(plate, np.asarray(outline_points(hole, np.atleast_1d(t))))
+        return outward(plate, at_numbers(outline_points, hole, np.atleast_1d(t)))
 
     t = _outline_samples(hole, lambda t: beyond(t).max(axis=1))
     distances = beyond(t)
@@ -182,7 +182,7 @@ def _length_table(hole, start, end):
     t = np.linspace(start, end, PANELS + 1)
     x, w = leggauss(POINTS)
     at = t[:-1, None] + (x + 1) / 2 * np.diff(t)[:, None]
-    lengths = np.asarray(_speeds(hole, at.ravel())).reshape(at.shape) @ w * np.diff(t) / 2
+    lengths = at_numbers(_speeds, hole, at.ravel()).reshape(at.shape) @ w * np.diff(t) / 2
     return t, np.concatenate([[0.0], np.cumsum(lengths)])
 
 
@@ -195,7 +195,7 @@ def _cuts(hole, t, lengths, n):
     x, w = leggauss(POINTS)
     for _ in range(4):
         at = left[:, None] + (x + 1) / 2 * (cut - left)[:, None]
-        speeds = np.asarray(_speeds(hole, np.concatenate([at.ravel(), cut])))
+        speeds = at_numbers(_speeds, hole, np.concatenate([at.ravel(), cut]))
         length = speeds[: at.size].reshape(at.shape) @ w * (cut - left) / 2
         cut = np.clip(cut - (length - (target - lengths[panel])) / speeds[at.size :], left, right)
     return cut

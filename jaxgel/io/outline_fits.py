@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from .._sizes import at_numbers
 from .._types import Float
 from ..geometry import Fourier, Hole, Polygon, outline_points
 
@@ -61,7 +62,7 @@ def _equidistant(points: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "s 2"]:
 
 def hole_points(hole: Any) -> Float[np.ndarray, "s 2"]:
     """`SAMPLES` points of the outline of a hole and its corners, mm."""
-    return np.asarray(outline_points(hole, np.union1d(np.arange(SAMPLES) / SAMPLES, hole.corners)))
+    return at_numbers(outline_points, hole, np.union1d(np.arange(SAMPLES) / SAMPLES, hole.corners))
 
 
 def hole_entries(kind: str, hole: Hole) -> dict[str, Any]:

@@ -145,7 +145,12 @@ def phase_of(J: Numbers, gel: Any) -> Int[Array, "..."]:
 def rises_always(gel: Any) -> Bool[Array, ""] | bool:
     """Whether the slope of ``volumetric`` is known to increase with every J at all places of the gel: in good solvents and elastomers."""
     of_solvent = gel.gel.volumetric if isinstance(gel, Filled) else gel.volumetric
-    return of_solvent is flory_rehner and jnp.all(good_solvent(gel.Nv, gel.chi) | ~takes_solvent(gel))
+    return of_solvent is flory_rehner and _no_spinodal(gel)
+
+
+@jax.jit
+def _no_spinodal(gel):
+    return jnp.all(good_solvent(gel.Nv, gel.chi) | ~takes_solvent(gel))
 
 
 def least_volume_ratio(gel: Any) -> Float[Array, "..."]:

@@ -46,7 +46,7 @@ class Operators:
 def precomputed_operators(model: Model, gel: LocalGel) -> Operators:
     """`Operators` of a model with a gel."""
     pairs, slots = node_pairs(model.lists)
-    network, area_forms = _integrated(jnp.zeros(len(pairs)), model.blocks, gel, slots)
+    network, area_forms = _integrated(np.zeros(len(pairs)), model.blocks, gel, slots)
     pairs, slots, free = jax.device_put((pairs, tuple(slots), unknowns(model.lists)))
     return Operators(pairs, slots, network, area_forms, free)
 

@@ -62,7 +62,7 @@ class Problem:
         check_is_control(control)
         gel, control = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), (localised(model, gel), control))
         model = with_contact(model, gel) if contact else dataclasses.replace(model, contact=None)
-        loads = jnp.zeros((model.n_nodes, 2)) if loads is None else jnp.asarray(loads, dtype=float)
+        loads = jax.device_put(np.zeros((model.n_nodes, 2))) if loads is None else jnp.asarray(loads, dtype=float)
         if loads.shape != (model.n_nodes, 2):
             raise ValueError(f"loads: have the shape {loads.shape}, they must have that of the nodes, {(model.n_nodes, 2)}")
         self._set((model, gel, loads, control, None))
