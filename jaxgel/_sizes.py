@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._tracing import is_traced
 from ._types import Array
 
 
@@ -32,7 +33,7 @@ def padded(values: Array, count: int) -> Any:
     """``count`` rows: those of the values, and the last one again."""
     if count == len(values):
         return values
-    if isinstance(values, jax.core.Tracer):
+    if is_traced(values):
         return _padded(values, count)
     values = np.asarray(values)
     return values[np.minimum(np.arange(count), len(values) - 1)]
@@ -41,7 +42,7 @@ def padded(values: Array, count: int) -> Any:
 def cut(values: Any, shapes: Any) -> Any:
     """The first corner of each array of a pytree, of the shape that stands at its place in the flat tuple ``shapes``."""
     leaves, structure = jax.tree.flatten(values)
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+    if is_traced(leaves):
         return jax.tree.unflatten(structure, _cut(leaves, shapes))
     corners = [np.asarray(leaf)[tuple(map(slice, shape))] for leaf, shape in zip(leaves, shapes, strict=True)]
     return jax.tree.unflatten(structure, jax.device_put(corners))

@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._tracing import is_traced
 from .._validation import check_kind
-from ..continuation import Path, is_traced
+from ..continuation import Path
 from ..controls import check_values
 from ..equilibrium import UNOBSERVED, Observer, first_order_only, without_derivatives
 from ..mechanics import Problem, curvature, residual, touches

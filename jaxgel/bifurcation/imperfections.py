@@ -6,9 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import Inadmissible, check_kind, keywords_of
-from ..continuation import Path, StabilityAnalysis, SweepOptions, is_traced, sweep
+from ..continuation import Path, StabilityAnalysis, SweepOptions, sweep
 from ..discretisation import Model
 from ..materials import AnyGel
 from ..mechanics import Problem, restrict

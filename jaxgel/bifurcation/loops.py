@@ -6,9 +6,10 @@ import numpy as np
 from jax.lax import stop_gradient
 
 from .._threads import few_threads
+from .._tracing import is_traced
 from .._types import Scalar
 from .._validation import Inadmissible
-from ..continuation import Adaptive, Followed, Following, Path, StabilityAnalysis, check_sweep, first_state_failed, is_traced
+from ..continuation import Adaptive, Followed, Following, Path, StabilityAnalysis, check_sweep, first_state_failed
 from ..equilibrium import UNOBSERVED, Change, Observer, Stability, State, StateNotFound, accepted, solve
 from ..mechanics import Problem, restrict
 from .branches import MAX_STATES, arc_length, followed, leaving

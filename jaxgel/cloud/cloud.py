@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._programs import release_programs_where_crowded
+from .._tracing import is_traced
 from .._types import Array, Float, Int
 from .._validation import check_kind
 from ..geometry import Plate, arc_points, check_plate, reference_plate
@@ -50,7 +51,7 @@ class Cloud:
 
     def positions(self, numbers: Int[np.ndarray, " p"]) -> Float[Array, "p 2"]:
         """Positions of the vertices with these ``numbers``, mm."""
-        if isinstance(self.vertices, jax.core.Tracer):
+        if is_traced(self.vertices):
             return _rows(self.vertices, numbers)
         return jax.device_put(np.asarray(self.vertices)[numbers])
 

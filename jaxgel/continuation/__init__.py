@@ -1,6 +1,6 @@
 """Continuation: many states along a branch, and their stability."""
 
-from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed, is_traced
+from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed
 from .eigenvalue import lowest_eigenvalue
 from .follow import Followed, Following
 from .options import SweepOptions, check_sweep
@@ -29,7 +29,6 @@ __all__ = [
     "extrapolated",
     "first_state_failed",
     "given_values",
-    "is_traced",
     "lowest_eigenvalue",
     "oriented",
     "predict",

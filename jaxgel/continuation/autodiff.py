@@ -10,6 +10,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from .._threads import few_threads
+from .._tracing import is_traced
 from ..controls import Control, check_values
 from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents, with_derivatives_of
 from ..linalg import remember
@@ -37,11 +38,6 @@ class SweepFailed(StateNotFound):
 
 class IllPosedDerivative(UserWarning):
     """A sweep is differentiated at a state without a meaningful derivative: nearly singular, in self-contact, or not reached."""
-
-
-def is_traced(tree: object) -> bool:
-    """Whether any leaf of the pytree is a JAX tracer."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._tracing import is_traced
 from .._types import Array, Float
 from ..equilibrium import first_order_only
 from ..linalg import SingularTangent, lowest_mode
 from ..materials import gel_at_points
 from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, scatter, touches
-from .autodiff import is_traced
 from .path import Path, check_is_path
 from .stability import StabilityAnalysis
 

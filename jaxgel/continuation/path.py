@@ -8,6 +8,7 @@ from typing import overload
 import jax
 import numpy as np
 
+from .._tracing import is_traced
 from .._types import Array, Bool, Float, Int
 from .._validation import check_kind
 from ..controls import Control
@@ -142,7 +143,7 @@ class Path:
 
     def __repr__(self) -> str:
         """States, ends of the control, stability and how the sweep ended; `plotting` draws it."""
-        if isinstance(self.x, jax.core.Tracer):
+        if is_traced(self.x):
             return f"Path of {self.x.shape[0]} traced states of {self.model.n_nodes} nodes"
         if len(self) == 0:
             return f"Path of no states of {self.model.n_nodes} nodes"

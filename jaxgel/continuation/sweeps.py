@@ -1,12 +1,13 @@
 """The public verb of continuation: equilibria at given values of a control, or at values chosen on the way."""
 
 from .._threads import few_threads
+from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import Inadmissible, check_kind
 from ..controls import check_values
 from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, State
 from ..mechanics import Problem
-from .autodiff import first_state_failed, is_traced, traced_sweep
+from .autodiff import first_state_failed, traced_sweep
 from .follow import Followed, Following
 from .options import check_sweep
 from .path import Path

@@ -4,8 +4,8 @@ import dataclasses
 from typing import Any
 
 import jax
-from jax.core import Tracer
 
+from .._tracing import is_traced
 from .._types import Scalar
 from ..materials import Composite, Filled, named_parameters, varies
 from .setting import Setting
@@ -49,7 +49,7 @@ class DrivenParameter:
         own, common = (named_parameters(one).get(self.name) for one in (gel.regions[k], gel.matrix))
         if own is None:
             return gel.regions[k]
-        if own is not common and (isinstance(own, Tracer) or isinstance(common, Tracer) or own != common):
+        if own is not common and (is_traced(own, common) or own != common):
             raise ValueError(f"control: regions[{k}] has a {self.name!r} of its own, only one number of all gels can be driven")
         return self._with(value, gel.regions[k])
 

@@ -11,8 +11,8 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
+from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from .._validation import Inadmissible
 from ..geometry import EDGES, Plate
@@ -150,7 +150,7 @@ def check_control(control: Control, gel: Any, values: Float[np.ndarray, " k"]) -
 
     A path jumps where halving the distance between two values again and again leaves as large a change of what acts. Traced values pass.
     """
-    if isinstance(control, ChemicalPotential) or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((control, gel))):
+    if isinstance(control, ChemicalPotential) or is_traced(control, gel):
         return
     numbers = [_numbers(control, value, gel) for value in values]
     for before, after, first, last in zip(values, values[1:], numbers, numbers[1:], strict=False):

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import Inadmissible
 from ..cloud import Cloud
@@ -52,7 +53,7 @@ def _read(path, quantity, at):
     low, high = (jax.lax.stop_gradient(values)[order[end]] for end in (0, -1))
     reach = ROUND_OFF * jnp.maximum(jnp.abs(low), jnp.abs(high))
     beyond = (at < low - reach) | (at > high + reach)
-    if not isinstance(beyond, jax.core.Tracer) and (path.stop is None or path.stop.ok) and np.any(beyond):
+    if not is_traced(beyond) and (path.stop is None or path.stop.ok) and np.any(beyond):
         name, asked = path.control.name, float(np.atleast_1d(at)[np.atleast_1d(beyond)][0])
         raise ValueError(f"{name}: {asked:g} is beyond the path, which runs from {float(low):g} to {float(high):g}; ask for a value within")
     return jnp.interp(at, values[order], jnp.asarray(quantity(path))[order]) * jnp.where(beyond, jnp.nan, 1.0)

@@ -12,6 +12,7 @@ import numpy as np
 from jax import lax
 
 from .._sizes import cut, padded, rung
+from .._tracing import is_traced
 from .._types import Array, Float, Int, Num
 from ..cloud import Cloud
 from .moving_least_squares import shape_functions, shape_functions_and_gradients
@@ -102,7 +103,7 @@ def evaluate_groups(
     Groups without one of these hold the values of another group; in a trace, whose programs must not depend on ``count``, their own.
     """
     own = owner.reshape(-1, GROUP)
-    used = own if any(isinstance(given, jax.core.Tracer) for given in (nodes, points)) else own[: -(-count // GROUP)]
+    used = own if is_traced(nodes, points) else own[: -(-count // GROUP)]
     at = zip(_rows(points, list(np.arange(used.size).reshape(used.shape))), _rows(nodes, [lists[some] for some in used]), strict=True)
     groups = [_evaluated(*some, supports[of], basis=basis, gradients=gradients) for some, of in zip(at, used, strict=True)]
     return tuple(_joined([*parts, *parts[-1:] * (len(own) - len(used))]) for parts in zip(*groups, strict=True))
@@ -110,7 +111,7 @@ def evaluate_groups(
 
 def _rows(values, numbers):
     """Rows of an array for each of the ``numbers``; by NumPy where nothing is traced."""
-    if isinstance(values, jax.core.Tracer):
+    if is_traced(values):
         return _taken(values, numbers)
     values = np.asarray(values)
     return [values[some] for some in numbers]
@@ -124,7 +125,7 @@ def _taken(values, numbers):
 
 def _joined(parts):
     """The values (p, ...) of all groups, likewise."""
-    return _concatenated(parts) if isinstance(parts[0], jax.core.Tracer) else np.concatenate(parts)
+    return _concatenated(parts) if is_traced(parts[0]) else np.concatenate(parts)
 
 
 @jax.jit

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from .._memo import once_per_owner
+from .._tracing import is_traced
 from .._types import Array, Float, Int, Scalar
 from .._validation import Inadmissible, check_kind, one_of
 from ..cloud import Cloud, Topology, refuse_ligament
@@ -150,7 +151,7 @@ def _outline(topology: Topology, dmax: float, moved: bool):
 def _check_reproduction(model):
     """ValueError, outside traces, for a model whose gradients do not reproduce the coordinates: neighbours on too few lines."""
     cloud, topology = model.cloud, model.cloud.topology
-    if isinstance(cloud.vertices, jax.core.Tracer):
+    if is_traced(cloud.vertices):
         return
     nodes, steepest = np.asarray(cloud.nodes), STEEPEST_ACCEPTED / topology.node_spacing.min()
     for block in model.blocks:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._tracing import is_traced
 from .._types import Array, Float
 from ..mechanics import Problem, gather, residual, scatter, total_energy
 from .derivatives import Tangent, primitive, remade
@@ -139,7 +140,7 @@ def _transposed(cotangents, args, *, map_):
     free = jax.tree.unflatten(map_.structure, leaves).free
     shapes = x.shape, (len(x), len(free))
     given = [jnp.zeros(shape) if one is None else one for one, shape in zip(cotangents, shapes, strict=True)]
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in (*given, *others)):
+    if is_traced(*given, *others):
         cotangents = [one for one, asked in zip(_reversed(map_, given, others), wanted, strict=True) if asked]
     else:
         cotangents = _of_wanted_states(map_, given, others, wanted)

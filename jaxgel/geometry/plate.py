@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import jax
 import numpy as np
-from jax.core import Tracer
 
+from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from .._validation import Inadmissible, did_you_mean, one_of
 from .boundary import FRAME_EDGES, FREE, checked_deformation, checked_displacement, checked_edges
@@ -124,7 +124,7 @@ class Plate:
         """
         holes = _all_at(self.holes, theta, "theta", "hole")
         moved = self.regions if regions is None else _all_at(self.regions, regions, "regions", "region")
-        reference = self if self.reference is None and not _traced(self) else self.reference
+        reference = self if self.reference is None and not is_traced(self) else self.reference
         return dataclasses.replace(self, holes=holes, regions=moved, reference=reference)
 
 
@@ -134,9 +134,9 @@ def reference_plate(plate: Plate) -> Plate:
     Raises ValueError when no values exist, that is under ``jax.jit`` or ``jax.vmap`` of a plate made from traced parameters.
     """
     reference = plate if plate.reference is None else plate.reference
-    if _traced(reference):
+    if is_traced(reference):
         reference = jax.tree.map(jax.lax.stop_gradient, reference)  # leaves JAX's differentiation, not jit
-    if _traced(reference):
+    if is_traced(reference):
         raise ValueError("plate: its hole parameters have no values inside jit; make a concrete plate outside and move it by plate.at")
     return reference
 
@@ -190,10 +190,6 @@ def _checked_stretch(value, kinematics):
         value = checked_parameter(value, (), "axial_stretch")
     except ValueError:
         raise ValueError(message) from None
-    if not _traced(value) and not (np.isfinite(value) and value > 0):
+    if not is_traced(value) and not (np.isfinite(value) and value > 0):
         raise Inadmissible(message)
     return value
-
-
-def _traced(tree):
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))

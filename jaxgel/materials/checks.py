@@ -6,8 +6,8 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.core import Tracer
 
+from .._tracing import is_traced
 from .._types import Float
 from .._validation import Inadmissible
 from .composite import Composite, Elastomer
@@ -40,7 +40,7 @@ def check_gel(gel: Any, mu: object = None) -> None:
         parameter = getattr(gel, name)
         if not (callable(parameter) or isinstance(parameter, LocalValues)):
             check_number(name, parameter, *ACCEPTED[name])
-    if mu is not None and not any(isinstance(value, Tracer) for value in jax.tree.leaves(mu)):
+    if mu is not None and not is_traced(mu):
         for value in np.ravel(np.asarray(mu, dtype=object)):
             check_number("mu", value, math.isfinite, "a finite number (chemical potential in kT)")
 
@@ -70,7 +70,7 @@ def check_parameter(name: str, values: Float[Any, " p"], places: Float[Any, "p 2
 
 def check_number(name: str, value: object, accepted: Any, text: str) -> None:
     """Raise ValueError, one line, unless ``value`` is a number that is ``accepted``, in words ``text``; traced values pass."""
-    if isinstance(value, Tracer):
+    if is_traced(value):
         return
     try:
         number = math.nan if isinstance(value, str) or np.ndim(value) else float(value)

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from scipy.optimize import brentq
 
+from .._tracing import is_traced
 from .._types import Array, Bool, Float, Scalar
 from .._validation import finite_numbers, one_of
 from .checks import check_gel, check_number
@@ -230,7 +230,7 @@ def _points(residual, search, count, given):
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
 def _solution(residual, search, count, given):
     """Unknowns (r, ``count``) at which ``residual(y, given)`` is 0: as ``search(given)`` finds them, improved by Newton's method."""
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(given)):
+    if is_traced(given):
         raise ValueError("gel: traced numbers of jax.jit and jax.vmap are not accepted, the search for phases is on the host")
     y = jnp.array(search(given), dtype=float).reshape(-1, count)
     for _ in range(NEWTON_STEPS):

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import PAIR, check_kind, did_you_mean, finite_numbers, tabled
 from ..discretisation import Model, make_probe, plate_edge_ends
@@ -79,7 +80,7 @@ def load_vector(
 
 def _check_resultant(plate, loads):
     held = {component for edge in EDGES for component in held_components(plate.edges, edge)}
-    for component in {0, 1} - held if not isinstance(loads, jax.core.Tracer) else ():
+    for component in {0, 1} - held if not is_traced(loads) else ():
         force = np.asarray(loads)[:, component]
         if abs(force.sum()) > BALANCE * np.abs(force).sum():
             raise ValueError(f"loads: a resultant of {force.sum():.3g} kT/v mm along {'xy'[component]}, in which no edge holds the plate")

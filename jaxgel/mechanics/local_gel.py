@@ -9,9 +9,9 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from .._memo import once_per_owner
+from .._tracing import is_traced
 from .._types import Int, Scalar
 from .._validation import check_kind, kind_in_words
 from ..cloud import Topology
@@ -193,10 +193,10 @@ def _evaluated(name, field, places):
         raise ValueError(f"{name}: the field gives an array of shape {shape}, it must give one number for a position (2,)")
 
     leaves, structure = jax.tree.flatten(places)
-    host = np if not any(isinstance(leaf, Tracer) for leaf in leaves) else jnp  # numbers stay numbers inside jit
+    host = np if not is_traced(leaves) else jnp  # numbers stay numbers inside jit
     X = host.concatenate([host.asarray(leaf).reshape(-1, 2) for leaf in leaves])
     values = field.at(X) if isinstance(field, NodalField) else jax.vmap(field)(X).astype(float)  # all at once: few operations
-    if not isinstance(values, Tracer):
+    if not is_traced(values):
         check_parameter(name, values, X)
     cuts = np.cumsum([leaf.size // 2 for leaf in leaves])[:-1]
     parts = [v.reshape(leaf.shape[:-1]) for v, leaf in zip(jnp.split(values, cuts), leaves, strict=True)]

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from .._validation import Inadmissible
 from ..controls import Changes, ChemicalPotential, Control, changes_of, check_fields, check_is_control, edge_motion
@@ -175,7 +176,7 @@ def _placed(problem, x, value):
 def check_driven(problem: Problem, values: Float[np.ndarray, " k"]) -> None:
     """Raise ValueError, one line, where what a control says at one of the ``values`` does not fit the plate; traced values pass."""
     control, plate = problem.control, problem.model.lists.topology.plate
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(problem)):
+    if is_traced(problem):
         return
     settings = [control(float(value), problem.gel) for value in values]
     if settings[0].loads is not None and jnp.shape(settings[0].loads) != (problem.model.n_nodes, 2):
