@@ -411,17 +411,16 @@ def test_a_subcritical_bifurcation_with_an_imperfection_is_a_fold_that_moves_by_
     assert np.log(far / near) / np.log(4) == pytest.approx(2 / 3, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ((0.1, 0.1), r"load: 0.1 is followed by 0.1, the values must differ from one to the next"),
-        ([-0.5], r"load: \[-0.5\] is not accepted, it must be two numbers \(first, last\)"),
-        ((-0.5, 0.1, 0.5), r"load: \(-0.5, 0.1, 0.5\) is not accepted, it must be two numbers \(first, last\)"),
-    ],
-)
-def test_ends_that_are_no_ends_are_refused(beam, values, message):
-    with pytest.raises(ValueError, match=f"^{message}$"):
-        beam.loop(values=values)
+def test_ends_that_are_no_ends_are_refused(beam, refused):
+    refused(
+        lambda values: beam.loop(values=values),
+        [
+            ((0.1, 0.1), r"load: 0.1 is followed by 0.1, the values must differ from one to the next"),
+            ([-0.5], r"load: \[-0.5\] is not accepted, it must be two numbers \(first, last\)"),
+            ((-0.5, 0.1, 0.5), r"load: \(-0.5, 0.1, 0.5\) is not accepted, it must be two numbers \(first, last\)"),
+        ],
+        whole=True,
+    )
 
 
 def test_a_loop_that_cannot_go_on_says_why(beam):
