@@ -4,20 +4,16 @@ tests/random_cases.py draws everything at random, clouds too, for as many cases 
 """
 
 import dataclasses
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from random_cases import faults, random_table
 
 import jaxgel
 from jaxgel.cases import case as cases
 from jaxgel.continuation import SweepFailed
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from random_cases import faults, random_table
 
 GELS = st.builds(lambda power, chi: jaxgel.Gel(10**power, chi), st.floats(-5, -1), st.floats(1e-9, 1.2))
 
