@@ -183,7 +183,7 @@ def _check_round_off(problem, values):
         resolved = jnp.maximum(SMALLEST_SWELLING, DIGITS * np.finfo(float).eps / number(gel.Nv))  # J - 1
         least = jnp.where(takes_solvent(gel), osmotic(1 + resolved, 0.0, gel) + number(gel.Nv), -jnp.inf).max()
         if mu < least:
-            where = "" if problem.control.name == "mu" else f" at {problem.control.name} = {value:g}"
+            where = f" at {problem.control.name} = {value:g}"
             raise Inadmissible(
                 f"mu: {mu:g}{where} is too low, J - 1 would be lost in round-off; give at least {np.ceil(10 * least) / 10:.1f} kT"
             )

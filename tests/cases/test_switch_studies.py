@@ -126,7 +126,7 @@ def test_terms_constraints_and_reports_take_their_numbers_from_one_loop_for_each
 def test_terms_and_constraints_are_those_of_the_loop_between_the_ends_of_the_sweep_which_runs_once(strip, monkeypatch):
     path, _, loop = strip
     calls, found = [], switches.loop
-    monkeypatch.setattr(switches, "loop", lambda *args, **options: calls.append(options) or found(*args, **options))
+    monkeypatch.setattr(switches, "loop", lambda *args, **options: calls.append(args[1]) or found(*args, **options))
     problem = problem_of()
     up, down, width = float(loop.fold_up.value), float(loop.fold_down.value), float(loop.width)
     assert float(problem.objective(path)) == pytest.approx((up - 0.2) ** 2 + 2 * (down + 0.15) ** 2, rel=1e-6)
@@ -134,7 +134,7 @@ def test_terms_and_constraints_are_those_of_the_loop_between_the_ends_of_the_swe
     assert constraint.name == "loop_width >= 0.1" and float(constraint.function(path)) == pytest.approx(width - 0.1, abs=1e-8)
     reported = {name: float(function(path)) for name, function in problem.reported.items()}
     assert reported == pytest.approx({"fold_up": up, "fold_down": down, "loop_width": width}, abs=1e-8)
-    assert len(calls) == 1 and calls[0]["values"] == (-0.3, 0.3)
+    assert calls == [(-0.3, 0.3)]
 
 
 @pytest.mark.slow
