@@ -1,5 +1,6 @@
 """Derivatives of whole sweeps against differences of the re-solved problem, and against each other."""
 
+import inspect
 import itertools
 import sys
 
@@ -227,8 +228,10 @@ def test_a_stopped_gradient_is_noticed(observables, start, jacobian, monkeypatch
 
     correct = consistency._consistent
 
-    def stopped(nodes, vertices, on_contour, trace, *rest):
-        return correct(nodes, vertices, on_contour, jax.lax.stop_gradient(trace), *rest)
+    def stopped(*args, **options):
+        given = inspect.signature(correct).bind(*args, **options)
+        given.arguments["trace"] = jax.lax.stop_gradient(given.arguments["trace"])
+        return correct(*given.args, **given.kwargs)
 
     monkeypatch.setattr(consistency, "_consistent", stopped)
     gradient = jax.vjp(observables, start[0])[1](jnp.array([0.0, 0.0, 1.0]))[0]
