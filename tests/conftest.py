@@ -5,6 +5,7 @@ import ctypes
 import functools
 import gc
 import os
+import re
 import sys
 import time
 from importlib.metadata import version
@@ -67,6 +68,30 @@ def pytest_collection_finish():
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+
+
+@pytest.fixture(scope="session")
+def refused():
+    """Function that asserts of rows (*input, message) that ``attempt(*input)`` raises a ValueError of one line with the message.
+
+    Rows that fail are printed together. A message is a regular expression, or the text itself if it is ``literal``; with ``start`` the line
+    begins with it, with ``whole`` it is the line.
+    """
+
+    def check(attempt, rows, *, literal=False, start=False, whole=False):
+        faults = []
+        for *given, message in rows:
+            pattern = f"{'^' * (start or whole)}(?:{re.escape(message) if literal else message}){'$' * whole}"
+            try:
+                made = attempt(*given)
+            except ValueError as problem:
+                if not re.search(pattern, str(problem)) or "\n" in str(problem):
+                    faults.append(f"{given!r} is refused by {str(problem)!r}, not {message!r}")
+            else:
+                faults.append(f"{given!r} gives {made!r}, not {message!r}")
+        assert rows and not faults, "\n".join(faults)
+
+    return check
 
 
 @pytest.fixture(scope="session")

@@ -208,7 +208,7 @@ def _with_limits(problem, states, ends, stop, unstable):
 
 def _with_unstable(made, before, after):
     """The loop with the unstable branch from ``fold_up``, between the states ``before`` and ``after`` it."""
-    analysis, point, end = made._analysis, made.fold_up, made.fold_down
+    analysis, point, end = made._analysis, made.fold_up, made.fold_down  # noqa: SLF001 (of this module)
     if point.kind == "fold":
         at = _state_of(point)
         start = [before, accepted(analysis.problem, at, at.stability)]

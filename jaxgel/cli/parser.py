@@ -17,7 +17,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
         raise ValueError(f"command: {argv[0]!r} is unknown; {did_you_mean(argv[0], known)}")
     args, unknown = whole.parse_known_args(_joined(argv))
     if unknown:
-        options = sorted(known[argv[0]]._option_string_actions)
+        options = sorted(known[argv[0]]._option_string_actions)  # noqa: SLF001
         raise ValueError(f"{unknown[0]!r} is not an option of {argv[0]}; {did_you_mean(unknown[0].split('=')[0], options)}")
     return args
 

@@ -1,7 +1,6 @@
 """Every option of a case, in every command that takes a case: it reaches cloud, model, sweep or search, or is refused in one line."""
 
 import dataclasses
-import functools
 import json
 import types
 
@@ -16,7 +15,7 @@ from jaxgel.continuation import SweepOptions
 from jaxgel.discretisation import DiscretisationOptions
 from jaxgel.discretisation import options as discretisation_options
 from jaxgel.io import Recorder
-from jaxgel.mechanics import Loads
+from jaxgel.mechanics import Loads, Problem
 
 SECTIONS = {"discretisation": DiscretisationOptions, "sweep": SweepOptions, "loads": Loads}
 VALUES = {
@@ -41,6 +40,7 @@ VALUES = {
     "imperfection": 0.05,
     "contact": "off",
     "symmetry": "off",
+    "eigenvalues": True,
     "body_force": [0.0, 1e-5],
     "traction": {"top": [0.0, 1e-4]},
 }  # a value of each option that is not its default
@@ -57,7 +57,6 @@ FIELDS = [(section, entry_of(field)) for section, kind in SECTIONS.items() for f
 COMMANDS = ("run", "resume", "map", "critical", "check-grad", "design", "verify")
 REFUSED = {
     ("critical", "imperfection"): "removes the bifurcations",
-    ("critical", "contact"): "searched with contact 'on'",
     ("design", "imperfection"): "has no derivative",
     ("verify", "imperfection"): "has no derivative",
     ("design", "back"): "must increase",
@@ -69,6 +68,7 @@ REPLACED = {
     ("check-grad", "back"): "--states says how many",
     ("critical", "branch"): "critical points are those of the branch that continues the dry state",
     ("critical", "symmetry"): "the search takes the symmetries that there are",
+    ("critical", "eigenvalues"): "a search computes those that it needs",
     ("check-grad", "steps"): "--states says how many",
     ("verify", "spacing"): "[verification] has its own",
     ("verify", "nodes_per_hole"): "nodes on outlines change with the spacing",
@@ -102,54 +102,39 @@ class Reached(Exception):
     """What a command wanted of its sweep or search was recorded; nothing is computed."""
 
 
-@functools.cache
-def tiny():
+@pytest.fixture(scope="module")
+def square():
     """Cloud and model that stand in for those of every command, which only says what it wants."""
     case = load_case("square", {"discretisation": {"spacing": 0.5, "basis": "linear"}})
     return case.cloud(), case.model()
 
 
 @pytest.fixture
-def asked(monkeypatch):
-    """Name of each stage -> keywords with which a command asked for it last."""
-    found, (cloud, model) = {}, tiny()
+def asked(square, monkeypatch):
+    """Name of each stage -> arguments and keywords with which a command asked for it last."""
+    found, (cloud, model) = {}, square
+    still = types.SimpleNamespace(**{name: getattr(cloud, name) for name in ("plate", "nodes", "spacing", "topology", "vertices")})
+    still.at = lambda _: still
 
-    def recorder(stage, answer):
+    def recorder(stage, answer=None):
         def record(*args, **keywords):
-            found[stage] = keywords
-            found[f"{stage}: arguments"] = args
-            return answer()
+            found[stage] = args, keywords
+            if answer is None:
+                raise Reached
+            return answer(*args, **keywords) if answer is Problem else answer
 
         return record
 
-    def ends():
-        raise Reached
-
-    bifurcation = types.SimpleNamespace(kind="bifurcation")
-    monkeypatch.setattr(discretisation_options, "make_cloud", recorder("cloud", lambda: _Still(cloud)))
-    monkeypatch.setattr(discretisation_options, "discretise", recorder("model", lambda: model))
-
-    def searched(*args, most, **keywords):
-        found["mode" if most == 1 else "critical"] = keywords
-        return [bifurcation] if most == 1 else ends()
-
-    monkeypatch.setattr(imperfections, "critical_points", searched)
-    monkeypatch.setattr(imperfections, "imperfection", recorder("imperfection", lambda: np.full((model.n_nodes, 2), 1e-3)))
-    monkeypatch.setattr(imperfections, "sweep", recorder("sweep", ends))
+    monkeypatch.setattr(discretisation_options, "make_cloud", recorder("cloud", still))
+    monkeypatch.setattr(discretisation_options, "discretise", recorder("model", model))
+    monkeypatch.setattr(imperfections, "critical_points", recorder("mode", [types.SimpleNamespace(kind="bifurcation")]))
+    monkeypatch.setattr(imperfections, "imperfection", recorder("imperfection", np.full((model.n_nodes, 2), 1e-3)))
+    monkeypatch.setattr(imperfections, "Problem", recorder("problem", Problem))
+    monkeypatch.setattr(imperfections, "sweep", recorder("follow"))
+    monkeypatch.setattr("jaxgel.cases.case.critical_points", recorder("follow"))
+    monkeypatch.setattr("jaxgel.design.search.cell_sizes", lambda _: (1.0, 1.0))
+    monkeypatch.setattr("jaxgel.cases.case.check_room", lambda _: None)
     return found
-
-
-class _Still:
-    """A cloud that stays where it is, whatever the plate."""
-
-    def __init__(self, cloud):
-        self.plate, self.nodes, self.spacing, self.topology, self.vertices = (
-            *(cloud.plate, cloud.nodes, cloud.spacing),
-            *(cloud.topology, cloud.vertices),
-        )
-
-    def at(self, _):
-        return self
 
 
 def written(value):
@@ -160,15 +145,13 @@ def written(value):
 
 
 def perform(command, section, name, folder):
-    """Run a command on a case in which one option is not its default; its exit code."""
+    """Run a command on a case in which one option is not its default; its exit code, or a ValueError that it would print."""
     base = {"discretisation": {"spacing": 1.3}, "sweep": {} if name in ("mu", "values") else {"steps": 2}, "loads": {}}
     base[section] |= OF_CONTROL.get(name, {}) | {name: VALUES[name]}
-    text = PLATE + "".join(
-        f"[{section}]\n" + "".join(f"{key} = {written(v)}\n" for key, v in entries.items()) for section, entries in base.items()
-    )
+    lines = [(f"[{section}]", *(f"{key} = {written(v)}" for key, v in entries.items())) for section, entries in base.items()]
     fields = {entry_of(f): f.name for f in dataclasses.fields(SweepOptions)}
-    at = SweepOptions(**{fields[key]: tuple(v) if isinstance(v, list) else v for key, v in base["sweep"].items()}).values[-1]
-    file = folder / "case.toml"
+    at = SweepOptions(**{fields[key]: tuple(v) if isinstance(v, list) else v for key, v in base["sweep"].items()}).numbers[-1]
+    file, text = folder / "case.toml", PLATE + "\n".join(line for entries in lines for line in entries) + "\n"
     file.write_text(text + {"design": STUDY.format(at=at), "verify": STUDY.format(at=at), "map": MAP}.get(command, ""))
     if command == "verify":
         study = load_study(file)
@@ -186,66 +169,65 @@ def perform(command, section, name, folder):
     return cli.main([command, str(file), "--quiet", "--out", str(folder / "out")])
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize(("section", "name"), FIELDS)
-def test_an_option_reaches_its_stage_or_is_refused(command, section, name, asked, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("jaxgel.design.search.cell_sizes", lambda _: (1.0, 1.0))
-    monkeypatch.setattr("jaxgel.cases.case.check_room", lambda _: None)
-    if (command, name) in REFUSED:
-        if command == "verify":
-            with pytest.raises(ValueError, match=REFUSED[command, name]):
-                perform(command, section, name, tmp_path)
-            return
-        assert perform(command, section, name, tmp_path) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1 and ("back" in name or f"{section}.{name}" in error) and REFUSED[command, name] in error
-        return
-    with pytest.raises(Reached):
-        perform(command, section, name, tmp_path)
-    if (command, name) in REPLACED:
-        return
-    follows = asked["critical" if command == "critical" else "sweep"]
+def reaches(command, section, name, asked):
+    """Whether an option is in what a command asked of its stage."""
+    (problem, values, *_), keywords = asked["follow"]
     kind, value = SECTIONS[section], VALUES[name]
     stage = next(f for f in dataclasses.fields(kind) if entry_of(f) == name).metadata.get("stage", "loads")
-    if section == "loads":
-        assert np.abs(np.asarray(follows["loads"])).sum() > 0
-    elif name == "imperfection":
-        assert asked["imperfection: arguments"][-1] == value
-        np.testing.assert_array_equal(follows["loads"], 1e-3)
-    elif name in ("control", "at_mu", "direction"):
-        assert getattr(follows["control"], {"control": "name", "at_mu": "mu"}.get(name, name)) == value
-    elif stage == "values":
+    if name == "imperfection":
+        return asked["imperfection"][0][-1] == value and np.all(np.asarray(problem.loads) == 1e-3)
+    if stage == "loads":
+        return np.abs(np.asarray(problem.loads)).sum() > 0
+    if stage == "problem":
+        return asked["problem"][1]["contact"] == (value == "on")
+    if name in ("control", "at_mu", "direction"):
+        return getattr(problem.control, {"control": "name", "at_mu": "mu"}.get(name, name)) == value
+    if stage == "values":
         wanted = [value] if np.ndim(value) == 0 else value
         if name in ("steps", "back"):
             wanted = SweepOptions(**{"steps": 2, name: value}).values
         elif command == "critical" and name in ("mu", "values"):
             wanted = [value[0], value[-1] if name == "mu" else value[1]]
-        taken = np.asarray(follows["values" if name in OF_CONTROL else "mu"], dtype=float)
-        assert all(np.min(np.abs(taken - one)) < 1e-12 for one in wanted) and (name != "back" or len(taken) == 3)
-    else:
-        assert {"cloud": asked["cloud"], "model": asked["model"], "sweep": follows}[stage][name] == value
+        taken = np.asarray(values, dtype=float)
+        return all(np.min(np.abs(taken - one)) < 1e-12 for one in wanted) and (name != "back" or len(taken) == 3)
+    return {"cloud": asked["cloud"][1], "model": asked["model"][1], "sweep": keywords}[stage][name] == value
 
 
-def test_every_option_has_a_stage_that_takes_it():
-    assert {f.metadata["stage"] for f in dataclasses.fields(DiscretisationOptions)} == {"cloud", "model"}
-    assert {f.metadata["stage"] for f in dataclasses.fields(SweepOptions)} == {"values", "loads", "sweep"}
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_reaches_its_stage_or_is_refused(command, asked, tmp_path, capsys):
+    faults = []
+    for section, name in FIELDS:
+        folder, where = tmp_path / name, f"{section}.{name}"
+        folder.mkdir()
+        try:
+            code, error = perform(command, section, name, folder), capsys.readouterr().err
+        except Reached:
+            reached = (command, name) in REPLACED or reaches(command, section, name, asked)
+            if (command, name) in REFUSED or not reached:
+                faults.append(f"{where}: not in {asked['follow']}")
+            continue
+        except ValueError as refused:
+            code, error = 2, f"{refused}\n"
+        message = REFUSED.get((command, name))
+        if code != 2 or message is None or error.count("\n") != 1 or message not in error or not ("back" in name or where in error):
+            faults.append(f"{where}: exit code {code} and {error!r}")
+    assert not faults, "\n".join(faults)
 
 
-def test_options_that_are_not_of_a_case_stay_what_they_were(asked):
+def test_every_option_has_a_stage_that_takes_it_and_none_of_it_is_a_default_of_another(asked):
     """None leaves the default of the plate or the discretisation to `make_cloud` and `discretise`."""
+    assert {f.metadata["stage"] for f in dataclasses.fields(DiscretisationOptions)} == {"cloud", "model"}
+    assert {f.metadata["stage"] for f in dataclasses.fields(SweepOptions)} == {"values", "loads", "problem", "sweep"}
     options = DiscretisationOptions()
     options.model(options.cloud(load_case("square").plate))
-    assert asked["cloud"] == dict(spacing=None, nodes_per_hole=None, across=None)
-    assert asked["model"] == dict(basis="quadratic", dmax=None, solver="auto")
-
-
-@pytest.mark.parametrize("entry", [{"mu_end": -1.0}, {"mu_start": -4.0}, {"steps": 5}])
-def test_ends_and_steps_are_refused_where_a_case_lists_its_mu(entry, tmp_path):
-    (tmp_path / "case.toml").write_text(PLATE + "[sweep]\nmu = [-3.0, -2.0]\n")
-    with pytest.raises(ValueError, match=rf"^sweep\.{next(iter(entry))}: .* has no effect, as the case lists its values of mu"):
-        load_case(str(tmp_path / "case.toml"), {"sweep": entry})
-    assert load_case(str(tmp_path / "case.toml"), {"sweep": {"mu": [-2.5]}}).sweep.values == [-2.5]
-
-
-def test_output_options_are_those_of_files_that_a_command_draws():
+    assert asked["cloud"][1] == dict(spacing=None, nodes_per_hole=None, across=None)
+    assert asked["model"][1] == dict(basis="quadratic", dmax=None, solver="auto")
     assert {f.name for f in dataclasses.fields(OutputOptions)} == {"figures", "animation", "paraview"}
+
+
+def test_ends_and_steps_are_refused_where_a_case_lists_its_mu(tmp_path):
+    (tmp_path / "case.toml").write_text(PLATE + "[sweep]\nmu = [-3.0, -2.0]\n")
+    for name, value in {"mu_end": -1.0, "mu_start": -4.0, "steps": 5}.items():
+        with pytest.raises(ValueError, match=rf"^sweep\.{name}: .* has no effect, as the case lists its values of mu"):
+            load_case(str(tmp_path / "case.toml"), {"sweep": {name: value}})
+    assert load_case(str(tmp_path / "case.toml"), {"sweep": {"mu": [-2.5]}}).sweep.values == [-2.5]

@@ -11,63 +11,27 @@ import time
 import jax
 import numpy as np
 import pytest
+from studies import TINY, killed
 
-from jaxgel import Observer, Problem
-from jaxgel.cases import case as cases
 from jaxgel.cases import load_path
 from jaxgel.cli import command_line as cli
-from jaxgel.continuation import sweep
-from jaxgel.io import Recorder, load_run
+from jaxgel.io import load_run
 
-TINY = """
-[plate]
-width = 4.0
-height = 4.0
-edges = { top = "free" }
-[[holes]]
-kind = "circle"
-centre = [0.1, -0.2]
-radius = 1.1
-[discretisation]
-spacing = 0.6666666666666666
-nodes_per_hole = 12
-[output]
-figures = false
-animation = false
-[sweep]
-"""
-GIVEN, CHOSEN = "mu = [-4.9, -4.0, -3.0, -2.0, -1.5, -1.2]\n", 'steps = "auto"\nmu_end = -1.2\n'
-
-
-class Interrupted(Recorder):
-    """A recorder that keeps the folder as it was after every step."""
-
-    def __call__(self, step):
-        super().__call__(step)
-        shutil.copytree(self.folder, self.folder.with_name(f"after-{len(self.records)}"))
+FILES = "[output]\nfigures = false\nanimation = false\n[sweep]\n"
+GIVEN = TINY + FILES + "mu = [-4.9, -4.0, -3.0, -2.0, -1.5, -1.2]\n"
+CHOSEN = TINY + FILES + 'steps = "auto"\nmu_end = -1.2\n'
 
 
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
-    """As `run_of`, with chosen steps."""
-    return run_of(CHOSEN, tmp_path_factory.mktemp("restart"))
+    """As `killed`, with chosen steps."""
+    return killed(CHOSEN, tmp_path_factory.mktemp("restart"))
 
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory):
-    """As `run_of`, with given mu."""
-    return run_of(GIVEN, tmp_path_factory.mktemp("given"))
-
-
-def run_of(mu, parent):
-    """The folder of a whole run, next to it the folders ``after-k`` of the same run killed after k states, and its path."""
-    folder = parent / "whole"
-    (folder.parent / "tiny.toml").write_text(TINY + mu)
-    case = cases.load_case(folder.parent / "tiny.toml")
-    recorder = Interrupted(folder, case, case.problem(case.model()))
-    path = sweep(Problem(recorder.model, case.gel), case.sweep.values, observer=Observer(accepted=recorder))
-    recorder.finish("complete", path.stop_text, path.stop)
-    return folder, path
+    """As `killed`, with given mu."""
+    return killed(GIVEN, tmp_path_factory.mktemp("given"))
 
 
 @pytest.mark.parametrize("run", [pytest.param("given", marks=pytest.mark.slow), "swept"])
@@ -75,12 +39,12 @@ def run_of(mu, parent):
 def test_a_run_killed_after_a_state_ends_with_the_same_states(run, first, request, tmp_path):
     folder, path = request.getfixturevalue(run)
     k = 1 if first else len(path) // 2
-    killed = tmp_path / f"after-{k}"
-    shutil.copytree(folder.with_name(killed.name), killed)
-    assert load_run(killed).summary["status"] == "running"
-    assert cli.main(["resume", str(killed), "--quiet", "--no-plots"]) == 0
-    assert_same(killed, folder, k)
-    assert (killed / "series.pvd").is_file()
+    copy = tmp_path / f"after-{k}"
+    shutil.copytree(folder.with_name(copy.name), copy)
+    assert load_run(copy).summary["status"] == "running"
+    assert cli.main(["resume", str(copy), "--quiet", "--no-plots"]) == 0
+    assert_same(copy, folder, k)
+    assert (copy / "series.pvd").is_file()
 
 
 @pytest.mark.slow
@@ -88,7 +52,7 @@ def test_a_run_killed_after_a_state_ends_with_the_same_states(run, first, reques
 def test_a_run_killed_twice_at_any_moment_ends_with_the_same_states(swept, tmp_path):
     """The proof with twenty kills is benchmarks/kill.py."""
     folder, moments = tmp_path / "killed", np.random.default_rng(11)
-    command = ["run", str(swept[0].parent / "tiny.toml"), "--out", str(folder), "--quiet", "--no-plots"]
+    command = ["run", str(swept[0].parent / "case.toml"), "--out", str(folder), "--quiet", "--no-plots"]
     for _ in range(2):
         process = subprocess.Popen([sys.executable, "-m", "jaxgel", *command], stderr=subprocess.PIPE, stdin=subprocess.DEVNULL)
         while process.poll() is None and len(list(folder.glob("*"))) < 3:

@@ -11,57 +11,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
+from studies import STUDY, changed, designed
 
 import jaxgel
 from jaxgel.cases import VERIFIED, load_study, study_from_table
 from jaxgel.cases import case as cases
 from jaxgel.cli import command_line as cli
-from jaxgel.design import DesignProblem, Outcome, porosity, search
+from jaxgel.design import porosity
 from jaxgel.io import DrawingIncomplete, write_outline
 from jaxgel.observables import CURVES, QUANTITIES
 
 DESIGN = Path(__file__).parents[2] / "design"
 NAMES = ("rotation", "valve", "closing", "linear", "identification", "cushion", "printed", "relief")
-SMALL = """
-[plate]
-width = 8.0
-height = 8.0
-edges = { top = "free" }
-
-[[holes]]
-kind = "ellipse"
-centre = [0.3, -0.2]
-semi_axes = [2.4, 1.6]
-angle = 0.4
-
-[sweep]
-mu = [-3.0, -1.8]
-
-[discretisation]
-spacing = 1.2
-nodes_per_hole = 8
-
-[[parameters]]
-of = "semi_axes"
-lower = [2.1, 1.4]
-upper = [2.7, 1.8]
-
-[[objective]]
-of = "area_reduction"
-goal = "maximise"
-at = -1.8
-
-[[constraints]]
-of = "hole_area"
-above = 10.0
-
-[search]
-evaluations = 4
-
-[verification]
-spacing = 1.2
-mu = [-3.0, -1.8]
-"""
 
 
 def module(name):
@@ -158,7 +119,7 @@ def test_links_turn_and_mirror_holes():
     holes = [
         dict(kind="fourier", centre=[x, y], radius=2.0, cos=[0.0, 0.0], sin=[0.0, 0.0]) for x, y in ((3, 3), (-3, 3), (-3, -3), (3, -3))
     ]
-    table = tomllib.loads(SMALL) | dict(plate=dict(width=12.0, height=12.0), holes=holes, constraints=[], verification={})
+    table = tomllib.loads(STUDY) | dict(plate=dict(width=12.0, height=12.0), holes=holes, constraints=[], verification={})
     points = np.linspace(0, 1, 401)
     for link, images in (
         ("turned", [lambda p: p, lambda p: p @ [[0, 1], [-1, 0]], lambda p: -p, lambda p: p @ [[0, -1], [1, 0]]]),
@@ -176,7 +137,7 @@ def test_links_turn_and_mirror_holes():
 
 def test_a_study_may_vary_an_angle_in_degrees():
     """The bounds scale it, so that the search sees the same numbers as in radians."""
-    table = tomllib.loads(SMALL) | {"parameters": [dict(of="angle_deg", lower=10.0, upper=40.0, start=20.0)]}
+    table = tomllib.loads(STUDY) | {"parameters": [dict(of="angle_deg", lower=10.0, upper=40.0, start=20.0)]}
     degrees = study_from_table(table, "degrees").problem
     table["parameters"] = [dict(of="angle", lower=np.deg2rad(10.0), upper=np.deg2rad(40.0), start=np.deg2rad(20.0))]
     radians = study_from_table(table, "radians").problem
@@ -199,11 +160,11 @@ MOVED = ('edges = { top = "free" }', 'edges = { top = "free" }\ndisplacement = {
 @pytest.mark.parametrize(
     "text",
     [
-        SMALL.replace(*MOVED) + LOADS,
-        pytest.param(SMALL + "[loads]\nbody_force = [1e-4, -2e-4]\n", marks=pytest.mark.slow),
-        pytest.param(SMALL + "[loads]\ntraction = { top = [2e-4, 1e-3] }\n", marks=pytest.mark.slow),
-        pytest.param(SMALL.replace(*MOVED), marks=pytest.mark.slow),
-        pytest.param(SMALL.replace('edges = { top = "free" }', "deformation = [[1.05, 0.0], [0.0, 1.02]]"), marks=pytest.mark.slow),
+        STUDY.replace(*MOVED) + LOADS,
+        pytest.param(STUDY + "[loads]\nbody_force = [1e-4, -2e-4]\n", marks=pytest.mark.slow),
+        pytest.param(STUDY + "[loads]\ntraction = { top = [2e-4, 1e-3] }\n", marks=pytest.mark.slow),
+        pytest.param(STUDY.replace(*MOVED), marks=pytest.mark.slow),
+        pytest.param(STUDY.replace('edges = { top = "free" }', "deformation = [[1.05, 0.0], [0.0, 1.02]]"), marks=pytest.mark.slow),
     ],
     ids=["all", "body force", "traction", "displacement", "deformation"],
 )
@@ -225,32 +186,9 @@ def test_gradients_of_studies_with_loads_and_moved_edges_are_differences_of_reso
     params=["whole", pytest.param("interrupted", marks=pytest.mark.slow), pytest.param("loaded and interrupted", marks=pytest.mark.slow)],
 )
 def folder(request, tmp_path_factory):
-    """Folder of ``jaxgel design`` of the small study, at once or interrupted in its third sweep and resumed; with loads, moved edges."""
-    folder = tmp_path_factory.mktemp("design")
-    (folder / "small.toml").write_text(SMALL.replace(*MOVED) + LOADS if "loaded" in request.param else SMALL)
-    command = ["design", str(folder / "small.toml"), "--out", str(folder / "out"), "--quiet"]
-    make, forward, made, calls = DesignProblem.make_cloud, search.Search._forward, [], []
-
-    def once(self, plate, spacing=None):  # one cloud for search and verification, so that their programs are compiled once
-        made.extend([] if made else [make(self, plate, spacing)])
-        return made[0]
-
-    def interrupted(self, vector):
-        calls.append(vector)
-        if "interrupted" in request.param and len(calls) == 3:
-            raise KeyboardInterrupt
-        return forward(self, vector)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(DesignProblem, "make_cloud", once)
-        patch.setattr(search.Search, "_forward", interrupted)
-        ended = cli.main(command)
-        if "interrupted" in request.param:
-            assert ended == 130
-            assert json.loads((folder / "out" / "design.json").read_text())["outcome"] == Outcome.INTERRUPTED
-            ended = cli.main(["resume", str(folder / "out")])
-        assert ended == 0
-    return folder / "out"
+    """Folder of ``jaxgel design`` of the study, at once or interrupted in its third sweep and resumed; with loads, moved edges."""
+    text = STUDY.replace(*MOVED) + LOADS if "loaded" in request.param else STUDY
+    return designed(text, tmp_path_factory.mktemp("design"), interrupted="interrupted" in request.param)
 
 
 def test_the_command_leaves_its_files_and_a_valid_design(folder):
@@ -267,61 +205,68 @@ def test_the_best_design_is_a_case_that_run_accepts(folder):
     assert case.plate.edges["top"] == "free" and case.sweep.mu == (-3.0, -1.8)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('of = "semi_axes"', 'of = "semi_axis"', r"parameters[0].of: 'semi_axis' is unknown; did you mean 'semi_axes'?"),
-        ("lower = [2.1, 1.4]\n", "", "parameters[0]: lower is missing"),
-        ("lower = [2.1, 1.4]", "lower = [2.6, 1.4]", "bounds.semi_axes"),
-        ("lower = [2.1, 1.4]", "lower = [1, 2, 3]", "parameters[0].lower"),
-        (
-            "lower = [2.1, 1.4]",
-            'lower = [2.1, 1.4]\nlink = "mirored"',
-            "parameters[0].link: 'mirored' is unknown; did you mean 'mirrored'?",
-        ),
-        ("lower = [2.1, 1.4]", "lower = [2.1, 1.4]\nholes = [3]", "parameters[0].holes: [3]"),
-        ('of = "area_reduction"', 'of = "area_reductoin"', "objective[0].of: 'area_reductoin' is unknown; did you mean 'area_reduction'?"),
-        ('goal = "maximise"', 'goal = "most"', "objective[0].goal: 'most' is unknown"),
-        ('goal = "maximise"', "", "objective[0]: give one of goal, target, curve, line and outline"),
-        (
-            'goal = "maximise"',
-            "outline = [[0, 0], [1, 1]]",
-            "objective[0].of: 'area_reduction' does not fit; 'free_edge' and outline belong",
-        ),
-        ('of = "area_reduction"', 'of = "free_edge"', "objective[0].of: 'free_edge' does not fit; 'free_edge' and outline belong together"),
-        ('goal = "maximise"', "outline = [[0, 0]]", "objective[0].outline: [[0, 0]] is not"),
-        ('of = "area_reduction"\ngoal = "maximise"', 'of = "free_edge"\noutline = "none.csv"', "none.csv': No such file"),
-        ("at = -1.8", "at = -1.7", "objective[0].at: -1.7 is not one of the sweep's values (-3, -1.8)"),
-        ("above = 10.0", "abov = 10.0", "constraints[0]: unknown entry 'abov'; did you mean 'above'?"),
-        ("above = 10.0", "above = 10.0\nbelow = 11.0", "constraints[0]: give one of above, below and within"),
-        ("evaluations = 4", "evaluations = 0", "search.evaluations: 0"),
-        ("evaluations = 4", 'method = "slsq"', "search.method: 'slsq' is unknown; did you mean 'slsqp'?"),
-        ("[verification]\nspacing = 1.2", "[verification]\nspacing = -1.0", "verification.spacing: -1.0"),
-        ("[search]", "[serch]", "study: unknown entry 'serch'; did you mean 'search'?"),
-        ("[search]", "[search]\nstep = 1.5", "search.step: 1.5 is not a finite number above 0 and of at most 1"),
-        ("[plate]", "[plate", "is not TOML"),
-        ("above = 10.0", "above = 14.0", None),  # not met by the start, but usable
-    ],
-)
-def test_wrong_files_are_one_line_and_exit_code_2(old, new, message, tmp_path, capsys):
+def test_wrong_files_are_refused(tmp_path, refused, capsys):
     file = tmp_path / "small.toml"
-    assert old in SMALL
-    file.write_text(SMALL.replace(old, new))
-    if message is None:
+
+    def load(old, new):
+        file.write_text(changed(STUDY, (old, new)))
         load_study(file)
-        return
-    assert cli.main(["design", str(file), "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert message in error and error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
+
+    load("above = 10.0", "above = 14.0")  # not met by the start, but usable
+    refused(
+        load,
+        [
+            ('of = "semi_axes"', 'of = "semi_axis"', r"parameters[0].of: 'semi_axis' is unknown; did you mean 'semi_axes'?"),
+            ("lower = [2.1, 1.4]\n", "", "parameters[0]: lower is missing"),
+            ("lower = [2.1, 1.4]", "lower = [2.6, 1.4]", "bounds.semi_axes"),
+            ("lower = [2.1, 1.4]", "lower = [1, 2, 3]", "parameters[0].lower"),
+            (
+                "lower = [2.1, 1.4]",
+                'lower = [2.1, 1.4]\nlink = "mirored"',
+                "parameters[0].link: 'mirored' is unknown; did you mean 'mirrored'?",
+            ),
+            ("lower = [2.1, 1.4]", "lower = [2.1, 1.4]\nholes = [3]", "parameters[0].holes: [3]"),
+            (
+                'of = "area_reduction"',
+                'of = "area_reductoin"',
+                "objective[0].of: 'area_reductoin' is unknown; did you mean 'area_reduction'?",
+            ),
+            ('goal = "maximise"', 'goal = "most"', "objective[0].goal: 'most' is unknown"),
+            ('goal = "maximise"', "", "objective[0]: give one of goal, target, curve, line and outline"),
+            (
+                'goal = "maximise"',
+                "outline = [[0, 0], [1, 1]]",
+                "objective[0].of: 'area_reduction' does not fit; 'free_edge' and outline belong",
+            ),
+            (
+                'of = "area_reduction"',
+                'of = "free_edge"',
+                "objective[0].of: 'free_edge' does not fit; 'free_edge' and outline belong together",
+            ),
+            ('goal = "maximise"', "outline = [[0, 0]]", "objective[0].outline: [[0, 0]] is not"),
+            ('of = "area_reduction"\ngoal = "maximise"', 'of = "free_edge"\noutline = "none.csv"', "none.csv': No such file"),
+            ("at = -1.8", "at = -1.7", "objective[0].at: -1.7 is not one of the sweep's values (-3, -1.8)"),
+            ("above = 10.0", "abov = 10.0", "constraints[0]: unknown entry 'abov'; did you mean 'above'?"),
+            ("above = 10.0", "above = 10.0\nbelow = 11.0", "constraints[0]: give one of above, below and within"),
+            ("evaluations = 4", "evaluations = 0", "search.evaluations: 0"),
+            ("evaluations = 4", 'method = "slsq"', "search.method: 'slsq' is unknown; did you mean 'slsqp'?"),
+            ("[verification]\nspacing = 1.2", "[verification]\nspacing = -1.0", "verification.spacing: -1.0"),
+            ("[search]", "[serch]", "study: unknown entry 'serch'; did you mean 'search'?"),
+            ("[search]", "[search]\nstep = 1.5", "search.step: 1.5 is not a finite number above 0 and of at most 1"),
+            ("[plate]", "[plate", "is not TOML"),
+        ],
+        literal=True,
+    )
+    assert cli.main(["design", str(file), "--out", str(tmp_path / "out")]) == 2 and not (tmp_path / "out").exists()
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_holes_of_a_study_take_the_place_of_those_of_its_case(tmp_path):
-    plate, holes, rest = SMALL.partition("[[holes]]")[0], *SMALL.partition("[[holes]]")[2].split("[sweep]")
+    plate, holes, rest = STUDY.partition("[[holes]]")[0], *STUDY.partition("[[holes]]")[2].split("[sweep]")
     (tmp_path / "plate.toml").write_text(plate + "[[holes]]" + holes.replace("2.4", "1.2"))
     (tmp_path / "study.toml").write_text('case = "plate.toml"\n[[holes]]' + holes + "[sweep]" + rest)
     np.testing.assert_array_equal(load_study(tmp_path / "study.toml").case.plate.holes[0].semi_axes, [2.4, 1.6])
-    (tmp_path / "study.toml").write_text('case = "plate.toml"\nsweep = 3\n' + rest.partition("[discretisation]")[2].partition("\n\n")[2])
+    (tmp_path / "study.toml").write_text('case = "plate.toml"\nsweep = 3\n[[parameters]]' + rest.partition("[[parameters]]")[2])
     with pytest.raises(ValueError, match=r"^sweep: 3 is not a table, written \[sweep\]$"):
         load_study(tmp_path / "study.toml")
 
@@ -344,7 +289,7 @@ def test_free_edge_follows_the_first_outline_of_a_file_and_the_others_are_counte
     gel = shapely.box(0, 0, 9, 9) - shapely.box(1, 1, 2, 2)
     write_outline(gel, tmp_path / "target.svg")
     objective = f'of = "free_edge"\noutline = {str(tmp_path / "target.svg")!r}'
-    (tmp_path / "small.toml").write_text(SMALL.replace('of = "area_reduction"\ngoal = "maximise"', objective))
+    (tmp_path / "small.toml").write_text(STUDY.replace('of = "area_reduction"\ngoal = "maximise"', objective))
     with pytest.warns(DrawingIncomplete, match=r"^objective\[0\].outline: '.*target.svg' without 1 other outlines$"):
         (entry,) = load_study(tmp_path / "small.toml").table["objective"]
     assert shapely.Polygon(entry["outline"]).area == pytest.approx(81)

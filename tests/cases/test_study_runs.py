@@ -13,60 +13,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from studies import STUDY, changed, interrupt, one_cloud
 
 from jaxgel.cases import OPTIMA, VERIFIED, Study, draw_starts, resumed_study, run_study, study_from_table
 from jaxgel.cli import command_line as cli
-from jaxgel.design import DesignProblem, read_log, search
+from jaxgel.design import read_log, search
 from jaxgel.io import Workers
 
-SMALL = """
-[plate]
-width = 8.0
-height = 8.0
-edges = { top = "free" }
-[[holes]]
-kind = "ellipse"
-centre = [0.3, -0.2]
-semi_axes = [2.4, 1.6]
-angle = 0.4
-[sweep]
-mu = [-3.0, -1.8]
-[discretisation]
-spacing = 1.2
-nodes_per_hole = 8
-[output]
-figures = false
-[[parameters]]
-of = "semi_axes"
-lower = [2.1, 1.4]
-upper = [2.7, 1.8]
-[[parameters]]
-of = "angle"
-lower = 0.3
-upper = 0.5
-[[objective]]
-of = "area_reduction"
-goal = "maximise"
-at = -1.8
-[[constraints]]
-of = "hole_area"
-above = 10.0
-[search]
-evaluations = 2
-starts = 3
-[verification]
-spacing = 1.2
-mu = [-3.0, -1.8]
-"""
+ANGLE = '[[parameters]]\nof = "angle"\nlower = 0.3\nupper = 0.5\n'
+SMALL = changed(STUDY, ("evaluations = 4", "evaluations = 2\nstarts = 3")) + ANGLE + "[output]\nfigures = false\n"
 
 
 def study(*changes):
     """The small study with some texts of its file replaced."""
-    text = SMALL
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    return study_from_table(tomllib.loads(text), "small")
+    return study_from_table(tomllib.loads(changed(SMALL, *changes)), "small")
 
 
 def table(folder):
@@ -85,25 +45,21 @@ def test_starts_are_drawn_within_the_bounds_among_valid_plates():
     assert draw_starts(study(("starts = 3", "starts = 3\nseed = 1")))[1:] != starts[1:3]
 
 
-@pytest.mark.parametrize(
-    ("written", "message"),
-    [
-        ("0", "search.starts: 0 is not a whole number of at least 1 and of at most 999"),
-        ("-1", "search.starts: -1 is not a whole number"),
-        ("1.5", "search.starts: 1.5 is not a whole number"),
-        ('"many"', "search.starts: 'many' is not a whole number"),
-        ("true", "search.starts: True is not a whole number"),
-        ("1e9", "search.starts: 1000000000.0 is not a whole number"),
-        ("1000000000", "search.starts: 1000000000 is not a whole number"),
-        ("3\nseed = -1", "search.seed: -1 is not a whole number of at least 0"),
-    ],
-)
-def test_wrong_numbers_of_starts_are_one_line_and_exit_code_2(written, message, tmp_path, capsys):
-    (tmp_path / "small.toml").write_text(SMALL.replace("starts = 3", f"starts = {written}"))
-    assert cli.main(["design", str(tmp_path / "small.toml"), "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert message in error and error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
+def test_wrong_numbers_of_starts_are_refused(refused):
+    refused(
+        lambda written: study(("starts = 3", f"starts = {written}")),
+        [
+            ("0", "search.starts: 0 is not a whole number of at least 1 and of at most 999"),
+            ("-1", "search.starts: -1 is not a whole number"),
+            ("1.5", "search.starts: 1.5 is not a whole number"),
+            ('"many"', "search.starts: 'many' is not a whole number"),
+            ("true", "search.starts: True is not a whole number"),
+            ("1e9", "search.starts: 1000000000.0 is not a whole number"),
+            ("1000000000", "search.starts: 1000000000 is not a whole number"),
+            ("3\nseed = -1", "search.seed: -1 is not a whole number of at least 0"),
+        ],
+        literal=True,
+    )
 
 
 def test_a_seed_without_starts_is_refused():
@@ -157,16 +113,9 @@ def verified(self, parameters):
 @pytest.fixture(scope="module", params=["replaced", pytest.param("true", marks=pytest.mark.slow)])
 def sweeps(request):
     """Sweeps by a paraboloid, or true ones on one cloud for all, so that programs are compiled once; a list of axes without a cloud."""
-    make, made, without = DesignProblem.make_cloud, [], []
-
-    def once(self, plate, spacing=None):
-        if float(plate.holes[0].semi_axes[0]) in without:
-            raise ValueError("plate: no cloud")
-        made.extend([] if made else [make(self, plate, spacing)])
-        return made[0]
-
+    without = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(DesignProblem, "make_cloud", once)
+        one_cloud(patch, without)
         if request.param == "replaced":
             patch.setattr(search.Search, "_forward", replaced)
             patch.setattr(Study, "verify", verified)
@@ -215,24 +164,15 @@ def test_start_1_is_the_single_search(whole, tmp_path):
     design, _ = run_study(single, tmp_path)
     assert {file.name for file in tmp_path.iterdir()} == {"design.json", "best.toml", VERIFIED}
     logs = [read_log(folder)["evaluations"] for folder in (tmp_path, whole[0] / "starts" / "001")]
-    for log in logs:
-        for entry in log:
-            del entry["seconds"]
+    for entry in [*logs[0], *logs[1]]:
+        del entry["seconds"]
     assert logs[0] == logs[1]
     assert float(table(whole[0])[0]["best_value"]) == design.value
 
 
 def test_interrupted_searches_go_on_to_the_same_numbers_and_are_not_repeated(whole, tmp_path, monkeypatch):
     """Ctrl-C in the fourth sweep, the second of the second search; two starts at first."""
-    forward, calls = search.Search._forward, []
-
-    def interrupted(self, vector):
-        calls.append(vector)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        return forward(self, vector)
-
-    monkeypatch.setattr(search.Search, "_forward", interrupted)
+    calls = interrupt(monkeypatch, 4)
     with pytest.raises(KeyboardInterrupt):
         run_study(study(("starts = 3", "starts = 2")), tmp_path)
     assert [row["start"] for row in table(tmp_path)] == ["1"]

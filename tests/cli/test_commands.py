@@ -73,9 +73,8 @@ def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
     assert all(getattr(model, name) == options[name] for name in ("basis", "dmax", "solver"))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_unusable_arguments_are_one_line_and_exit_code_2(capsys):
+    for arguments, message in [
         (["rnu", "sample-1"], r"command: 'rnu' is unknown; did you mean 'run'\?"),
         (["run", "smaple-1"], r"case: unknown name 'smaple-1'; did you mean 'sample-1'\?"),
         (["run", "sample-1", "--spaceing", "1"], r"'--spaceing' is not an option of run; did you mean '--spacing'\?"),
@@ -94,15 +93,12 @@ def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
         (["plot", "nowhere"], r"'nowhere' holds no summary\.json"),
         (["plot"], "DIR"),
         ([], "COMMAND"),
-    ],
-)
-def test_unusable_arguments_are_one_line_and_exit_code_2(arguments, message, capsys):
-    check_refused(arguments, message, capsys)
+    ]:
+        check_refused(arguments, message, capsys)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_unusable_cases_are_one_line_and_exit_code_2(tmp_path, capsys):
+    for text, message in [
         (CASE + hole(0, 0, 4) + hole(3, 0, 4), r"holes\[0\], holes\[1\]"),
         (CASE + hole(30, 0, 4), r"holes\[0\].*outside the plate"),
         (CASE + hole(-4.6, 0, 5) + hole(5.6, 0, 5) + "[discretisation]\nspacing = 2.2\n", "ligament"),
@@ -110,12 +106,10 @@ def test_unusable_arguments_are_one_line_and_exit_code_2(arguments, message, cap
         (CASE + hole(0, 0, 4) + "[gel]\nchi = 2.0\n", "chi"),
         (CASE + hole(0, 0, 4) + "[sweep]\nmu = [-2.0, -2.0]\n", "mu"),
         (CASE + "[[holes]\n", "is not TOML"),
-    ],
-)
-def test_unusable_cases_are_one_line_and_exit_code_2(text, message, tmp_path, capsys):
-    (tmp_path / "case.toml").write_text(text)
-    check_refused(["run", str(tmp_path / "case.toml"), "--out", str(tmp_path / "out")], message, capsys)
-    assert not (tmp_path / "out" / "summary.json").exists()
+    ]:
+        (tmp_path / "case.toml").write_text(text)
+        check_refused(["run", str(tmp_path / "case.toml"), "--out", str(tmp_path / "out")], message, capsys)
+        assert not (tmp_path / "out" / "summary.json").exists(), text
 
 
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path, capsys):
@@ -125,11 +119,11 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, capsys):
 
 def check_refused(arguments, message, capsys):
     """The command ends with exit code 2 and one line on standard error that matches ``message``."""
-    assert cli.main(arguments) == 2
+    assert cli.main(arguments) == 2, arguments
     printed = capsys.readouterr()
-    assert re.fullmatch(r"jaxgel: error: [^\n]*\n", printed.err)
-    assert re.search(message, printed.err)
-    assert printed.out == ""
+    assert re.fullmatch(r"jaxgel: error: [^\n]*\n", printed.err), arguments
+    assert re.search(message, printed.err), (arguments, printed.err)
+    assert printed.out == "", arguments
 
 
 def test_a_sweep_that_stops_early_is_exit_code_3_with_its_reason(path, tmp_path, monkeypatch, capsys):
@@ -209,12 +203,12 @@ def test_samples_lists_every_case(capsys):
     assert names == [f"sample-{i}" for i in range(1, 10)] + ["lattice", "square"]
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["plot", "--help"], ["--version"]])
-def test_help_and_version_are_exit_code_0(arguments, capsys):
-    with pytest.raises(SystemExit) as end:
-        cli.main(arguments)
-    assert end.value.code == 0
-    assert "jaxgel" in capsys.readouterr().out
+def test_help_and_version_are_exit_code_0(capsys):
+    for arguments in (["--help"], ["run", "--help"], ["plot", "--help"], ["--version"]):
+        with pytest.raises(SystemExit) as end:
+            cli.main(arguments)
+        assert end.value.code == 0
+        assert "jaxgel" in capsys.readouterr().out
 
 
 def test_the_version_is_that_of_the_project(capsys):

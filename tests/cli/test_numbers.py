@@ -2,6 +2,7 @@
 
 import copy
 import functools
+import itertools
 import json
 import math
 import re
@@ -67,6 +68,7 @@ def leaves(tree, path=()):
 
 
 ENTRIES = [(name, path) for name, table in CASES.items() for path in leaves(table) if not (name.startswith("hole") and path[0] == "plate")]
+QUICK = [name for name in CASES if not name.startswith("hole") or name in ("hole circle", "hole ellipse")]
 COMMANDS = dict.fromkeys(("run", "critical", "loop", "check-grad", "outline"), "square") | {
     "waves": "cell.toml",
     "design": "no.toml",
@@ -83,27 +85,13 @@ CELL = """
 plate = { width = 4.0, height = 4.0, spacing = 0.8, nodes_per_hole = 12, edges = "periodic" }
 holes = [{ kind = "circle", centre = [0.0, 0.0], radius = 1.1 }]
 """
+OF_CLOUDS = {"plate", "holes", "regions", "spacing", "nodes_per_hole", "across"}  # each of their numbers makes programs of its own
 NUMERIC = {parser._real, parser._reals, parser._whole, parser._steps}
 
 
-def entries():
-    """``ENTRIES``, slow where a parameter of a hole was walked for another kind, and for kinds other than circles and ellipses."""
-    walked, marked = set(), []
-    for name, path in ENTRIES:
-        again = name.startswith("hole") and (path[2] in walked or name not in ("hole circle", "hole ellipse"))
-        marked.append(pytest.param(name, path, marks=[pytest.mark.slow] * again, id=f"{name}-{'.'.join(map(str, path))}"))
-        walked |= {path[2]} if name.startswith("hole") else set()
-    return marked
-
-
-def options():
-    """(command, option) of every option that takes a number."""
-    return [
-        (name, action.option_strings[0])
-        for name, command in parser.parser()[1].items()
-        for action in command._actions
-        if action.type in NUMERIC
-    ]
+def options(command):
+    """Every option of a command that takes a number."""
+    return [action.option_strings[0] for action in parser.parser()[1][command]._actions if action.type in NUMERIC]
 
 
 def toml(table):
@@ -124,49 +112,66 @@ def changed(table, path, number):
 
 
 @pytest.fixture
-def ends(monkeypatch, capsys, tmp_path):
-    """Function that runs a command up to its sweep and asserts that it ends as it should."""
+def fault(monkeypatch, capsys, tmp_path):
+    """Function that runs a command up to its sweep: how it ends other than it should, and what it printed."""
 
     def stop(*_, **__):
         raise SweepFailed("sweep: reached")
 
-    for name in ("path", "critical_points", "loop"):
+    for name in ("critical_points", "loop"):
         monkeypatch.setattr(f"jaxgel.cases.case.Case.{name}", stop)
     monkeypatch.setattr("jaxgel.cloud.checks.MAX_NODES", 2000)  # so that what is accepted is quick
+    monkeypatch.setattr("jaxgel.bifurcation.imperfections.critical_points", stop)
+    monkeypatch.setattr("jaxgel.bifurcation.imperfections.sweep", stop)
     monkeypatch.setattr("jaxgel.cli.taylor_test.check_gradient", stop)
     monkeypatch.setattr("jaxgel.cli.wave_runs.lattice_onset", stop)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cell.toml").write_text(CELL)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
-    def run(arguments):
-        code = cli.main(arguments)
+    def run(arguments, without_model=False):
+        with monkeypatch.context() as patch:
+            if without_model:
+                patch.setattr("jaxgel.discretisation.DiscretisationOptions.model", stop)
+            code = cli.main(arguments)
         error = capsys.readouterr().err
-        assert code in (0, 2, 3), error
-        assert re.fullmatch(r"(jaxgel: [^\n]*\n)?", error)
-        assert (code == 0) == (error == "")
-        return code, error
+        wrong = code not in (0, 2, 3) or not re.fullmatch(r"(jaxgel: [^\n]*\n)?", error) or (code == 0) != (error == "")
+        return (f"exit code {code} and {error!r}" if wrong else ""), code, error
 
     yield run
     assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 < GIBIBYTE
 
 
-@pytest.mark.parametrize(("command", "option"), options())
-def test_a_numeric_option_ends_in_a_result_or_one_line(command, option, ends):
-    for number in NUMBERS:
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_numeric_option_ends_in_a_result_or_one_line(command, fault):
+    faults = []
+    for option, number in itertools.product(options(command), NUMBERS):
         word = repr(number) if isinstance(number, float) and not number.is_integer() else f"{number:.0f}"
-        code, error = ends([command, COMMANDS[command], f"{option}={word}", *BESIDE.get(option, ())])
+        moves = option.strip("-").replace("-", "_") in OF_CLOUDS
+        text, code, error = fault([command, COMMANDS[command], f"{option}={word}", *BESIDE.get(option, ())], without_model=moves)
         if code == 2 and command not in ("design", "map", "resume"):
-            assert option.strip("-").replace("-", "_") in error.replace("-", "_") or "mu" in option or "dmax" in option or option in BESIDE
+            named = option.strip("-").replace("-", "_") in error.replace("-", "_")
+            text = text or ("" if named or "mu" in option or "dmax" in option or option in BESIDE else f"{option} is not in {error!r}")
+        faults += [f"{option}={word}: {text}"] * bool(text)
+    assert not faults, "\n".join(faults)
 
 
-@pytest.mark.parametrize(("name", "path"), entries())
-def test_a_number_of_a_case_ends_in_a_result_or_one_line(name, path, ends, tmp_path):
-    whole = isinstance(functools.reduce(lambda part, key: part[key], path, CASES[name]), int)
-    for number in NUMBERS:
-        number = int(number) if whole and math.isfinite(number) and number == int(number) else number
-        (tmp_path / "case.toml").write_text(toml(changed(CASES[name], path, number)))
-        ends(["run", "case.toml", "--no-plots", "--quiet"])
+@pytest.mark.parametrize(
+    ("name", "whole"), [(name, False) for name in QUICK] + [pytest.param(name, True, marks=pytest.mark.slow) for name in CASES]
+)
+def test_a_number_of_a_case_ends_in_a_result_or_one_line(name, whole, fault, tmp_path):
+    """Up to its cloud, or if no node moves to its model; the slow tests go up to the model of every cloud."""
+    faults = []
+    for path, number in itertools.product([path for case, path in ENTRIES if case == name], NUMBERS):
+        own = functools.reduce(lambda part, key: part[key], path, CASES[name])
+        given = int(number) if isinstance(own, int) and math.isfinite(number) and number == int(number) else number
+        (tmp_path / "case.toml").write_text(toml(changed(CASES[name], path, given)))
+        text, *_ = fault(
+            ["run", "case.toml", "--no-plots", "--quiet"],
+            not whole and bool({"plate", "holes", "regions", "spacing", "nodes_per_hole", "across"} & {*path}),
+        )
+        faults += [f"{'.'.join(map(str, path))} = {given}: {text}"] * bool(text)
+    assert not faults, "\n".join(faults)
 
 
 def test_every_number_of_the_schema_is_walked():
@@ -182,3 +187,7 @@ def test_every_number_of_the_schema_is_walked():
     walked = {key for _, path in ENTRIES for key in path if isinstance(key, str)}
     drawings = {"number", "tolerance", "scale", "centre"}  # of a hole from a file
     assert numeric(case_schema()) - drawings - {"left", "right", "bottom"} <= walked
+
+
+def test_every_command_with_numbers_is_walked():
+    assert {name for name in parser.parser()[1] if options(name)} == set(COMMANDS)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.cases import from_table
+from jaxgel.cases import case_text, from_table
 from jaxgel.cli import command_line as cli
 from jaxgel.cli import taylor_test as module
 from jaxgel.cli.taylor_test import FILE, OBJECTIVES, RATE, check_gradient, differentiable
@@ -21,30 +21,6 @@ TABLE = dict(
     sweep=dict(mu_start=-3.0, mu_end=-1.8, steps=2),
     discretisation=dict(spacing=1.2, nodes_per_hole=8),
 )
-CASE = """
-[plate]
-width = 8.0
-height = 8.0
-edges = { top = "free" }
-
-[[holes]]
-kind = "ellipse"
-centre = [0.3, -0.2]
-semi_axes = [2.4, 1.6]
-angle = 0.4
-
-[gel]
-Nv = 1e-2
-chi = 0.1
-
-[sweep]
-mu_start = -3.0
-mu_end = -1.8
-
-[discretisation]
-spacing = 1.2
-nodes_per_hole = 8
-"""
 
 
 @pytest.fixture(scope="module")
@@ -123,10 +99,9 @@ def test_a_remainder_of_nan_is_a_failure_and_round_off_is_none(rows):
     assert dataclasses.replace(rows[0], difference=1e-12, slope=0.0, remainders=(1e-13,) * 3).ok
 
 
-def test_the_command_prints_and_writes_the_table(tmp_path, capsys, monkeypatch, rows):
-
+def test_the_command_prints_and_writes_the_table(case, tmp_path, capsys, monkeypatch, rows):
     monkeypatch.setattr(module, "check_gradient", lambda *_, **__: rows)
-    (tmp_path / "small.toml").write_text(CASE)
+    (tmp_path / "small.toml").write_text(case_text(case))
     assert cli.main(["check-grad", str(tmp_path / "small.toml"), "--states", "2", "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out.splitlines()
     written = list(csv.DictReader((tmp_path / "out" / FILE).read_text().splitlines()))
@@ -142,15 +117,8 @@ def test_the_command_prints_and_writes_the_table(tmp_path, capsys, monkeypatch, 
     assert capsys.readouterr().err == said
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["check-grad"], "CASE"),
-        (["check-grad", "smaple-1"], "did you mean 'sample-1'"),
-        (["check-grad", "sample-1", "--states", "x"], "states"),
-    ],
-)
-def test_unusable_arguments_are_one_line_and_exit_code_2(arguments, message, capsys):
-    assert cli.main(arguments) == 2
-    error = capsys.readouterr().err
-    assert message in error and error.count("\n") == 1
+def test_unusable_arguments_are_one_line_and_exit_code_2(capsys):
+    for arguments, message in ([], "CASE"), (["smaple-1"], "did you mean 'sample-1'"), (["sample-1", "--states", "x"], "states"):
+        assert cli.main(["check-grad", *arguments]) == 2
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1

@@ -197,20 +197,19 @@ def test_number_of_chosen_steps_is_limited(tiny_model):
     assert len(path) == 2
 
 
-@pytest.mark.parametrize(
-    ("mu", "message"),
-    [
-        ([-1.0, np.nan], r"mu: \[-1.0, nan\] is not accepted, it must be a list of finite numbers"),
-        ([np.inf], r"mu: \[inf\] is not accepted"),
-        ([], r"mu: \[\] is not accepted"),
-        ([[-1.0, -0.5]], r"mu: \[\[-1.0, -0.5\]\] is not accepted"),
-        ([-1.0, -0.5, -0.5], r"mu: -0.5 is followed by -0.5, the values must differ from one to the next"),
-        ((-1.0, -1.0), r"mu: -1 is followed by -1, the values must differ"),
-    ],
-)
-def test_unusable_mu_is_refused(mu, message, tiny_model):
-    with pytest.raises(ValueError, match=f"^{message}"):
-        jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), mu)
+def test_unusable_mu_is_refused(tiny_model, refused):
+    refused(
+        lambda mu: jaxgel.sweep(jaxgel.Problem(tiny_model, tiny_model.cloud.plate.gel), mu),
+        [
+            ([-1.0, np.nan], r"mu: \[-1.0, nan\] is not accepted, it must be a list of finite numbers"),
+            ([np.inf], r"mu: \[inf\] is not accepted"),
+            ([], r"mu: \[\] is not accepted"),
+            ([[-1.0, -0.5]], r"mu: \[\[-1.0, -0.5\]\] is not accepted"),
+            ([-1.0, -0.5, -0.5], r"mu: -0.5 is followed by -0.5, the values must differ from one to the next"),
+            ((-1.0, -1.0), r"mu: -1 is followed by -1, the values must differ"),
+        ],
+        start=True,
+    )
 
 
 def test_a_tuple_means_the_same_states_as_a_list(tiny_model):

@@ -93,31 +93,36 @@ def test_hole_from_a_file_becomes_numbers_of_the_case(tmp_path):
     np.testing.assert_allclose(shapely.Polygon(polygon.vertices).centroid.coords[0], [1.0, 0.0], atol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "entries", "message"),
-    [
-        ("a.png", "", {}, r"^file: '.*a.png' is not a .csv, .dxf or .svg file$"),
-        ("a.csv", "1,2\n3\n", {}, "^file: .* is no drawing that can be read: row 2: number of columns 1; give two columns x and y, .*$"),
-        ("a.svg", "<svg", {}, "^file: .* is no drawing that can be read: "),
-        ("a.dxf", "rubbish", {}, "^file: cannot read .*a.dxf.* is not a DXF file.$"),
-        ("a.csv", "0,0\n2,0\n2,2\n0,2\n", {"number": 1}, r"^holes\[0\].number: 1 is not one of the 1 closed outlines of 'a.csv'"),
-        ("a.csv", "0,0\n2,0\n2,2\n0,2\n", {"fit": "spline"}, r"^holes\[0\].fit: 'spline' is unknown; accepted: fourier, polygon$"),
-        (
-            "a.csv",
-            "0,0\n2,0\n2,2\n0,2\n",
-            {"tolerance": 1e-3},
-            r"^holes\[0\].fit: 24 terms miss the outline by .*fit = 'polygon'$",
-        ),
-        ("a.csv", "0,0\n2,2\n2,0\n0,2\n", {}, r"^holes\[0\].file: outline 0 of 'a.csv' crosses itself or has no area$"),
-    ],
-)
-def test_drawing_that_cannot_be_used_is_refused_in_one_line(name, content, entries, message, tmp_path):
-    (tmp_path / name).write_text(content)
-    lines = "".join(f"{key} = {value!r}\n" for key, value in entries.items())
-    (tmp_path / "case.toml").write_text(f"[plate]\nwidth = 9.0\nheight = 9.0\n[[holes]]\nkind = 'outline'\nfile = '{name}'\n{lines}")
-    with pytest.raises(ValueError, match=message) as problem:
+def test_drawing_that_cannot_be_used_is_refused_in_one_line(tmp_path, refused):
+    def attempt(name, content, entries):
+        (tmp_path / name).write_text(content)
+        lines = "".join(f"{key} = {value!r}\n" for key, value in entries.items())
+        (tmp_path / "case.toml").write_text(f"[plate]\nwidth = 9.0\nheight = 9.0\n[[holes]]\nkind = 'outline'\nfile = '{name}'\n{lines}")
         load_case(tmp_path / "case.toml")
-    assert "\n" not in str(problem.value)
+
+    refused(
+        attempt,
+        [
+            ("a.png", "", {}, r"^file: '.*a.png' is not a .csv, .dxf or .svg file$"),
+            (
+                "a.csv",
+                "1,2\n3\n",
+                {},
+                "^file: .* is no drawing that can be read: row 2: number of columns 1; give two columns x and y, .*$",
+            ),
+            ("a.svg", "<svg", {}, "^file: .* is no drawing that can be read: "),
+            ("a.dxf", "rubbish", {}, "^file: cannot read .*a.dxf.* is not a DXF file.$"),
+            ("a.csv", "0,0\n2,0\n2,2\n0,2\n", {"number": 1}, r"^holes\[0\].number: 1 is not one of the 1 closed outlines of 'a.csv'"),
+            ("a.csv", "0,0\n2,0\n2,2\n0,2\n", {"fit": "spline"}, r"^holes\[0\].fit: 'spline' is unknown; accepted: fourier, polygon$"),
+            (
+                "a.csv",
+                "0,0\n2,0\n2,2\n0,2\n",
+                {"tolerance": 1e-3},
+                r"^holes\[0\].fit: 24 terms miss the outline by .*fit = 'polygon'$",
+            ),
+            ("a.csv", "0,0\n2,2\n2,0\n0,2\n", {}, r"^holes\[0\].file: outline 0 of 'a.csv' crosses itself or has no area$"),
+        ],
+    )
 
 
 def test_outline_in_a_study_says_where_it_belongs():

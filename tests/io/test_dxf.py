@@ -262,21 +262,21 @@ def read(file):
 
 
 @pytest.mark.parametrize("beside", [False, True], ids=["alone", "beside a circle"])
-@pytest.mark.parametrize(("draw", "areas", "left_out"), SHOWN.values(), ids=SHOWN)
-def test_drawing_is_taken_as_a_viewer_shows_it(draw, areas, left_out, beside, tmp_path):
-    document = ezdxf.new(units=ezdxf.units.MM)
-    if beside:
-        document.modelspace().add_circle((-50, -50), 2)
-    draw(document.modelspace())
-    document.saveas(tmp_path / "a.dxf")
-    found, text = read(tmp_path / "a.dxf")
-    areas = [4 * np.pi] * beside + areas
-    assert sorted(found) == pytest.approx(sorted(areas), rel=AREA)
-    name = repr(str(tmp_path / "a.dxf"))
-    if areas:
-        assert text == (f"file: {name} is read without {left_out}" if left_out else "")
-    else:
-        assert text == f"file: {name} has no closed outline; left out: {left_out}"
+def test_drawing_is_taken_as_a_viewer_shows_it(beside, tmp_path):
+    faults, file = [], tmp_path / "a.dxf"
+    for name, (draw, areas, left_out) in SHOWN.items():
+        document = ezdxf.new(units=ezdxf.units.MM)
+        if beside:
+            document.modelspace().add_circle((-50, -50), 2)
+        draw(document.modelspace())
+        document.saveas(file)
+        found, text = read(file)
+        areas = [4 * np.pi] * beside + areas
+        without = f"file: {str(file)!r} is read without {left_out}" if left_out else ""
+        wanted = without if areas else f"file: {str(file)!r} has no closed outline; left out: {left_out}"
+        if text != wanted or sorted(found) != pytest.approx(sorted(areas), rel=AREA):
+            faults.append(f"{name}: {found} instead of {areas}, {text!r} instead of {wanted!r}")
+    assert not faults, "\n".join(faults)
 
 
 INCH = 25.4
@@ -286,23 +286,19 @@ LENGTHS = [  # mm, by $INSUNITS
 ]
 
 
-@pytest.mark.parametrize("unit", [None, *range(25)])
-def test_length_has_the_unit_of_the_file(unit, tmp_path):
+def test_length_has_the_unit_of_the_file(tmp_path):
     """As text: without a header, but with a comment that names the variable, or with no more than the unit.
 
     Astronomical lengths to four digits, others to eight.
     """
-    header = (
-        [(999, "no $INSUNITS")]
-        if unit is None
-        else [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1021"), (9, "$INSUNITS"), (70, unit)]
-    )
     circle = [(0, "SECTION"), (2, "ENTITIES"), (0, "CIRCLE"), (8, "0"), (10, 0.0), (20, 0.0), (40, 5.0), (0, "ENDSEC"), (0, "EOF")]
-    tags = [*header, *[(0, "ENDSEC")] * (unit is not None), *circle]
-    (tmp_path / "a.dxf").write_text("".join(f"{code}\n{value}\n" for code, value in tags))
-    (outline,) = read_outlines(tmp_path / "a.dxf")
-    size = 1 if unit is None else LENGTHS[unit]
-    assert np.linalg.norm(outline, axis=1) == pytest.approx(5 * size, rel=1e-4 if size > 1e13 else 1e-8)
+    for unit in (None, *range(25)):
+        header = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1021"), (9, "$INSUNITS"), (70, unit), (0, "ENDSEC")]
+        tags = [*([(999, "no $INSUNITS")] if unit is None else header), *circle]
+        (tmp_path / "a.dxf").write_text("".join(f"{code}\n{value}\n" for code, value in tags))
+        (outline,) = read_outlines(tmp_path / "a.dxf")
+        size = 1 if unit is None else LENGTHS[unit]
+        assert np.linalg.norm(outline, axis=1) == pytest.approx(5 * size, rel=1e-4 if size > 1e13 else 1e-8), unit
 
 
 def test_entities_that_are_not_known_are_counted(tmp_path):

@@ -204,26 +204,19 @@ LEFT_OUT = {  # elements: kind, reason and number of what is left out
 }
 
 
-def check(body, expected, omissions, folder):
-    read = drawing(body, folder)
-    np.testing.assert_allclose(sorted(areas(read.outlines)), sorted(expected), rtol=1e-3)  # chords within 1e-4 of the size
-    assert {(kind, reason): count for (kind, _, reason), count in read.omissions.items()} == omissions
-
-
-@pytest.mark.parametrize("name", SHOWN)
-def test_outlines_are_those_that_a_viewer_shows(name, tmp_path):
-    """Alone, and before a circle."""
-    body, expected = SHOWN[name]
-    check(body, expected, {}, tmp_path)
-    check(body + '<circle cx="15" cy="15" r="2" style="all:unset"/>', [*expected, DISC], {}, tmp_path)
-
-
-@pytest.mark.parametrize("name", LEFT_OUT)
-def test_what_is_not_taken_is_counted(name, tmp_path):
-    """Alone, and after a circle."""
-    body, omissions = LEFT_OUT[name]
-    check(body, [], omissions, tmp_path)
-    check(CIRCLE + body, [DISC], omissions, tmp_path)
+@pytest.mark.parametrize("beside", [False, True], ids=["alone", "beside a circle"])
+def test_outlines_are_those_that_a_viewer_shows_and_what_is_not_taken_is_counted(beside, tmp_path):
+    """Before a circle, or after it what is left out."""
+    faults = []
+    rows = [(name, body, f'{body}<circle cx="15" cy="15" r="2" style="all:unset"/>', shown, {}) for name, (body, shown) in SHOWN.items()]
+    rows += [(name, body, CIRCLE + body, [], omissions) for name, (body, omissions) in LEFT_OUT.items()]
+    for name, alone, with_circle, shown, omissions in rows:
+        read = drawing(with_circle if beside else alone, tmp_path)
+        found, wanted = sorted(areas(read.outlines)), sorted([*shown, *[DISC] * beside])
+        counted = {(kind, reason): count for (kind, _, reason), count in read.omissions.items()}
+        if found != pytest.approx(wanted, rel=1e-3) or counted != omissions:  # chords within 1e-4 of the size
+            faults.append(f"{name}: {found} instead of {wanted}, without {counted} instead of {omissions}")
+    assert not faults, "\n".join(faults)
 
 
 SQUARE, TEN = '<rect width="10" height="10"/>', '<circle cx="5" cy="5" r="5"/>'
@@ -257,11 +250,10 @@ SIZES = {  # root and elements: width of the outline in mm, height if it differs
 }
 
 
-@pytest.mark.parametrize("name", SIZES)
-def test_size_is_the_one_that_the_file_declares(name, tmp_path):
-    root, body, *size = SIZES[name]
-    (outline,) = drawing(body, tmp_path, root).outlines
-    np.testing.assert_allclose(np.ptp(outline, axis=0), np.resize(size, 2), rtol=2e-3)
+def test_size_is_the_one_that_the_file_declares(tmp_path):
+    for name, (root, body, *size) in SIZES.items():
+        (outline,) = drawing(body, tmp_path, root).outlines
+        np.testing.assert_allclose(np.ptp(outline, axis=0), np.resize(size, 2), rtol=2e-3, err_msg=name)
 
 
 def test_outlines_lie_where_the_file_has_them(tmp_path):

@@ -237,24 +237,21 @@ def family(T):
     return Pnipam(temperature=T)
 
 
-@pytest.mark.parametrize(
-    ("call", "text"),
-    [
-        (lambda: homogeneous_states(Pnipam(), swelling="free"), "swelling: 'free' is not one of isotropic, plane strain, uniaxial"),
-        (lambda: homogeneous_states(Pnipam(), np.zeros(2)), "mu: .*must be a finite number"),
-        (lambda: homogeneous_states(Pnipam(temperature=lambda X: X[0])), "gel: a gel that varies"),
-        (lambda: homogeneous_states(Composite(Gel(), (Gel(),))), "gel: a gel that varies"),
-        (lambda: homogeneous_states(Pnipam(temperature=305.0)), "temperature: 305"),
-        (lambda: coexistence(family, between=(20.0, 305.0)), r"temperature: \d+.* degrees Celsius"),
-        (lambda: coexistence(family), "between: None"),
-        (lambda: coexistence(family, between=(45.0, 20.0)), r"between: \(45.0, 20.0\) is not accepted"),
-        (lambda: coexistence(family, mu=np.nan, between=RANGE), "mu: nan"),
-        (lambda: limits_of_stability(Pnipam(), mu=0.0), "mu, between: not accepted with a gel"),
-        (lambda: limits_of_stability(Gel(network=lambda F, gel: F[0, 0])), "network: .*must be neo_hookean"),
-        (lambda: jax.jit(lambda T: homogeneous_states(Pnipam(temperature=T)).J)(30.0), "jax.jit"),
-    ],
-)
-def test_input_is_refused_in_one_line(call, text):
-    with pytest.raises(ValueError, match=text) as problem:
-        call()
-    assert "\n" not in str(problem.value)
+def test_input_is_refused_in_one_line(refused):
+    refused(
+        lambda call: call(),
+        [
+            (lambda: homogeneous_states(Pnipam(), swelling="free"), "swelling: 'free' is not one of isotropic, plane strain, uniaxial"),
+            (lambda: homogeneous_states(Pnipam(), np.zeros(2)), "mu: .*must be a finite number"),
+            (lambda: homogeneous_states(Pnipam(temperature=lambda X: X[0])), "gel: a gel that varies"),
+            (lambda: homogeneous_states(Composite(Gel(), (Gel(),))), "gel: a gel that varies"),
+            (lambda: homogeneous_states(Pnipam(temperature=305.0)), "temperature: 305"),
+            (lambda: coexistence(family, between=(20.0, 305.0)), r"temperature: \d+.* degrees Celsius"),
+            (lambda: coexistence(family), "between: None"),
+            (lambda: coexistence(family, between=(45.0, 20.0)), r"between: \(45.0, 20.0\) is not accepted"),
+            (lambda: coexistence(family, mu=np.nan, between=RANGE), "mu: nan"),
+            (lambda: limits_of_stability(Pnipam(), mu=0.0), "mu, between: not accepted with a gel"),
+            (lambda: limits_of_stability(Gel(network=lambda F, gel: F[0, 0])), "network: .*must be neo_hookean"),
+            (lambda: jax.jit(lambda T: homogeneous_states(Pnipam(temperature=T)).J)(30.0), "jax.jit"),
+        ],
+    )

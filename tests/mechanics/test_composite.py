@@ -193,19 +193,19 @@ def test_rotations_with_inclusions_are_those_of_finite_elements(kinematics, mate
     assert float(jaxgel.core_rotation(path)[-1]) == pytest.approx(rotation, rel=5e-3)
 
 
-@pytest.mark.parametrize(
-    ("gel", "words"),
-    [
-        (Composite(GEL, ()), "a Composite of 0 regions does not fit a plate of 1"),
-        (Composite(GEL, (Elastomer(0.1, -1.0),)), r"regions\[0\]: bulk: -1 is not accepted"),
-        (Composite(GEL, (Gel(-1.0, 0.1),)), r"regions\[0\]: Nv: -1 is not accepted"),
-        (Composite(GEL, (3.0,)), r"regions\[0\]: 3.0 is neither an Elastomer nor a Gel"),
-        (Composite(GEL, (Gel(1e-3, 0.1, network=jaxgel.Gent(50.0)),)), r"regions\[0\]: its network is .* must be that of the matrix"),
-        (Composite(GEL, (Gel(lambda X: X[0], 0.1),)), r"Nv: -.* at .* mm is not accepted"),
-    ],
-)
-def test_composites_that_do_not_fit_are_refused_in_one_line(gel, words):
-    model = discretise(make_cloud(Plate(2.0, 2.0, edges=HELD, regions=[LAYER], spacing=0.5)))
-    with pytest.raises(ValueError, match=words) as problem:
+def test_composites_that_do_not_fit_are_refused_in_one_line(refused):
+    def attempt(gel):
+        model = discretise(make_cloud(Plate(2.0, 2.0, edges=HELD, regions=[LAYER], spacing=0.5)))
         sweep(Problem(model, gel), [-3.0])
-    assert "\n" not in str(problem.value)
+
+    refused(
+        attempt,
+        [
+            (Composite(GEL, ()), "a Composite of 0 regions does not fit a plate of 1"),
+            (Composite(GEL, (Elastomer(0.1, -1.0),)), r"regions\[0\]: bulk: -1 is not accepted"),
+            (Composite(GEL, (Gel(-1.0, 0.1),)), r"regions\[0\]: Nv: -1 is not accepted"),
+            (Composite(GEL, (3.0,)), r"regions\[0\]: 3.0 is neither an Elastomer nor a Gel"),
+            (Composite(GEL, (Gel(1e-3, 0.1, network=jaxgel.Gent(50.0)),)), r"regions\[0\]: its network is .* must be that of the matrix"),
+            (Composite(GEL, (Gel(lambda X: X[0], 0.1),)), r"Nv: -.* at .* mm is not accepted"),
+        ],
+    )

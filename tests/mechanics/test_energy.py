@@ -234,18 +234,17 @@ def test_column_under_its_weight_follows_the_one_dimensional_equation(square_mod
     np.testing.assert_allclose(path.x[-1][:, 0], nodes[:, 0], atol=0.006 * sag)
 
 
-@pytest.mark.parametrize(
-    ("load", "message"),
-    [
-        ({"traction": {"topp": (0.0, 1.0)}}, r"traction: unknown edge 'topp'; did you mean 'top'"),
-        ({"traction": {"top": 1.0}}, r"traction: top: shape \(\) is not accepted, give a vector \(2,\)"),
-        ({"body_force": (0.0, 0.0, 1.0)}, r"body_force: shape \(3,\) is not accepted"),
-        ({"body_force": lambda X: X[0]}, r"body_force: shape \(\) is not accepted"),
-    ],
-)
-def test_unusable_loads_are_refused(load, message, tiny_model):
-    with pytest.raises(ValueError, match=f"^{message}"):
-        jaxgel.load_vector(tiny_model, **load)
+def test_unusable_loads_are_refused(tiny_model, refused):
+    refused(
+        lambda load: jaxgel.load_vector(tiny_model, **load),
+        [
+            ({"traction": {"topp": (0.0, 1.0)}}, r"traction: unknown edge 'topp'; did you mean 'top'"),
+            ({"traction": {"top": 1.0}}, r"traction: top: shape \(\) is not accepted, give a vector \(2,\)"),
+            ({"body_force": (0.0, 0.0, 1.0)}, r"body_force: shape \(3,\) is not accepted"),
+            ({"body_force": lambda X: X[0]}, r"body_force: shape \(\) is not accepted"),
+        ],
+        start=True,
+    )
 
 
 def test_forces_at_a_given_pressure_are_those_of_the_mixed_form(tiny_model):

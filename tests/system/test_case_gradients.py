@@ -59,20 +59,6 @@ def round_off(path):
 
 
 @pytest.mark.slow
-def test_slope_by_chi_on_the_buckled_branch_is_the_difference(buckling_model):
-    gel = buckling_model.cloud.plate.gel
-
-    def turned(chi):
-        path = jaxgel.sweep(jaxgel.Problem(buckling_model, jaxgel.Gel(gel.Nv, chi), contact=False), [-1.9, -1.4])
-        return jaxgel.core_rotation(path)[-1] ** 2  # either side will do
-
-    value, slope = jax.jvp(turned, (0.01,), (1.0,))
-    assert value > 1  # it has buckled
-    difference = (turned(0.01 + 1e-5) - turned(0.01 - 1e-5)) / 2e-5
-    np.testing.assert_allclose(slope, difference, rtol=1e-6)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_derivatives_on_the_buckled_branch_are_those_of_the_resolved_problem(name, cloud_of):
     objectives = Objectives(name, cloud_of(name))
@@ -90,8 +76,9 @@ def test_derivatives_on_the_buckled_branch_are_those_of_the_resolved_problem(nam
     room = max(1e-10, round_off(path)) * scale  # 4e-8 for the lattice, of which it takes 9e-9
     np.testing.assert_array_less(np.abs(forward - sum(parts.sum(axis=1) for parts in terms.values())), room)
 
-    for moved in [steps] if name == "lattice" else [{family: step} for family, step in steps.items()]:  # its sweeps take seconds
+    for moved in [steps, {"Nv": steps["Nv"], "chi": -steps["chi"], "mu": -steps["mu"]}][: 1 if name == "lattice" else 2]:  # seconds each
         back = {family: -step for family, step in moved.items()}
-        difference, parts = (objectives(start | moved) - objectives(start | back)) / 2, [terms[family] for family in moved]
+        difference = (objectives(start | moved) - objectives(start | back)) / 2
+        parts = [np.array([np.ravel(gradient[family] * step) for gradient in gradients]) for family, step in moved.items()]
         room = 1e-6 * (np.abs(difference) + 1e-2 * sum(np.abs(part).sum(axis=1) for part in parts))  # of its terms, where they cancel
         np.testing.assert_array_less(np.abs(sum(part.sum(axis=1) for part in parts) - difference), room)

@@ -8,30 +8,21 @@ from xml.etree import ElementTree
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from studies import TINY, killed
 
-from jaxgel import Observer
-from jaxgel.cases import load_case, load_path
+from jaxgel.cases import load_path
 from jaxgel.cases.page import page
 from jaxgel.cli import command_line as cli
-from jaxgel.io import Progress, Recorder, export, load_run, swollen_gel, write_outline, write_series
+from jaxgel.io import Progress, export, load_run, swollen_gel, write_outline, write_series
 from jaxgel.observables import COLUMNS, events, history
 from jaxgel.plotting import plot_curve, plot_curves, plot_pattern, plot_patterns
 
-CASE = """
-[plate]
-width = 4.0
-height = 4.0
-edges = { top = "free" }
-[[holes]]
-kind = "circle"
-centre = [0.1, -0.2]
-radius = 1.1
+CASE = (
+    TINY
+    + """
 [gel]
 Nv = 1e-3
 chi = 0.1
-[discretisation]
-spacing = 0.6666666666666666
-nodes_per_hole = 12
 [sweep]
 control = "chi"
 from = 0.5
@@ -40,26 +31,13 @@ back = true
 steps = "auto"
 at_mu = -2.0
 """
-
-
-class Interrupted(Recorder):
-    """A recorder that keeps the folder as it was after every step."""
-
-    def __call__(self, step):
-        super().__call__(step)
-        shutil.copytree(self.folder, self.folder.with_name(f"after-{len(self.records)}"))
+)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Folder of the whole run, next to it those of the same run killed after k states."""
-    parent = tmp_path_factory.mktemp("driven")
-    (parent / "case.toml").write_text(CASE)
-    case = load_case(parent / "case.toml")
-    recorder = Interrupted(parent / "whole", case, case.problem(case.model()))
-    path = case.path(recorder.model, observer=Observer(accepted=recorder))
-    recorder.finish("complete", path.stop_text, path.stop)
-    return parent / "whole"
+    return killed(CASE, tmp_path_factory.mktemp("driven"))[0]
 
 
 @pytest.fixture(scope="module")
@@ -87,10 +65,10 @@ def test_a_killed_run_goes_on_from_its_last_state_by_way_of_the_turning_point(st
     whole = load_run(folder)
     count = len(whole.mu)
     k = {"middle": count // 2 + 1, "all but one": count - 1}.get(states, states)
-    killed = tmp_path / f"after-{k}"
-    shutil.copytree(folder.with_name(killed.name), killed)
-    assert cli.main(["resume", str(killed), "--quiet", "--no-plots"]) == 0
-    run = load_run(killed)
+    copy = tmp_path / f"after-{k}"
+    shutil.copytree(folder.with_name(copy.name), copy)
+    assert cli.main(["resume", str(copy), "--quiet", "--no-plots"]) == 0
+    run = load_run(copy)
     np.testing.assert_array_equal(run.x[:k], whole.x[:k])
     assert (run.value[0], run.value.min(), run.value[-1]) == (0.5, 0.3, 0.5)
     for value in (0.3, 0.5):

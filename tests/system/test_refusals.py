@@ -12,37 +12,34 @@ OBSERVABLES = [
     *("area_reduction", "area_reduction_per_hole", "core_rotation", "rotation_angle", "surface_ratio", "crease_indicator", "min_gap"),
     *("outlines", "volume_ratio", "cauchy_stress", "macroscopic_deformation", "history", "field_values"),
 ]
+KINDS = [("model", " Model"), ("gel", " gel such as"), ("path", " Path")]
 GEL, TURN = jaxgel.Gel(1e-3, 0.1), 2 * np.pi * np.arange(50) / 50
 RING = np.stack([np.cos(TURN), 0.7 * np.sin(TURN)], axis=1)
 
 
-@pytest.mark.parametrize("solve", [jaxgel.sweep, jaxgel.critical_points, jaxgel.loop])
-def test_models_and_gels_are_told_from_other_arguments(solve, tiny_model, tiny_plate):
-    for model, gel, message in [
-        (tiny_plate, GEL, r"^model: an argument of the kind Plate is not accepted; give a Model"),
-        (GEL, tiny_model, r"^model: an argument of the kind Gel is not accepted; give a Model"),
-        (tiny_model, jaxgel.Gel, r"^gel: the class Gel is not accepted; give a gel such as"),
-        (tiny_model, {"Nv": 1e-3}, r"^gel: an argument of the kind dict is not accepted; give a gel such as"),
-    ]:
-        with pytest.raises(ValueError, match=message):
-            solve(jaxgel.Problem(model, gel), (-3.0, -2.0))
-
-
-def test_other_functions_tell_models_paths_and_points_from_other_arguments(tiny_model, tiny_plate):
-    for call, message in [
-        (lambda: jaxgel.lattice_onset(jaxgel.Problem(tiny_plate, GEL), (-3.0, -2.0)), r"^model: an argument of the kind Plate"),
-        (lambda: jaxgel.load_vector(tiny_plate, body_force=(0.0, 1e-3)), r"^model: an argument of the kind Plate"),
-        (lambda: jaxgel.imperfection(jaxgel.Problem(GEL, tiny_model, contact=False), None, 0.1), r"^model: an argument of the kind Gel"),
-        (
-            lambda: jaxgel.imperfection(jaxgel.Problem(tiny_model, GEL, contact=False), None, 0.1),
-            r"^point: an argument of the kind NoneType is not accepted; give a Crit",
-        ),
-        (lambda: jaxgel.continue_branch(tiny_model), r"^path: an argument of the kind Model is not accepted; give a Path"),
-        (lambda: jaxgel.folds(tiny_model), r"^path: an argument of the kind Model is not accepted; give a Path"),
-        (lambda: jaxgel.continuation.lowest_eigenvalue(tiny_model), r"^path: an argument of the kind Model is not accepted; give a Path"),
-    ]:
-        with pytest.raises(ValueError, match=message):
-            call()
+def test_arguments_of_another_kind_are_told_from_models_gels_paths_and_points(tiny_model, tiny_plate, refused):
+    problem = jaxgel.Problem(tiny_model, GEL, contact=False)
+    model, gel, path = (rf"^{name}: an argument of the kind {{}} is not accepted; give a{rest}" for name, rest in KINDS)
+    solvers = (jaxgel.sweep, jaxgel.critical_points, jaxgel.loop)
+    refused(
+        lambda call, *given: call(*given),
+        [
+            *(
+                (solve, tiny_model, (-3.0, -2.0), r"^problem: an argument of the kind Model is not accepted; give a Prob")
+                for solve in solvers
+            ),
+            (jaxgel.Problem, tiny_plate, GEL, model.format("Plate")),
+            (jaxgel.Problem, GEL, tiny_model, model.format("Gel")),
+            (jaxgel.Problem, tiny_model, jaxgel.Gel, r"^gel: the class Gel is not accepted; give a gel such as"),
+            (jaxgel.Problem, tiny_model, {"Nv": 1e-3}, gel.format("dict")),
+            (jaxgel.load_vector, tiny_plate, model.format("Plate")),
+            (jaxgel.imperfection, problem, None, 0.1, r"^point: an argument of the kind NoneType is not accepted; give a Crit"),
+            (jaxgel.continue_branch, tiny_model, path.format("Model")),
+            (jaxgel.folds, tiny_model, path.format("Model")),
+            (jaxgel.continuation.lowest_eigenvalue, tiny_model, path.format("Model")),
+            *((getattr(observables, name), tiny_model, *["J"] * (name == "field_values"), path.format("Model")) for name in OBSERVABLES),
+        ],
+    )
 
 
 def test_clouds_and_plates_are_told_from_other_arguments(tiny_model, tiny_plate):
@@ -52,13 +49,6 @@ def test_clouds_and_plates_are_told_from_other_arguments(tiny_model, tiny_plate)
         jaxgel.make_cloud(tiny_model)
     with pytest.raises(ValueError, match=r"^plate: the class Plate is not accepted"):
         jaxgel.make_cloud(jaxgel.Plate)
-
-
-@pytest.mark.parametrize("name", OBSERVABLES)
-def test_observables_of_what_is_no_path_are_refused(name, tiny_model):
-    further = ("J",) if name == "field_values" else ()
-    with pytest.raises(ValueError, match=r"^path: an argument of the kind Model is not accepted; give a Path"):
-        getattr(observables, name)(tiny_model, *further)
 
 
 @pytest.mark.parametrize("theta", [{"radius": 1.0}, [1.0], ["radius"]])

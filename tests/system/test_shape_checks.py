@@ -1,19 +1,15 @@
 """The run-time checks of annotations (tests/shape_checks.py) find what is wrong and nothing else."""
 
 import dataclasses
-import sys
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import jaxtyping
 import numpy as np
 import pytest
+import shape_checks
 
 from jaxgel._types import Array, Float
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import shape_checks
 
 
 @shape_checks.checked

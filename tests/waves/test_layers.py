@@ -1,16 +1,11 @@
 """Wrinkles of layers on a rigid base, beside the exact waves of their uniform states (tests/layers.py)."""
 
-import sys
-from pathlib import Path
-
 import jax
 import numpy as np
 import pytest
+from layers import critical_mu, graded, onset, stretch
 
 import jaxgel
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from layers import critical_mu, graded, onset, stretch
 
 STRIP = {"left": "periodic", "right": "periodic", "bottom": "fixed", "top": "free"}
 NV, CHI, WIDTH = 1e-3, 0.1, 0.4  # of the lower layer; mm, of a strip of layers 1 mm thick together

@@ -126,18 +126,19 @@ def test_a_larger_cell_has_an_onset_of_its_own(gel, tmp_path):
     assert float(mu) == pytest.approx(float(expected), abs=1e-6) and float(slope) == pytest.approx(float(by_cell), rel=1e-4)
 
 
-def test_waves_that_cannot_be_had_are_refused(cell, gel):
+def test_waves_that_cannot_be_had_are_refused(cell, gel, refused):
     walls = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, [jaxgel.Circle((0, 0), 0.7)]), spacing=0.25))
-    with pytest.raises(ValueError, match="edges: no two opposite edges are periodic"):
-        jaxgel.lattice_onset(jaxgel.Problem(walls, gel), WINDOW)
-    with pytest.raises(ValueError, match=r"mu: the lattice is unstable at the first state, mu = -2\.6"):
-        jaxgel.lattice_onset(jaxgel.Problem(cell, gel), (-2.6, -2.5), divisions=2)
-    with pytest.raises(ValueError, match=r"mu: \[-3.*it must be two numbers"):
-        jaxgel.lattice_onset(jaxgel.Problem(cell, gel), [-3.0, -2.0, -1.0])
-    with pytest.raises(ValueError, match=r"lattice_onset: is not available with the control 'chi'"):
-        jaxgel.lattice_onset(jaxgel.Problem(cell, gel, control=jaxgel.controls.chi()), (0.3, 0.1))
-    with pytest.raises(ValueError, match="divisions: 0 is not a positive whole number"):
-        jaxgel.lattice_onset(jaxgel.Problem(cell, gel), WINDOW, divisions=0)
+    own, driven = jaxgel.Problem(cell, gel), jaxgel.Problem(cell, gel, control=jaxgel.controls.chi())
+    refused(
+        lambda problem, ends, divisions: jaxgel.lattice_onset(problem, ends, divisions=divisions),
+        [
+            (jaxgel.Problem(walls, gel), WINDOW, 8, "edges: no two opposite edges are periodic"),
+            (own, (-2.6, -2.5), 2, r"mu: the lattice is unstable at the first state, mu = -2\.6"),
+            (own, [-3.0, -2.0, -1.0], 8, r"mu: \[-3.*it must be two numbers"),
+            (driven, (0.1, 0.3), 8, r"lattice_onset: is not available with the control 'chi'"),
+            (own, WINDOW, 0, "divisions: 0 is not a positive whole number"),
+        ],
+    )
     with pytest.raises(ValueError, match="lattice_onset: is not available inside jit or vmap"):
         jax.jit(lambda chi: jaxgel.lattice_onset(jaxgel.Problem(cell, jaxgel.Gel(1e-3, chi)), WINDOW).mu)(0.0)
 
