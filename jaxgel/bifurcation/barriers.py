@@ -123,7 +123,7 @@ def _turn_of_force(problem, value, first, second):
     at, pressure = np.asarray(first.x), np.asarray(first.pressure)
     way = restrict(np.asarray(second.x) - at, problem.free)
     length = np.linalg.norm(way)
-    x, before, force = at + np.asarray(scatter(way / PULLS, at.shape, problem.free)), (at, pressure), np.inf
+    x, before, force = at + np.asarray(scatter(way / PULLS, problem.free)), (at, pressure), np.inf
     for number in range(1, PULLS):
         pulled, after = solve_pinned(problem, value, x, pressure, way / length, first.x, length * number / PULLS)
         if not pulled.status.ok:
@@ -152,7 +152,7 @@ def _lower(analysis, value, state, stable):
     problem, mode = analysis.problem, state.modes[:, 1]
     reached = [across(problem, state, mode)]
     if reached[0] is None:
-        step = np.asarray(scatter(mode, state.x.shape, problem.free)) * problem.model.cloud.spacing / np.abs(mode).max()
+        step = np.asarray(scatter(mode, problem.free)) * problem.model.cloud.spacing / np.abs(mode).max()
         starts = [np.asarray(state.x) + kick * step for kick in KICKS]
         known = [np.asarray(one.x) for one in (*stable, state)]
         reached = find_states_by_deflation(problem, value, known=known, starts=starts)

@@ -101,7 +101,7 @@ def followed(
         dx, rise = dx / done, rise / done
         length = min(1.5 * done if length is None else length, max_step)
         conditions = Conditions((weight * dx)[:, None], np.array([slack * rise]), np.asarray(last.x), last.value, np.array([length]))
-        start = last.x + length * np.asarray(scatter(dx, last.x.shape, free))
+        start = last.x + length * np.asarray(scatter(dx, free))
         slope = (np.asarray(last.pressure) - np.asarray(old.pressure)) / done
         state, _ = solve_bordered(problem, last.value + length * rise, start, last.pressure + length * slope, nothing, conditions)
         if not state.status.ok or _turned(state, last, (dx, rise), (weight, slack), free):

@@ -96,7 +96,7 @@ class Expansion:
 def expand(problem: Problem, stiffness: sp.csr_matrix, state: State, modes: Float[np.ndarray, "f m"]) -> Expansion:
     """`Expansion` at a state with a factor of its own tangent, along modes normalised by the network's ``stiffness`` (f, f)."""
     m = modes.shape[1]
-    fields = jnp.stack([scatter(v, state.x.shape, problem.free) for v in modes.T])
+    fields = jnp.stack([scatter(v, problem.free) for v in modes.T])
     slope, gradient, cubic, quartic = _derivatives(problem, state.x, fields, jnp.asarray(state.value))
     gradient = np.asarray(gather(gradient, problem.free))
     held = stiffness @ modes

@@ -187,7 +187,7 @@ def _bifurcation(shared, low, high, multiplicity):
             if not state.status.ok:
                 return None
             _, modes = nearest_modes(state.factor, shared.stiffness, multiplicity)
-            if multiplicity == 1 and not _alone(shared, modes, x):
+            if multiplicity == 1 and not _alone(shared, modes):
                 multiplicity, amplitude = 2, np.zeros(2)
                 _, modes = nearest_modes(state.factor, shared.stiffness, 2)
         held = shared.stiffness @ modes
@@ -209,16 +209,16 @@ def _bifurcation(shared, low, high, multiplicity):
     return None
 
 
-def _alone(shared, modes, x):
+def _alone(shared, modes):
     """Whether the symmetries of the cloud keep or reverse the first mode (f, m); where one turns it into another there are two."""
-    field = np.asarray(scatter(modes[:, 0], x.shape, shared.problem.free))
+    field = np.asarray(scatter(modes[:, 0], shared.problem.free))
     return all(abs(character) > KEPT for character in characters(field[None], shared.problem.model).values())
 
 
 def _point(shared, state, value, modes, eigenvalues, local, forces, unstable, kind="bifurcation"):
-    problem, shape = shared.problem, state.x.shape
+    problem = shared.problem
     signed = oriented(modes, problem)
-    fields = np.stack([np.asarray(scatter(v, shape, problem.free)) for v in signed.T])
+    fields = np.stack([np.asarray(scatter(v, problem.free)) for v in signed.T])
     spacing = problem.model.cloud.spacing
     return CriticalPoint(
         value=float(value),
@@ -233,7 +233,7 @@ def _point(shared, state, value, modes, eigenvalues, local, forces, unstable, ki
         imperfection=float(np.linalg.norm(forces) * np.abs(fields).max() / spacing),
         symmetries=characters(fields, problem.model),
         unstable=int(unstable),
-        correction=np.asarray(scatter(local.correction, shape, problem.free)),
+        correction=np.asarray(scatter(local.correction, problem.free)),
     )
 
 
@@ -259,7 +259,7 @@ def fold_next_to(shared: Shared, before: State, last: State) -> list[CriticalPoi
             return []
         step = np.clip(-slope * (at - earlier) / (slope - slope_before), -5 * between, 5 * between)
         earlier, slope_before, at = at, slope, at + step
-        start = state.x + step * scatter(dx, state.x.shape, free)
+        start = state.x + step * scatter(dx, free)
         there = Conditions(row, np.zeros(1), np.asarray(last.x), state.value, np.array([at]))
         state, _ = solve_bordered(problem, state.value, start, state.pressure, nothing, there)
         if not state.status.ok:

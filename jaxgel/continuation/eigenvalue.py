@@ -40,7 +40,7 @@ def _lowest(structure, leaves):
     for state in zip(x, pressure, at, strict=True):
         lowest, mode = _lowest_of_state(problem, stiffness, *state)
         values.append(lowest)
-        modes.append(scatter(mode, x.shape[1:], problem.free))
+        modes.append(scatter(mode, problem.free))
     return jnp.array(values), jnp.stack(modes)
 
 

@@ -97,7 +97,7 @@ class Frames:
 
     def along_mode(self, state: State, mode: Float[np.ndarray, " f"]) -> Frame:
         """The frame of the branches that leave a whole state along a ``mode`` (f,)."""
-        field = scatter(mode, state.x.shape, unknowns(self.problem.model.lists))
+        field = scatter(mode, unknowns(self.problem.model.lists))
         return self.of(symmetries_of_field(field, self.problem.model, self.of_state(state.x).group))
 
 

@@ -61,7 +61,7 @@ def across(problem: Problem, state: State, mode: Float[Array, " f"]) -> State | 
     mode = mode / np.linalg.norm(mode)
     start, pressure = jnp.asarray(state.x), state.pressure
     amplitude, force_before = FIRST_AMPLITUDE * problem.model.cloud.spacing / np.abs(mode).max(), None
-    x = start + amplitude * scatter(mode, start.shape, problem.free)
+    x = start + amplitude * scatter(mode, problem.free)
     for _ in range(MAX_PINNED):
         pinned, force = solve_pinned(problem, state.value, x, pressure, mode, start, amplitude)
         if not pinned.status.ok:

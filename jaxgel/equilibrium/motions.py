@@ -32,7 +32,7 @@ class Motions:
         def one(x, value):
             F = jnp.concatenate([deformation_gradients(x, block) for block in self._cells])[self._nearest, 0]
             along = jnp.einsum("nij,nj->ni", lax.stop_gradient(F), dry_motion)
-            return problem.carried(dry_motion, value) + scatter(restrict(along, free), along.shape, free)
+            return problem.carried(dry_motion, value) + scatter(restrict(along, free), free)
 
         return jax.vmap(one)(x, values)
 
@@ -77,4 +77,4 @@ def edge_cotangents(problem: Problem, values: Float[Array, " k"], forces: Float[
 @jax.jit
 def moved(motion: Float[Array, "k n 2"], correction: Float[Array, "k f"], free: Free) -> Float[Array, "k n 2"]:
     """Nodal motions (k, n, 2): the prescribed ones and the corrections (k, f) of the free degrees of freedom."""
-    return motion + jax.vmap(lambda dx: scatter(dx, motion.shape[1:], free))(correction)
+    return motion + jax.vmap(lambda dx: scatter(dx, free))(correction)

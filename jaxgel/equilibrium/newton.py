@@ -173,7 +173,7 @@ def advanced(
 
 @functools.partial(jax.jit, static_argnames="limited")
 def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share, *, limited=True):
-    dx = scatter(correction, x.shape, problem.free)
+    dx = scatter(correction, problem.free)
     share = share * step_limit(x, dx, problem.model) if problem.has_contact and limited else share
     x, p = x + share * dx, p + share * pressure_step(dx, linearisation, factorised_at, problem.model)
     return x, p, linearise(problem, x, p, mu)

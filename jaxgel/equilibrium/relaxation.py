@@ -33,7 +33,7 @@ def relax(problem: Problem, value: Scalar, x: Float[Array, "n 2"], pressure: Flo
 def relax_along(problem: Problem, state: State, mode: Float[np.ndarray, " f"]) -> State:
     """`relax` from an unstable state, pushed along ``mode``."""
     amplitude = KICK * problem.model.cloud.spacing / np.abs(mode).max()
-    x = state.x + scatter(amplitude * mode, state.x.shape, problem.free)
+    x = state.x + scatter(amplitude * mode, problem.free)
     found = relax(problem, state.value, x, state.pressure)
     return dataclasses.replace(found, newton_iterations=found.newton_iterations + state.newton_iterations)
 

@@ -40,7 +40,7 @@ class _Products:
 
         def product(state):
             v, x, pressure, value = state
-            field, (now, mu) = scatter(v, x.shape, problem.free), problem.at(value)
+            field, (now, mu) = scatter(v, problem.free), problem.at(value)
             return gather(hessian_product(x, field, now.model, now.gel, mu, now.loads, pressure), problem.free)
 
         def of_all(v):

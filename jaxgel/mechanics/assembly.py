@@ -79,7 +79,7 @@ def tangent_product(
 
     The gradients of the volumes are linear in the positions, so that S_g v is that of the field v.
     """
-    model, field = problem.model, scatter(v, x.shape, problem.free)
+    model, field = problem.model, scatter(v, problem.free)
     moved, _ = volume_gradients(field, model, problem.operators)
     still = dataclasses.replace(linearisation, error=jnp.zeros_like(p), gap=jnp.zeros_like(p))
     p_step = pressure_step(field, still, linearisation, model)

@@ -90,10 +90,10 @@ def gather(forces: Float[Array, "n 2"], free: Free) -> Float[Array, " f"]:
     return _product((column, row, value), jnp.asarray(forces).ravel(), len(free))
 
 
-@functools.partial(jax.jit, static_argnames="shape")
-def scatter(vector: Float[Array, " f"], shape: tuple[int, int], free: Free) -> Float[Array, "n 2"]:
+@jax.jit
+def scatter(vector: Float[Array, " f"], free: Free) -> Float[Array, "n 2"]:
     """Nodal field C v (n, 2) of a vector v (f,) of the unknowns, zero where nothing is free."""
-    return _product(free.fields, vector, shape[0] * shape[1]).reshape(shape)
+    return _product(free.fields, vector, free.size).reshape(-1, 2)
 
 
 def restrict(field: Float[Array, "n 2"], free: Free) -> Float[Array, " f"]:
@@ -106,9 +106,9 @@ def restrict(field: Float[Array, "n 2"], free: Free) -> Float[Array, " f"]:
 
 def with_free_values(values: Float[Array, " f"], positions: Float[Array, "n 2"], free: Free) -> Float[Array, "n 2"]:
     """Nodal positions (n, 2) with the unknowns at ``values`` (f,) and the rest as in ``positions`` (n, 2), which satisfy the conditions."""
-    return positions + scatter(values - restrict(positions, free), positions.shape, free)
+    return positions + scatter(values - restrict(positions, free), free)
 
 
 def constrained_part(field: Float[Array, "n 2"], free: Free) -> Float[Array, "n 2"]:
     """What a nodal field (n, 2) prescribes: the field less that of the unknowns, which is at rest where they are."""
-    return field - scatter(restrict(field, free), field.shape, free)
+    return field - scatter(restrict(field, free), free)

@@ -97,7 +97,7 @@ class BlochStates:
             made, network = self._own
             parts = [(made.negative_pivots, "SA"), (count - made.negative_pivots, "LA")]
             found = [nearest_modes(made, network, number, which=which) for number, which in parts if number > 0]
-            fields = [np.asarray(scatter(mode, self.state.x.shape, self.problem.free)) for _, modes in found for mode in modes.T]
+            fields = [np.asarray(scatter(mode, self.problem.free)) for _, modes in found for mode in modes.T]
             return np.concatenate([values for values, _ in found])[:count], np.array(fields[:count], dtype=complex)
         layout, (stiffness, network) = self._entries(wave_vector)
         values, vectors = layout.lowest(stiffness, network, count, FIRST_SHIFT)

@@ -257,7 +257,7 @@ def _derivatives(problem, state, modes, same_in_all):
         correction = factor(problem.pattern, pairs).inverse(pull)
     by_mu = control_force(problem, state)
     slope = (float(slope) - correction @ by_mu) / (len(modes) if same_in_all else 1)
-    return slope, np.asarray(scatter(correction, state.x.shape, problem.free))
+    return slope, np.asarray(scatter(correction, problem.free))
 
 
 @jax.jit

@@ -143,7 +143,7 @@ def test_modes_of_a_block_that_none_was_followed_in_are_found(buckling):
 
 def field_of(mode, state, problem):
     """A mode (f,) as fields (1, n, 2)."""
-    return np.asarray(scatter(mode, state.x.shape, problem.free))[None]
+    return np.asarray(scatter(mode, problem.free))[None]
 
 
 @pytest.mark.parametrize("symmetry", ["off", "auto"])

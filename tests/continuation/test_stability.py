@@ -146,7 +146,7 @@ def test_products_of_the_tangent_are_those_of_the_energys_hessian(square_model, 
     vectors = np.random.default_rng(3).normal(size=(len(problem.free), 2))
 
     def force(v):
-        return gather(residual(scatter(v, x.shape, problem.free) + x, model, problem.gel, mu, problem.loads), problem.free)
+        return gather(residual(scatter(v, problem.free) + x, model, problem.gel, mu, problem.loads), problem.free)
 
     _, product = jax.linearize(jax.jit(force), np.zeros(len(problem.free)))
     expected = np.stack([product(v) for v in vectors.T], axis=1)

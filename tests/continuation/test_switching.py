@@ -38,7 +38,7 @@ def test_only_a_prediction_that_says_something_refuses_a_step(share, ok, twisted
     """A step along the softest mode, of which ``share`` was predicted."""
     problem = Problem(twisted_model, twisted_model.cloud.plate.gel, contact=False).prepared
     (last,) = Followed(problem, [-1.95], Following(eigenvalues=True))
-    step = np.asarray(scatter(last.modes[:, 0], last.x.shape, problem.free))
+    step = np.asarray(scatter(last.modes[:, 0], problem.free))
     found, predicted = (dataclasses.replace(last, mu=-1.9, x=np.asarray(last.x) + part * step) for part in (1.0, share))
     frame = Frames(problem, symmetry=False).of(())
     assert _against_prediction(frame, found, predicted.x, last) != ok

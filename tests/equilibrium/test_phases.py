@@ -181,7 +181,7 @@ def assert_balanced(state, model, gel):
     """The next Newton step of the total energy in the positions alone, with its dense Hessian, moves nothing."""
     loads, free = jnp.zeros_like(state.x), free_dofs(model.cloud.topology)
     force = np.asarray(jax.jit(residual)(state.x, model, gel, 0.0, loads)).ravel()[free.masters]
-    columns = jax.jit(jax.vmap(lambda v: hessian_product(state.x, scatter(v, state.x.shape, free), model, gel, 0.0, loads)))
+    columns = jax.jit(jax.vmap(lambda v: hessian_product(state.x, scatter(v, free), model, gel, 0.0, loads)))
     hessian = np.asarray(columns(np.eye(len(free)))).reshape(len(free), -1)[:, free.masters]
     assert np.abs(np.linalg.solve(hessian, force)).max() < 1e-10
 

@@ -110,7 +110,7 @@ def test_products_of_the_tangent_include_contact(closed):
     vectors = np.random.default_rng(2).normal(size=(len(problem.free), 2))
     both = problem, problem.without_contact
     with_it, without = (np.stack([tangent_product(p, *state, linearise(p, *state, closed.mu[-1]), v) for v in vectors.T]) for p in both)
-    directions = [scatter(v, x.shape, problem.free) for v in vectors.T]
+    directions = [scatter(v, problem.free) for v in vectors.T]
     expected = np.stack([gather(jax.jvp(lambda x: contact_force(x, model), (x,), (d,))[1], problem.free) for d in directions])
     assert np.abs(expected).max() > 0
     np.testing.assert_allclose(with_it - without, expected, rtol=0, atol=1e-11 * np.abs(without).max())  # the gel's own tangent cancels

@@ -22,7 +22,7 @@ def test_forces_tangent_and_values_of_the_unknowns_follow_from_one_matrix(name):
     free, pairs, random = free_dofs(lists.topology), node_pairs(lists)[0], np.random.default_rng(0)
     C, shape = free.matrix.toarray(), (free.size // 2, 2)
     v, F = random.normal(size=len(free)), random.normal(size=shape)
-    np.testing.assert_allclose(scatter(v, shape, free), (C @ v).reshape(shape), atol=1e-15)
+    np.testing.assert_allclose(scatter(v, free), (C @ v).reshape(shape), atol=1e-15)
     np.testing.assert_allclose(gather(F, free), C.T @ F.ravel(), atol=1e-14)
     for field in ((C @ v).reshape(shape), jax.numpy.asarray(C @ v).reshape(shape)):
         np.testing.assert_allclose(restrict(field, free), v, atol=1e-14)

@@ -114,7 +114,7 @@ def test_tangent_residual_and_products_are_derivatives_of_the_energy(film_model)
     x = jnp.asarray(1.1 * nodes + 0.02 * random.normal(size=nodes.shape))
     p = state_pressure(x, film_model, GEL, mu)
     now, v = linearise(problem, x, p, mu), jnp.asarray(random.normal(size=len(problem.free)))
-    field = scatter(v, x.shape, problem.free)
+    field = scatter(v, problem.free)
 
     def force(x, mu):
         return residual(x, film_model, problem.gel, mu, problem.loads)

@@ -151,7 +151,7 @@ def test_tangent_and_count_of_negative_eigenvalues_are_those_of_the_hessian(name
     at = restrict(x, free)
     np.testing.assert_allclose(with_free_values(at, x, free), x, rtol=0, atol=1e-15)
     v = np.random.default_rng(0).normal(size=len(free))
-    np.testing.assert_allclose(restrict(scatter(v, x.shape, free), free), v, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(restrict(scatter(v, free), free), v, rtol=0, atol=1e-14)
 
     def energy(values):
         return total_energy(with_free_values(values, x, free), model, GEL, mu, problem.loads)
@@ -280,7 +280,7 @@ def test_an_imperfection_pushes_along_a_mode_and_its_strains():
     """Its generalised forces are those of the network against the mode, whichever nodes carry them."""
     model = model_of(cell(PULLED))
     problem = Problem(model, GEL, contact=False).prepared
-    mode = np.asarray(scatter(np.random.default_rng(1).normal(size=len(problem.free)), (model.n_nodes, 2), problem.free))
+    mode = np.asarray(scatter(np.random.default_rng(1).normal(size=len(problem.free)), problem.free))
     unused = dict(x=mode, pressure=np.zeros(0), eigenvalues=np.zeros(1), slope=-1.0, curvature=1.0, imperfection=0.0, symmetries={})
     point = CriticalPoint(value=-1.0, mu=-1.0, kind="bifurcation", modes=mode[None], unstable=0, correction=mode, **unused)
     loads = imperfection(Problem(model, GEL, contact=False), point, 0.1)
