@@ -227,7 +227,7 @@ class Morph:
         self.at_outlines, base = _interpolation(space, mesh, order)
         inside = np.array(space.FreeDofs())
         for element in space.Elements(ng.VOL):
-            corners = np.array([mesh[vertex].point for vertex in element.vertices]) - plate.core
+            corners = np.array([mesh[vertex].point for vertex in element.vertices]) - np.array(plate.core or (0.0, 0.0))
             if (np.linalg.norm(corners, axis=1) < PINNED).any() or _contains_origin(corners):
                 inside[list(element.dofs)] = False
         self.inside = np.flatnonzero(inside)
@@ -322,7 +322,7 @@ class Adjoint:
 
     def _core(self):
         """Degrees of freedom (n,) of the displacement about the core, and the gradient of u there for each of them (n, 4)."""
-        gel, point = self.gel, self.gel.mesh(*self.gel.plate.core)
+        gel, point = self.gel, self.gel.mesh(*(self.gel.plate.core or (0.0, 0.0)))
         dofs = [d for d in gel.u.space.GetDofNrs(ng.ElementId(ng.VOL, point.nr)) if d >= 0]
         values, rows = gel.u.vec.FV().NumPy(), []
         for dof in dofs:

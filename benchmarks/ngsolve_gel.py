@@ -190,7 +190,7 @@ class MixedGel:
 
     def core_rotation(self):
         """Polar rotation of F at the plate's core, degrees."""
-        F11, F12, F21, F22 = self.F(self.points(*np.array(self.plate.core)[:, None])).ravel()
+        F11, F12, F21, F22 = self.F(self.points(*np.array(self.plate.core or (0.0, 0.0))[:, None])).ravel()
         return float(np.degrees(np.arctan2(F21 - F12, F11 + F22)))
 
     def midline_rotation(self):
