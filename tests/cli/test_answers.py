@@ -57,7 +57,7 @@ def test_the_command_line_answers_without_the_packages(line, code, tmp_path):
 
 
 def test_package_data_is_what_the_code_makes():
-    """If not: python -c "from jaxgel.cli.generated import write; write()"."""
+    """If not: python -c "from jaxgel.cli import generated; generated.write()"."""
     for name, text in generated.make().items():
         assert json.loads(generated.file(name).read_text(encoding="utf-8")) == json.loads(text), name
 
