@@ -1,7 +1,7 @@
 """Package data from which help texts, samples, schema, init and refusals answer without importing the packages.
 
-``python -c "from jaxgel.cli import generated; generated.write()"`` makes the data anew, which is due after a change of the schema, of a sample
-or of the text of a case file; a test holds the data equal to what the code makes.
+``python -c "from jaxgel.cli import generated; generated.write()"`` makes the data anew, which is due after a change of the schema, of a
+sample or of the text of a case file; a test holds the data equal to what the code makes.
 """
 
 import functools
