@@ -13,12 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._sizes import padded, rung
 from .._tracing import is_traced
 from .._types import Array, Float
-from ..mechanics import Problem, gather, residual, scatter, total_energy
+from ..mechanics import Problem, gather, residual, total_energy
 from .derivatives import Tangent, primitive, remade
 from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
+
+ROOM = 8  # states that the program of the reverse pass has room for, or the next power of 2 above their number
 
 
 def state_tangents(
@@ -160,19 +163,16 @@ def _of_wanted_states(map_, cotangents, others, wanted):
     """The wanted ones, from the states whose cotangents are not 0."""
     x, pressure, values, *leaves = others
     problem = jax.tree.unflatten(map_.structure, leaves)
-    motion, fields = cotangents[0], _fields(cotangents[1], problem.free, x.shape)
-    active = np.flatnonzero(np.any(np.asarray(motion) != 0, axis=(1, 2)) | np.any(np.asarray(fields) != 0, axis=(1, 2)))
-    size = states_together(len(x), problem.model)
-    numbers = np.full(-(-len(x) // size) * size, len(x))
+    motion, forces = map(np.asarray, cotangents)
+    fields = -(problem.free.matrix @ forces.T).T.reshape(x.shape)  # whose work is differentiated
+    active = np.flatnonzero(np.any(motion != 0, axis=(1, 2)) | np.any(forces != 0, axis=1))
+    room = max(ROOM, rung(len(x), 1))
+    size = states_together(room, problem.model) if len(active) > 1 else 1
+    numbers = np.full(-(-room // size) * size, room)
     numbers[: len(active)] = active
-    states = x, pressure, values, motion, fields
-    return _over_states(map_, states, numbers, -(-len(active) // size), leaves, wanted=wanted, size=size)
-
-
-@functools.partial(jax.jit, static_argnames="shape")
-def _fields(cotangents, free, shape):
-    """The nodal fields (k, n, 2) whose work is differentiated, of cotangents (k, f) of -dr."""
-    return -jax.vmap(lambda one: scatter(one, shape[1:], free))(cotangents)
+    states = [padded(np.asarray(part), room) for part in (x, pressure, values, motion, fields)]
+    found = _over_states(map_, states, numbers, -(-len(active) // size), leaves, wanted=wanted, size=size)
+    return [found[0][: len(x)], *found[1:]] if wanted[0] else found
 
 
 @functools.partial(jax.jit, static_argnums=0, static_argnames=("wanted", "size"))
