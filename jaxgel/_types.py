@@ -12,5 +12,7 @@ Array = jax.Array | np.ndarray
 """An array of JAX (traced or not) or of NumPy."""
 Scalar = float | int | np.number | Float[Array, ""] | Int[Array, ""]
 """A real number: of Python, NumPy or JAX."""
+Chemical = Scalar | Float[Array, " g"]
+"""Chemical potential, kT, of all volume groups or of each; as the value of a control that is the chemical potential, too."""
 
-__all__ = ["Array", "Bool", "Complex", "Float", "Inexact", "Int", "Num", "Scalar", "Shaped"]
+__all__ = ["Array", "Bool", "Chemical", "Complex", "Float", "Inexact", "Int", "Num", "Scalar", "Shaped"]

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._tracing import is_traced
-from .._types import Array, Float, Scalar
+from .._types import Array, Chemical, Float
 from .._validation import Inadmissible
 from ..geometry import EDGES, Plate
 from ..materials import check_gel, named_parameters, varies
@@ -24,7 +24,7 @@ from ..materials import check_gel, named_parameters, varies
 class Setting:
     """What acts at one value of a control; a pytree."""
 
-    mu: Scalar
+    mu: Chemical
     """Chemical potential, kT."""
     gel: Any
     """The gel, with the parameters that it has there."""
@@ -47,7 +47,7 @@ class Control(Protocol):
     scale: float
     """The change that matters as much as one kT of the chemical potential: of steps and arc lengths."""
 
-    def __call__(self, value: Scalar, gel: Any) -> Setting:
+    def __call__(self, value: Chemical, gel: Any) -> Setting:
         """What acts at a ``value``."""
         ...
 
@@ -72,7 +72,7 @@ class Driven:
     scale: float = dataclasses.field(default=1.0, kw_only=True, metadata={"static": True})
     """See `Control`."""
 
-    def __call__(self, value: Scalar, gel: Any) -> Setting:
+    def __call__(self, value: Chemical, gel: Any) -> Setting:
         """See `Control`."""
         return self.path_of(value, gel, *self.parameters)
 
@@ -86,7 +86,7 @@ class ChemicalPotential:
     unit: ClassVar[str] = "kT"
     scale: ClassVar[float] = 1.0
 
-    def __call__(self, value: Scalar, gel: Any) -> Setting:
+    def __call__(self, value: Chemical, gel: Any) -> Setting:
         """What acts at a ``value`` of the chemical potential."""
         return Setting(value, gel)
 

@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 import jax
 import numpy as np
 
-from .._types import Array, Float, Scalar
+from .._types import Array, Chemical, Float
 from ..linalg import Factor, SingularTangent
 from ..mechanics import (
     Linearisation,
@@ -142,7 +142,7 @@ class Chord:
         return dataclasses.replace(state, factor=own)
 
 
-def starting(problem: Problem, value: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
+def starting(problem: Problem, value: Chemical, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
     """Iterate at a ``value`` of the control with the given positions and pressures, linearised there; edges are as prescribed."""
     value, x = as_number(value), problem.placed(x, value)
     now, mu = problem.at(value)
@@ -181,7 +181,7 @@ def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share
 
 def solve(
     problem: Problem,
-    value: Scalar,
+    value: Chemical,
     x: Float[Array, "n 2"],
     pressure: Float[Array, " g"],
     *,

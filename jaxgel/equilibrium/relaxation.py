@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from .._types import Array, Float, Scalar
+from .._types import Array, Chemical, Float
 from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import Problem, condensed_rhs, scatter, tangent
 from .newton import NEWTON, advanced, iterate, starting
@@ -22,7 +22,7 @@ MAX_ITERATIONS = 200
 KICK = 0.02  # of the spacing: largest displacement along the mode that starts the motion
 
 
-def relax(problem: Problem, value: Scalar, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
+def relax(problem: Problem, value: Chemical, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
     """Stable `State` at a ``value`` of the control into which positions ``x`` with pressures relax; its status says if none was found."""
     now, mu = problem.at(value)
     found = iterate(now, starting(now, mu, problem.placed(x, value), pressure), Damped())

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float, Scalar
+from .._types import Array, Chemical, Float
 from ..linalg import Factor, Kept
 from ..materials import gel_in_groups
 from ..mechanics import (
@@ -44,7 +44,7 @@ class Stability:
 class State:
     """A state at one value of a control, converged or not."""
 
-    value: float
+    value: float | Float[np.ndarray, " g"]
     """Value of the control."""
     mu: float | Float[np.ndarray, " g"]
     """Chemical potential, kT, of all volume groups or of each."""
@@ -124,7 +124,7 @@ def linearised(problem: Problem, state: State) -> tuple[Problem, Linearisation]:
     return acting, linearise(acting, state.x, state.pressure, np.asarray(state.mu, dtype=float))
 
 
-def as_number(mu: Scalar) -> float | Float[np.ndarray, " g"]:
+def as_number(mu: Chemical) -> float | Float[np.ndarray, " g"]:
     """A chemical potential as a number, or as numbers of the volume groups."""
     return float(mu) if np.ndim(mu) == 0 else np.asarray(mu)
 
@@ -163,7 +163,7 @@ def _pressure_rate(problem, x, value, rate):
 
 
 @jax.jit
-def dry_state(problem: Problem, value: Scalar | None = None) -> tuple[Float[Array, "n 2"], Float[Array, " g"]]:
+def dry_state(problem: Problem, value: Chemical | None = None) -> tuple[Float[Array, "n 2"], Float[Array, " g"]]:
     """Positions (n, 2), mm, and pressures (g,), kT/v, to start from without a previous state: the dry nodes, moved as the edges are,
     and p = -Nv.
 

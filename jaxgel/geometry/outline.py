@@ -67,7 +67,7 @@ def arc_parameter(plate: Plate, arc: Arc, s: Float[Array, "..."] | Scalar) -> Fl
     return start + s * (end - start)
 
 
-def arc_points(plate: Plate, arc: Arc, s: Float[Array, " m"]) -> Float[Array, "m 2"]:
+def arc_points(plate: Plate, arc: Arc, s: Float[Array, " m"] | list[float]) -> Float[Array, "m 2"]:
     """Points (m, 2) in mm at the shares ``s`` (m,) of the arc; compiled once per kind of hole."""
     return outline_points(plate.holes[arc.hole], arc_parameter(plate, arc, np.asarray(s)))
 

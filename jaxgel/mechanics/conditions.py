@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from .._types import Array, Bool, Float, Int
 
-Entries = tuple[Int[Array, " e"], Int[Array, " e"], Float[Array, " e"]]
+Entries = tuple[Int[Array, " _"], Int[Array, " _"], Float[Array, " _"]]
 """Rows, columns and values of a sparse matrix."""
 
 

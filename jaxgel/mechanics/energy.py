@@ -9,11 +9,11 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from .._types import Array, Float
+from .._types import Array, Chemical, Float
 from ..discretisation import Model
 from ..materials import LocalGel, elementwise, gel_at_points, network_at
 from .contact import contact_energy
-from .volumes import Chemical, gradients_by_block, ratios_of, ratios_that_carry, volume_energy
+from .volumes import gradients_by_block, ratios_of, ratios_that_carry, volume_energy
 
 
 def total_energy(

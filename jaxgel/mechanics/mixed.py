@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .._types import Array, Float
+from .._types import Array, Chemical, Float
 from ..discretisation import Model
 from ..materials import LocalGel, gel_in_groups, neo_hookean
 from .conditions import gather
@@ -33,7 +33,6 @@ from .energy import network_energy
 from .operators import Operators, area_gradients
 from .problem import Problem
 from .volumes import (
-    Chemical,
     all_volumes,
     axial_stretch,
     by_block,

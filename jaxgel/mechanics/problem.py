@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._tracing import is_traced
-from .._types import Array, Float, Scalar
+from .._types import Array, Chemical, Float
 from .._validation import Inadmissible
 from ..controls import Changes, ChemicalPotential, Control, changes_of, check_fields, check_is_control, edge_motion
 from ..discretisation import Model
@@ -98,7 +98,7 @@ class Problem:
         """The problem with its operators."""
         return self if self.operators is not None else self.replace(operators=precomputed_operators(self.model, self.gel))
 
-    def at(self, value: Scalar) -> tuple["Problem", Scalar]:
+    def at(self, value: Chemical) -> tuple["Problem", Chemical]:
         """The problem at a ``value`` of its control, driven by the chemical potential from there, and that potential, kT."""
         setting = self.control(value, self.gel)
         gel = self.gel if setting.gel is self.gel else jax.tree.map(lambda v: jnp.asarray(v, dtype=float), setting.gel)
@@ -124,11 +124,11 @@ class Problem:
         """Whether the control moves the edges of the plate."""
         return self.changes.edges
 
-    def dry_positions(self, value: Scalar) -> Float[Array, "n 2"]:
+    def dry_positions(self, value: Chemical) -> Float[Array, "n 2"]:
         """The dry nodes, moved as the edges are at a ``value`` of the control, mm."""
         return start_positions(self.model.lists.topology, self.model.cloud.nodes, self._edge_motion(value))
 
-    def edge_deformation(self, value: Scalar) -> Float[Array, "2 2"]:
+    def edge_deformation(self, value: Chemical) -> Float[Array, "2 2"]:
         """The macroscopic deformation that the edges follow at a ``value`` of the control."""
         motion = self._edge_motion(value)
         return np.array(self.model.lists.topology.plate.dry_deformation) if motion is None else motion[0]
@@ -137,11 +137,11 @@ class Problem:
         plate = self.model.lists.topology.plate
         return edge_motion(self.control(value, self.gel), plate) if self.moves_edges else None
 
-    def carried(self, motion: Float[Array, "n 2"], value: Scalar) -> Float[Array, "n 2"]:
+    def carried(self, motion: Float[Array, "n 2"], value: Chemical) -> Float[Array, "n 2"]:
         """What a ``motion`` (n, 2) of the dry nodes prescribes of the deformed ones at a ``value`` of the control, the unknowns at rest."""
         return constrained_part(motion @ self.edge_deformation(value).T, self.free)
 
-    def placed(self, x: Float[Array, "n 2"], value: Scalar) -> Float[Array, "n 2"]:
+    def placed(self, x: Float[Array, "n 2"], value: Chemical) -> Float[Array, "n 2"]:
         """Positions ``x``, mm, with those that the edges prescribe as they are at a ``value`` of the control."""
         if not self.moves_edges:
             return x

@@ -13,15 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._types import Array, Bool, Float, Scalar
+from .._types import Array, Bool, Chemical, Float, Scalar
 from ..discretisation import Model, PatchBlock
 from ..materials import LocalGel, VolumeLaw, gel_in_groups, rises_always, takes_solvent
 
 SOFT = 10.0  # bulk stiffness, over the network's Nv, up to which the pressure of a group is linearised about its own volume ratio
 ROUNDED = 1e-12  # by which a volume ratio at the end of a range may have been rounded below it
 HELD = 2.0  # stiffness that holds what the pressures do not see of J, over the network's Nv
-Chemical = Scalar | Float[Array, " g"]
-"""Chemical potential, kT, of all volume groups or of each."""
 
 
 def is_film(model: Model) -> bool:
