@@ -264,7 +264,9 @@ def test_a_sweep_to_a_value_without_a_state_ends_after_a_bounded_number_of_steps
     model, tried = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2, 2, spacing=0.5))), []
     problem = jaxgel.Problem(model, Gel(1e-3, 0.1), control=jaxgel.Stretch("both"))
     path = jaxgel.sweep(problem, [1.1, 1.0], observer=jaxgel.Observer(refused=lambda state: tried.append(state.value)))
-    assert path.stop is Status.STEP_TOO_SMALL and path.value.tolist() == [1.1] and len(tried) < 60
+    assert (
+        path.stop is Status.STEP_TOO_SMALL and path.value.tolist() == [1.1] and len(tried) < 24
+    )  # 18: 17 halvings to 1e-5 of the way, and the first
 
 
 @pytest.mark.parametrize(("gel", "name"), [(Gel(Nv=0.0), "Nv"), (Gel(Nv=np.nan), "Nv"), (Gel(chi=2.0), "chi"), (Gel(chi=np.nan), "chi")])
