@@ -48,14 +48,14 @@ def obeys(tiny_model, gel, ends, chosen, branch, contact):
         reason = str(failed)
     else:
         reason = path.stop_text
-        check(path, mu)
+        check(path, ends[1])
     assert "\n" not in reason
 
 
-def check(path, mu):
-    """The path has no faults and says where it ended."""
+def check(path, last):
+    """The path has no faults and says where it ended: at its ``last`` mu, or why not."""
     assert faults(path) == []
-    assert path.stop.ok == (path.mu[-1] == mu[-1])
+    assert path.stop.ok == (path.mu[-1] == last)
     assert path.stop.ok or path.stop_text.startswith(f"stopped after mu = {path.mu[-1]:.6g}: ")
 
 
