@@ -1,10 +1,11 @@
 """Sizes of the arrays that compiled programs take.
 
 A program serves arrays of one size only, and what a plate needs is compiled again for every other number of nodes or points. So arrays are
-padded to a ladder of sizes, inertly, and what comes out is cut: plates of similar size share their programs. Arrays of numbers are padded
-and cut by NumPy, those of traces by two small programs.
+padded to a ladder of sizes, inertly, and what comes out is cut: plates of similar size share their programs. Padding, cutting and picking
+rows are linear maps that NumPy computes, also inside derivatives, so that nothing is compiled for them.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -13,8 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._primitives import primitive
 from ._tracing import is_traced
-from ._types import Array
+from ._types import Array, Int
 
 
 def rung(count: int, steps: int = 2) -> int:
@@ -31,21 +33,24 @@ def rung(count: int, steps: int = 2) -> int:
 
 def padded(values: Array, count: int) -> Any:
     """``count`` rows: those of the values, and the last one again."""
-    if count == len(values):
+    return resized(values, (count, *values.shape[1:]), edge=True)
+
+
+def resized(values: Array, shape: tuple[int, ...], *, edge: bool = False) -> Any:
+    """An array of another ``shape`` with the same first corner: cut along some axes, zeros along others.
+
+    With ``edge`` the last values are repeated instead, and what is cut off is added to the last that stays. Both are linear, and the
+    reverse of either is the same back to the shape of the values.
+    """
+    if values.shape == shape:
         return values
-    if is_traced(values):
-        return _padded(values, count)
-    values = np.asarray(values)
-    return values[np.minimum(np.arange(count), len(values) - 1)]
+    sizes = {"own": values.shape, "shape": tuple(shape), "edge": edge}
+    return _resized.bind(values, **sizes) if is_traced(values) else _resize(values, **sizes)
 
 
-def cut(values: Any, shapes: Any) -> Any:
-    """The first corner of each array of a pytree, of the shape that stands at its place in the flat tuple ``shapes``."""
-    leaves, structure = jax.tree.flatten(values)
-    if is_traced(leaves):
-        return jax.tree.unflatten(structure, _cut(leaves, shapes))
-    corners = [np.asarray(leaf)[tuple(map(slice, shape))] for leaf, shape in zip(leaves, shapes, strict=True)]
-    return jax.tree.unflatten(structure, jax.device_put(corners))
+def taken(values: Array, numbers: Int[np.ndarray, "..."]) -> Any:
+    """The rows of an array with these ``numbers``."""
+    return _taken.bind(values, rows=_Rows(numbers, len(values))) if is_traced(values) else np.asarray(values)[numbers]
 
 
 def at_numbers(program: Callable[..., Array], owner: Any, rows: np.ndarray) -> np.ndarray:
@@ -54,11 +59,103 @@ def at_numbers(program: Callable[..., Array], owner: Any, rows: np.ndarray) -> n
         return np.asarray(program(owner, padded(rows, rung(len(rows)))))[: len(rows)]
 
 
-@functools.partial(jax.jit, static_argnames="count")
-def _padded(values, count):
-    return values[jnp.minimum(jnp.arange(count), len(values) - 1)]
+# --- the linear maps ---------------------------------------------------------------------------------------------------------
 
 
-@functools.partial(jax.jit, static_argnames="shapes")
-def _cut(leaves, shapes):
-    return [leaf[tuple(map(slice, shape))] for leaf, shape in zip(leaves, shapes, strict=True)]
+def _resize(values, *, own, shape, edge):
+    values = np.asarray(values)
+    for axis, (before, after) in enumerate(zip(own, shape, strict=True)):
+        first = (slice(None),) * axis
+        if before < after:
+            grown = np.zeros((*shape[:axis], after, *own[axis + 1 :]), values.dtype)
+            grown[*first, :before] = values
+            if edge:
+                grown[*first, before:] = values[*first, -1:]
+            values = grown
+        elif before > after:
+            rest, values = values[*first, after:], values[*first, :after]
+            if edge:
+                values = values.copy()
+                values[*first, -1] += rest.sum(axis=axis)
+    return values
+
+
+def _resize_by_jax(values, *, own, shape, edge):
+    for axis, (before, after) in enumerate(zip(own, shape, strict=True)):
+        first = (slice(None),) * axis
+        if before < after:
+            ends = [(0, after - before if k == axis else 0) for k in range(len(shape))]
+            values = jnp.pad(values, ends, mode="edge" if edge else "constant")
+        elif before > after:
+            rest, values = values[*first, after:], values[*first, :after]
+            values = values.at[*first, -1].add(rest.sum(axis=axis)) if edge else values
+    return values
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Rows:
+    """Which rows are taken; hashed by identity."""
+
+    numbers: Int[np.ndarray, "..."]
+    """Their numbers."""
+    count: int
+    """Number of rows there are."""
+
+
+def _take(values, *, rows):
+    return np.asarray(values)[rows.numbers]
+
+
+def _add(values, *, rows):
+    columns, numbers = np.asarray(values).reshape(rows.numbers.size, -1).T, rows.numbers.ravel()
+    sums = [np.bincount(numbers, column, minlength=rows.count) for column in columns]
+    return np.stack(sums, axis=1).reshape(rows.count, *values.shape[rows.numbers.ndim :])
+
+
+def _linear(name, by_numpy, by_jax, shape, reverse):
+    """The primitive of a linear map of one array; ``shape(own, **sizes)`` is that of its values, ``reverse(cotangent, **sizes)`` its reverse."""
+
+    def jvp(args, dots, **sizes):
+        (values,), (dot,) = args, dots
+        return made.bind(values, **sizes), None if dot is None else made.bind(dot, **sizes)
+
+    def transpose(cotangent, _, **sizes):
+        return [None if cotangent is None else reverse(cotangent, **sizes)]
+
+    def batch(args, axes, **sizes):
+        return jax.vmap(functools.partial(by_jax, **sizes), axes)(*args), 0
+
+    made = primitive(
+        name,
+        value=lambda values, **sizes: jax.device_put(by_numpy(values, **sizes)),
+        traced=by_jax,
+        shapes=lambda values, **sizes: values.update(shape=shape(values.shape, **sizes)),
+        jvp=jvp,
+        transpose=transpose,
+        batch=batch,
+        several=False,
+    )
+    return made
+
+
+_resized = _linear(
+    "resized",
+    _resize,
+    _resize_by_jax,
+    lambda _, shape, **__: shape,
+    lambda cotangent, own, shape, edge: _resized.bind(cotangent, own=shape, shape=own, edge=edge),
+)
+_taken = _linear(
+    "taken",
+    _take,
+    lambda values, rows: values[rows.numbers],
+    lambda own, rows: (*rows.numbers.shape, *own[1:]),
+    lambda cotangent, rows: _added.bind(cotangent, rows=rows),
+)
+_added = _linear(
+    "added",
+    _add,
+    lambda values, rows: jnp.zeros((rows.count, *values.shape[rows.numbers.ndim :])).at[rows.numbers].add(values),
+    lambda own, rows: (rows.count, *own[rows.numbers.ndim :]),
+    lambda cotangent, rows: _taken.bind(cotangent, rows=rows),
+)

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._programs import release_programs_where_crowded
+from .._sizes import taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int
 from .._validation import check_kind
@@ -51,9 +52,8 @@ class Cloud:
 
     def positions(self, numbers: Int[np.ndarray, " p"]) -> Float[Array, "p 2"]:
         """Positions of the vertices with these ``numbers``, mm."""
-        if is_traced(self.vertices):
-            return _rows(self.vertices, numbers)
-        return jax.device_put(np.asarray(self.vertices)[numbers])
+        rows = taken(self.vertices, numbers)
+        return rows if is_traced(rows) else jax.device_put(rows)
 
     @property
     def spacing(self) -> float:
@@ -137,7 +137,3 @@ def _carried(outlines, vertices, morph, cut_vertices, cut_weights, n):
         placed = jnp.concatenate([placed + morph.displacement(outline - vertices[n : n + len(outline)]), outline])
     return jnp.concatenate([placed, jnp.einsum("pk,pki->pi", cut_weights, placed[cut_vertices])])
 
-
-@jax.jit
-def _rows(vertices, numbers):
-    return vertices[numbers]

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._sizes import cut, padded, rung
+from .._sizes import padded, resized, rung
 from .._types import Array, Float, Int
 from ..cloud import Cloud
 from .connectivity import Connectivity
@@ -31,11 +31,11 @@ def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tu
     (trace,) = evaluate_groups(nodes, on_contour, *of_patches, on_edges, 2 * n_edges, basis=basis, gradients=False)
     linear = tuple(bool(lists.linear[patches[0]]) for patches in lists.patches)
     blocks = _consistent(nodes, points, weight, on_contour, trace, dphi, layout, linear=linear)
-    shapes = []
-    for patches, numbers, edges, (*_, groups, _) in zip(lists.patches, lists.points, lists.contour.numbers, blocks, strict=True):
-        (c, q), r, a = numbers.shape, edges.shape[1], int((lists.support[patches] > 0).sum(axis=1).max())
-        shapes += [(c, q, 2), (c, q, a, 2), (c, q), (c, q, groups.shape[2]), (c, 2, r, a)]
-    return cut(blocks, tuple(shapes))
+    cut = []
+    for patches, numbers, edges, values in zip(lists.patches, lists.points, lists.contour.numbers, blocks, strict=True):
+        (c, q), r, a, g = numbers.shape, edges.shape[1], int((lists.support[patches] > 0).sum(axis=1).max()), values[3].shape[2]
+        cut.append(tuple(map(resized, values, ((c, q, 2), (c, q, a, 2), (c, q), (c, q, g), (c, 2, r, a)))))
+    return cut
 
 
 @jax.jit

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._sizes import cut, padded, rung
+from .._sizes import padded, resized, rung, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int, Num
 from ..cloud import Cloud
@@ -74,7 +74,7 @@ def evaluate_points(
     points, owner = (padded(part, size_of_groups(count)) for part in (points, owner))
     lists, supports = widened(lists), widened(supports)
     values = evaluate_groups(padded(nodes, rung(len(nodes))), points, lists, supports, owner, count, basis=basis, gradients=gradients)
-    return cut(values, (shape, (*shape, 2))[: len(values)])
+    return tuple(resized(value, (*shape, *value.shape[2:])) for value in values)
 
 
 def size_of_groups(count: int) -> int:
@@ -104,27 +104,15 @@ def evaluate_groups(
     """
     own = owner.reshape(-1, GROUP)
     used = own if is_traced(nodes, points) else own[: -(-count // GROUP)]
-    at = zip(_rows(points, list(np.arange(used.size).reshape(used.shape))), _rows(nodes, [lists[some] for some in used]), strict=True)
-    groups = [_evaluated(*some, supports[of], basis=basis, gradients=gradients) for some, of in zip(at, used, strict=True)]
+    groups = [
+        _evaluated(taken(points, numbers), taken(nodes, lists[of]), supports[of], basis=basis, gradients=gradients)
+        for numbers, of in zip(np.arange(used.size).reshape(used.shape), used, strict=True)
+    ]
     return tuple(_joined([*parts, *parts[-1:] * (len(own) - len(used))]) for parts in zip(*groups, strict=True))
 
 
-def _rows(values, numbers):
-    """Rows of an array for each of the ``numbers``; by NumPy where nothing is traced."""
-    if is_traced(values):
-        return _taken(values, numbers)
-    values = np.asarray(values)
-    return [values[some] for some in numbers]
-
-
-@jax.jit
-def _taken(values, numbers):
-    """Rows of an array for each of the ``numbers`` by one program, whose reverse adds them up in one array."""
-    return [values[some] for some in numbers]
-
-
 def _joined(parts):
-    """The values (p, ...) of all groups, likewise."""
+    """The values (p, ...) of all groups; by NumPy where nothing is traced."""
     return _concatenated(parts) if is_traced(parts[0]) else np.concatenate(parts)
 
 

@@ -13,11 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._primitives import primitive
 from .._sizes import padded, rung
 from .._tracing import is_traced
 from .._types import Array, Float
 from ..mechanics import Problem, gather, residual, total_energy
-from .derivatives import Tangent, primitive, remade
+from .derivatives import Tangent, remade
 from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
 
