@@ -54,7 +54,7 @@ def box():
     for name in ("sample-1", "sample-4", "sample-7"):
         plate = jaxgel.sample(name)
         path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel), [*MU[:-1], -0.9178])
-        p = path.pressure[:, jaxgel.mechanics.carries_volume(path.model)] / plate.gel.Nv
+        p = path.pressure[:, path.model.carries] / plate.gel.Nv
         print(f"{name}: p / Nv from {p.min():.2f} to {p.max():.2f}", flush=True)
 
 

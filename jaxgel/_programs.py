@@ -1,13 +1,65 @@
-"""Compiled programs of clouds that are no longer in use: JAX keeps every one, and a process has only so many memory mappings.
+"""Compiled functions whose programs plates of similar size share."""
 
-XLA maps each part of each program by itself, thousands for the sweep and the gradient of one cloud. Linux allows a process
-65530 by default; one more, and it crashes.
-"""
-
+import functools
+import inspect
 import pathlib
 import sys
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+from ._sizes import resized
 
 CROWDED = 0.5  # of the mappings that a process may have
+
+
+def program(*, returns: Any = None, static: tuple[str, ...] = (), **axes: str) -> Callable[[Callable], Callable]:
+    """Decorator: ``jax.jit`` of a function of a problem or model, which gets it in the sizes that similar ones share.
+
+    The first argument called ``problem`` or ``model`` is given as its ``shared`` form. ``axes`` names the axes of other arrays by letters,
+    one for each leading axis, such as ``x="n"`` or ``x="kn"``: those of ``n`` nodes, ``g`` volume groups and ``f`` unknowns are made as
+    long as the shared form has them, others stay. ``returns`` says the same of results, which are cut to the problem's own lengths; None
+    for those that stay. In another program, where the problem is shared already, the function is called as it is.
+    """
+
+    def decorate(function: Callable) -> Callable:
+        compiled = jax.jit(function, static_argnames=static)
+        names = list(inspect.signature(function).parameters)
+        place = names.index("problem" if "problem" in names else "model")
+
+        @functools.wraps(function)
+        def call(*args: Any, **options: Any) -> Any:
+            owner = args[place]
+            shared = getattr(owner, "shared", None)
+            if shared is None:
+                return function(*args, **options)
+            lengths = shared.lengths
+            given = [fitted(arg, axes[name], lengths) if name in axes else arg for name, arg in zip(names, args, strict=False)]
+            given[place] = shared
+            options = {name: fitted(arg, axes[name], lengths) if name in axes else arg for name, arg in options.items()}
+            found = compiled(*given, **options)
+            return _cut(found, returns, owner.lengths) if returns else found
+
+        call.clear_cache = compiled.clear_cache
+        return call
+
+    return decorate
+
+
+def fitted(values: Any, axes: str, lengths: dict[str, int]) -> Any:
+    """Values whose axes of these letters have the given lengths; None, and a number in place of an array, as they are."""
+    if np.ndim(values) == 0:
+        return values
+    shape = (*(lengths.get(axis, size) for axis, size in zip(axes, values.shape, strict=False)), *values.shape[len(axes) :])
+    return resized(values, shape)
+
+
+def _cut(found, returns, lengths):
+    if isinstance(returns, str):
+        return fitted(found, returns, lengths)
+    return tuple(part if axes is None else fitted(part, axes, lengths) for part, axes in zip(found, returns, strict=True))
 
 
 def release_programs() -> None:

@@ -31,6 +31,11 @@ def rung(count: int, steps: int = 2) -> int:
     return count if count <= steps else -(-count // part) * part
 
 
+def step(count: int, sizes: tuple[int, ...]) -> int:
+    """Least of the ascending ``sizes`` that holds ``count``, and beyond them a `rung` of 4 to a doubling."""
+    return next((size for size in sizes if size >= count), rung(count, 4))
+
+
 def padded(values: Array, count: int) -> Any:
     """``count`` rows: those of the values, and the last one again."""
     return resized(values, (count, *values.shape[1:]), edge=True)
@@ -113,7 +118,7 @@ def _add(values, *, rows):
 
 
 def _linear(name, by_numpy, by_jax, shape, reverse):
-    """The primitive of a linear map of one array; ``shape(own, **sizes)`` is that of its values, ``reverse(cotangent, **sizes)`` its reverse."""
+    """The primitive of a linear map of an array: ``shape(own, **sizes)`` is that of its values."""
 
     def jvp(args, dots, **sizes):
         (values,), (dot,) = args, dots

@@ -23,7 +23,7 @@ from jaxgel.continuation import SweepFailed
 from jaxgel.equilibrium import NEWTON
 from jaxgel.geometry import KINDS
 from jaxgel.materials import bulk_stiffness
-from jaxgel.mechanics import ROUND_OFF, all_volumes, carries_volume, free_dofs, network_energy, residual, touches, volume_ratios
+from jaxgel.mechanics import ROUND_OFF, all_volumes, free_dofs, network_energy, residual, touches, volume_ratios
 
 QUADRATURE = 0.2  # error of the area over area x reduction^2 of the pores x (spacing / size)^3 of them: 0.14 is seen, an eighth at half h
 OUTLINE = 2e-3  # error of the area over spacing and length of outlines: chords of spacing / 8 at curvatures of 1 / spacing miss 1.3e-3
@@ -42,7 +42,7 @@ def faults(path):
     lowest = np.asarray(jaxgel.continuation.lowest_eigenvalue(path))
     for k, mu in enumerate(path.mu):
         x, volumes = path.x[k], np.asarray(all_volumes(model))
-        carries = carries_volume(model) & (volumes > 0)
+        carries = model.carries & (volumes > 0)
         J = np.asarray(volume_ratios(x, model))[carries]
         if not (np.all(np.isfinite(x)) and np.all(np.isfinite(path.pressure[k][volumes > 0]))):
             found.append(f"mu = {mu:.4g}: not finite")

@@ -12,10 +12,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._programs import fitted
 from .._types import Scalar
 from ..continuation import StabilityAnalysis, across
 from ..equilibrium import State, StateNotFound, accepted, solve, solve_pinned
-from ..mechanics import Problem, restrict, scatter, total_energy
+from ..mechanics import Problem, restrict, scatter, shared_tangents, total_energy
 from .critical import located
 from .deflation import find_states_by_deflation
 from .loops import Loop
@@ -161,7 +162,9 @@ def _lower(analysis, value, state, stable):
 
 
 def _change_of_height(point, _, of, dots):
-    return _energy_change(point.saddle.x, point.state.x, of, dots)
+    shared, shared_dots = shared_tangents(of[0], dots[0])
+    states = (fitted(np.asarray(state.x), "n", shared.lengths) for state in (point.saddle, point.state))
+    return _energy_change(*states, (shared, of[1]), (shared_dots, dots[1]))
 
 
 @jax.jit
@@ -170,7 +173,7 @@ def _energy_change(saddle, state, of, dots):
 
     def height(of):
         problem, value = of
-        nodes, (now, mu) = problem.model.cloud.nodes, problem.at(value)
+        nodes, (now, mu) = problem.model.nodes, problem.at(value)
         moved = problem.carried(nodes - jax.lax.stop_gradient(nodes), jax.lax.stop_gradient(value))
         energies = [total_energy(problem.placed(x + moved, value), now.model, now.gel, mu, now.loads) for x in (saddle, state)]
         return energies[0] - energies[1]

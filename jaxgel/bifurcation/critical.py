@@ -15,12 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._programs import fitted
 from .._tracing import is_traced
 from .._validation import check_kind
 from ..continuation import Path
 from ..controls import check_values
 from ..equilibrium import UNOBSERVED, Observer, first_order_only, without_derivatives
-from ..mechanics import Problem, curvature, residual, touches
+from ..mechanics import Problem, curvature, residual, shared_tangents, touches
 from .points import CriticalPoint
 from .search import locate
 
@@ -136,7 +137,9 @@ def _located_jvp(search, structure, primals, tangents):
 def _critical_tangent(point, value, problem, dots):
     if problem.has_contact and not touches(point.x, problem.model):
         problem, dots = problem.without_contact, dots.without_contact  # no derivative, but a cost
-    return _onset_tangent(point.x, point.modes, point.correction, value, problem, dots, fold=point.kind == "fold")
+    shared, dots = shared_tangents(problem, dots)
+    fields = fitted(point.x, "n", shared.lengths), fitted(point.modes, "mn", shared.lengths), fitted(point.correction, "n", shared.lengths)
+    return _onset_tangent(*fields, value, shared, dots, fold=point.kind == "fold")
 
 
 @functools.partial(jax.jit, static_argnames="fold")
@@ -144,7 +147,7 @@ def _onset_tangent(x, modes, correction, value, problem, dots, *, fold):
     """Tangent () of a critical value: -(dPhi . dots) / (dPhi/dvalue) at fixed x, v, w; constrained nodes move with the dry plate."""
 
     def onset(problem, value):
-        nodes, (now, mu) = problem.model.cloud.nodes, problem.at(value)
+        nodes, (now, mu) = problem.model.nodes, problem.at(value)
         at = problem.placed(x + problem.carried(nodes - jax.lax.stop_gradient(nodes), jax.lax.stop_gradient(value)), value)
         r = residual(at, now.model, now.gel, mu, now.loads)
         if fold:

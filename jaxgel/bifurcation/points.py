@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 
+from .._programs import program
 from .._types import Array, Float, Scalar
 from ..equilibrium import State, control_force
 from ..linalg import Bordered
@@ -96,7 +97,7 @@ class Expansion:
 def expand(problem: Problem, stiffness: sp.csr_matrix, state: State, modes: Float[np.ndarray, "f m"]) -> Expansion:
     """`Expansion` at a state with a factor of its own tangent, along modes normalised by the network's ``stiffness`` (f, f)."""
     m = modes.shape[1]
-    fields = jnp.stack([scatter(v, problem.free) for v in modes.T])
+    fields = np.stack([scatter(v, problem.free) for v in modes.T])
     slope, gradient, cubic, quartic = _derivatives(problem, state.x, fields, jnp.asarray(state.value))
     gradient = np.asarray(gather(gradient, problem.free))
     held = stiffness @ modes
@@ -107,7 +108,7 @@ def expand(problem: Problem, stiffness: sp.csr_matrix, state: State, modes: Floa
     return Expansion(slope, float(cubic), relaxed, correction)
 
 
-@jax.jit
+@program(x="n", modes="mn", returns=(None, "n", None, None))
 def _derivatives(problem, x, modes, value):
     """D phi / d value, d phi / dx (n, 2), and the third and fourth derivative of the energy along the first mode."""
 

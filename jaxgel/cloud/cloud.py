@@ -136,4 +136,3 @@ def _carried(outlines, vertices, morph, cut_vertices, cut_weights, n):
         outline = jnp.concatenate(outlines)
         placed = jnp.concatenate([placed + morph.displacement(outline - vertices[n : n + len(outline)]), outline])
     return jnp.concatenate([placed, jnp.einsum("pk,pki->pi", cut_weights, placed[cut_vertices])])
-

@@ -9,17 +9,19 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
+from .._programs import fitted
 from .._threads import few_threads
 from .._tracing import is_traced
 from ..controls import Control, check_values
 from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents, with_derivatives_of
 from ..linalg import remember
-from ..mechanics import Problem, state_pressure, total_energy
+from ..mechanics import Problem, shared_tangents, state_pressure, total_energy
 from .follow import Followed, Following
 from .options import check_sweep
 from .path import Path
 from .steps import Adaptive
 
+OF_STATES = {"energy": "k", "pressure": "kg", "mu": "kg"}  # what is a function of the states: its axes
 WITHOUT_DERIVATIVES = {
     "lowest_eigenvalue": "path.lowest_eigenvalue: the attribute has no derivative; use jaxgel.continuation.lowest_eigenvalue(path)",
     "residual": "path.residual: the residual of a converged state is round-off and has no derivative; use path.energy or path.x",
@@ -73,11 +75,9 @@ def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
     search = _Search(structure, floating, ends, dataclasses.replace(options, eigenvalues=True))
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     x, report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
-    value = report.pop("value") if ends else given
-    found = report.pop("energy"), report.pop("pressure"), report.pop("mu")
-    energy, pressure, mu = with_derivatives_of(_of_states, found, x, problem, value)
+    value = report["value"] if ends else given
     report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "value")}
-    return Path(problem=problem, value=value, mu=mu, x=x, pressure=pressure, energy=energy, **report, **search.found)
+    return Path(problem=problem, value=value, x=x, **report, **search.found)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -120,8 +120,14 @@ def _states_jvp(search, primals, tangents):
     problem = problem.replace(operators=report["operators"])
     if problem.has_contact and not is_traced(report) and not np.any(report["contact_active"]):
         problem, problem_dot = problem.without_contact, problem_dot.without_contact  # no energy and no derivative, but a cost
-    x_dot = state_tangents(x, report["pressure"], problem, values, problem_dot, values_dot)
+    shared, shared_dot = shared_tangents(problem, problem_dot)
+    x_dot = state_tangents(x, report["pressure"], problem, values, shared, shared_dot, values_dot)
+    found = tuple(fitted(report[name], axes, shared.lengths) for name, axes in OF_STATES.items())
+    at = fitted(x, "kn", shared.lengths), shared, values
+    dots = jax.jvp(functools.partial(with_derivatives_of, _of_states, found), at, (x_dot, shared_dot, values_dot))[1]
+    x_dot = fitted(x_dot, "kn", problem.lengths)
     report_dot = jax.tree.map(SymbolicZero.from_primal_value, report)
+    report_dot |= {name: fitted(dot, axes, problem.lengths) for dot, (name, axes) in zip(dots, OF_STATES.items(), strict=True)}
     report_dot |= {name: no_tangents(report[name], [x_dot], text) for name, text in WITHOUT_DERIVATIVES.items()}
     return (x, report), (x_dot, report_dot)
 

@@ -6,12 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._programs import fitted
 from .._tracing import is_traced
 from .._types import Array, Float
 from ..equilibrium import first_order_only
 from ..linalg import SingularTangent, lowest_mode
 from ..materials import gel_at_points
-from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, scatter, touches
+from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, scatter, shared_tangents, touches
 from .path import Path, check_is_path
 from .stability import StabilityAnalysis
 
@@ -41,7 +42,7 @@ def _lowest(structure, leaves):
         lowest, mode = _lowest_of_state(problem, stiffness, *state)
         values.append(lowest)
         modes.append(scatter(mode, problem.free))
-    return jnp.array(values), jnp.stack(modes)
+    return jnp.array(values), jax.device_put(np.stack(modes))
 
 
 def _lowest_of_state(problem, stiffness, x, pressure, value):
@@ -59,14 +60,17 @@ def _lowest_of_state(problem, stiffness, x, pressure, value):
 def _lowest_jvp(structure, primals, tangents):
     values, modes = first_order_only(_lowest(structure, *primals), "lowest_eigenvalue")
     inputs, dots = jax.tree.unflatten(structure, primals[0]), jax.tree.unflatten(structure, tangents[0])
-    return (values, modes), (_change(modes, inputs, dots), jnp.zeros_like(modes))
+    (x, _, problem, at), (x_dot, _, problem_dot, at_dot) = inputs, dots
+    shared, shared_dot = shared_tangents(problem, problem_dot)
+    along = [fitted(field, "kn", shared.lengths) for field in (modes, x, x_dot)]
+    return (values, modes), (_change(*along, shared, shared_dot, at, at_dot), jnp.zeros_like(modes))
 
 
 @jax.jit
-def _change(modes, inputs, dots):
+def _change(modes, x, x_dot, problem, problem_dot, values, values_dot):
     """Tangents (k,) of the quotients of energy and network stiffness along ``modes`` (k, n, 2)."""
 
-    def quotients(x, _, problem, values):
+    def quotients(x, problem, values):
         def one(x, v, at):
             now, mu = problem.at(at)
             model, gel = now.model, problem.gel  # eigenvalues are over the stiffness of the gel that is given, whatever the control
@@ -76,4 +80,4 @@ def _change(modes, inputs, dots):
 
         return jax.vmap(one)(x, modes, values)
 
-    return jax.jvp(quotients, inputs, dots)[1]
+    return jax.jvp(quotients, (x, problem, values), (x_dot, problem_dot, values_dot))[1]

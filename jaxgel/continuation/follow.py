@@ -7,10 +7,10 @@ the public `sweep` and the derivative rule of a sweep both take them from here.
 import dataclasses
 from collections.abc import Callable, Iterator
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._programs import program
 from .._validation import one_of
 from ..equilibrium import (
     NEWTON,
@@ -31,7 +31,7 @@ from ..equilibrium import (
 )
 from ..linalg import SingularTangent
 from ..materials import gel_in_groups, rises_always
-from ..mechanics import Problem, all_volumes, carries_volume, restrict, touches, volume_ratios
+from ..mechanics import Problem, all_volumes, restrict, touches, volume_ratios
 from .frames import Frame, Frames
 from .predictor import EXTRAPOLATED, predict, same_branch
 from .steps import STEP_CONTROL, Adaptive, StepControl, Steps, adaptive, given_values
@@ -237,11 +237,11 @@ def _changes_phase(problem, found, predicted, control):
     return float(_unforeseen(problem.model, found.x, predicted, control.foreseen)) > control.much
 
 
-@jax.jit
+@program(x="n", predicted="n")
 def _unforeseen(model, x, predicted, foreseen):
     """Share () of the dry volume in which ln J at ``x`` (n, 2) is not that at the ``predicted`` positions within ``foreseen``."""
     J, before = volume_ratios(x, model), volume_ratios(predicted, model)
-    volumes = jnp.where(carries_volume(model), all_volumes(model), 0.0)
+    volumes = jnp.where(model.carries, all_volumes(model), 0.0)
     apart = ~((before > 0) & (jnp.abs(jnp.log(J / jnp.where(before > 0, before, 1.0))) < foreseen))
     return jnp.sum(volumes * apart) / jnp.sum(volumes)
 

@@ -180,7 +180,7 @@ class RegionFrame(_Conditions):
     @functools.cached_property
     def _stiffnesses(self):
         """Stiffness (b, b) of the network in each block."""
-        network = np.asarray(self.problem.operators.network)
+        network = self.problem.network
         return [network_matrix(basis.pattern, network) for basis in self._bases]
 
     @functools.cached_property

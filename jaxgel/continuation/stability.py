@@ -33,7 +33,7 @@ class StabilityAnalysis:
     def stiffness(self) -> sp.csr_matrix:
         """N (f, f) of the free degrees of freedom: Nv times the Laplacian in each direction, kT/v."""
         free = self.problem.without_contact
-        return network_matrix(free.pattern, np.asarray(free.operators.network))
+        return network_matrix(free.pattern, free.network)
 
     def check(self, state: State, start: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
         """`Stability` of a converged state with its lowest eigenvalues, and the state with a factor of its own tangent.

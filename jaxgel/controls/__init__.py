@@ -13,7 +13,6 @@ from .setting import (
     check_control,
     check_fields,
     check_is_control,
-    edge_motion,
 )
 from .values import check_values, turning_points
 
@@ -36,7 +35,6 @@ __all__ = [
     "check_values",
     "chi",
     "driven",
-    "edge_motion",
     "pH",
     "salt",
     "temperature",

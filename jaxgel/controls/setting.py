@@ -9,13 +9,12 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._tracing import is_traced
 from .._types import Array, Chemical, Float
 from .._validation import Inadmissible
-from ..geometry import EDGES, Plate
+from ..geometry import EDGES
 from ..materials import check_gel, named_parameters, varies
 
 
@@ -192,14 +191,3 @@ def _check_continuous(control, gel, between, numbers):
         low, first, high, last = (low, first, middle, there) if changes[0] >= changes[1] else (middle, there, high, last)
     if whole > 0:
         raise Inadmissible(f"{control.name}: what acts jumps at {0.5 * (low + high):.6g}, the path must be continuous")
-
-
-def edge_motion(setting: Setting, plate: Plate) -> tuple[Float[Array, "2 2"], dict[str, Any]] | None:
-    """Deformation (2, 2) and displacements by edge, mm, of a setting that moves the edges; None where these move as the plate says.
-
-    What the setting does not say of an edge the ``plate`` does.
-    """
-    if setting.deformation is None and setting.displacement is None:
-        return None
-    F = plate.dry_deformation if setting.deformation is None else setting.deformation
-    return jnp.asarray(F, float), dict(plate.displacement) | dict(setting.displacement or {})

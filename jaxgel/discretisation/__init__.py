@@ -1,8 +1,10 @@
 """Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
+from .body import Body, PatchBlock, numbered
 from .connectivity import Connectivity, plate_edge_ends
 from .interpolation import Interpolation
-from .model import Model, PatchBlock, discretise
+from .ladder import MANY, NODES, room
+from .model import Model, discretise
 from .moving_least_squares import BASES, KINDS, n_monomials, shape_functions, shape_functions_and_gradients
 from .neighbours import pad_nodes, reaching_nodes
 from .options import DiscretisationOptions
@@ -14,8 +16,11 @@ from .weights import cubic_spline_weight, singular_weight
 __all__ = [
     "BASES",
     "KINDS",
+    "MANY",
     "MIDLINE_POINTS",
+    "NODES",
     "SPENT",
+    "Body",
     "Connectivity",
     "DiscretisationOptions",
     "Interpolation",
@@ -32,11 +37,13 @@ __all__ = [
     "midline_points",
     "midline_probe",
     "n_monomials",
+    "numbered",
     "pad_nodes",
     "plate_edge_ends",
     "quality",
     "reaching_nodes",
     "refreshed",
+    "room",
     "shape_functions",
     "shape_functions_and_gradients",
     "singular_weight",

@@ -19,7 +19,7 @@ from .moving_least_squares import n_monomials
 from .neighbours import pad_nodes, pad_rows, reaching_nodes
 from .patches import patches
 
-FEW = 64  # patches
+FEW = 16  # patches
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -158,15 +158,14 @@ def _rows_of(owner, count, groups):
 
 
 def _groups_of_similar_size(linear, owner, patch_of_cell):
-    """Patch numbers in groups: of linear and of constant pressures, without and with cut cells.
+    """Patch numbers in groups: of linear pressures without and with cut cells, and of constant pressures.
 
     Every group is a part of each compiled program. Fewer than ``FEW`` patches without cut cells do not pay for that and join the others.
     """
     is_cut = np.bincount(owner) > len(EDGE_POINTS) ** 2
     cut = np.bincount(patch_of_cell, is_cut) > 0
-    for kind in (linear, ~linear):
-        cut |= kind & (np.sum(kind & ~cut) < FEW)
-    kinds = [linear & ~cut, linear & cut, ~linear & ~cut, ~linear & cut]
+    cut |= linear & (np.sum(linear & ~cut) < FEW)
+    kinds = [linear & ~cut, linear & cut, ~linear]
     return tuple(group for group in map(np.flatnonzero, kinds) if len(group))
 
 

@@ -6,11 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._sizes import padded, resized, rung
+from .._sizes import padded, resized
 from .._types import Array, Float, Int
 from ..cloud import Cloud
 from .connectivity import Connectivity
 from .interpolation import evaluate_groups
+from .ladder import NODES, room
 from .layout import layout_of
 from .pressures import group_weights
 
@@ -25,7 +26,7 @@ def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tu
     the linear trace between two nodes, see ``Contour.edge_ends``, and points on interfaces the trace that is common to both sides.
     """
     layout, n_points, n_edges = layout_of(lists), len(lists.cell_of_point), len(lists.contour.ends)
-    nodes, points, weight, on_contour = _placed(padded(cloud.vertices, rung(len(cloud.vertices))), layout)
+    nodes, points, weight, on_contour = _placed(padded(cloud.vertices, room(len(cloud.vertices), NODES)), layout)
     of_patches, owner, on_edges = (layout.nodes, layout.support), layout.patch[layout.quadrature.owner], np.repeat(layout.contour.owner, 2)
     dphi = evaluate_groups(nodes, points, *of_patches, owner, n_points, basis=basis)[1]
     (trace,) = evaluate_groups(nodes, on_contour, *of_patches, on_edges, 2 * n_edges, basis=basis, gradients=False)

@@ -19,7 +19,7 @@ from .moving_least_squares import shape_functions, shape_functions_and_gradients
 
 BATCH = 64  # points whose shape functions are evaluated together
 GROUP = 1024  # points of one call of the program that evaluates them: one size, so that it serves every cloud
-FINE = 4  # sizes to a doubling of the number of groups: each group costs time
+FINE = 2  # sizes to a doubling of the number of groups: each group costs time
 NEIGHBOURS = 32  # the program's neighbours are padded to a multiple of this
 
 

@@ -7,11 +7,12 @@ import jax
 import numpy as np
 
 from .._memo import once_per_owner
-from .._sizes import padded, rung
+from .._sizes import padded
 from .._types import Float, Int
 from ..cloud import Quadrature
 from .connectivity import Connectivity, Contour
 from .interpolation import size_of_groups, widened
+from .ladder import NODES, of_patch, patches_of_blocks, room
 
 
 class Layout(NamedTuple):
@@ -40,15 +41,21 @@ class Layout(NamedTuple):
 def layout_of(lists: Connectivity) -> Layout:
     """The ``Layout`` of a ``Connectivity``."""
     topology = lists.topology
-    nodes, support = (padded(widened(part), rung(len(part))) for part in (lists.nodes, lists.support))
+    nodes, support = (padded(widened(part), room(len(part))) for part in (lists.nodes, lists.support))
+    sizes = patches_of_blocks(list(map(len, lists.patches)))
+    points, edges = [], []
+    for patches, of_points, of_edges, size in zip(lists.patches, lists.points, lists.contour.numbers, sizes, strict=True):
+        wide, rows, _ = of_patch(of_points.shape[1], of_edges.shape[1], 0, linear=bool(lists.linear[patches[0]]))
+        points.append(_rounded(of_points, size, wide))
+        edges.append(_rounded(of_edges, size, rows))
     return Layout(
-        padded(topology.node_vertices, rung(len(topology.node_vertices))),
+        padded(topology.node_vertices, room(len(topology.node_vertices), NODES)),
         _quadrature(topology.quadrature),
-        padded(lists.patch_of_cell, rung(len(lists.patch_of_cell))),
+        padded(lists.patch_of_cell, room(len(lists.patch_of_cell))),
         nodes,
         support,
-        _contour(lists.contour),
-        tuple(map(_rounded, lists.points)),
+        _contour(lists.contour, tuple(edges)),
+        tuple(points),
     )
 
 
@@ -60,7 +67,7 @@ def _quadrature(given):
     return more
 
 
-def _contour(given):
+def _contour(given, numbers):
     """Edges, with further ones of no length that follow themselves."""
     count = len(given.cell)
     edges = size_of_groups(2 * count) // 2
@@ -71,11 +78,11 @@ def _contour(given):
         more.following[count:], more.edge_ends[count:] = np.arange(count, edges), -1
     traces = given.on_interfaces
     if traces is not None:
-        traces = tuple(padded(part, rung(len(part))) for part in (traces[0], widened(traces[1])))
-    return dataclasses.replace(more, numbers=tuple(map(_rounded, given.numbers)), on_interfaces=traces)
+        traces = tuple(padded(part, room(len(part))) for part in (traces[0], widened(traces[1])))
+    return dataclasses.replace(more, numbers=numbers, on_interfaces=traces)
 
 
-def _rounded(numbers):
-    """Numbers (c, q) with rows and columns of the ladder, -1 in the further columns."""
-    wide = np.pad(numbers, ((0, 0), (0, rung(numbers.shape[1]) - numbers.shape[1])), constant_values=-1)
-    return padded(wide, rung(len(wide)))
+def _rounded(numbers, rows, columns):
+    """Numbers (c, q) with so many rows and columns, -1 in the further columns."""
+    wide = np.pad(numbers, ((0, 0), (0, columns - numbers.shape[1])), constant_values=-1)
+    return padded(wide, rows)

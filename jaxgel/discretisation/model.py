@@ -1,22 +1,18 @@
-"""The discretised gel: patches, quadrature points and shape function gradients of a cloud.
-
-Index letters: ``c`` patch, ``q`` quadrature point of a patch, ``g`` volume group, ``p`` point, ``a b`` node of a patch's list, ``i j``
-space, ``r`` row of an area form. A patch is a group of integration cells with one pressure field; see `patches` and `pressures`. Its node
-list holds all nodes whose support reaches the patch or its contour; padding has support 0. Patches of similar size share a ``PatchBlock``
-of padded arrays.
-"""
+"""The discretised gel: patches, quadrature points and shape function gradients of a cloud."""
 
 import dataclasses
+import functools
 
 import jax
 import numpy as np
 
 from .._memo import once_per_owner
 from .._tracing import is_traced
-from .._types import Array, Float, Int, Scalar
+from .._types import Scalar
 from .._validation import Inadmissible, check_kind, one_of
 from ..cloud import Cloud, Topology, refuse_ligament
 from ..linalg import SOLVERS
+from .body import Body, PatchBlock, carrying_groups, numbered, shared_body
 from .connectivity import Connectivity, make_connectivity
 from .consistency import consistent_patches
 from .interpolation import Interpolation, interpolate
@@ -31,44 +27,12 @@ DMAX = 2.95  # support radius over spacing: nearly three grid lines to each side
 
 
 @jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class PatchBlock:
-    """Patches of similar size; a pytree."""
-
-    patches: Int[Array, " c"]
-    """Patch numbers."""
-    nodes: Int[Array, "c a"]
-    """Node numbers in ascending order, padded with the first one."""
-    position: Float[Array, " c #q 2"]
-    """Dry positions of the quadrature points, mm; padding repeats a point."""
-    dphi: Float[Array, " c #q a 2"]
-    """Shape function gradients, 1/mm, at each point or their mean over the cell; 0 for padded nodes."""
-    weight: Float[Array, " c #q"]
-    """Quadrature weights, mm^2; 0 for padded points."""
-    group_weight: Float[Array, "c _ g"]
-    """Weights of J at the points in each volume group, see `pressures`."""
-    contour: Float[Array, "c 2 r a"]
-    """Rows of the area form of the contour, see `consistency.area_rows`."""
-    carrying: int = dataclasses.field(metadata={"static": True})
-    """Number of the groups of a patch that carry its volume, in equal shares; the others are held."""
-
-    @property
-    def n_groups(self) -> int:
-        """Number of volume groups of a patch."""
-        return self.group_weight.shape[2]
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Model:
-    """A cloud with its cells, quadrature points and shape functions: all that is needed to integrate an energy; a pytree."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Model(Body):
+    """A cloud with its cells, quadrature points and shape functions; a pytree."""
 
     cloud: Cloud
     """Nodes and cell vertices."""
-    blocks: tuple[PatchBlock, ...]
-    """Patches, in blocks of similar size."""
-    outline: Interpolation | None
-    """Shape functions at all outline vertices, arc after arc; None where a derivative does not depend on them."""
     lists: Connectivity = dataclasses.field(metadata={"static": True})
     """Neighbours and layout of the quadrature points; static."""
     basis: str = dataclasses.field(metadata={"static": True})
@@ -77,8 +41,6 @@ class Model:
     """Support radius over node spacing."""
     solver: str = dataclasses.field(default="auto", metadata={"static": True})
     """How linear systems are solved: ``"auto"``, ``"direct"`` or ``"iterative"``, see ``linalg``."""
-    contact: object = None
-    """The ``mechanics.Contact`` of hole boundaries with themselves; None where they may overlap."""
 
     def __repr__(self) -> str:
         """Sizes of the model."""
@@ -87,7 +49,12 @@ class Model:
     def at_axial_stretch(self, axial: Scalar) -> "Model":
         """The same model held at another axial stretch, which may be traced; ValueError for other than generalised plane strain."""
         plate = dataclasses.replace(self.cloud.plate, axial_stretch=axial)
-        return dataclasses.replace(self, cloud=dataclasses.replace(self.cloud, plate=plate))
+        return dataclasses.replace(self, cloud=dataclasses.replace(self.cloud, plate=plate), axial_stretch=axial)
+
+    @functools.cached_property
+    def shared(self) -> Body:
+        """The arrays alone, of sizes that similar models share, see `layout`."""
+        return shared_body(self)
 
     @property
     def n_nodes(self) -> int:
@@ -127,15 +94,31 @@ def discretise(
     if not dmax > 1.0:
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
     lists = make_connectivity(cloud.topology, basis, dmax, SKIN * cloud.spacing * is_moved(cloud))
-    blocks = tuple(
-        PatchBlock(patches, lists.nodes[patches, : values[1].shape[2]], *values, n_carrying(bool(lists.linear[patches[0]])))
+    blocks = numbered(
+        PatchBlock(
+            patches, np.zeros((0, 0), int), lists.nodes[patches, : values[1].shape[2]], *values, n_carrying(bool(lists.linear[patches[0]]))
+        )
         for patches, values in zip(lists.patches, consistent_patches(cloud, lists, basis), strict=True)
     )
     outline = Interpolation(np.zeros((0, 2)), np.zeros((0, 1), np.int32), *map(np.zeros, ((0, 1), (0, 1), (0, 1, 2))))
     if cloud.topology.outlines:
         numbers, neighbours = _outline(cloud.topology, dmax, is_moved(cloud))
         outline = interpolate(cloud, cloud.positions(numbers), neighbours, basis)
-    model = Model(cloud, blocks, outline, lists, basis, dmax, solver)
+    plate = cloud.topology.plate
+    model = Model(
+        nodes=cloud.nodes,
+        blocks=blocks,
+        carries=carrying_groups(blocks),
+        outline=outline,
+        axial_stretch=cloud.plate.axial_stretch,
+        across=max(plate.width, plate.height) / float(cloud.topology.node_spacing.min()),
+        film=plate.kinematics == "plane stress",
+        cloud=cloud,
+        lists=lists,
+        basis=basis,
+        dmax=dmax,
+        solver=solver,
+    )
     _check_reproduction(model)
     return model
 

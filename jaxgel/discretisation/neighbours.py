@@ -3,9 +3,11 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .._sizes import step
 from .._types import Float, Int
 from ..cloud import Cloud, Topology
 
+NEIGHBOURS = (20, 36, 56, 72, 84, 112, 144)  # room for nodes of a patch or point: those of a whole square 32, with room to move 43
 SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of the spacing
 
 
@@ -17,11 +19,13 @@ def is_moved(cloud: Cloud) -> bool:
 def neighbours_of_points(
     topology: Topology, dmax: float, reference_points: Float[np.ndarray, "p 2"], room: float
 ) -> tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]]:
-    """Padded node lists and supports of material points and of all points within ``room`` mm of them."""
+    """Node lists and supports of material points and of all points within ``room`` mm of them, padded to one of the ``NEIGHBOURS``."""
     support = dmax * topology.node_spacing
     regions = topology.regions_at(reference_points)
     reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), regions, support, room)
-    return pad_nodes(*reaching, support)
+    lists, supports = pad_nodes(*reaching, support)
+    more = (0, 0), (0, step(lists.shape[1], NEIGHBOURS) - lists.shape[1])
+    return np.pad(lists, more, mode="edge"), np.pad(supports, more)
 
 
 def reaching_nodes(

@@ -78,7 +78,7 @@ def _norm_with(forces, problem, state):
     """Relative norm of the residual with additional forces (f,); nan where a part of the iterate is not finite."""
     linearisation = state.linearisation
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
-        size = float(np.linalg.norm(np.asarray(gather(linearisation.rhs, problem.free)) + forces) * float(linearisation.per_force))
+        size = float(np.linalg.norm(gather(np.asarray(linearisation.rhs), problem.free) + forces) * float(linearisation.per_force))
     return size if np.isfinite(float(linearisation.violation)) else np.nan
 
 

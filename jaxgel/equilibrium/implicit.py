@@ -14,10 +14,11 @@ import numpy as np
 from jax import lax
 
 from .._primitives import primitive
+from .._programs import fitted
 from .._sizes import padded, rung
 from .._tracing import is_traced
 from .._types import Array, Float
-from ..mechanics import Problem, gather, residual, total_energy
+from ..mechanics import Equations, Problem, gather, residual, total_energy
 from .derivatives import Tangent, remade
 from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
@@ -30,20 +31,23 @@ def state_tangents(
     pressure: Float[Array, "k g"],
     problem: Problem,
     values: Float[Array, " k"],
-    problem_dot: Problem,
+    shared: Equations,
+    shared_dot: Equations,
     values_dot: Float[Array, " k"],
-) -> Float[Array, "k n 2"]:
-    """Tangents of the equilibria ``x`` with ``pressure`` at ``values`` of the control for tangents of the ``problem`` and of the values.
+) -> Float[Array, "k m 2"]:
+    """Tangents of the equilibria ``x`` with ``pressure`` at ``values`` of the control, for those of its `shared_tangents` and the values.
 
-    Constrained degrees of freedom move with the nodes of the dry plate, and as a control moves the edges. The ``operators`` of the problem
-    need no tangents: they follow from the model. nan where a tangent is singular.
+    They are in the sizes of the ``shared`` equations. Constrained degrees of freedom move with the nodes of the dry plate, and as a control
+    moves the edges. Operators need no tangents: they follow from the model. nan where a tangent is singular.
     """
-    inputs, dots = (q.replace(model=_without_observation_points(q.model), operators=None) for q in (problem, problem_dot))
-    leaves, structure = jax.tree.flatten(inputs)
+    shared, dots = (q.replace(model=_without_observation_points(q.model)) for q in (shared, shared_dot))
+    leaves, structure = jax.tree.flatten(shared)
     map_ = _Changes(structure, tuple(bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves))
-    motion, rhs = changes.bind(values_dot, *map_.floats(dots), x, pressure, values, *leaves, map_=map_)
+    at = fitted(x, "kn", shared.lengths), fitted(pressure, "kg", shared.lengths), values
+    motion, rhs = changes.bind(values_dot, *map_.floats(dots), *at, *leaves, map_=map_)
     leaves, structure = jax.tree.flatten((x, pressure, values, problem))
-    return moved(motion, solutions.bind(rhs, *leaves, structure=structure), problem.free)
+    correction = solutions.bind(fitted(rhs, "kf", problem.lengths), *leaves, structure=structure)
+    return moved(motion, fitted(correction, "kf", shared.lengths), shared.free)
 
 
 def _without_observation_points(model):
@@ -80,8 +84,7 @@ class _Changes:
         problem = jax.tree.unflatten(self.structure, leaves)
         zeros = [np.zeros(leaf.shape, jax.dtypes.float0) for leaf in leaves]
         problem_dot = self.with_floats(zeros, dots)
-        cloud, cloud_dot = problem.model.cloud, problem_dot.model.cloud
-        motions = Motions(problem)(x, values, jax.jvp(lambda cloud: cloud.nodes, (cloud,), (cloud_dot,))[1])
+        motions = Motions(problem)(x, values, problem_dot.model.nodes)
         motions += edge_motions(problem, problem_dot, values, values_dot)
 
         def change(x, pressure, value, value_dot, motion):
@@ -185,7 +188,7 @@ def _over_states(map_, states, numbers, steps, leaves, *, wanted, size):
     """
     x, pressure, values, motion, fields = states
     problem = jax.tree.unflatten(map_.structure, leaves)
-    cloud, motions, dry = problem.model.cloud, Motions(problem), jax.ShapeDtypeStruct(x.shape[1:], x.dtype)
+    motions, dry = Motions(problem), jax.ShapeDtypeStruct(x.shape[1:], x.dtype)
 
     def work(floats, x, values, pressure, fields):
         problem = map_.with_floats(leaves, floats)
@@ -213,9 +216,7 @@ def _over_states(map_, states, numbers, steps, leaves, *, wanted, size):
     zeros = jnp.zeros(len(x)), [jnp.zeros_like(leaf) for leaf in map_.floats(problem)], jnp.zeros(dry.shape)
     by_value, floats, by_dry = lax.fori_loop(0, steps, add, zeros)
     cotangent = map_.with_floats(leaves, floats)
-    (by_vertices,) = jax.vjp(lambda vertices: dataclasses.replace(cloud, vertices=vertices).nodes, cloud.vertices)[1](by_dry)
-    vertices = cotangent.model.cloud.vertices + by_vertices
-    model = dataclasses.replace(cotangent.model, cloud=dataclasses.replace(cotangent.model.cloud, vertices=vertices))
+    model = dataclasses.replace(cotangent.model, nodes=cotangent.model.nodes + by_dry)
     cotangents = by_value, *map_.floats(cotangent.replace(model=model))
     return [one for one, asked in zip(cotangents, wanted, strict=True) if asked]
 

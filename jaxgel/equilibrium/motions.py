@@ -4,23 +4,19 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
-from scipy.spatial import cKDTree
 
-from .._memo import once_per_owner
-from .._types import Array, Float, Int
-from ..discretisation import Connectivity
-from ..mechanics import Free, Problem, constrained_part, deformation_gradients, restrict, scatter
+from .._types import Array, Float
+from ..mechanics import Equations, Free, constrained_part, deformation_gradients, restrict, scatter
 
 
 class Motions:
     """Prescribed motions (k, n, 2) at nodal positions (k, n, 2) and values (k,) of the control from those of the dry nodes (n, 2)."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Equations) -> None:
         self._problem, model = problem, problem.model
-        self._nearest = _nearest_cells(model.lists)
-        share = [block.weight / jnp.sum(block.weight, axis=1, keepdims=True) for block in model.blocks]
+        sizes = [jnp.sum(block.weight, axis=1, keepdims=True) for block in model.blocks]
+        share = [block.weight / jnp.where(size > 0, size, 1.0) for block, size in zip(model.blocks, sizes, strict=True)]
         means = [jnp.einsum("cq,cqai->cai", some, block.dphi)[:, None] for some, block in zip(share, model.blocks, strict=True)]
         self._cells = [dataclasses.replace(block, dphi=mean) for block, mean in zip(model.blocks, means, strict=True)]
 
@@ -30,25 +26,15 @@ class Motions:
         free = problem.free
 
         def one(x, value):
-            F = jnp.concatenate([deformation_gradients(x, block) for block in self._cells])[self._nearest, 0]
+            F = jnp.concatenate([deformation_gradients(x, block) for block in self._cells])[problem.constraints.nearest, 0]
             along = jnp.einsum("nij,nj->ni", lax.stop_gradient(F), dry_motion)
             return problem.carried(dry_motion, value) + scatter(restrict(along, free), free)
 
         return jax.vmap(one)(x, values)
 
 
-@once_per_owner
-def _nearest_cells(lists: Connectivity) -> Int[np.ndarray, " n"]:
-    """The cell (n,), counted block after block, nearest each node of the reference cloud; host."""
-    points = lists.topology.partition.vertices[lists.topology.node_vertices]
-    cells = np.concatenate(lists.patches)
-    real = lists.support[cells, :, None] > 0
-    centres = np.sum(np.where(real, points[lists.nodes[cells]], 0.0), axis=1) / real.sum(axis=1)
-    return cKDTree(centres).query(points)[1]
-
-
 def edge_motions(
-    problem: Problem, problem_dot: Problem, values: Float[Array, " k"], values_dot: Float[Array, " k"]
+    problem: Equations, problem_dot: Equations, values: Float[Array, " k"], values_dot: Float[Array, " k"]
 ) -> Float[Array, "k n 2"] | float:
     """What a control that moves the edges adds to the prescribed motions (k, n, 2), for tangents of the problem and of the values."""
     if not problem.moves_edges:
@@ -63,7 +49,7 @@ def edge_motions(
     return jax.vmap(motion)(values, values_dot)
 
 
-def edge_cotangents(problem: Problem, values: Float[Array, " k"], forces: Float[Array, "k n 2"]) -> tuple[object, Float[Array, " k"]]:
+def edge_cotangents(problem: Equations, values: Float[Array, " k"], forces: Float[Array, "k n 2"]) -> tuple[object, Float[Array, " k"]]:
     """Cotangents of the control and of its values (k,) by those (k, n, 2) of the motions that it prescribes."""
 
     def work(control, values):

@@ -5,12 +5,11 @@ changes along a sweep traced.
 """
 
 import dataclasses
-import functools
 from typing import Protocol, TypeVar
 
-import jax
 import numpy as np
 
+from .._programs import program
 from .._types import Array, Chemical, Float
 from ..linalg import Factor, SingularTangent
 from ..mechanics import (
@@ -171,7 +170,7 @@ def advanced(
     return State(value, as_number(mu), x, pressure, newton_iterations=state.newton_iterations + 1, linearisation=linearisation)
 
 
-@functools.partial(jax.jit, static_argnames="limited")
+@program(x="n", p="g", mu="g", correction="f", returns=("n", "g", None), static=("limited",))
 def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share, *, limited=True):
     dx = scatter(correction, problem.free)
     share = share * step_limit(x, dx, problem.model) if problem.has_contact and limited else share

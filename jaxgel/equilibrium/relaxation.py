@@ -71,7 +71,7 @@ class Damped:
 
     def _factorise(self, problem, pairs):
         """Factor of the damped tangent without negative pivots, with as little damping as that takes."""
-        network = np.asarray(problem.operators.network)[:, None, None] * np.eye(2)
+        network = problem.network[:, None, None] * np.eye(2)
         while self.damping < LARGEST_DAMPING:
             shifted = pairs.copy()
             shifted[: len(network)] += self.damping * network

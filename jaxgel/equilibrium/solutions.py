@@ -98,7 +98,7 @@ def _solved(rhs, *leaves, structure):
         else:
             with ThreadPoolExecutor(usable_threads() if pattern.size <= ONE_THREAD else 1) as pool:
                 list(pool.map(solve, wanted))
-    return jnp.asarray(solutions)
+    return jax.device_put(solutions)
 
 
 def _solved_exactly(solutions, k, pattern, x, pressure, rhs):

@@ -6,20 +6,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._programs import program
 from .._types import Array, Chemical, Float
 from ..linalg import Factor, Kept
 from ..materials import gel_in_groups
 from ..mechanics import (
+    Equations,
     Linearisation,
     Problem,
     axial_stretch,
-    carries_volume,
-    energy_at,
+    energy_by_operators,
     gather,
     linearise,
     pressure_at,
     residual,
-    start_positions,
     state_pressure,
     volume_ratios,
 )
@@ -107,7 +107,7 @@ class State:
 def accepted(problem: Problem, state: State, stability: Stability | None, *, switched: Change = Change.NONE) -> State:
     """A converged state with its energy and stability."""
     acting = acting_problem(problem, state)
-    energy = float(energy_at(state.x, acting.model, acting.gel, state.mu, acting.loads))
+    energy = float(energy_by_operators(acting, state.x, np.asarray(state.mu, float)))
     return dataclasses.replace(state, energy=energy, stability=stability, switched=switched)
 
 
@@ -131,10 +131,10 @@ def as_number(mu: Chemical) -> float | Float[np.ndarray, " g"]:
 
 def control_force(problem: Problem, state: State) -> Float[np.ndarray, " f"]:
     """Derivative (f,) of the residual of a state by the control, kT/v mm over the control's unit, edges that it moves included."""
-    return np.asarray(_control_force(problem, state.x, state.value, state.pressure))
+    return _control_force(problem, state.x, state.value, state.pressure)
 
 
-@jax.jit
+@program(x="n", pressure="g", returns="f")
 def _control_force(problem, x, value, pressure):
     def force(value):
         now, mu = problem.at(value)
@@ -145,15 +145,15 @@ def _control_force(problem, x, value, pressure):
 
 def control_pressure(problem: Problem, state: State) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures in a Newton step with the unknowns at rest, kT/v over the control's unit."""
-    return pressure_rate(problem, state, jnp.zeros(state.x.shape))
+    return pressure_rate(problem, state, np.zeros(state.x.shape))
 
 
 def pressure_rate(problem: Problem, state: State, rate: Float[Array, "n 2"]) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures of a state whose positions change at the ``rate``, mm over the control's unit."""
-    return np.asarray(_pressure_rate(problem, state.x, state.value, rate))
+    return _pressure_rate(problem, state.x, state.value, rate)
 
 
-@jax.jit
+@program(x="n", rate="n", returns="g")
 def _pressure_rate(problem, x, value, rate):
     def pressure(x, value):
         now, mu = problem.at(value)
@@ -162,20 +162,20 @@ def _pressure_rate(problem, x, value, rate):
     return jax.jvp(pressure, (x, value), (rate, 1.0))[1]
 
 
-@jax.jit
-def dry_state(problem: Problem, value: Chemical | None = None) -> tuple[Float[Array, "n 2"], Float[Array, " g"]]:
+@program(returns=("n", "g"))
+def dry_state(problem: Equations, value: Chemical | None = None) -> tuple[Float[Array, "n 2"], Float[Array, " g"]]:
     """Positions (n, 2), mm, and pressures (g,), kT/v, to start from without a previous state: the dry nodes, moved as the edges are,
     and p = -Nv.
 
     With a ``value`` of the control the edges are where they are there, and the pressures higher where that leaves the gel more room.
     """
-    model, moved = problem.model, problem.moves_edges or problem.model.lists.topology.plate.moved
-    pressure = jnp.where(carries_volume(model), -gel_in_groups(problem.gel).Nv, 0.0)
-    if value is None or not moved:
-        return start_positions(model.lists.topology, model.cloud.nodes), pressure
+    model, edges = problem.model, problem.constraints.edges
+    pressure = jnp.where(model.carries, -gel_in_groups(problem.gel).Nv, 0.0)
+    if value is None or (edges.at_rest and not problem.moves_edges):
+        return edges.positions(model.nodes), pressure
     x = problem.dry_positions(value)
     problem, mu = problem.at(value)
     J, axial = volume_ratios(x, model), axial_stretch(model)
-    roomy = carries_volume(model) & (axial * J > 1)
+    roomy = model.carries & (axial * J > 1)
     there = pressure_at(jnp.where(roomy, J, 2.0 / axial), model, problem.gel, mu)
     return x, jnp.where(roomy, jnp.maximum(there, pressure), pressure)

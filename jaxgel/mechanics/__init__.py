@@ -7,19 +7,21 @@ from .dofs import (
     check_edges,
     check_room,
     deformation_of,
+    edges_of,
     free_dofs,
     held_dofs,
     periodic_images,
-    start_positions,
     unknowns,
 )
 from .energy import curvature, energy_at, hessian_product, network_energy, residual, total_energy
+from .equations import Equations
 from .loads import Loads, load_vector
 from .local_gel import check_model, localised, mean_stiffness
 from .mixed import (
     ROUND_OFF,
     Linearisation,
     condensed_rhs,
+    energy_by_operators,
     linearise,
     pressure_step,
     state_pressure,
@@ -27,18 +29,16 @@ from .mixed import (
 from .operators import Operators, precomputed_operators
 from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
-from .problem import Problem, check_driven
+from .problem import Problem, check_driven, constraints_of, shared_tangents
 from .volumes import (
     SOFT,
     all_volumes,
     at_points,
     axial_stretch,
     by_block,
-    carries_volume,
     contents,
     deformation_gradients,
     gradients_by_block,
-    is_film,
     linearised_about,
     pressure_at,
     ratio_at,
@@ -53,6 +53,7 @@ __all__ = [
     "SOFT",
     "STATES_TOGETHER",
     "STIFFNESS",
+    "Equations",
     "Free",
     "Linearisation",
     "Loads",
@@ -63,7 +64,6 @@ __all__ = [
     "at_points",
     "axial_stretch",
     "by_block",
-    "carries_volume",
     "check_driven",
     "check_edges",
     "check_model",
@@ -71,6 +71,7 @@ __all__ = [
     "closest",
     "condensed_rhs",
     "constrained_part",
+    "constraints_of",
     "contact_energy",
     "contact_force",
     "contact_pairs",
@@ -79,7 +80,9 @@ __all__ = [
     "curvature",
     "deformation_gradients",
     "deformation_of",
+    "edges_of",
     "energy_at",
+    "energy_by_operators",
     "factorised_tangent",
     "free_dofs",
     "gather",
@@ -87,7 +90,6 @@ __all__ = [
     "held_dofs",
     "hessian_product",
     "holes_of_loops",
-    "is_film",
     "is_sparse",
     "linearise",
     "linearised_about",
@@ -108,7 +110,7 @@ __all__ = [
     "residual",
     "restrict",
     "scatter",
-    "start_positions",
+    "shared_tangents",
     "state_pressure",
     "step_limit",
     "stiffness_at",

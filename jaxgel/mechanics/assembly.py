@@ -20,60 +20,76 @@ import numpy as np
 import scipy.sparse as sp
 from jax import lax
 
+from .._programs import program
 from .._threads import ONE_THREAD
 from .._types import Array, Float
 from ..linalg import Factor, factor
 from ..materials import elementwise, gel_at_points, neo_hookean, network_at
 from .conditions import gather, scatter
 from .contact import contact_force, contact_tangents
+from .equations import Equations
 from .mixed import Linearisation, network_force, nodal_sum, pressure_step, volume_gradients
-from .operators import add_cell_matrices, area_form_sum
-from .pairs import contact_pairs
+from .operators import add_matrices, area_form_sum
+from .pairs import contact_pairs, node_pairs
+from .patchwise import added_over_patches
 from .problem import Problem
-from .volumes import all_volumes, by_block, stiffness_at
+from .volumes import all_volumes, bare, by_block, deformation_gradients, stiffness_at
 
 STATES_TOGETHER = 4  # states whose volume gradients are computed together
 
 
-@jax.jit
-def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation) -> Float[Array, "p 2 2"]:
-    """Condensed tangent K by node pairs, kT/v, about the ``linearisation`` at ``x`` and ``p``, see `mixed`.
+def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation) -> Float[np.ndarray, "p 2 2"]:
+    """Condensed tangent K by node pairs, kT/v, about the ``linearisation`` at ``x`` and ``p``, see `mixed`; NumPy.
 
     With contact the pairs of `contact_pairs` follow.
     """
+    blocks, lists = np.asarray(_tangent(problem, x, p, linearisation)), problem.model.lists
+    cells = blocks[: len(node_pairs(lists)[0])]
+    if problem.model.contact is None:
+        return cells
+    first = len(blocks) - problem.operators.contact_room
+    return np.concatenate([cells, blocks[first : first + len(contact_pairs(lists, problem.model.dmax)[0])]])
+
+
+@program(x="n", p="g")
+def _tangent(problem, x, p, linearisation):
+    """The tangent with room for more pairs after those that share a cell, and after the others."""
     model, gel, operators = problem.model, problem.gel, problem.operators
-    quadratic, network = gel.network is neo_hookean, network_at(gel, model.cloud.plate.axial_stretch)
+    quadratic, network = gel.network is neo_hookean, network_at(gel, model.axial_stretch)
     total = jnp.zeros((len(operators.pairs), 4))
     if quadratic:
         total += operators.network[:, None] * jnp.eye(2).ravel()
 
-    def patch(arrays):
-        x, dphi, weight, p, forms, k_over_V, G, gel = arrays
+    def add(total, block, p, forms, k_over_V, G, gel, slot):
         S = area_form_sum(p, forms)
-        H = k_over_V[:, None, None] * G
-        outer = [[jnp.sum(H[:, i, :, None] * G[:, k, None], axis=0) for k in range(2)] for i in range(2)]
-        K = jnp.stack([outer[0][0], outer[0][1] + S, outer[1][0] - S, outer[1][1]], axis=-1)
+        H = k_over_V[:, :, None, None] * G
+        outer, zero = jnp.einsum("cgia,cgkb->cabik", H, G), jnp.zeros_like(S)
+        K = outer.reshape(*S.shape, 4) + jnp.stack([zero, S, -S, zero], axis=-1)
         if not quadratic:
-            A = elementwise(jax.hessian(network), jnp.einsum("ai,qaj->qij", x, dphi), gel, signature="(i,j)->(i,j,k,l)")
-            K += jnp.einsum("q,qijkl,qaj,qbl->abik", weight, A, dphi, dphi).reshape(K.shape)
-        return K
+            A = elementwise(jax.hessian(network), deformation_gradients(x, block), gel, signature="(i,j)->(i,j,k,l)")
+            K += jnp.einsum("cq,cqijkl,cqaj,cqbl->cabik", block.weight, A, block.dphi, block.dphi).reshape(K.shape)
+        return add_matrices(total, K, slot)
 
     volumes = all_volumes(model)
     k_over_V = jnp.where(volumes > 0, linearisation.stiffness / jnp.where(volumes > 0, volumes, 1.0), 0.0)
     groups = by_block(p, model), by_block(k_over_V, model), operators.area_forms, linearisation.gradients, operators.slots
     for number, (block, pressure, k_over_V, forms, G, slot) in enumerate(zip(model.blocks, *groups, strict=True)):
-        there = (
-            None if quadratic else jax.tree.map(lambda v, shape=block.weight.shape: jnp.broadcast_to(v, shape), gel_at_points(gel, number))
-        )
-        arrays = x[block.nodes], block.dphi, block.weight, pressure, forms, k_over_V, G, there
-        total = add_cell_matrices(total, patch, arrays, slot, block.nodes.shape[1])
+        shape = block.weight.shape
+        there = None if quadratic else jax.tree.map(lambda v, shape=shape: jnp.broadcast_to(v, shape), gel_at_points(gel, number))
+        arrays = bare(block), pressure, forms, k_over_V, G, there, slot
+        total = added_over_patches(total, add, arrays, block.count)
     total = total.reshape(-1, 2, 2)
-    return total if model.contact is None else _add_contact(total, x, model)
+    if model.contact is None:
+        return total
+    total = jnp.concatenate([total, jnp.zeros((operators.contact_room, 2, 2))])
+    for blocks, slot in zip(contact_tangents(x, model), operators.contact_slots, strict=True):
+        total = add_matrices(total, blocks, slot)
+    return total
 
 
-@jax.jit
+@program(x="n", p="g", v="f", returns="f")
 def tangent_product(
-    problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation, v: Float[Array, " f"]
+    problem: Equations, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation, v: Float[Array, " f"]
 ) -> Float[Array, " f"]:
     """Product (f,) of the `tangent` with a vector ``v`` of the free degrees of freedom, which costs as much as a linearisation.
 
@@ -93,16 +109,6 @@ def tangent_product(
 def factorised_tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation) -> Factor:
     """Factor of the `tangent`; raises `linalg.SingularTangent`."""
     return factor(problem.pattern, tangent(problem, x, p, linearisation))
-
-
-def _add_contact(total, x, model):
-    """The tangent with that of contact: blocks (p + e, 2, 2) of the pairs that share a cell and then of `contact_pairs`."""
-    more, slots = contact_pairs(model.lists, model.dmax)
-    total = jnp.concatenate([total, jnp.zeros((len(more), 2, 2))])
-    for blocks, slot in zip(contact_tangents(x, model), slots, strict=True):
-        a, b = np.triu_indices(blocks.shape[1])
-        total = total.at[slot].add(blocks[:, a, b], mode="drop")
-    return total
 
 
 # --- sparse products -----------------------------------------------------------------------------------------------------------
@@ -128,16 +134,16 @@ class TangentOperator:
     """
 
     def __init__(self, problem: Problem) -> None:
-        model, operators = problem.model, problem.operators
-        self._problem, self._fields = problem, operators.free.matrix
+        model = problem.model
+        self._problem, self._fields = problem, problem.free.matrix
         self._forces = self._fields.T.tocsr()
-        n, (i, j) = model.n_nodes, np.asarray(operators.pairs).T
+        n, (i, j) = model.n_nodes, node_pairs(model.lists)[0].T
         self._upper = sp.csr_matrix((np.zeros(len(i), complex), j, np.searchsorted(i, np.arange(n + 1))), (n, n))
         nodes = [np.repeat(block.nodes, block.n_groups, axis=0) for block in model.blocks]
         ends = np.append(0, np.cumsum(np.concatenate([np.full(*some.shape) for some in nodes])))
         lists = np.concatenate([some.ravel() for some in nodes])
         self._volumes = sp.csr_matrix((np.zeros(len(lists), complex), lists, ends), (len(ends) - 1, n))
-        self._network = np.where(i == j, 0.5, 1.0) * np.asarray(operators.network)
+        self._network = np.where(i == j, 0.5, 1.0) * problem.network
 
     def at(self, x: Float[Array, "k n 2"], pressure: Float[Array, "k g"], values: Float[Array, " k"]) -> Iterator[Callable]:
         """Yield for each state the function that multiplies a vector (f,) of the free degrees of freedom with its tangent, kT/v."""
@@ -151,6 +157,9 @@ class TangentOperator:
                 following = np.resize(groups[number + 1], together)
                 coming = _state_terms(self._problem, x[following], pressure[following], values[following])
             gradients, stiffness, couplings = jax.tree.map(np.asarray, terms)
+            shapes = [block.nodes.shape for block in self._problem.model.blocks]
+            gradients = [np.ascontiguousarray(part[:, :c, :, :a]) for part, (c, a) in zip(gradients, shapes, strict=True)]
+            couplings = couplings[:, : len(self._network)]
             for k in range(len(group)):
                 yield self._product(couplings[k], stiffness[k], *(part[k] for part in gradients))
 
@@ -171,7 +180,7 @@ class TangentOperator:
         return product
 
 
-@jax.jit
+@program(x="kn", pressure="kg", returns=(None, "kg", None))
 def _state_terms(problem, x, pressure, values):
     """Per block the gradients (k, c, g, a, 2) of the volumes of several states ``x`` (k, n, 2), k / V (k, g), 0 for padding, and the
     entries (k, p) of P at the node pairs.
@@ -188,7 +197,11 @@ def _state_terms(problem, x, pressure, values):
         total = jnp.zeros(len(operators.pairs))
         parts = zip(model.blocks, by_block(pressure, model), operators.area_forms, operators.slots, strict=True)
         for block, p, forms, slot in parts:
-            total = add_cell_matrices(total, lambda arrays: area_form_sum(*arrays), (p, forms), slot, block.nodes.shape[1])
+            total = added_over_patches(total, _add_area_forms, (p, forms, slot), block.count)
         return [G.swapaxes(2, 3) for G in gradients], stiffness, total
 
     return lax.map(of_state, (x, pressure, values))
+
+
+def _add_area_forms(total, p, forms, slot):
+    return add_matrices(total, area_form_sum(p, forms), slot)

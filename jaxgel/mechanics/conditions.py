@@ -13,7 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 
+from .._sizes import resized
+from .._tracing import is_traced
 from .._types import Array, Bool, Float, Int
+from ..discretisation import NODES, room
 
 Entries = tuple[Int[Array, " _"], Int[Array, " _"], Float[Array, " _"]]
 """Rows, columns and values of a sparse matrix."""
@@ -34,7 +37,7 @@ class Free:
     """Number 2n of degrees of freedom."""
 
     def __len__(self) -> int:
-        return len(self.masters)
+        return self.masters.shape[0]
 
     @staticmethod
     def of(masters: Int[np.ndarray, " f"], fields: sp.csr_matrix, readings: sp.csr_matrix) -> "Free":
@@ -66,6 +69,21 @@ class Free:
         """Unknowns (b,) that move those of the plate as the columns of a ``basis`` (f, b) do; its rows ``leaders`` are the unit matrix."""
         return Free.of(np.asarray(self.masters)[leaders], self.matrix @ basis, self.left_inverse[leaders])
 
+    @property
+    def shared(self) -> "Free":
+        """The same with room for more nodes and unknowns, which move nothing."""
+        nodes = room(self.size // 2, NODES)
+        macroscopic = self.masters - self.size
+        masters = resized(np.where(macroscopic >= 0, 2 * nodes + macroscopic, self.masters), (2 * nodes,), edge=True)
+        return Free(masters, _with_room(self.fields, nodes), _with_room(self.readings, nodes), 2 * nodes)
+
+
+def _with_room(entries, nodes):
+    """Entries of a sparse matrix, and zeros at the place of the last one, for so many nodes."""
+    row, column, value = entries
+    size = room(len(value), 2 * nodes)
+    return resized(row, (size,), edge=True), resized(column, (size,), edge=True), resized(value, (size,))
+
 
 def _entries(matrix):
     """`Entries` of a sparse matrix."""
@@ -79,18 +97,19 @@ def _matrix(entries, shape):
 
 
 def _product(entries, vector, size):
-    """Product (size,) of a sparse matrix with a vector."""
+    """Product (size,) of a sparse matrix with a vector; of numbers by NumPy."""
     row, column, value = entries
-    return jnp.zeros(size).at[row].add(value * vector[column])
+    if is_traced(entries, vector):
+        return jnp.zeros(size).at[row].add(value * vector[column])
+    return np.bincount(row, np.asarray(value) * np.asarray(vector)[column], minlength=size)
 
 
 def gather(forces: Float[Array, "n 2"], free: Free) -> Float[Array, " f"]:
     """Generalised forces C^T F (f,) on the unknowns for nodal forces F (n, 2)."""
     row, column, value = free.fields
-    return _product((column, row, value), jnp.asarray(forces).ravel(), len(free))
+    return _product((column, row, value), forces.ravel(), len(free))
 
 
-@jax.jit
 def scatter(vector: Float[Array, " f"], free: Free) -> Float[Array, "n 2"]:
     """Nodal field C v (n, 2) of a vector v (f,) of the unknowns, zero where nothing is free."""
     return _product(free.fields, vector, free.size).reshape(-1, 2)
@@ -98,9 +117,6 @@ def scatter(vector: Float[Array, " f"], free: Free) -> Float[Array, "n 2"]:
 
 def restrict(field: Float[Array, "n 2"], free: Free) -> Float[Array, " f"]:
     """Values (f,) of the unknowns in a nodal field (n, 2): those of the degrees of freedom that stand for them."""
-    if isinstance(field, np.ndarray):
-        row, column, value = map(np.asarray, free.readings)
-        return np.bincount(row, value * field.ravel()[column], minlength=len(free))
     return _product(free.readings, field.ravel(), len(free))
 
 

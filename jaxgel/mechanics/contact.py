@@ -22,10 +22,12 @@ import numpy as np
 from jax import lax
 
 from .._memo import once_per_owner
+from .._programs import program
+from .._sizes import rung
 from .._types import Array, Bool, Float, Int, Scalar
 from .._validation import Inadmissible
 from ..cloud import Topology
-from ..discretisation import Model, reaching_nodes
+from ..discretisation import Body, Model, reaching_nodes
 from ..geometry import edge_lines
 from ..materials import AnyGel
 from .local_gel import localised, mean_stiffness
@@ -35,11 +37,31 @@ STIFFNESS = 10.0  # of the network's Nv
 NEIGHBOURS = 3.0  # dry distance over the range of a pair
 ITSELF = 1e-9  # of the largest range: below it the pair is a point and its own image at the wall on which it lies, to round-off
 SHARES = (16, 4, 1)  # parts of a hole's points, one of which is made room for in a tangent: the smallest that holds those that act
+NO_NODE = 2**30
 APPROACH = 0.5  # of a pair's distance, or range, that one Newton iteration leaves
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["range", "stiffness"], meta_fields=[])
-@dataclasses.dataclass(frozen=True)
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class ContactGroup:
+    """Holes with equally many points and images."""
+
+    holes: Int[Array, " h"]
+    """(h,) their numbers."""
+    points: Int[Array, "h m"]
+    """(h, m) numbers of the contact points in ``model.outline``, along each outline."""
+    joined: Bool[Array, "h m"]
+    """(h, m) whether the outline goes on from a point to the next one."""
+    nodes: Int[Array, "h n"]
+    """(h, n) node numbers that the points depend on, ascending; padded with a number that no node has."""
+    sign: Float[Array, "h g 2"]
+    """(h, g, 2) images sign * y + shift of a point y, the first of which is itself."""
+    shift: Float[Array, "h g 2"]
+    """(h, g, 2) see ``sign``; mm."""
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
 class Contact:
     """How hole boundaries repel each other."""
 
@@ -47,24 +69,16 @@ class Contact:
     """Largest distance at which two points do, mm."""
     stiffness: Float[Array, ""]
     """kappa, kT/v."""
+    groups: tuple[ContactGroup, ...]
+    """The holes."""
+    first: tuple[ContactGroup, ...]
+    """Those that stand for all: of a symmetric plate the others are their images."""
 
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class ContactGroup:
-    """Holes with equally many points and images; NumPy arrays."""
-
-    holes: Int[np.ndarray, " h"]
-    """(h,) their numbers."""
-    points: Int[np.ndarray, "h m"]
-    """(h, m) numbers of the contact points in ``model.outline``, along each outline."""
-    joined: Bool[np.ndarray, "h m"]
-    """(h, m) whether the outline goes on from a point to the next one."""
-    nodes: Int[np.ndarray, "h n"]
-    """(h, n) node numbers that the points depend on, ascending; padded with the number of nodes."""
-    sign: Float[np.ndarray, "h g 2"]
-    """(h, g, 2) images sign * y + shift of a point y, the first of which is itself."""
-    shift: Float[np.ndarray, "h g 2"]
-    """(h, g, 2) see ``sign``; mm."""
+    def standing_for_all(self, holes: Int[np.ndarray, " h"]) -> "Contact":
+        """The same with the holes of these numbers that stand for all."""
+        rows = [np.isin(group.holes, holes) for group in self.groups]
+        chosen = [jax.tree.map(lambda v, some=some: v[some], group) for group, some in zip(self.groups, rows, strict=True) if some.any()]
+        return dataclasses.replace(self, first=tuple(chosen))
 
 
 def with_contact(model: Model, gel: AnyGel, *, range: Scalar | None = None, stiffness: Scalar | None = None) -> Model:  # noqa: A002
@@ -76,16 +90,17 @@ def with_contact(model: Model, gel: AnyGel, *, range: Scalar | None = None, stif
         return model
     range = RANGE * model.cloud.spacing if range is None else range  # noqa: A001
     stiffness = STIFFNESS * mean_stiffness(localised(model, gel), model) if stiffness is None else stiffness
-    return dataclasses.replace(model, contact=Contact(jnp.asarray(range, dtype=float), jnp.asarray(stiffness, dtype=float)))
+    groups = contact_groups(model.lists.topology, model.dmax)
+    return dataclasses.replace(model, contact=Contact(jnp.asarray(range, dtype=float), jnp.asarray(stiffness, dtype=float), groups, groups))
 
 
-def contact_energy(x: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
+def contact_energy(x: Float[Array, "n 2"], model: Body) -> Float[Array, ""]:
     """Energy () of self-contact at nodal positions ``x`` (n, 2), kT/v mm^2; 0 where no outline comes close to itself."""
-    return model.contact.stiffness * sum(jnp.sum(parts) for parts in _over_holes(_hole_energy, model, x))
+    return model.contact.stiffness * sum(jnp.sum(parts) for parts in _over_holes(_hole_energy, model, x, model.contact.groups))
 
 
-@jax.jit
-def touches(x: Float[Array, "n 2"], model: Model) -> Bool[Array, ""]:
+@program(x="n")
+def touches(x: Float[Array, "n 2"], model: Body) -> Bool[Array, ""]:
     """Whether an outline comes so near itself that contact acts."""
     return ~(closest(x, model) >= 1.0)
 
@@ -94,19 +109,19 @@ contact_force: Callable[..., Array] = jax.grad(contact_energy)
 """Gradient (n, 2) of ``contact_energy`` with respect to the nodal positions, kT/v mm."""
 
 
-def contact_tangents(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
+def contact_tangents(x: Float[Array, "n 2"], model: Body) -> list[jax.Array]:
     """Hessian of ``contact_energy``: for each of `contact_groups` the blocks (h, n, n, 2, 2) of its nodes, kT/v."""
-    return [model.contact.stiffness * blocks for blocks in _over_holes(_hole_tangent, model, x)]
+    return [model.contact.stiffness * blocks for blocks in _over_holes(_hole_tangent, model, x, model.contact.groups)]
 
 
-def closest(x: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
+def closest(x: Float[Array, "n 2"], model: Body) -> Float[Array, ""]:
     """Smallest distance over range () among all pairs; contact acts below 1."""
-    return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_closest, model, x, only=model.lists.holes)]))
+    return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_closest, model, x, model.contact.first)]))
 
 
-def step_limit(x: Float[Array, "n 2"], dx: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
+def step_limit(x: Float[Array, "n 2"], dx: Float[Array, "n 2"], model: Body) -> Float[Array, ""]:
     """Share () of the step ``dx`` (n, 2), at most 1, that leaves every pair ``APPROACH`` times its distance, or its range if less."""
-    return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_limit, model, x, dx, only=model.lists.holes)]))
+    return jnp.min(jnp.stack([jnp.min(parts) for parts in _over_holes(_hole_limit, model, x, model.contact.first, dx)]))
 
 
 def pair_energy(delta: Float[Array, " 2"], reach: Scalar) -> Float[Array, ""]:
@@ -121,23 +136,17 @@ def _each_pair(function):
     return jax.vmap(jax.vmap(jax.vmap(function)))  # images, points, points
 
 
-def _over_holes(function, model, *fields, only=None):
-    """``function(hole, *fields at its points)`` of every hole, stacked over the holes of each group; one hole in memory at a time.
-
-    With ``only`` of the holes with these numbers.
-    """
-    dry, values = model.outline.points, [model.outline.position(field) for field in fields]
+def _over_holes(function, model, x, groups, *fields):
+    """``function(hole, *fields at its points)`` of every hole of the groups, ``x`` and others, stacked; one hole in memory at a time."""
+    dry, values = model.outline.points, [model.outline.position(field) for field in (x, *fields)]
 
     def one(arrays):
         points, joined, nodes, sign, shift = arrays
         weight, reach = _weights_and_ranges(dry[points], joined, sign, shift, model.contact.range)
         return function(_HoleState(model, points, nodes, sign, shift, weight, reach), *(value[points] for value in values))
 
-    for group in contact_groups(model.lists.topology, model.dmax):
-        rows = np.arange(len(group.holes)) if only is None else np.flatnonzero(np.isin(group.holes, only))
-        if len(rows):
-            arrays = group.points, group.joined, group.nodes, group.sign, group.shift
-            yield lax.map(jax.checkpoint(one), tuple(array[rows] for array in arrays))
+    for group in groups:
+        yield lax.map(jax.checkpoint(one), (group.points, group.joined, group.nodes, group.sign, group.shift))
 
 
 def _weights_and_ranges(dry, joined, sign, shift, most):
@@ -226,7 +235,7 @@ def _hole_limit(hole, points, step):
 
 
 @once_per_owner
-def contact_groups(topology: Topology, dmax: float) -> "list[ContactGroup]":
+def contact_groups(topology: Topology, dmax: float) -> tuple[ContactGroup, ...]:
     """`ContactGroup`s of the holes of a topology, for shape functions of the support radius ``dmax`` over the spacing."""
     stops = np.cumsum([0] + [len(o.s) for o in topology.outlines])
     support, room = dmax * topology.node_spacing, 0.25 * topology.spacing + topology.plate.width / 300  # as for a moved cloud's probes
@@ -243,14 +252,14 @@ def contact_groups(topology: Topology, dmax: float) -> "list[ContactGroup]":
         nodes, _ = reaching_nodes(topology, reference, np.zeros(len(points), dtype=int), topology.regions_at(reference), support, room)
         images = _images(topology.plate, [topology.outlines[i].arc for i in own])
         found.setdefault((len(points), len(images)), []).append((k, points, joined, nodes, *np.moveaxis(images, 1, 0)))
-    return [_group(holes, len(topology.node_vertices)) for holes in found.values()]
+    return tuple(map(_group, found.values()))
 
 
-def _group(holes, n_nodes):
+def _group(holes):
     """`ContactGroup` from tuples in the order of its fields."""
     numbers, points, joined, nodes, sign, shift = zip(*holes, strict=True)
-    most = max(map(len, nodes))
-    padded = [np.append(some, np.full(most - len(some), n_nodes)) for some in nodes]
+    most = rung(max(map(len, nodes)))
+    padded = [np.append(some, np.full(most - len(some), NO_NODE)) for some in nodes]
     return ContactGroup(*map(np.stack, (numbers, points, joined, padded, sign, shift)))
 
 

@@ -5,7 +5,8 @@ macroscopic deformation and the displacement of their edge, and so do the two si
 holds the component normal to its edge, a fixed edge both.
 """
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +14,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._memo import once_per_owner
-from .._types import Array, Bool, Float, Int, Scalar
+from .._tracing import is_traced
+from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
 from ..cloud import Topology, thin_plate_matrix
+from ..controls import Setting
 from ..discretisation import Connectivity
 from ..geometry import EDGES, Plate, held_components
 from .conditions import Free
@@ -163,49 +166,61 @@ def deformation_of(x: Float[Array, "n 2"], topology: Topology, held: Float[Array
     return jnp.stack(columns, axis=1)
 
 
-EdgeMotion = tuple[Float[Array, "2 2"], Mapping[str, Sequence[Scalar] | Float[Array, " 2"]]]
-"""Macroscopic deformation (2, 2) that the edges follow and the displacement of each held one by name, mm."""
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["deformation", "displacement", "fields"], meta_fields=["at_rest"])
+@dataclasses.dataclass(frozen=True, eq=False)
+class Edges:
+    """How the edges of a plate move, and the nodes with them; a pytree. Edges are in the order of ``geometry.EDGES``."""
+
+    deformation: Float[Array, "2 2"]
+    """Macroscopic deformation that they follow."""
+    displacement: Float[Array, "4 2"]
+    """Displacement of each held edge, mm."""
+    fields: Float[Array, "4 n 2"]
+    """Nodal displacements for those of each edge, component by component."""
+    at_rest: bool
+    """Whether they are where they are on the dry plate."""
+
+    def positions(self, nodes: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
+        """Nodal positions (n, 2), mm, that satisfy the conditions: the dry ``nodes`` (n, 2) moved with the edges."""
+        nodes = nodes if is_traced(nodes, self) else np.asarray(nodes)
+        return nodes @ self.deformation.T + (self.fields * self.displacement[:, None]).sum(axis=0)
+
+    def moved(self, setting: Setting) -> "Edges":
+        """The edges as a setting moves them; those that it does not name as they are."""
+        given = setting.displacement or {}
+        displacement = [given.get(edge, own) for edge, own in zip(EDGES, self.displacement, strict=True)]
+        deformation = self.deformation if setting.deformation is None else jnp.asarray(setting.deformation, float)
+        return dataclasses.replace(self, deformation=deformation, displacement=jnp.stack([jnp.asarray(d, float) for d in displacement]))
 
 
-def start_positions(topology: Topology, nodes: Float[Array, "n 2"], motion: EdgeMotion | None = None) -> Float[Array, "n 2"]:
-    """Nodal positions (n, 2), mm, that satisfy the conditions: the dry ``nodes`` (n, 2) deformed as the plate's edges are.
+@once_per_owner
+def edges_of(topology: Topology, driven: bool = False) -> Edges:
+    """The `Edges` of a plate, which a control moves where they are ``driven``."""
+    plate, shape = topology.plate, (len(EDGES), len(topology.node_vertices), 2)
+    displacement = np.array([plate.displacement[edge] for edge in EDGES], dtype=float)
+    fields = _edge_fields(topology) if driven or displacement.any() else np.zeros(shape)
+    return Edges(np.array(plate.dry_deformation), displacement, fields, not plate.moved)
 
-    ``motion`` takes the place of what the plate says of its edges.
-    """
-    deformation, displacement = motion or (np.array(topology.plate.dry_deformation), topology.plate.displacement)
-    return nodes @ deformation.T + _edge_displacement(topology, displacement)
 
-
-def _edge_displacement(topology, displacement):
-    """Nodal displacements (n, 2) by those of the edges, by name, carried inwards by a thin-plate spline."""
+def _edge_fields(topology):
+    """Nodal displacements (4, n, 2) for those of the edges, carried inwards by thin-plate splines."""
     plate, nodes = topology.plate, topology.partition.vertices[topology.node_vertices]
-    traced = any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(displacement))
-    if not traced and not any(map(any, displacement.values())):
-        return np.zeros(nodes.shape)
-    host = jnp if traced else np
-    columns = []
+    fields = np.zeros((len(EDGES), len(nodes), 2))
     for component in range(2):
         prescribed = {}
-        for edge in EDGES:
+        for number, edge in enumerate(EDGES):
             if component in held_components(plate.edges, edge):
-                prescribed |= dict.fromkeys(topology.edge_nodes[edge].tolist(), edge)
-        at = np.array(list(prescribed), dtype=int)
-        values = host.array([displacement[edge][component] for edge in prescribed.values()])
-        columns.append(_carried(nodes, at, values, plate.width, host))
-    return host.stack(columns, axis=1)[periodic_images(topology)]
+                prescribed |= dict.fromkeys(topology.edge_nodes[edge].tolist(), number)
+        at, by = np.array(list(prescribed), dtype=int), np.array(list(prescribed.values()), dtype=int)
+        if len(at):
+            fields[:, :, component] = _carried(nodes, at, np.equal.outer(by, np.arange(len(EDGES))).astype(float), plate.width).T
+    return fields[:, periodic_images(topology)]
 
 
-def _carried(nodes, at, values, width, host):
-    """Displacements (n,) that are ``values`` at the nodes ``at``; the same everywhere where these all are, or lie on one line."""
-    if len(at) == 0:
-        return host.zeros(len(nodes))
+def _carried(nodes, at, values, width):
+    """Displacements (n, e) that are ``values`` (a, e) at the nodes ``at``; the first everywhere else where these lie on one line."""
     extent = np.ptp(nodes[at], axis=0)
     flat = extent.min() <= ROUND_OFF * extent.max()  # there is no spline through points of a line; where it cuts holes, to round-off
-    even = host.ptp(values) == 0 if host is np else flat
-    field = host.full(len(nodes), values[0]) if even else thin_plate_matrix(nodes[at], nodes, width) @ values
-    return field.at[at].set(values) if host is jnp else _set(field, at, values)
-
-
-def _set(field, at, values):
+    field = np.repeat(values[:1], len(nodes), axis=0) if flat else thin_plate_matrix(nodes[at], nodes, width) @ values
     field[at] = values
     return field

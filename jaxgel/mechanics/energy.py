@@ -10,15 +10,16 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Array, Chemical, Float
-from ..discretisation import Model
+from ..discretisation import Body
 from ..materials import LocalGel, elementwise, gel_at_points, network_at
 from .contact import contact_energy
-from .volumes import gradients_by_block, ratios_of, ratios_that_carry, volume_energy
+from .patchwise import over_patches
+from .volumes import bare, contents, deformation_gradients, ratios_of, ratios_that_carry, volume_energy
 
 
 def total_energy(
     x: Float[Array, "n 2"],
-    model: Model,
+    model: Body,
     gel: LocalGel,
     mu: Chemical,
     loads: Float[Array, "n 2"],
@@ -30,16 +31,15 @@ def total_energy(
     The weak form of Deng et al. (2020), Eqs. (3) and (10), is its first variation. NaN where a volume ratio is not above 1.
     For derivatives at an equilibrium, its ``pressure`` (g,) says more of the volume ratios than ``x``: see `ratios_that_carry`.
     """
-    gradients = gradients_by_block(x, model)
-    J = ratios_of(gradients, x, model)
+    network, J = _network_and_ratios(x, model, gel)
     if pressure is not None:
         J = ratios_that_carry(J, pressure, model, gel, mu)
     touch = contact_energy(x, model) if model.contact is not None else 0.0
-    return _network_energy(gradients, model, gel) + volume_energy(J, model, gel, mu) - jnp.sum(loads * x) + touch
+    return network + volume_energy(J, model, gel, mu) - jnp.sum(loads * x) + touch
 
 
 def curvature(
-    x: Float[Array, "n 2"], v: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Chemical, loads: Float[Array, "n 2"]
+    x: Float[Array, "n 2"], v: Float[Array, "n 2"], model: Body, gel: LocalGel, mu: Chemical, loads: Float[Array, "n 2"]
 ) -> Float[Array, ""]:
     """Second derivative () of the total energy along the field ``v`` (n, 2), at ``x`` (n, 2): v . K v."""
 
@@ -49,28 +49,36 @@ def curvature(
     return jax.jvp(lambda t: jax.jvp(along, (t,), (1.0,))[1], (0.0,), (1.0,))[1]
 
 
-def network_energy(x: Float[Array, "n 2"], model: Model, gel: LocalGel) -> Float[Array, ""]:
+def network_energy(x: Float[Array, "n 2"], model: Body, gel: LocalGel) -> Float[Array, ""]:
     """Energy () of the network alone, kT/v mm^2."""
-    return _network_energy(gradients_by_block(x, model), model, gel)
+    return _network_and_ratios(x, model, gel)[0]
 
 
-def _network_energy(gradients, model, gel):
-    network, total = network_at(gel, model.cloud.plate.axial_stretch), 0.0
-    for number, (F, block) in enumerate(zip(gradients, model.blocks, strict=True)):
-        total += jnp.sum(block.weight * elementwise(network, F, gel_at_points(gel, number), signature="(i,j)->()"))
-    return total
+def _network_and_ratios(x, model, gel):
+    """Energy () of the network, and the volume ratios (g,)."""
+    network, energies, parts = network_at(gel, model.axial_stretch), [], []
+
+    def of_patches(block, gel):
+        F = deformation_gradients(x, block)
+        return jnp.sum(block.weight * elementwise(network, F, gel, signature="(i,j)->()"), axis=1), contents(F, x, block)
+
+    for number, block in enumerate(model.blocks):
+        energy, content = over_patches(of_patches, (bare(block), gel_at_points(gel, number)), block.count)
+        energies.append(jnp.sum(energy))
+        parts.append(content)
+    return sum(energies), ratios_of(parts, model)
 
 
 residual: Callable[..., Array] = jax.grad(total_energy)
 """Residual (n, 2) of the total energy, kT/v mm: zero on the free degrees of freedom at equilibrium."""
 energy_at = jax.jit(total_energy)
-"""Compiled `total_energy`."""
+"""Compiled `total_energy` of a model and its own sizes."""
 
 
 def hessian_product(
     x: Float[Array, "n 2"],
     v: Float[Array, "n 2"],
-    model: Model,
+    model: Body,
     gel: LocalGel,
     mu: Chemical,
     loads: Float[Array, "n 2"],

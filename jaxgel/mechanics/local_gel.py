@@ -11,11 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
+from .._sizes import resized
 from .._tracing import is_traced
 from .._types import Int, Scalar
 from .._validation import check_kind, kind_in_words
 from ..cloud import Topology
-from ..discretisation import Connectivity, Model, NodalField, group_weights
+from ..discretisation import Body, Connectivity, Model, NodalField, group_weights
 from ..materials import (
     AnyGel,
     Composite,
@@ -35,7 +36,7 @@ from ..materials import (
     takes_solvent,
     with_parameters,
 )
-from .volumes import all_volumes, carries_volume, contour_shares, group_volumes, is_film
+from .volumes import all_volumes, contour_shares, group_volumes
 
 
 def check_model(model: Model, gel: AnyGel) -> None:
@@ -53,12 +54,12 @@ def localised(model: Model, gel: AnyGel) -> LocalGel:
     """
     check_model(model, gel)
     own = matrix_of(gel)
-    if is_film(model):
+    if model.film:
         check_network(own)
     if model.lists.topology.plate.axial_stretch is not None:
         check_stretched_network(own)
     for part in jax.tree.leaves(gel, is_leaf=lambda part: isinstance(part, LocalValues)):
-        if isinstance(part, LocalValues) and part.groups.shape != np.shape(carries_volume(model)):
+        if isinstance(part, LocalValues) and part.groups.shape != np.shape(model.carries):
             raise ValueError("gel: has the values of its fields on another model; give the fields themselves")
     return _composed(model, gel) if isinstance(gel, Composite) else _with_values(model, gel)
 
@@ -141,11 +142,23 @@ def _surface_points(model):
     return jnp.concatenate([model.outline.points, model.cloud.nodes[model.lists.topology.free_edge_nodes]])
 
 
+def shared_gel(gel: LocalGel, body: Body) -> LocalGel:
+    """A `localised` gel as the programs of a ``shared`` body take it; what it is on the outline, which they do not ask for, is left out."""
+
+    def padded(part):
+        if not isinstance(part, LocalValues):
+            return part
+        points = tuple(resized(values, block.weight.shape, edge=True) for values, block in zip(part.points, body.blocks, strict=True))
+        return LocalValues(points, resized(part.groups, body.carries.shape, edge=True), np.zeros(0))
+
+    return with_parameters(gel, padded)
+
+
 def mean_stiffness(gel: LocalGel, model: Model) -> Scalar:
     """The mean of Nv over the dry volume of a `localised` gel, that of elastomers left out."""
     if not isinstance(gel.Nv, LocalValues):
         return gel.Nv
-    volumes = jnp.where(carries_volume(model) & takes_solvent(gel_in_groups(gel)), all_volumes(model), 0.0)
+    volumes = jnp.where(model.carries & takes_solvent(gel_in_groups(gel)), all_volumes(model), 0.0)
     return jnp.sum(volumes * gel.Nv.groups) / jnp.sum(volumes)
 
 

@@ -24,26 +24,32 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from .._programs import fitted, program
+from .._sizes import resized
 from .._types import Array, Chemical, Float
-from ..discretisation import Model
-from ..materials import LocalGel, gel_in_groups, neo_hookean
+from ..discretisation import MANY, Body, Model
+from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, neo_hookean, network_at
 from .conditions import gather
-from .contact import contact_force
-from .energy import network_energy
+from .contact import contact_energy, contact_force
+from .energy import network_energy, total_energy
+from .equations import Equations
 from .operators import Operators, area_gradients
-from .problem import Problem
+from .patchwise import added_over_patches
 from .volumes import (
     all_volumes,
     axial_stretch,
     by_block,
     linearised_about,
+    of_groups,
     pressure_at,
+    ratios_of,
     stiffness_at,
     swelling_of,
+    volume_energy,
     volume_ratios,
 )
 
-PAIRS_PER_SUM = 2**16  # node pairs whose forces are added up together: few enough to stay in the processor's cache
+PAIRS_PER_SUM = MANY  # node pairs whose forces are added up together: few enough to stay in the processor's cache
 ROUND_OFF = 1e-3  # swelling J* - 1 below which the constraint violation is measured absolutely
 FINE = 50  # spacings across the plate up to which round-off leaves less than a fifth of Newton's tolerance; it grows with their number
 _FIELDS = ("rhs", "gradients", "stiffness", "error", "gap", "residual_norm", "violation", "per_force")
@@ -52,7 +58,7 @@ _FIELDS = ("rhs", "gradients", "stiffness", "error", "gap", "residual_norm", "vi
 @functools.partial(jax.tree_util.register_dataclass, data_fields=_FIELDS, meta_fields=[])
 @dataclasses.dataclass(frozen=True, eq=False)
 class Linearisation:
-    """The mixed form about one state."""
+    """The mixed form about one state, in the sizes of the ``shared`` equations."""
 
     rhs: Float[Array, "n 2"]
     """Loads less internal forces, kT/v mm."""
@@ -71,9 +77,16 @@ class Linearisation:
     per_force: Float[Array, ""]
     """Factor that makes forces relative, 1 / (kT/v mm)."""
 
+    def cut(self, model: Model) -> "Linearisation":
+        """The same in the sizes of a model."""
+        shapes = [(len(b.nodes), G.shape[1], 2, b.nodes.shape[1]) for G, b in zip(self.gradients, model.blocks, strict=True)]
+        groups = {name: fitted(getattr(self, name), "g", model.lengths) for name in ("stiffness", "error", "gap")}
+        gradients = tuple(map(resized, self.gradients, shapes))
+        return dataclasses.replace(self, rhs=fitted(self.rhs, "n", model.lengths), gradients=gradients, **groups)
 
-@jax.jit
-def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], mu: Chemical) -> Linearisation:
+
+@program(x="n", p="g", mu="g")
+def linearise(problem: Equations, x: Float[Array, "n 2"], p: Float[Array, " g"], mu: Chemical) -> Linearisation:
     """`Linearisation` at positions ``x``, mm, and pressures ``p``, kT/v, at the chemical potential ``mu``, kT."""
     model, gel = problem.model, problem.gel
     gradients, J = volume_gradients(x, model, problem.operators)
@@ -83,68 +96,81 @@ def linearise(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], m
     network = network_force(x, model, gel, problem.operators)
     touch = contact_force(x, model) if model.contact is not None else 0.0
     rhs = problem.loads - network - touch - nodal_sum(gradients, p, model)
-    topology = model.lists.topology
-    across = max(topology.plate.width, topology.plate.height) / topology.node_spacing.min()
     off = axial_stretch(model) * jnp.abs(error) + jnp.where(gap == 0, 0.0, jnp.abs(gap) / gel_in_groups(gel).Nv)
-    violation = jnp.max(off / (swelling_of(about, model, gel) + ROUND_OFF)) / max(1.0, across / FINE)
+    violation = jnp.max(off / (swelling_of(about, model, gel) + ROUND_OFF)) / jnp.maximum(1.0, model.across / FINE)
     per_force = 1 / (jnp.linalg.norm(network) + jnp.linalg.norm(problem.loads))
     residual_norm = jnp.linalg.norm(gather(rhs, problem.free)) * per_force
     return Linearisation(rhs, gradients, stiffness, error, gap, residual_norm, violation, per_force)
 
 
-@jax.jit
-def condensed_rhs(problem: Problem, linearisation: Linearisation, factorised_at: Linearisation) -> Float[Array, " f"]:
+@program(returns="f")
+def condensed_rhs(problem: Equations, linearisation: Linearisation, factorised_at: Linearisation) -> Float[Array, " f"]:
     """Right-hand side of the condensed Newton step; gradients and stiffness are those of the factorised tangent."""
     pressure = factorised_at.stiffness * linearisation.error + linearisation.gap
     forces = linearisation.rhs - nodal_sum(factorised_at.gradients, pressure, problem.model)
     return gather(forces, problem.free)
 
 
-def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factorised_at: Linearisation, model: Model) -> Float[Array, " g"]:
+def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factorised_at: Linearisation, model: Body) -> Float[Array, " g"]:
     """Step of the pressures, kT/v, that belongs to the step ``dx`` of the positions."""
     volumes = all_volumes(model)
-    parts = [jnp.einsum("cgia,cai->cg", G, dx[b.nodes]).ravel() for G, b in zip(factorised_at.gradients, model.blocks, strict=True)]
-    change = jnp.concatenate(parts) / jnp.where(volumes > 0, volumes, 1.0)
+    parts = [jnp.einsum("cgia,cai->cg", G, dx[b.nodes]) for G, b in zip(factorised_at.gradients, model.blocks, strict=True)]
+    change = of_groups(parts, model) / jnp.where(volumes > 0, volumes, 1.0)
     return factorised_at.stiffness * (change + linearisation.error) + linearisation.gap
 
 
-@jax.jit
-def state_pressure(x: Float[Array, "n 2"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
+def state_pressure(x: Float[Array, "n 2"], model: Body, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
     """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``."""
     return pressure_at(volume_ratios(x, model), model, gel, mu)
 
 
-def volume_gradients(x: Float[Array, "n 2"], model: Model, operators: Operators) -> tuple[tuple, Float[Array, " g"]]:
+def volume_gradients(x: Float[Array, "n 2"], model: Body, operators: Operators) -> tuple[tuple, Float[Array, " g"]]:
     """Per block the gradients (c, g, 2, a) of the groups' volumes V J, mm, and the volume ratios J of all groups; 2 for padding."""
     gradients, content = [], []
     for block, forms in zip(model.blocks, operators.area_forms, strict=True):
-        G, contents = area_gradients(forms, x, block.nodes)
+        G, contents = area_gradients(forms, x, block)
         gradients.append(G)
-        content.append(contents.ravel())
-    volumes = all_volumes(model)
-    return tuple(gradients), jnp.where(volumes > 0, jnp.concatenate(content) / jnp.where(volumes > 0, volumes, 1.0), 2.0)
+        content.append(contents)
+    return tuple(gradients), ratios_of(content, model)
 
 
-def nodal_sum(gradients: tuple, p: Float[Array, " g"], model: Model) -> Float[Array, "n 2"]:
+def nodal_sum(gradients: tuple, p: Float[Array, " g"], model: Body) -> Float[Array, "n 2"]:
     """sum_g p_g G_g (n, 2), of the ``gradients`` (c, g, 2, a) of each block."""
-    total = jnp.zeros((model.n_nodes, 2))
+    total = jnp.zeros(model.nodes.shape)
     for block, G, pressure in zip(model.blocks, gradients, by_block(p, model), strict=True):
-        total = total.at[block.nodes].add(jnp.einsum("cg,cgia->cai", pressure, G))
+        total = added_over_patches(total, _add_forces, (block.nodes, pressure, G), block.count)
     return total
 
 
-def network_force(x: Float[Array, "n 2"], model: Model, gel: LocalGel, operators: Operators) -> Float[Array, "n 2"]:
+def _add_forces(total, nodes, pressure, G):
+    return total.at[nodes].add(jnp.einsum("cg,cgia->cai", pressure, G))
+
+
+@program(x="n", mu="g")
+def energy_by_operators(problem: Equations, x: Float[Array, "n 2"], mu: Chemical) -> Float[Array, ""]:
+    """The `total_energy`, kT/v mm^2; of a neo-Hookean network, which is quadratic, sooner."""
+    model, gel = problem.model, problem.gel
+    if gel.network is not neo_hookean:
+        return total_energy(x, model, gel, mu, problem.loads)
+    network, at_rest = network_at(gel, model.axial_stretch), 0.0
+    for number, block in enumerate(model.blocks):
+        F = jnp.zeros((*block.weight.shape, 2, 2))
+        at_rest += jnp.sum(block.weight * elementwise(network, F, gel_at_points(gel, number), signature="(i,j)->()"))
+    centred = x - x[0]
+    energy = at_rest + 0.5 * jnp.sum(centred * network_force(centred, model, gel, problem.operators))
+    _, J = volume_gradients(x, model, problem.operators)
+    touch = contact_energy(x, model) if model.contact is not None else 0.0
+    return energy + volume_energy(J, model, gel, mu) - jnp.sum(problem.loads * x) + touch
+
+
+def network_force(x: Float[Array, "n 2"], model: Body, gel: LocalGel, operators: Operators) -> Float[Array, "n 2"]:
     """Nodal forces (n, 2) of the network, kT/v mm."""
     if gel.network is not neo_hookean:
         return jax.grad(network_energy)(x, model, gel)
 
-    def add(total, first, size):
-        pairs, stiffness = (lax.dynamic_slice_in_dim(v, first, size) for v in (operators.pairs, operators.network))
+    def add(k, total):
+        pairs, stiffness = (lax.dynamic_slice_in_dim(v, k * PAIRS_PER_SUM, PAIRS_PER_SUM) for v in (operators.pairs, operators.network))
         i, j, entries = pairs[:, 0], pairs[:, 1], stiffness[:, None]
         return total.at[i].add(entries * x[j]).at[j].add(jnp.where((i != j)[:, None], entries * x[i], 0.0))
 
-    whole, rest = divmod(len(operators.pairs), PAIRS_PER_SUM)
-    total = jnp.zeros_like(x)
-    if whole:
-        total = lax.fori_loop(0, whole, lambda k, total: add(total, k * PAIRS_PER_SUM, PAIRS_PER_SUM), total)
-    return add(total, whole * PAIRS_PER_SUM, rest)
+    return lax.fori_loop(0, (operators.count + PAIRS_PER_SUM - 1) // PAIRS_PER_SUM, add, jnp.zeros_like(x))

@@ -7,77 +7,92 @@ that a Newton step needs no deformation gradients.
 
 import dataclasses
 import functools
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
+from .._programs import program
+from .._sizes import resized
 from .._types import Array, Float, Int
-from ..discretisation import Model, PatchBlock
+from ..discretisation import Model, PatchBlock, room
 from ..materials import LocalGel, gel_at_points
-from .conditions import Free
-from .dofs import unknowns
-from .pairs import node_pairs
-from .volumes import contour_shares, local_positions
-
-CELLS_IN_CACHE = 32  # cells whose matrices are added up together: few enough to stay in the processor's cache
-CELLS_PER_PRODUCT = 1024  # cells whose volume gradients are computed together, for the same reason
+from .pairs import contact_pairs, node_pairs
+from .patchwise import added_over_patches, over_patches
+from .volumes import bare, contour_shares, local_positions
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["pairs", "slots", "network", "area_forms", "free"], meta_fields=[])
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["count", "pairs", "slots", "contact_slots", "network", "area_forms"],
+    meta_fields=["contact_room"],
+)
 @dataclasses.dataclass(frozen=True, eq=False)
 class Operators:
-    """What all tangents of a model with one gel have in common."""
+    """What all tangents of a model with one gel have in common, in the sizes of its ``shared`` body."""
 
+    count: Int[Array, ""]
+    """Number of the node pairs that share a cell."""
     pairs: Int[Array, "p 2"]
-    """Node pairs i <= j that share a cell, in ascending order."""
+    """These node pairs i <= j in ascending order, and room for more."""
     slots: tuple
-    """Per block (c, t) the pair of each entry a <= b of a cell's node list; one past the end for padding."""
+    """Per block (c, t) the pair of each entry a <= b of a patch's node list; one past the end for padding."""
+    contact_slots: tuple
+    """For each group of holes, see `contact`, the same (h, t), counted on for the pairs that share no cell; none without contact."""
+    contact_room: int
+    """Room for pairs that share no cell."""
     network: Float[Array, " p"]
     """Sum of w Nv dphi_i . dphi_j over all quadrature points, kT/v: the stiffness of the dry network, in each direction."""
     area_forms: tuple
     """Per block the `AreaForms` of its volume groups."""
-    free: Free
-    """Free degrees of freedom."""
 
 
 def precomputed_operators(model: Model, gel: LocalGel) -> Operators:
-    """`Operators` of a model with a gel."""
+    """`Operators` of a model with a gel, both in their own sizes."""
     pairs, slots = node_pairs(model.lists)
-    network, area_forms = _integrated(np.zeros(len(pairs)), model.blocks, gel, slots)
-    pairs, slots, free = jax.device_put((pairs, tuple(slots), unknowns(model.lists)))
-    return Operators(pairs, slots, network, area_forms, free)
+    count, size = len(pairs), room(len(pairs))
+    slots = tuple(_padded_slots(*some, count, size) for some in zip(slots, model.blocks, model.shared.blocks, strict=True))
+    contact_slots, contact_room = (), 0
+    if model.contact is not None:
+        more, contact_slots = contact_pairs(model.lists, model.dmax)
+        contact_room = room(len(more))
+        contact_slots = tuple(_moved_slots(some, count, size, count + len(more), size + contact_room) for some in contact_slots)
+    network, area_forms = _integrated(np.zeros(size), model, gel, slots)
+    host = jax.device_put((np.asarray(count, np.int32), resized(pairs, (size, 2)), slots, contact_slots))
+    return Operators(*host, contact_room, network, area_forms)
 
 
-@jax.jit
-def _integrated(total, blocks, gel, slots):
+def _padded_slots(slots, block, shared, count, size):
+    """Slots (c, t) of the patches of a block as those of its shared form."""
+    a, wide = block.nodes.shape[1], shared.nodes.shape[1]
+    first, second = np.triu_indices(a)
+    moved = np.full((len(shared.nodes), wide * (wide + 1) // 2), size, np.int32)
+    moved[: len(slots), first * wide - first * (first - 1) // 2 + second - first] = np.where(slots < count, slots, size)
+    return moved
+
+
+def _moved_slots(slots, count, size, end, last):
+    """Slots that count pairs with a cell in common first, with room for these; those past the ``end`` are past the ``last``."""
+    return np.where(slots < count, slots, np.where(slots < end, slots - count + size, last)).astype(np.int32)
+
+
+@program()
+def _integrated(total, model, gel, slots):
     """Stiffness (p,) of the network and area forms per block."""
 
-    def laplacian(arrays):
-        return jnp.einsum("q,qai,qbi->ab", arrays[1], arrays[0], arrays[0])
+    def add(total, block, weight, slot):
+        return add_matrices(total, jnp.einsum("cq,cqai,cqbi->cab", weight, block.dphi, block.dphi), slot)
 
-    for number, (block, slot) in enumerate(zip(blocks, slots, strict=True)):
+    for number, (block, slot) in enumerate(zip(model.blocks, slots, strict=True)):
         weight = block.weight * gel_at_points(gel, number).Nv
-        total = add_cell_matrices(total, laplacian, (block.dphi, weight), slot, block.nodes.shape[1])
-    return total, tuple(map(area_forms, blocks))
+        total = added_over_patches(total, add, (bare(block), weight, slot), block.count)
+    return total, tuple(map(area_forms, model.blocks))
 
 
-def add_cell_matrices(
-    total: Float[Array, "p ..."], cell: Callable, arrays: tuple, slots: Int[Array, "c t"], n: int
-) -> Float[Array, "p ..."]:
-    """``total`` (p, ...) plus the upper entries of the cell matrices ``cell(arrays[c])`` (n, n, ...) at their ``slots`` (c, t)."""
-    a, b = np.triu_indices(n)
-
-    def add(total, first, size):  # slices, as `lax.scan` would copy all arrays
-        part, at = jax.tree.map(lambda v: lax.dynamic_slice_in_dim(v, first, size), (arrays, slots))
-        return total.at[at].add(jax.vmap(cell)(part)[:, a, b], mode="drop")
-
-    whole, rest = divmod(len(slots), CELLS_IN_CACHE)
-    if whole:
-        total = lax.fori_loop(0, whole, lambda k, total: add(total, k * CELLS_IN_CACHE, CELLS_IN_CACHE), total)
-    return add(total, whole * CELLS_IN_CACHE, rest)
+def add_matrices(total: Float[Array, "p ..."], matrices: Float[Array, "c a a ..."], slots: Int[Array, "c t"]) -> Float[Array, "p ..."]:
+    """``total`` (p, ...) plus the upper entries of the ``matrices`` (c, a, a, ...) of patches at their ``slots`` (c, t)."""
+    a, b = np.triu_indices(matrices.shape[1])
+    return total.at[slots].add(matrices[:, a, b], mode="drop")
 
 
 # --- area forms --------------------------------------------------------------------------------------------------------------
@@ -106,15 +121,15 @@ def area_forms(block: PatchBlock) -> AreaForms:
     if 4 * weights.shape[2] < block.n_groups * first.shape[2]:
         return AreaForms(jnp.concatenate([first, second], axis=1), weights)
 
-    def matrices(arrays):
-        half = jnp.einsum("gr,ra,rb->gab", *arrays)
-        return (half - half.swapaxes(1, 2)).reshape(-1, half.shape[2])
+    def matrices(weights, first, second):
+        half = jnp.einsum("cgr,cra,crb->cgab", weights, first, second)
+        return (half - half.swapaxes(2, 3)).reshape(len(half), -1, half.shape[3])
 
-    return AreaForms(lax.map(matrices, (weights, first, second), batch_size=CELLS_IN_CACHE), None)
+    return AreaForms(over_patches(matrices, (weights, first, second), block.count, reverse=False), None)
 
 
-def area_gradients(forms: AreaForms, x: Float[Array, "n 2"], nodes: Int[Array, "c a"]) -> tuple[jax.Array, jax.Array]:
-    """Gradients (c, g, 2, a) of the groups' volumes V J at the patches' ``nodes``, mm, and V J (c, g), mm^2. Linear in ``x``."""
+def area_gradients(forms: AreaForms, x: Float[Array, "n 2"], block: PatchBlock) -> tuple[jax.Array, jax.Array]:
+    """Gradients (c, g, 2, a) of the groups' volumes V J at the patches' nodes, mm, and V J (c, g), mm^2. Linear in ``x``."""
 
     def of(forms, nodes):
         local = jnp.moveaxis(local_positions(x, nodes), 2, 0)  # S annihilates translations
@@ -129,23 +144,15 @@ def area_gradients(forms: AreaForms, x: Float[Array, "n 2"], nodes: Int[Array, "
             G = G.reshape(*factors.shape[:3], -1)
         return G, 0.5 * jnp.einsum("cgia,ica->cg", G, local)  # V J is quadratic in x
 
-    def add(k, total):  # the last chunk overlaps the one before
-        first = jnp.minimum(k * CELLS_PER_PRODUCT, len(nodes) - CELLS_PER_PRODUCT)
-        parts = of(*jax.tree.map(lambda v: lax.dynamic_slice_in_dim(v, first, CELLS_PER_PRODUCT), (forms, jnp.asarray(nodes))))
-        return tuple(lax.dynamic_update_slice_in_dim(t, part, first, 0) for t, part in zip(total, parts, strict=True))
-
-    if len(nodes) <= CELLS_PER_PRODUCT:
-        return of(forms, nodes)
-    groups = (len(nodes), forms.weights.shape[1] if forms.weights is not None else forms.rows.shape[1] // nodes.shape[1])
-    empty = jnp.zeros((*groups, 2, nodes.shape[1]), x.dtype), jnp.zeros(groups, x.dtype)
-    return lax.fori_loop(0, -(-len(nodes) // CELLS_PER_PRODUCT), add, empty)
+    return over_patches(of, (forms, block.nodes), block.count, reverse=False)
 
 
-def area_form_sum(p: Float[Array, " g"], forms: AreaForms) -> Float[Array, "a a"]:
-    """Sum of p S over the groups of one patch."""
+def area_form_sum(p: Float[Array, "c g"], forms: AreaForms) -> Float[Array, "c a a"]:
+    """Sums of p S over the groups of each patch."""
     if forms.weights is None:
-        n = forms.rows.shape[1]
-        return jnp.einsum("g,gab->ab", p, forms.rows.reshape(-1, n, n))
-    first, second = jnp.split(forms.rows, 2)
-    half = ((p @ forms.weights)[:, None] * first).T @ second
-    return half - half.T
+        n = forms.rows.shape[2]
+        return jnp.einsum("cg,cgab->cab", p, forms.rows.reshape(len(p), -1, n, n))
+    first, second = jnp.split(forms.rows, 2, axis=1)
+    weighted = jnp.einsum("cg,cgr->cr", p, forms.weights)[:, :, None] * first
+    half = jnp.einsum("cra,crb->cab", weighted, second)
+    return half - half.swapaxes(1, 2)

@@ -2,46 +2,35 @@
 
 import dataclasses
 import functools
-from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.spatial import cKDTree
 
+from .._memo import once_per_owner
+from .._sizes import resized
 from .._tracing import is_traced
 from .._types import Array, Chemical, Float
 from .._validation import Inadmissible
-from ..controls import Changes, ChemicalPotential, Control, changes_of, check_fields, check_is_control, edge_motion
-from ..discretisation import Model
+from ..controls import Control, changes_of, check_fields, check_is_control
+from ..discretisation import Body, Connectivity, Model
 from ..linalg import Pattern
-from ..materials import AnyGel, LocalGel
-from .conditions import Free, constrained_part
+from ..materials import AnyGel
 from .contact import with_contact
-from .dofs import check_moving, start_positions, unknowns
-from .local_gel import check_model, localised
-from .operators import Operators, precomputed_operators
-from .pairs import tangent_pattern
-
-BY_MU = ChemicalPotential()
-PARTS = ("model", "gel", "loads", "control", "operators")
+from .dofs import check_moving, edges_of, unknowns
+from .equations import BY_MU, Constraints, Equations
+from .local_gel import check_model, localised, shared_gel
+from .operators import precomputed_operators
+from .pairs import node_pairs, tangent_pattern
 
 
 @jax.tree_util.register_pytree_with_keys_class
-@dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
-class Problem:
+class Problem(Equations):
     """All that a state of equilibrium depends on besides the value of the control: plate, gel, loads, control and contact; a pytree."""
 
     model: Model
     """Discretised plate, with its self-contact if there is any."""
-    gel: LocalGel
-    """Material; fields as their values on the model, see `local_gel`."""
-    loads: Float[Array, "n 2"]
-    """Dead nodal loads, kT/v mm."""
-    control: Control
-    """What drives a sweep."""
-    operators: Operators | None
-    """Precomputed operators of the model; None for rates of change, and until they are needed, see `prepared`."""
 
     def __init__(
         self,
@@ -66,98 +55,52 @@ class Problem:
         loads = jax.device_put(np.zeros((model.n_nodes, 2))) if loads is None else jnp.asarray(loads, dtype=float)
         if loads.shape != (model.n_nodes, 2):
             raise ValueError(f"loads: have the shape {loads.shape}, they must have that of the nodes, {(model.n_nodes, 2)}")
-        self._set((model, gel, loads, control, None))
+        self._set((model, gel, loads, control, None, constraints_of(model.lists, changes_of(control, gel).edges)))
         if self.changes.gel:
             check_fields(control, gel)
         if self.moves_edges:
             check_moving(model.lists.topology)
 
-    def _set(self, parts):
-        for name, part in zip(PARTS, parts, strict=True):
-            object.__setattr__(self, name, part)
-
-    def tree_flatten_with_keys(self) -> tuple[tuple, None]:
-        """Its parts, each with its name."""
-        return tuple((jax.tree_util.GetAttrKey(name), getattr(self, name)) for name in PARTS), None
-
-    @classmethod
-    def tree_unflatten(cls, _: None, parts: Sequence[Any]) -> "Problem":
-        """The problem of such parts, which may be anything that JAX puts in their place."""
-        made = object.__new__(cls)
-        made._set(parts)
-        return made
-
-    def replace(self, **parts: Any) -> "Problem":
-        """The problem with other ``parts``, which are not checked; TypeError for what is no part."""
-        if not parts.keys() <= set(PARTS):
-            raise TypeError(f"replace: {', '.join(parts.keys() - set(PARTS))} is not one of {', '.join(PARTS)}")
-        return self.tree_unflatten(None, [parts.get(name, getattr(self, name)) for name in PARTS])
-
     @property
     def prepared(self) -> "Problem":
         """The problem with its operators."""
-        return self if self.operators is not None else self.replace(operators=precomputed_operators(self.model, self.gel))
+        return (
+            self
+            if self.operators is not None
+            else self.replace(operators=precomputed_operators(self.model, shared_gel(self.gel, self.model.shared)))
+        )
 
     def at(self, value: Chemical) -> tuple["Problem", Chemical]:
-        """The problem at a ``value`` of its control, driven by the chemical potential from there, and that potential, kT."""
-        setting = self.control(value, self.gel)
-        gel = self.gel if setting.gel is self.gel else jax.tree.map(lambda v: jnp.asarray(v, dtype=float), setting.gel)
-        loads = self.loads if setting.loads is None else self.loads + setting.loads
-        operators = self.operators
-        if operators is not None and self.changes.stiffness:
-            operators = dataclasses.replace(operators, network=operators.network * (gel.Nv / self.gel.Nv))
-        now = self.replace(gel=gel, loads=loads, operators=operators, control=BY_MU)
-        mu = setting.mu if isinstance(setting.mu, jax.Array) else np.asarray(setting.mu, dtype=float)  # NumPy's is made sooner
+        """See `Equations`."""
+        now, mu = super().at(value)
+        if now.gel is self.gel and now.loads is self.loads and "shared" in self.__dict__:
+            now.__dict__["shared"] = self.shared.replace(control=now.control)  # already made
         return now, mu
+
+    @functools.cached_property
+    def shared(self) -> Equations:
+        """The equations as the compiled programs take them."""
+        body, constraints = self.model.shared, self.constraints
+        parts = (
+            body,
+            shared_gel(self.gel, body),
+            resized(self.loads, body.nodes.shape),
+            self.control,
+            self.operators,
+            shared_constraints(constraints, self.model, body),
+        )
+        return Equations.tree_unflatten(None, parts)
+
+    @property
+    def network(self) -> Float[np.ndarray, " p"]:
+        """Stiffness of the dry network between the nodes of every pair of `node_pairs`, kT/v."""
+        return np.asarray(self.prepared.operators.network)[: len(node_pairs(self.model.lists)[0])]
 
     def __repr__(self) -> str:
         """What is solved, in one line."""
         return f"Problem along {self.control.name} of a {self.model!r}"
 
     @functools.cached_property
-    def changes(self) -> Changes:
-        """What the control changes besides the chemical potential."""
-        return changes_of(self.control, self.gel)
-
-    @property
-    def moves_edges(self) -> bool:
-        """Whether the control moves the edges of the plate."""
-        return self.changes.edges
-
-    def dry_positions(self, value: Chemical) -> Float[Array, "n 2"]:
-        """The dry nodes, moved as the edges are at a ``value`` of the control, mm."""
-        return start_positions(self.model.lists.topology, self.model.cloud.nodes, self._edge_motion(value))
-
-    def edge_deformation(self, value: Chemical) -> Float[Array, "2 2"]:
-        """The macroscopic deformation that the edges follow at a ``value`` of the control."""
-        motion = self._edge_motion(value)
-        return np.array(self.model.lists.topology.plate.dry_deformation) if motion is None else motion[0]
-
-    def _edge_motion(self, value):
-        plate = self.model.lists.topology.plate
-        return edge_motion(self.control(value, self.gel), plate) if self.moves_edges else None
-
-    def carried(self, motion: Float[Array, "n 2"], value: Chemical) -> Float[Array, "n 2"]:
-        """What a ``motion`` (n, 2) of the dry nodes prescribes of the deformed ones at a ``value`` of the control, the unknowns at rest."""
-        return constrained_part(motion @ self.edge_deformation(value).T, self.free)
-
-    def placed(self, x: Float[Array, "n 2"], value: Chemical) -> Float[Array, "n 2"]:
-        """Positions ``x``, mm, with those that the edges prescribe as they are at a ``value`` of the control."""
-        if not self.moves_edges:
-            return x
-        return _placed(self, jnp.asarray(x), value)
-
-    @property
-    def free(self) -> Free:
-        """Free degrees of freedom."""
-        return unknowns(self.model.lists) if self.operators is None else self.operators.free
-
-    @property
-    def has_contact(self) -> bool:
-        """Whether hole boundaries repel each other."""
-        return self.model.contact is not None
-
-    @property
     def without_contact(self) -> "Problem":
         """The same problem without self-contact, for states in which no outline is near itself."""
         return self.replace(model=dataclasses.replace(self.model, contact=None)) if self.has_contact else self
@@ -168,9 +111,36 @@ class Problem:
         return tangent_pattern(self.model.lists, self.model.solver, self.model.dmax if self.has_contact else None)
 
 
-@jax.jit
-def _placed(problem, x, value):
-    return x + constrained_part(problem.dry_positions(value) - x, problem.free)
+def shared_tangents(problem: Problem, dots: Problem) -> tuple[Equations, Equations]:
+    """The shared equations of a problem, and their tangents for those of the problem; without operators, which follow from the model."""
+    inputs = problem.replace(operators=None), dots.replace(operators=None)
+    return jax.jvp(lambda problem: problem.shared, inputs[:1], inputs[1:])
+
+
+@once_per_owner
+def constraints_of(lists: Connectivity, driven: bool) -> Constraints:
+    """The `Constraints` of a plate with these ``lists``, whose edges may be ``driven`` by a control."""
+    return Constraints(unknowns(lists), edges_of(lists.topology, driven), _nearest_patches(lists))
+
+
+def _nearest_patches(lists):
+    """The patch (n,), counted block after block, nearest each node of the reference cloud."""
+    points = lists.topology.partition.vertices[lists.topology.node_vertices]
+    patches = np.concatenate(lists.patches)
+    real = lists.support[patches, :, None] > 0
+    centres = np.sum(np.where(real, points[lists.nodes[patches]], 0.0), axis=1) / real.sum(axis=1)
+    return cKDTree(centres).query(points)[1]
+
+
+def shared_constraints(constraints: Constraints, model: Model, body: Body) -> Constraints:
+    """The constraints of a model for its ``shared`` body."""
+    edges, nodes = constraints.edges, len(body.nodes)
+    starts = np.cumsum([0] + [len(block.nodes) for block in model.blocks])
+    moved = np.cumsum([0] + [len(block.nodes) for block in body.blocks])
+    block = np.searchsorted(starts, constraints.nearest, side="right") - 1
+    nearest = resized(constraints.nearest - starts[block] + moved[block], (nodes,))
+    fields = resized(edges.fields, (*edges.fields.shape[:1], nodes, 2))
+    return Constraints(constraints.free.shared, dataclasses.replace(edges, fields=fields), nearest)
 
 
 def check_driven(problem: Problem, values: Float[np.ndarray, " k"]) -> None:

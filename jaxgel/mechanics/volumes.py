@@ -6,6 +6,7 @@ moment of J that no pressure sees; it is held with the stiffness of the network,
 The chemical potential is one number, or one for each group (g,).
 """
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -13,28 +14,24 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._types import Array, Bool, Chemical, Float, Scalar
-from ..discretisation import Model, PatchBlock
+from .._types import Array, Chemical, Float, Scalar
+from ..discretisation import Body, PatchBlock
 from ..materials import LocalGel, VolumeLaw, gel_in_groups, rises_always, takes_solvent
+from .patchwise import over_patches
 
 SOFT = 10.0  # bulk stiffness, over the network's Nv, up to which the pressure of a group is linearised about its own volume ratio
 ROUNDED = 1e-12  # by which a volume ratio at the end of a range may have been rounded below it
 HELD = 2.0  # stiffness that holds what the pressures do not see of J, over the network's Nv
 
 
-def is_film(model: Model) -> bool:
-    """Whether the plate is a film in plane stress."""
-    return model.lists.topology.plate.kinematics == "plane stress"
-
-
-def axial_stretch(model: Model) -> Scalar:
+def axial_stretch(model: Body) -> Scalar:
     """Axial stretch () of the plate; the number 1.0 in plane strain and for a film, whose thickness is not one number."""
-    return 1.0 if model.cloud.plate.axial_stretch is None else model.cloud.plate.axial_stretch
+    return 1.0 if model.axial_stretch is None else model.axial_stretch
 
 
-def volume_law(model: Model, gel: Any, mu: Scalar | Float[Array, "..."]) -> VolumeLaw:
+def volume_law(model: Body, gel: Any, mu: Scalar | Float[Array, "..."]) -> VolumeLaw:
     """Law of a gel on the plate, the parameters of which, and ``mu``, are numbers or arrays for places of any kind."""
-    return VolumeLaw(gel, mu, model.cloud.plate.axial_stretch, film=is_film(model))
+    return VolumeLaw(gel, mu, model.axial_stretch, film=model.film)
 
 
 def deformation_gradients(x: Float[Array, "n 2"], block: PatchBlock) -> jax.Array:
@@ -47,7 +44,7 @@ def local_positions(x: Float[Array, "n 2"], nodes: Array) -> Float[Array, "c a 2
     return x[nodes] - jnp.mean(x[nodes], axis=1, keepdims=True)
 
 
-def gradients_by_block(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
+def gradients_by_block(x: Float[Array, "n 2"], model: Body) -> list[jax.Array]:
     """Per block the `deformation_gradients`."""
     return [deformation_gradients(x, block) for block in model.blocks]
 
@@ -67,36 +64,44 @@ def _carries(block):
     return np.arange(block.n_groups) < block.carrying
 
 
-def all_volumes(model: Model) -> Float[Array, " g"]:
+def all_volumes(model: Body) -> Float[Array, " g"]:
     """Dry volumes (g,) of all volume groups, mm^2; 0 for padding."""
-    return jnp.concatenate([group_volumes(block).ravel() for block in model.blocks])
+    return of_groups([group_volumes(block) for block in model.blocks], model)
 
 
-def carries_volume(model: Model) -> Bool[np.ndarray, " g"]:
-    """Whether each group (g,) carries volume; the others are held."""
-    return np.concatenate([np.tile(_carries(block), len(block.weight)) for block in model.blocks])
+def by_block(values: Float[Array, " g"], model: Body) -> list[jax.Array]:
+    """Values (g,) of all volume groups as arrays (c, g) per block; 0 for padding."""
+    values = jnp.asarray(values)
+    return [values.at[block.groups].get(mode="fill", fill_value=0) for block in model.blocks]
 
 
-def by_block(values: Float[Array, " g"], model: Model) -> list[jax.Array]:
-    """Values (g,) of all volume groups as arrays (c, g) per block."""
-    shapes = [(len(block.weight), len(_carries(block))) for block in model.blocks]
-    cuts = np.cumsum([rows * columns for rows, columns in shapes])[:-1]
-    return [part.reshape(shape) for part, shape in zip(jnp.split(values, cuts), shapes, strict=True)]
+def of_groups(parts: list[jax.Array], model: Body) -> Float[Array, " g"]:
+    """The values (g,) of all volume groups from arrays (c, g) per block."""
+    total = jnp.zeros(len(model.carries))
+    for block, part in zip(model.blocks, parts, strict=True):
+        total = total.at[block.groups].set(part, mode="drop")
+    return total
 
 
 @jax.jit
-def volume_ratios(x: Float[Array, "n 2"], model: Model) -> Float[Array, " g"]:
+def volume_ratios(x: Float[Array, "n 2"], model: Body) -> Float[Array, " g"]:
     """Volume ratios (g,) of all groups that carry volume, moments of J of those that are held; 2 for padding."""
-    return ratios_of(gradients_by_block(x, model), x, model)
+
+    def of_patches(block):
+        return contents(deformation_gradients(x, block), x, block)
+
+    return ratios_of([over_patches(of_patches, (bare(block),), block.count) for block in model.blocks], model)
 
 
-def ratios_of(gradients: list, x: Float[Array, "n 2"], model: Model) -> Float[Array, " g"]:
-    """`volume_ratios` with the deformation gradients at hand."""
-    ratios = []
-    for F, block in zip(gradients, model.blocks, strict=True):
-        volume, content = group_volumes(block), contents(F, x, block)
-        ratios.append(jnp.where(volume > 0, content / jnp.where(volume > 0, volume, 1.0), 2.0).ravel())
-    return jnp.concatenate(ratios)
+def bare(block: PatchBlock) -> PatchBlock:
+    """The arrays of a block, each of which has a row for every patch."""
+    return dataclasses.replace(block, count=None)
+
+
+def ratios_of(parts: list[jax.Array], model: Body) -> Float[Array, " g"]:
+    """`volume_ratios` from the `contents` of the blocks."""
+    volumes = all_volumes(model)
+    return jnp.where(volumes > 0, of_groups(parts, model) / jnp.where(volumes > 0, volumes, 1.0), 2.0)
 
 
 def contents(F: Float[Array, "c q 2 2"], x: Float[Array, "n 2"], block: PatchBlock) -> Float[Array, "c g"]:
@@ -122,39 +127,38 @@ def at_points(values: Float[Array, "c g"], block: PatchBlock) -> Float[Array, "c
 
 
 def ratio_at(
-    p: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical, largest: Float[Array, "..."] | None = None
+    p: Float[Array, " g"], model: Body, gel: LocalGel, mu: Chemical, largest: Float[Array, "..."] | None = None
 ) -> Float[Array, " g"]:
     """Volume ratio J*(p) at which each group carries the pressure ``p``, kT/v; every p is feasible.
 
     ``largest`` as of `VolumeLaw.areal_stretch`.
     """
-    carries, gel = carries_volume(model), gel_in_groups(gel)
-    safe = jnp.where(carries, p, -1.0) if not carries.all() else p
-    star = volume_law(model, gel, mu).areal_stretch(safe, largest)
-    return jnp.where(carries, star, p / (HELD * gel.Nv))
+    gel = gel_in_groups(gel)
+    star = volume_law(model, gel, mu).areal_stretch(jnp.where(model.carries, p, -1.0), largest)
+    return jnp.where(model.carries, star, p / (HELD * gel.Nv))
 
 
-def pressure_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
+def pressure_at(J: Float[Array, " g"], model: Body, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
     """Pressure of each group at its volume ratio ``J``, kT/v; nan where a group of gel that carries volume has J <= 1."""
     gel = gel_in_groups(gel)
-    return jnp.where(carries_volume(model), volume_law(model, gel, mu).pressure(_feasible(J, model)), HELD * gel.Nv * J)
+    return jnp.where(model.carries, volume_law(model, gel, mu).pressure(_feasible(J, model)), HELD * gel.Nv * J)
 
 
-def stiffness_at(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
+def stiffness_at(J: Float[Array, " g"], model: Body, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
     """Stiffness dp/dJ of each group at its volume ratio ``J``, kT/v."""
     gel = gel_in_groups(gel)
-    return jnp.where(carries_volume(model), volume_law(model, gel, mu).stiffness(_feasible(J, model)), HELD * gel.Nv)
+    return jnp.where(model.carries, volume_law(model, gel, mu).stiffness(_feasible(J, model)), HELD * gel.Nv)
 
 
-def volume_energy(J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, ""]:
+def volume_energy(J: Float[Array, " g"], model: Body, gel: LocalGel, mu: Chemical) -> Float[Array, ""]:
     """Energy () of all volume groups, kT/v mm^2."""
     gel = gel_in_groups(gel)
-    density = jnp.where(carries_volume(model), volume_law(model, gel, mu).energy(_feasible(J, model)), HELD * gel.Nv / 2 * J**2)
+    density = jnp.where(model.carries, volume_law(model, gel, mu).energy(_feasible(J, model)), HELD * gel.Nv / 2 * J**2)
     return jnp.sum(all_volumes(model) * density)
 
 
 def linearised_about(
-    p: Float[Array, " g"], J: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical
+    p: Float[Array, " g"], J: Float[Array, " g"], model: Body, gel: LocalGel, mu: Chemical
 ) -> tuple[Float[Array, " g"], Float[Array, " g"]]:
     """Volume ratios J0 (g,) about which the pressures of the groups are linearised, and what these are there less ``p`` (g,), kT/v.
 
@@ -164,7 +168,7 @@ def linearised_about(
     In good solvents, and in elastomers, it is J*(p) everywhere.
     """
     there = gel_in_groups(gel)
-    swells, rises = carries_volume(model) & (all_volumes(model) > 0) & takes_solvent(there), rises_always(there)
+    swells, rises = model.carries & (all_volumes(model) > 0) & takes_solvent(there), rises_always(there)
 
     def of_any():
         end = volume_law(model, there, mu).stiff_until(SOFT * there.Nv)
@@ -180,17 +184,17 @@ def linearised_about(
     return of_any() if rises is False else lax.cond(rises, of_good, of_any)
 
 
-def swelling_of(J: Float[Array, " g"], model: Model, gel: LocalGel) -> Float[Array, " g"]:
+def swelling_of(J: Float[Array, " g"], model: Body, gel: LocalGel) -> Float[Array, " g"]:
     """What the accuracy of each group's volume ratio ``J`` is measured by: the solvent in a gel, J in films and elastomers; 0 if held."""
-    return jnp.where(carries_volume(model), volume_law(model, gel_in_groups(gel), 0.0).swelling(J), 0.0)
+    return jnp.where(model.carries, volume_law(model, gel_in_groups(gel), 0.0).swelling(J), 0.0)
 
 
 def _feasible(J, model):
     """The volume ratios of the groups that carry volume, and in place of the others and of padding one at which every energy is finite."""
-    return jnp.where(carries_volume(model) & (all_volumes(model) > 0), J, 2.0 / axial_stretch(model))
+    return jnp.where(model.carries & (all_volumes(model) > 0), J, 2.0 / axial_stretch(model))
 
 
-def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model: Model, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
+def ratios_that_carry(J: Float[Array, " g"], pressure: Float[Array, " g"], model: Body, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
     """The volume ratios (g,) that carry the ``pressure`` (g,), with the derivatives of those near them, ``J`` (g,).
 
     Newton's method ends where these agree to 1e-11 of the swelling J - 1; multiplied by the bulk stiffness that is 1e-8 of the pressure,

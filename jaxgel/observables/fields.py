@@ -28,10 +28,8 @@ from ..mechanics import (
     at_points,
     axial_stretch,
     by_block,
-    carries_volume,
     deformation_of,
     gradients_by_block,
-    is_film,
     volume_law,
     volume_ratios,
 )
@@ -45,7 +43,7 @@ def volume_ratio(path: States) -> Float[Array, "k c"]:
     In a film and in generalised plane strain the areal stretch is that field, and J follows from it and from the ``gel`` and ``mu`` of the
     path.
     """
-    if is_film(path.model):
+    if path.model.film:
         return _film_volume_ratio(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
     return over_states(_areal_stretch, path) * axial_stretch(path.model)
 
@@ -65,7 +63,7 @@ def macroscopic_deformation(path: Path) -> Float[Array, "k 2 2"]:
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
 def _macroscopic_deformation(x, at, problem):
-    return deformation_of(x, problem.model.lists.topology, problem.edge_deformation(at))
+    return deformation_of(x, problem.model.lists.topology, problem.edges(at).deformation)
 
 
 @of_path
@@ -74,7 +72,7 @@ def membrane_stress(path: Path) -> Float[Array, " k"]:
 
     ValueError in plane strain, where no sheet can give way out of its plane.
     """
-    if not is_film(path.model):
+    if not path.model.film:
         raise ValueError("membrane_stress: the plate is not in plane stress")
     return _membrane_stress(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value), path.problem)
 
@@ -141,7 +139,7 @@ def free_stretch(path: Path) -> Float[Array, " k"]:
     """Stretch of the freely swelling gel at each mu; nan where there is none (see ``free_swelling``), and where the gel varies."""
     if varies(path.gel):
         return jnp.full(len(path.mu), jnp.nan)
-    if is_film(path.model):
+    if path.model.film:
         return _at_each(isotropic_swelling, path)
     return _at_each(lambda mu, gel: free_swelling(mu, gel, path.model.cloud.plate.axial_stretch), path)
 
@@ -177,7 +175,7 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
         gel = _gel_at_nodes(problem.gel, model, mean)
         pressure = mean(_cell_means(p, model))
         F = probe.deformation_gradient(x)
-        stress = _film_stress if is_film(model) else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p / axial_stretch(model), axial)
+        stress = _film_stress if model.film else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p / axial_stretch(model), axial)
         sigma = elementwise(stress, F, gel, pressure, signature="(i,j)->(i,j)")
         return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
@@ -205,7 +203,7 @@ def _gel_at_nodes(gel: LocalGel, model: Model, mean: Callable) -> LocalGel:
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
 def _film_volume_ratio(x, at, problem):
     now, mu = problem.at(at)
-    A, carries = volume_ratios(x, now.model), carries_volume(now.model)
+    A, carries = volume_ratios(x, now.model), now.model.carries
     return _cell_means(volume_law(now.model, gel_in_groups(now.gel), mu).volume_ratio(jnp.where(carries, A, 2.0)), now.model)
 
 

@@ -16,7 +16,6 @@ from .._types import Array, Float, Int
 from ..continuation import Path
 from ..equilibrium import Change, Status
 from ..geometry import Plate, edge_lines
-from ..mechanics import is_film
 from .areas import dry_outlines, outlines
 from .double_normals import OPEN, WALL, Pair, kinds_of_sides, shortest_double_normal
 from .fields import membrane_stress
@@ -78,7 +77,7 @@ def status_texts(path: Path) -> list[str]:
     smallest = min_gap_once(path)
     crossed = np.logical_or.accumulate(smallest <= 0)
     touching = smallest < (0.0 if path.model.contact is None else float(path.model.contact.range))
-    stress = membrane_stress(path) if is_film(path.model) else np.zeros(len(path.mu))
+    stress = membrane_stress(path) if path.model.film else np.zeros(len(path.mu))
     texts = []
     for status, least, change, touches in zip(path.status, np.asarray(stress), path.switched, touching, strict=True):
         found = ([SWITCHED[Change(int(change))]] if change else []) + ([IN_CONTACT] if touches else [])

@@ -11,7 +11,7 @@ from .._memo import once_per_owner
 from .._types import Array, Bool, Float
 from ..cloud import Topology
 from ..discretisation import MIDLINE_POINTS, Model, core_probe, midline_points, midline_probe
-from .states import States, of_path
+from .states import States, of_path, with_room
 
 ITERATIONS = 8  # of Newton's method along the midline, from the sampled extremum
 FOUND = 1e-3  # of the slopes at the ends of its reach, of one sign: above it the line has no extremum between them
@@ -26,7 +26,7 @@ def angle_of_extrema(x: Float[Array, "k n 2"], model: Model) -> Float[Array, " k
     """Angle (k,) to the x axis, degrees, of the line through the midline's highest and lowest point in each state of ``x`` (k, n, 2)."""
     line, topology = midline_probe(model), model.lists.topology
     kinks = _kinks(topology, model.dmax)
-    samples = _next_to_extrema(x, line, kinks, model.dmax * topology.spacing)
+    samples = _next_to_extrema(with_room(x), line, kinks, model.dmax * topology.spacing)
     return _angle_between(_extrema(*samples), len(x))
 
 
@@ -143,7 +143,7 @@ def rotation_angle(path: States) -> Float[Array, " k"]:
 @of_path
 def core_rotation(path: States) -> Float[Array, " k"]:
     """Polar rotation (k,) of the gel at ``plate.core``, degrees: the angle of R in F = R U; nan where the core lies in a hole."""
-    return _polar_rotation(jnp.asarray(path.x), core_probe(path.model))
+    return _polar_rotation(with_room(path.x), core_probe(path.model))
 
 
 @jax.jit

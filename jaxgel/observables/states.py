@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._sizes import resized
 from .._types import Array, Float
 from .._validation import kind_in_words
 from ..continuation import Path
-from ..discretisation import Model
+from ..discretisation import NODES, Model, room
 
 ROUNDED = 1e-3  # of the values of a path, or of their range: values that people type are rounded
 
@@ -41,6 +42,11 @@ def of_path(function: Callable[P, R]) -> Callable[P, R]:
         return function(*args, **kwargs)
 
     return checked
+
+
+def with_room(x: Float[Array, "k n 2"]) -> Float[Array, "k m 2"]:
+    """Nodal positions of states with room for more nodes: programs that read them by node numbers serve similar plates."""
+    return resized(x, (x.shape[0], room(x.shape[1], NODES), 2))
 
 
 def over_states(function: Callable[[Float[Array, "n 2"], Model], Any], path: States) -> Any:

@@ -28,7 +28,7 @@ from ..materials import (
     surface_volume_ratio,
     takes_solvent,
 )
-from ..mechanics import SOFT, Problem, is_film, volume_law
+from ..mechanics import SOFT, Problem, volume_law
 from .states import of_path
 
 VERTICES = 512  # to a multiple of which the places at which surface ratios are found are padded
@@ -71,7 +71,7 @@ def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
 
 
 def _has_surface_ratios(model):
-    return not is_film(model) and model.cloud.plate.axial_stretch is None
+    return not model.film and model.axial_stretch is None
 
 
 def _ratio(tangential, near, law):

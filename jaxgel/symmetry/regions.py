@@ -18,10 +18,10 @@ import scipy.sparse as sp
 
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
-from ..discretisation import Connectivity, Model, PatchBlock
+from ..discretisation import Connectivity, Model, PatchBlock, numbered
 from ..linalg import Pattern, analyse
 from ..materials import LocalValues, with_parameters
-from ..mechanics import Free, Problem, contact_pairs, node_pairs, precomputed_operators
+from ..mechanics import Free, Problem, constraints_of, contact_pairs, node_pairs
 from .fields import TOWARDS, turned, turned_fields, unknowns_of
 from .groups import IDENTITY, images
 from .irreducible import Representation, representations
@@ -70,10 +70,12 @@ def region(problem: Problem, group: tuple[str, ...]) -> Region:
         points = [np.asarray(values)[rows] for values, rows in zip(parameter.points, chosen, strict=True) if len(rows)]
         return LocalValues(tuple(points), np.asarray(parameter.groups)[own], parameter.outline)
 
-    blocks = tuple(jax.device_put([block for block, some in zip(blocks, real, strict=True) if some]))
-    model = dataclasses.replace(model, blocks=blocks, lists=_region_lists(lists, group))
-    gel = with_parameters(problem.gel, part)
-    reduced = problem.replace(model=model, gel=gel, operators=precomputed_operators(model, gel))
+    lists = _region_lists(lists, group)
+    blocks = numbered(jax.device_put([block for block, some in zip(blocks, real, strict=True) if some]))
+    contact = None if model.contact is None else model.contact.standing_for_all(lists.holes)
+    model = dataclasses.replace(model, blocks=blocks, carries=np.asarray(model.carries)[own], lists=lists, contact=contact)
+    constraints = constraints_of(lists, problem.changes.edges)
+    reduced = problem.replace(model=model, gel=with_parameters(problem.gel, part), operators=None, constraints=constraints).prepared
     return Region(group, reduced, own, _spread(problem.model, group, own))
 
 

@@ -44,7 +44,7 @@ class BlochStates:
     def _blocks(self):
         """The tangent and the stiffness of the network, kT/v, by the model's node pairs."""
         at = self.problem, self.state.x, self.state.pressure
-        network = np.asarray(self.problem.operators.network)[:, None, None] * np.eye(2)
+        network = self.problem.network[:, None, None] * np.eye(2)
         return np.asarray(tangent(*at, linearise(*at, self.state.mu))), network
 
     @functools.cached_property
@@ -59,7 +59,7 @@ class BlochStates:
     def network_energy(self, field: Float[np.ndarray, "n 2"]) -> float:
         """V . N v of a nodal field (n, 2), kT/v mm^2."""
         i, j = node_pairs(self.problem.model.lists)[0].T
-        twice = np.where(i == j, 1.0, 2.0) * np.asarray(self.problem.operators.network)
+        twice = np.where(i == j, 1.0, 2.0) * self.problem.network
         return float(twice @ np.sum(field[i] * field[j], axis=1))
 
     def _entries(self, wave_vector):

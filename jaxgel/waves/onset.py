@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq, minimize
 
+from .._programs import program
 from .._threads import few_threads
 from .._types import Array, Float, Int, Scalar
 from .._validation import Inadmissible
@@ -260,7 +261,7 @@ def _derivatives(problem, state, modes, same_in_all):
     return slope, np.asarray(scatter(correction, problem.free))
 
 
-@jax.jit
+@program(x="n", modes="mn", returns=("n", None))
 def _changes(problem, x, mu, modes):
     """Dphi/dx (n, 2) and dphi/dmu of phi = v* K v."""
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxgel.cloud import make_cloud
 from jaxgel.controls import (
     Changes,
     ChemicalPotential,
@@ -21,14 +22,14 @@ from jaxgel.controls import (
     check_values,
     chi,
     driven,
-    edge_motion,
     temperature,
 )
-from jaxgel.geometry import Plate
+from jaxgel.geometry import EDGES, Plate
 from jaxgel.materials import Composite, Elastomer, Filled, Gel, LocalValues
+from jaxgel.mechanics import edges_of
 
 GEL = Gel(1e-3, 0.1)
-PLATE = Plate(4.0, 4.0, displacement={"top": (0.0, 0.1)})
+EDGES_OF_PLATE = edges_of(make_cloud(Plate(4.0, 4.0, displacement={"top": (0.0, 0.1)}, spacing=1.0)).topology, True)
 
 
 NOTHING = Changes(edges=False, loads=False, gel=False, stiffness=False)
@@ -37,7 +38,7 @@ NOTHING = Changes(edges=False, loads=False, gel=False, stiffness=False)
 def test_a_control_changes_what_it_says():
     control = ChemicalPotential()
     setting = control(-0.5, GEL)
-    assert (setting.mu, setting.gel) == (-0.5, GEL) and edge_motion(setting, PLATE) is None
+    assert (setting.mu, setting.gel, setting.deformation, setting.displacement) == (-0.5, GEL, None, None)
     assert (control.name, control.unit) == ("mu", "kT")
     assert changes_of(control, GEL) == NOTHING
     assert changes_of(Stretch(), GEL) == dataclasses.replace(NOTHING, edges=True)
@@ -64,9 +65,9 @@ def test_a_driven_parameter_replaces_that_of_the_gel_and_of_no_elastomer():
 def test_a_stretch_moves_the_edges_along_its_direction():
     for direction, expected in (("x", [1.2, 1.0]), ("y", [1.0, 1.2]), ("both", [1.2, 1.2])):
         control = Stretch(direction, mu=-1.0)
-        F, displacement = edge_motion(control(1.2, GEL), PLATE)
-        np.testing.assert_allclose(F, np.diag(expected))
-        assert displacement == dict(PLATE.displacement)  # what the control does not say of an edge the plate does
+        moved = EDGES_OF_PLATE.moved(control(1.2, GEL))
+        np.testing.assert_allclose(moved.deformation, np.diag(expected))
+        np.testing.assert_array_equal(moved.displacement, EDGES_OF_PLATE.displacement)  # what the control does not say the plate does
     with pytest.raises(ValueError, match="direction: 'z' is not one of x, y, both"):
         Stretch("z")
 
@@ -84,10 +85,10 @@ def test_an_own_path_is_differentiable_in_its_parameters():
     control = Driven(_ramp, (jnp.asarray(2.0),), name="ramp", unit="s")
     assert isinstance(control, Control)
     assert jax.grad(lambda control: control(3.0, GEL).mu)(control).parameters[0] == 3.0
-    F, displacement = edge_motion(control(0.25, GEL), PLATE)
-    np.testing.assert_array_equal(F, np.eye(2))
-    np.testing.assert_array_equal(displacement["right"], [0.25, 0.0])
-    assert displacement["top"] == (0.0, 0.1)
+    moved = EDGES_OF_PLATE.moved(control(0.25, GEL))
+    np.testing.assert_array_equal(moved.deformation, np.eye(2))
+    displacement = dict(zip(EDGES, np.asarray(moved.displacement).tolist(), strict=True))
+    assert (displacement["right"], displacement["top"]) == ([0.25, 0.0], [0.0, 0.1])
     check_control(control, GEL, np.array([0.0, 1.0, 0.0]))
 
 

@@ -15,7 +15,7 @@ import scipy.linalg
 
 import jaxgel
 from jaxgel import Problem
-from jaxgel.mechanics import all_volumes, carries_volume, linearise, tangent
+from jaxgel.mechanics import all_volumes, linearise, tangent
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=1e-4)
 
@@ -40,12 +40,13 @@ def large_hole(nodes_per_hole):
 
 def forms(model):
     """At the dry state with p = -Nv: the form (f, f) with what is held, the network's (f, f), and the scaled constraints (g, f)."""
-    problem, carries, volumes = Problem(model, GEL, contact=False).prepared, carries_volume(model), np.asarray(all_volumes(model))
+    problem, carries, volumes = Problem(model, GEL, contact=False).prepared, model.carries, np.asarray(all_volumes(model))
     x, p = model.cloud.nodes, jnp.where(carries, -GEL.Nv, 0.0)
     now = linearise(problem, x, p, -2.0)
-    held = dataclasses.replace(now, stiffness=jnp.where(carries, 0.0, now.stiffness))
+    held = dataclasses.replace(now, stiffness=jnp.where(problem.shared.model.carries, 0.0, now.stiffness))
     none = dataclasses.replace(now, stiffness=0.0 * now.stiffness)
     form, network = (problem.pattern.matrix(tangent(problem, x, *of)).toarray() for of in ((p, held), (0.0 * p, none)))
+    now = now.cut(model)
     rows = [np.zeros((*G.shape[:2], model.n_nodes, 2)) for G in now.gradients]
     for row, G, block in zip(rows, now.gradients, model.blocks, strict=True):
         c, g = np.ogrid[: G.shape[0], : G.shape[1]]

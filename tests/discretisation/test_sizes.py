@@ -10,6 +10,7 @@ import jaxgel
 from jaxgel._sizes import padded, rung
 from jaxgel.discretisation import consistency, layout
 from jaxgel.discretisation.interpolation import size_of_groups
+from jaxgel.discretisation.ladder import patches_of_blocks, room
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
 
@@ -43,8 +44,9 @@ def test_padding_is_inert(monkeypatch):
         return jax.tree.leaves(of_patches(cloud, (2.3, 1.7)).blocks), *jax.value_and_grad(total)(jnp.array([2.3, 1.7]))
 
     once = numbers()
-    for module in (layout, consistency):
-        monkeypatch.setattr(module, "rung", lambda count: rung(2 * count))
+    monkeypatch.setattr(layout, "room", lambda count, least=None: room(2 * count, least))
+    monkeypatch.setattr(consistency, "room", layout.room)
+    monkeypatch.setattr(layout, "patches_of_blocks", lambda counts: patches_of_blocks([2 * count for count in counts]))
     monkeypatch.setattr(layout, "size_of_groups", lambda count: size_of_groups(2 * count))
     cloud = jaxgel.make_cloud(plate((2.4, 1.6)))  # a layout is made once for a cloud
     twice = numbers()

@@ -8,9 +8,11 @@ from scipy.optimize import minimize
 
 import jaxgel
 from jaxgel import Problem
+from jaxgel._programs import fitted
 from jaxgel.equilibrium import NEWTON, Status, dry_state, remedy, solve
 from jaxgel.materials import Gel
 from jaxgel.mechanics import (
+    assembly,
     check_room,
     energy_at,
     free_dofs,
@@ -18,7 +20,6 @@ from jaxgel.mechanics import (
     residual,
     restrict,
     state_pressure,
-    tangent,
     total_energy,
     with_free_values,
 )
@@ -132,8 +133,8 @@ def test_diverging_newton_is_named_and_warns_of_nothing(problem):
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_start_that_is_no_number_is_named(bad, problem):
     x, p = dry_state(problem)
-    assert solve(problem, -2.0, x.at[10, 1].set(bad), p).status is Status.NOT_FINITE
-    assert solve(problem, -2.0, x, p.at[3].set(np.nan)).status is Status.NOT_FINITE
+    assert solve(problem, -2.0, jnp.asarray(x).at[10, 1].set(bad), p).status is Status.NOT_FINITE
+    assert solve(problem, -2.0, x, jnp.asarray(p).at[3].set(np.nan)).status is Status.NOT_FINITE
 
 
 def test_tangent_without_stiffness_is_singular(tiny_model):
@@ -202,8 +203,9 @@ def test_assembly_never_holds_the_matrices_of_all_points(coarse_model):
     problem = Problem(coarse_model, gel, contact=False).prepared
     x, pressure = dry_state(problem)
     stencil = max(block.nodes.shape[1] for block in coarse_model.blocks)
-    first = problem, x, pressure, -4.9
-    then = problem, x, pressure, linearise(*first)
-    for function, args in ((linearise, first), (tangent, then)):
-        memory = function.lower(*args).compile().memory_analysis()
+    then = linearise(problem, x, pressure, -4.9)
+    shared = problem.shared
+    at = shared, fitted(x, "n", shared.lengths), fitted(pressure, "g", shared.lengths)
+    for function, last in ((linearise, -4.9), (assembly._tangent, then)):
+        memory = jax.jit(function.__wrapped__).lower(*at, last).compile().memory_analysis()
         assert 0 < memory.temp_size_in_bytes < 8 * coarse_model.n_points * stencil**2 / 5

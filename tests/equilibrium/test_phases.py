@@ -19,7 +19,6 @@ from jaxgel.mechanics import (
     SOFT,
     all_volumes,
     axial_stretch,
-    carries_volume,
     condensed_rhs,
     energy_at,
     factorised_tangent,
@@ -29,6 +28,7 @@ from jaxgel.mechanics import (
     localised,
     residual,
     scatter,
+    shared_tangents,
     state_pressure,
     stiffness_at,
     volume_ratios,
@@ -121,7 +121,7 @@ def test_homogeneous_states_of_every_phase_are_the_roots_of_one_equation(kind, T
         assert state.status.ok
         assert state.newton_iterations <= 5  # the start is off by 2 % of the swelling: 1e-2, 1e-4, 1e-8, 1e-16
         np.testing.assert_allclose(state.x, exact, atol=1e-9)
-        ratios = np.asarray(volume_ratios(state.x, model))[carries_volume(model) & (np.asarray(all_volumes(model)) > 0)]
+        ratios = np.asarray(volume_ratios(state.x, model))[model.carries & (np.asarray(all_volumes(model)) > 0)]
         assert np.all(phase_of(ratios, gel) == phase_of(J, gel))
         if kind is in_plane:  # no surface of such a state is compressed along itself, which would wrinkle it
             curvature = float(jax.grad(jax.grad(lambda J, gel=gel: energy_by(kind, J, gel)))(J))
@@ -169,7 +169,7 @@ def _after(count, problem, x, pressure):
 
 def phases(state, model, gel):
     """The phases of the volume groups."""
-    real = carries_volume(model) & (np.asarray(all_volumes(model)) > 0)
+    real = model.carries & (np.asarray(all_volumes(model)) > 0)
     J = jnp.where(real, axial_stretch(model) * volume_ratios(state.x, model), 2.0)
     return set(np.asarray(phase_of(J, gel_in_groups(gel)))[real].tolist())
 
@@ -221,6 +221,11 @@ def test_a_graded_gel_has_all_phases_at_once(graded):
     assert phases(state, model, gel) == {0, 1, 2}
 
 
+def zero_tangent(leaf):
+    is_float = jnp.issubdtype(jnp.result_type(leaf), jnp.floating)
+    return jnp.zeros_like(leaf) if is_float else np.zeros(np.shape(leaf), jax.dtypes.float0)
+
+
 def test_derivatives_by_the_temperature_are_those_of_states_found_again(graded):
     """Of a plate in all phases at once, against differences of fourth order."""
     model, gel, first = graded
@@ -233,9 +238,10 @@ def test_derivatives_by_the_temperature_are_those_of_states_found_again(graded):
         warm = dataclasses.replace(gel, T=jax.tree.map(lambda T: T + warmer, gel.T))
         return float(height(solve(Problem(model, warm, contact=False).prepared, 0.0, first.x, first.pressure).x))
 
-    zero = jax.tree.map(jnp.zeros_like, problem)
+    zero = jax.tree.map(zero_tangent, problem)
     dot = zero.replace(gel=dataclasses.replace(zero.gel, T=jax.tree.map(jnp.ones_like, gel.T)), operators=None)
-    x_dot = state_tangents(first.x[None], first.pressure[None], problem, jnp.zeros(1), dot, jnp.zeros(1))[0]
+    shared = shared_tangents(problem, dot)
+    x_dot = state_tangents(first.x[None], first.pressure[None], problem, jnp.zeros(1), *shared, jnp.zeros(1))[0, : model.n_nodes]
     step = 0.01  # K: the fifth derivative leaves 1e-8, the states 1e-11 / step
     differences = (8 * (again(step) - again(-step)) - again(2 * step) + again(-2 * step)) / (12 * step)
     assert float(jax.jvp(height, (first.x,), (x_dot,))[1]) == pytest.approx(differences, rel=1e-6)
@@ -251,7 +257,7 @@ def test_a_block_held_at_the_axial_stretch_of_a_phase_is_in_that_phase(branch):
     stretch = J ** (1 / 3)
     model = model_of(kinematics="generalised plane strain", axial_stretch=stretch)
     x, exact = placed(model, 0.99 * stretch * np.eye(2)), placed(model, stretch * np.eye(2))
-    carries = carries_volume(model)
+    carries = model.carries
     pressure = jnp.where(carries, stretch * osmotic(J, 0.0, gel), state_pressure(x, model, gel, 0.0))
     state = solved(model, gel, x, pressure)
     assert state.status.ok
@@ -294,7 +300,7 @@ def test_a_pressure_that_the_gel_cannot_carry_is_brought_into_its_range(models):
     """At dry positions and beyond the spinodal: about the end of the stiff range, where dp/dJ is SOFT Nv; so a step has a direction."""
     model, gel = models[in_plane], Gel(0.01, 0.9)
     p = jnp.full(len(all_volumes(model)), float(largest_pressure(0.0, gel)) + 0.1)
-    real = carries_volume(model) & (np.asarray(all_volumes(model)) > 0)
+    real = model.carries & (np.asarray(all_volumes(model)) > 0)
     about, gap = linearised_about(p, jnp.full_like(p, 0.9), model, gel, 0.0)
     np.testing.assert_allclose(stiffness_at(about, model, gel, 0.0)[real], SOFT * gel.Nv, rtol=1e-6)
     np.testing.assert_allclose((p + gap)[real], osmotic(about[real], 0.0, gel), rtol=1e-12)

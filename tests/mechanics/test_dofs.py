@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.mechanics import free_dofs, gather, node_pairs, restrict, scatter, start_positions, tangent_pattern
+from jaxgel.controls import Setting
+from jaxgel.mechanics import edges_of, free_dofs, gather, node_pairs, restrict, scatter, tangent_pattern
 
 PLATES = {
     "held": dict(edges={"top": "free"}),
@@ -42,7 +43,6 @@ def test_a_traced_motion_of_the_one_held_edge_moves_all_nodes_alike_although_it_
     nodes = topology.partition.vertices[topology.node_vertices]
 
     def moved(u):
-        still = dict.fromkeys(("left", "right", "bottom"), (0.0, 0.0))
-        return start_positions(topology, nodes, (np.eye(2), {**still, "top": (0.0, u)})) - nodes
+        return edges_of(topology, True).moved(Setting(0.0, None, displacement={"top": (0.0, u)})).positions(nodes) - nodes
 
     np.testing.assert_allclose(jax.jit(moved)(0.5), np.broadcast_to([0.0, 0.5], nodes.shape), atol=1e-13)  # round-off of the positions

@@ -69,8 +69,8 @@ def test_blocks_are_those_of_the_whole_tangent(problem, whole_and_region):
     whole, reduced, found = whole_and_region
     K, group = whole.factor.matrix, reduced.group
     pairs = np.asarray(tangent(reduced.problem, found.x, found.pressure, found.linearisation))
-    network = np.asarray(reduced.problem.operators.network)
-    N = network_matrix(problem.pattern, np.asarray(problem.operators.network))
+    network = reduced.problem.network
+    N = network_matrix(problem.pattern, problem.network)
     blocks = bases(problem.model.lists, group, "auto", None)
     size, negative = 0, 0
     for basis in blocks:

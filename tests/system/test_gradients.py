@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 import jaxgel
 from jaxgel import IllPosedDerivative
 from jaxgel.continuation import ACCURACY, lowest_eigenvalue
-from jaxgel.mechanics import all_volumes, carries_volume, volume_ratios
+from jaxgel.mechanics import all_volumes, volume_ratios
 
 MU = [-3.5, -2.2, -1.5]
 STEP = 1e-5  # of the value; central differences of states solved to 1e-13 are then good to about 1e-8 and the kinks of the weights to 1e-6
@@ -160,7 +160,7 @@ def last_energy(cloud):
 
     def last(mu):
         path = jaxgel.sweep(jaxgel.Problem(model, cloud.plate.gel), jnp.stack([jnp.asarray(-2.5), mu]))
-        solvent = jnp.where(carries_volume(model), all_volumes(model) * (volume_ratios(path.x[-1], model) - 1), 0.0)
+        solvent = jnp.where(model.carries, all_volumes(model) * (volume_ratios(path.x[-1], model) - 1), 0.0)
         return path.energy[-1], (jnp.sum(solvent), path.pressure[-1])
 
     return last

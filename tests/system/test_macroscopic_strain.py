@@ -20,6 +20,7 @@ from jaxgel.mechanics import (
     factorised_tangent,
     gather,
     linearise,
+    node_pairs,
     residual,
     restrict,
     scatter,
@@ -284,8 +285,8 @@ def test_an_imperfection_pushes_along_a_mode_and_its_strains():
     unused = dict(x=mode, pressure=np.zeros(0), eigenvalues=np.zeros(1), slope=-1.0, curvature=1.0, imperfection=0.0, symmetries={})
     point = CriticalPoint(value=-1.0, mu=-1.0, kind="bifurcation", modes=mode[None], unstable=0, correction=mode, **unused)
     loads = imperfection(Problem(model, GEL, contact=False), point, 0.1)
-    network = np.asarray(problem.operators.network)
-    (i, j), nodal = np.asarray(problem.operators.pairs).T, np.zeros_like(mode)
+    network = problem.network
+    (i, j), nodal = node_pairs(problem.model.lists)[0].T, np.zeros_like(mode)
     np.add.at(nodal, i, network[:, None] * mode[j])
     np.add.at(nodal, j, np.where(i == j, 0.0, network)[:, None] * mode[i])
     forces = np.asarray(gather(nodal, problem.free)) * 0.1 * model.cloud.spacing / np.linalg.norm(mode, axis=1).max()

@@ -1,0 +1,39 @@
+"""Primitives of our own, and their rules for derivatives: the one place that uses JAX's internals."""
+
+from collections.abc import Callable
+from typing import Any
+
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+
+def primitive(
+    name: str, *, value: Callable, traced: Callable, shapes: Callable, jvp: Callable, transpose: Callable, batch: Callable, several: bool
+) -> Primitive:
+    """A primitive called ``name`` with one result, or ``several`` in a list.
+
+    Of its arguments and parameters ``value`` makes the results outside of ``jax.jit`` and ``traced`` inside, ``shapes`` their shapes;
+    ``jvp(args, tangents, **parameters)`` results and tangents; ``transpose(cotangents, args, **parameters)`` the cotangents of the
+    arguments in which it is linear, which are None among ``args``; ``batch`` is a rule of ``jax.interpreters.batching``, with None for
+    what is not mapped. None stands for tangents and cotangents that are 0.
+    """
+    made = Primitive(name)
+    made.multiple_results = several
+    made.def_impl(value)
+    made.def_abstract_eval(shapes)
+
+    def tangents(primals: Any, dots: Any, **parameters: Any) -> tuple[Any, Any]:
+        found, changes = jvp(primals, [None if type(dot) is ad.Zero else dot for dot in dots], **parameters)
+        pairs = zip(found, changes, strict=True) if several else ((found, changes),)
+        changes = [ad.Zero.from_primal_value(value) if change is None else change for value, change in pairs]
+        return found, changes if several else changes[0]
+
+    def cotangents(given: Any, *args: Any, **parameters: Any) -> Any:
+        given = [None if type(one) is ad.Zero else one for one in given] if several else None if type(given) is ad.Zero else given
+        return transpose(given, [None if ad.is_undefined_primal(arg) else arg for arg in args], **parameters)
+
+    ad.primitive_jvps[made] = tangents
+    ad.primitive_transposes[made] = cotangents
+    mlir.register_lowering(made, mlir.lower_fun(traced, multiple_results=several))
+    batching.primitive_batchers[made] = batch
+    return made

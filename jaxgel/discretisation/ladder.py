@@ -1,0 +1,36 @@
+"""Sizes of arrays that similar plates have in common, so that they share the compiled programs.
+
+The steps are chosen so that plates whose holes differ by a few per cent rarely stand on different ones: what numbers of a kind their clouds
+have lies in clusters, between which the steps are. Room for more nodes, patches and pairs costs memory only, as programs stop after the
+last one; room for more nodes of a patch costs time.
+"""
+
+from .._sizes import rung, step
+from .neighbours import NEIGHBOURS
+
+NODES = 768  # times a power of 2 there is room for nodes
+MANY = 512  # and times a power of 2 for pairs of nodes and volume groups
+ALIKE = 512  # patches up to which there is room for as many in every block of a body
+SHARE = 0.6  # of all patches that there is room for in each block
+OF_SQUARES = (36, 52, 64, 68, 80, 112, 144)  # nodes of a patch of whole squares: 50, with room to move 67
+LINEAR = ((16, 8), (112, 40), (192, 64))  # quadrature points and contour edges of patches with a linear pressure: whole squares, cut ones
+CONSTANT = ((64, 24), (112, 40), (192, 64))  # of those with a constant one
+
+
+def room(count: int, least: int | None = None) -> int:
+    """The ``least`` room, ``MANY`` by default, times a power of 2: what holds ``count``."""
+    least = MANY if least is None else least
+    return least * rung(-(-count // least), 1)
+
+
+def patches_of_blocks(counts: list[int]) -> list[int]:
+    """Room for patches in each block of so many."""
+    alike = min(rung(max(*counts, round(SHARE * sum(counts))), 1), ALIKE)
+    return [max(rung(count, 1), alike) for count in counts]
+
+
+def of_patch(points: int, rows: int, neighbours: int, *, linear: bool) -> tuple[int, int, int]:
+    """Room for quadrature points, contour edges and nodes of a patch."""
+    sizes = LINEAR if linear else CONSTANT
+    size = next((size for size in sizes if points <= size[0] and rows <= size[1]), (rung(points), rung(rows)))
+    return *size, step(neighbours, OF_SQUARES if size == LINEAR[0] else NEIGHBOURS)

@@ -1,0 +1,82 @@
+"""Facts about the shared equations: their padding is inert, and plates of similar size share the programs of a sweep and its gradient."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import monitoring
+
+import jaxgel
+from jaxgel.discretisation import body, consistency, ladder, layout, neighbours
+from jaxgel.mechanics import conditions
+
+GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
+VALUES = [-3.5, -2.5]
+
+
+def plate_of(axes, **options):
+    return jaxgel.Plate(8, 8, [jaxgel.Ellipse((0.3, -0.2), axes, 0.4)], spacing=0.7, nodes_per_hole=32, **options)
+
+
+def turned(axes, plate, gel=GEL, values=VALUES):
+    """Rotation of the core of a plate with these semi-axes in the last state, and the path."""
+    cloud = jaxgel.make_cloud(plate)
+    path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(cloud.at(plate.at([{"semi_axes": axes}]))), gel), values)
+    return jaxgel.core_rotation(path)[-1] + path.energy[-1], path
+
+
+def _numbers(plate, gel):
+    axes = jnp.array([2.4, 1.6])
+    (value, path), slopes = jax.value_and_grad(turned, has_aux=True)(axes, plate, gel)
+    return value, path.x, path.pressure, path.negative_pivots, slopes
+
+
+@pytest.mark.parametrize(
+    ("options", "gel"),
+    [
+        ({}, GEL),
+        ({}, jaxgel.Gel(Nv=1e-3, chi=lambda X: 0.2 + 0.01 * X[0], network=jaxgel.Gent(30.0))),
+        ({"edges": {"left": "roller", "bottom": "roller", "right": "free", "top": "free"}, "kinematics": "plane stress"}, GEL),
+        ({"edges": dict.fromkeys(("left", "right", "bottom", "top"), "periodic")}, GEL),
+    ],
+    ids=["default", "field and Gent", "film with free edges", "periodic"],
+)
+def test_padding_is_inert(options, gel, monkeypatch):
+    """More room leaves states, pressures and slopes as they are."""
+    plate = dataclasses.replace(plate_of((2.4, 1.6), **options), core=(3.0, 3.0))
+    once = _numbers(plate, gel)
+    wider = {"NODES": 1000, "MANY": 2048, "SHARE": 3.0, "NEIGHBOURS": (150,), "OF_SQUARES": (150,)}
+    for name, more in {**wider, "LINEAR": ((200, 70),), "CONSTANT": ((210, 75),)}.items():
+        for module in (body, conditions, consistency, ladder, layout, neighbours):
+            if hasattr(module, name):
+                monkeypatch.setattr(module, name, more)
+    for one, two in zip(once, _numbers(plate, gel), strict=True):
+        np.testing.assert_allclose(two, one, rtol=1e-9, atol=1e-11 * np.abs(one).max())
+
+
+def compiled(run):
+    """Names of the functions that are compiled in a ``run``."""
+    names = []
+
+    def hear(event, *_, fun_name="", **__):
+        if event.endswith("backend_compile_duration"):
+            names.append(fun_name)
+
+    monitoring.register_event_duration_secs_listener(hear)
+    try:
+        run()
+    finally:
+        monitoring.unregister_event_duration_listener(hear)
+    return names
+
+
+def test_a_second_plate_compiles_nothing():
+    """Neither for its cloud and sweep nor for the gradient by its holes."""
+
+    def run(axes):
+        jax.value_and_grad(lambda axes: turned(axes, plate_of(axes, core=(3.0, 3.0)))[0])(jnp.array(axes))
+
+    run((2.4, 1.6))
+    assert compiled(lambda: run((2.38, 1.63))) == []
