@@ -32,7 +32,7 @@ KERNELS = (
     *STABILITY,
     *((newton, name) for name in ("linearise", "condensed_rhs", "_advanced", "factorised_tangent", "touches")),
     (Factor, "solve"),
-    (state, "energy_at"),
+    (state, "energy_by_operators"),
 )  # what a sweep calls besides its own Python; none calls another of them, but once
 SUPERLU = dict(permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
 

@@ -3,7 +3,7 @@
 from .body import Body, PatchBlock, numbered
 from .connectivity import Connectivity, plate_edge_ends
 from .interpolation import Interpolation
-from .ladder import MANY, NODES, room
+from .ladder import MANY, NODES, PAIRS, room
 from .model import Model, discretise
 from .moving_least_squares import BASES, KINDS, n_monomials, shape_functions, shape_functions_and_gradients
 from .neighbours import pad_nodes, reaching_nodes
@@ -19,6 +19,7 @@ __all__ = [
     "MANY",
     "MIDLINE_POINTS",
     "NODES",
+    "PAIRS",
     "SPENT",
     "Body",
     "Connectivity",

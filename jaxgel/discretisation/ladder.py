@@ -9,10 +9,12 @@ from .._sizes import rung, step
 from .neighbours import NEIGHBOURS
 
 NODES = 768  # times a power of 2 there is room for nodes
-MANY = 512  # and times a power of 2 for pairs of nodes and volume groups
+MANY = 1024  # and times a power of 2 for volume groups and others
+PAIRS = 2**15  # and for pairs of nodes
+FEW = 64  # patches for which there is room in any block
 ALIKE = 512  # patches up to which there is room for as many in every block of a body
 SHARE = 0.6  # of all patches that there is room for in each block
-OF_SQUARES = (36, 52, 64, 68, 80, 112, 144)  # nodes of a patch of whole squares: 50, with room to move 67
+OF_SQUARES = (40, 60, 68, 80, 112, 144)  # nodes of a patch of whole squares: 49 to 57, with room to move 67
 LINEAR = ((16, 8), (112, 40), (192, 64))  # quadrature points and contour edges of patches with a linear pressure: whole squares, cut ones
 CONSTANT = ((64, 24), (112, 40), (192, 64))  # of those with a constant one
 
@@ -25,7 +27,7 @@ def room(count: int, least: int | None = None) -> int:
 
 def patches_of_blocks(counts: list[int]) -> list[int]:
     """Room for patches in each block of so many."""
-    alike = min(rung(max(*counts, round(SHARE * sum(counts))), 1), ALIKE)
+    alike = min(rung(max(FEW, *counts, round(SHARE * sum(counts))), 1), ALIKE)
     return [max(rung(count, 1), alike) for count in counts]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from .._programs import program
 from .._sizes import resized
 from .._types import Array, Float, Int
-from ..discretisation import Model, PatchBlock, room
+from ..discretisation import PAIRS, Model, PatchBlock, room
 from ..materials import LocalGel, gel_at_points
 from .pairs import contact_pairs, node_pairs
 from .patchwise import added_over_patches, over_patches
@@ -50,7 +50,7 @@ class Operators:
 def precomputed_operators(model: Model, gel: LocalGel) -> Operators:
     """`Operators` of a model with a gel, both in their own sizes."""
     pairs, slots = node_pairs(model.lists)
-    count, size = len(pairs), room(len(pairs))
+    count, size = len(pairs), room(len(pairs), PAIRS)
     slots = tuple(_padded_slots(*some, count, size) for some in zip(slots, model.blocks, model.shared.blocks, strict=True))
     contact_slots, contact_room = (), 0
     if model.contact is not None:
