@@ -30,7 +30,7 @@ BEFORE = -3.14  # kT
 STABILITY = ((WholeFrame, "factorised"), (WholeFrame, "check"))
 KERNELS = (
     *STABILITY,
-    *((newton, name) for name in ("linearise", "condensed_rhs", "_advanced", "factorised_tangent", "touches")),
+    *((newton, name) for name in ("linearise", "condensed_rhs", "_stepped", "factorised_tangent", "touches")),
     (Factor, "solve"),
     (state, "energy_by_operators"),
 )  # what a sweep calls besides its own Python; none calls another of them, but once

@@ -5,17 +5,19 @@ import inspect
 import pathlib
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import numpy as np
 
 from ._sizes import resized
 
+P = ParamSpec("P")
+R = TypeVar("R")
 CROWDED = 0.5  # of the mappings that a process may have
 
 
-def program(*, returns: Any = None, static: tuple[str, ...] = (), **axes: str) -> Callable[[Callable], Callable]:
+def program(*, returns: Any = None, static: tuple[str, ...] = (), **axes: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorator: ``jax.jit`` of a function of a problem or model, which gets it in the sizes that similar ones share.
 
     The first argument called ``problem`` or ``model`` is given as its ``shared`` form. ``axes`` names the axes of other arrays by letters,
@@ -24,7 +26,7 @@ def program(*, returns: Any = None, static: tuple[str, ...] = (), **axes: str) -
     for those that stay. In another program, where the problem is shared already, the function is called as it is.
     """
 
-    def decorate(function: Callable) -> Callable:
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
         compiled = jax.jit(function, static_argnames=static)
         names = list(inspect.signature(function).parameters)
         place = names.index("problem" if "problem" in names else "model")
@@ -42,7 +44,7 @@ def program(*, returns: Any = None, static: tuple[str, ...] = (), **axes: str) -
             found = compiled(*given, **options)
             return _cut(found, returns, owner.lengths) if returns else found
 
-        call.clear_cache = compiled.clear_cache
+        call.clear_cache = compiled.clear_cache  # as `release_programs` asks for
         return call
 
     return decorate

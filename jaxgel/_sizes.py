@@ -7,6 +7,7 @@ rows are linear maps that NumPy computes, also inside derivatives, so that nothi
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,8 @@ import numpy as np
 from ._primitives import primitive
 from ._tracing import is_traced
 from ._types import Array, Int
+
+ROWS = 2048  # times a power of 2 rows are evaluated together where each takes little time
 
 
 def rung(count: int, steps: int = 2) -> int:
@@ -58,10 +61,15 @@ def taken(values: Array, numbers: Int[np.ndarray, "..."]) -> Any:
     return _taken.bind(values, rows=_Rows(numbers, len(values))) if is_traced(values) else np.asarray(values)[numbers]
 
 
+def joined(parts: list[Array]) -> Any:
+    """The rows of several arrays, one after the other."""
+    return _joined.bind(*parts, counts=tuple(map(len, parts))) if is_traced(parts) else np.concatenate(parts)
+
+
 def at_numbers(program: Callable[..., Array], owner: Any, rows: np.ndarray) -> np.ndarray:
     """Values, NumPy, of ``program(owner, rows)``, which maps each row to one, at rows that are numbers; also inside traces."""
     with jax.ensure_compile_time_eval():
-        return np.asarray(program(owner, padded(rows, rung(len(rows)))))[: len(rows)]
+        return np.asarray(program(owner, padded(rows, ROWS * rung(-(-len(rows) // ROWS), 1))))[: len(rows)]
 
 
 # --- the linear maps ---------------------------------------------------------------------------------------------------------
@@ -163,4 +171,32 @@ _added = _linear(
     lambda values, rows: jnp.zeros((rows.count, *values.shape[rows.numbers.ndim :])).at[rows.numbers].add(values),
     lambda own, rows: (rows.count, *own[rows.numbers.ndim :]),
     lambda cotangent, rows: _taken.bind(cotangent, rows=rows),
+)
+
+
+def _join_jvp(parts, dots, *, counts):
+    dots = [jnp.zeros_like(part) if dot is None else dot for part, dot in zip(parts, dots, strict=True)]
+    return _joined.bind(*parts, counts=counts), _joined.bind(*dots, counts=counts)
+
+
+def _join_transpose(cotangent, _, *, counts):
+    ends = np.cumsum([0, *counts])
+    return [None if cotangent is None else taken(cotangent, np.arange(first, end)) for first, end in itertools.pairwise(ends)]
+
+
+def _join_batch(parts, axes, **_):
+    size = next(part.shape[axis] for part, axis in zip(parts, axes, strict=True) if axis is not None)
+    moved = [jnp.repeat(p[None], size, axis=0) if a is None else jnp.moveaxis(p, a, 0) for p, a in zip(parts, axes, strict=True)]
+    return jnp.concatenate(moved, axis=1), 0
+
+
+_joined = primitive(
+    "joined",
+    value=lambda *parts, **_: jax.device_put(np.concatenate(parts)),
+    traced=lambda *parts, **_: jnp.concatenate(parts),
+    shapes=lambda first, *_, counts: first.update(shape=(sum(counts), *first.shape[1:])),
+    jvp=_join_jvp,
+    transpose=_join_transpose,
+    batch=_join_batch,
+    several=False,
 )

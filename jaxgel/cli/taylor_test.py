@@ -152,7 +152,7 @@ def _beside(start, problem, values):
     """The path of a moved problem at ``values`` (k,) of its control, on the branch of the path ``start``; nan where it is not found."""
     moved, columns = problem.model.cloud.nodes - start.model.cloud.nodes, {"x": [], "pressure": [], "mu": []}
     for value, x, pressure in zip(values, start.x, jnp.asarray(start.pressure), strict=True):
-        carried = moved @ np.asarray(problem.edge_deformation(value)).T  # where the constrained ones have to be
+        carried = moved @ np.asarray(problem.edges(value).deformation).T  # where the constrained ones have to be
         found = solve(problem, value, x + carried, pressure)
         columns["x"].append(found.x if found.status.ok else jnp.full_like(found.x, jnp.nan))
         columns["pressure"].append(found.pressure)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._sizes import padded, resized, rung, taken
+from .._sizes import joined, padded, resized, rung, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int, Num
 from ..cloud import Cloud
@@ -108,17 +108,7 @@ def evaluate_groups(
         _evaluated(taken(points, numbers), taken(nodes, lists[of]), supports[of], basis=basis, gradients=gradients)
         for numbers, of in zip(np.arange(used.size).reshape(used.shape), used, strict=True)
     ]
-    return tuple(_joined([*parts, *parts[-1:] * (len(own) - len(used))]) for parts in zip(*groups, strict=True))
-
-
-def _joined(parts):
-    """The values (p, ...) of all groups; by NumPy where nothing is traced."""
-    return _concatenated(parts) if is_traced(parts[0]) else np.concatenate(parts)
-
-
-@jax.jit
-def _concatenated(parts):
-    return jnp.concatenate(parts)
+    return tuple(joined([*parts, *parts[-1:] * (len(own) - len(used))]) for parts in zip(*groups, strict=True))
 
 
 @functools.partial(jax.jit, static_argnames=("basis", "gradients"))

@@ -25,7 +25,7 @@ def neighbours_of_points(
     reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), regions, support, room)
     lists, supports = pad_nodes(*reaching, support)
     more = (0, 0), (0, step(lists.shape[1], NEIGHBOURS) - lists.shape[1])
-    return np.pad(lists, more, mode="edge"), np.pad(supports, more)
+    return np.pad(lists, more), np.pad(supports, more)
 
 
 def reaching_nodes(

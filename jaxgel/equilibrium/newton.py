@@ -166,16 +166,17 @@ def advanced(
     if step:
         x, pressure = problem.placed(x, value), np.asarray(pressure) + share * step * control_pressure(problem, state)
     now, mu = problem.at(value)
-    x, pressure, linearisation = _advanced(now, x, pressure, mu, dx, state.linearisation, factorised_at, share, limited=limited)
+    x, pressure = _stepped(now, x, pressure, dx, state.linearisation, factorised_at, share, limited=limited)
+    linearisation = linearise(now, x, pressure, mu)
     return State(value, as_number(mu), x, pressure, newton_iterations=state.newton_iterations + 1, linearisation=linearisation)
 
 
-@program(x="n", p="g", mu="g", correction="f", returns=("n", "g", None), static=("limited",))
-def _advanced(problem, x, p, mu, correction, linearisation, factorised_at, share, *, limited=True):
+@program(x="n", p="g", correction="f", returns=("n", "g"), static=("limited",))
+def _stepped(problem, x, p, correction, linearisation, factorised_at, share, *, limited=True):
+    """Positions and pressures after a ``share`` of the ``correction`` of the unknowns."""
     dx = scatter(correction, problem.free)
     share = share * step_limit(x, dx, problem.model) if problem.has_contact and limited else share
-    x, p = x + share * dx, p + share * pressure_step(dx, linearisation, factorised_at, problem.model)
-    return x, p, linearise(problem, x, p, mu)
+    return x + share * dx, p + share * pressure_step(dx, linearisation, factorised_at, problem.model)
 
 
 def solve(

@@ -16,11 +16,11 @@ from ..mechanics import (
     Problem,
     axial_stretch,
     energy_by_operators,
+    forces_at_own_pressures,
     gather,
     linearise,
+    own_pressures,
     pressure_at,
-    residual,
-    state_pressure,
     volume_ratios,
 )
 from .status import Change, Status
@@ -131,16 +131,12 @@ def as_number(mu: Chemical) -> float | Float[np.ndarray, " g"]:
 
 def control_force(problem: Problem, state: State) -> Float[np.ndarray, " f"]:
     """Derivative (f,) of the residual of a state by the control, kT/v mm over the control's unit, edges that it moves included."""
-    return _control_force(problem, state.x, state.value, state.pressure)
+    return _control_force(problem.prepared, state.x, state.value)
 
 
-@program(x="n", pressure="g", returns="f")
-def _control_force(problem, x, value, pressure):
-    def force(value):
-        now, mu = problem.at(value)
-        return gather(residual(problem.placed(x, value), now.model, now.gel, mu, now.loads, pressure), problem.free)
-
-    return jax.jvp(force, (value,), (1.0,))[1]
+@program(x="n", returns="f")
+def _control_force(problem, x, value):
+    return jax.jvp(lambda value: gather(forces_at_own_pressures(problem, x, value), problem.free), (value,), (1.0,))[1]
 
 
 def control_pressure(problem: Problem, state: State) -> Float[np.ndarray, " g"]:
@@ -150,16 +146,12 @@ def control_pressure(problem: Problem, state: State) -> Float[np.ndarray, " g"]:
 
 def pressure_rate(problem: Problem, state: State, rate: Float[Array, "n 2"]) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures of a state whose positions change at the ``rate``, mm over the control's unit."""
-    return _pressure_rate(problem, state.x, state.value, rate)
+    return _pressure_rate(problem.prepared, state.x, state.value, rate)
 
 
 @program(x="n", rate="n", returns="g")
 def _pressure_rate(problem, x, value, rate):
-    def pressure(x, value):
-        now, mu = problem.at(value)
-        return state_pressure(problem.placed(x, value), now.model, now.gel, mu)
-
-    return jax.jvp(pressure, (x, value), (rate, 1.0))[1]
+    return jax.jvp(lambda x, value: own_pressures(problem, x, value), (x, value), (rate, 1.0))[1]
 
 
 @program(returns=("n", "g"))

@@ -146,6 +146,23 @@ def _add_forces(total, nodes, pressure, G):
     return total.at[nodes].add(jnp.einsum("cg,cgia->cai", pressure, G))
 
 
+def own_pressures(problem: Equations, x: Float[Array, "n 2"], value: Chemical) -> Float[Array, " g"]:
+    """Pressures of the volume groups at their volume ratios, kT/v, at a ``value`` of the control, with the edges where they are there."""
+    now, mu = problem.at(value)
+    _, J = volume_gradients(problem.placed(x, value), now.model, now.operators)
+    return pressure_at(J, now.model, now.gel, mu)
+
+
+def forces_at_own_pressures(problem: Equations, x: Float[Array, "n 2"], value: Chemical) -> Float[Array, "n 2"]:
+    """Internal forces less loads (n, 2), kT/v mm, with these pressures: the residual of the positions alone, by the operators."""
+    now, mu = problem.at(value)
+    x, model = problem.placed(x, value), now.model
+    gradients, J = volume_gradients(x, model, now.operators)
+    touch = contact_force(x, model) if model.contact is not None else 0.0
+    network = network_force(x, model, now.gel, now.operators)
+    return network + touch + nodal_sum(gradients, pressure_at(J, model, now.gel, mu), model) - now.loads
+
+
 @program(x="n", mu="g")
 def energy_by_operators(problem: Equations, x: Float[Array, "n 2"], mu: Chemical) -> Float[Array, ""]:
     """The `total_energy`, kT/v mm^2; of a neo-Hookean network, which is quadratic, sooner."""

@@ -1,6 +1,7 @@
 """Facts about the shared equations: their padding is inert, and plates of similar size share the programs of a sweep and its gradient."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ from jaxgel.mechanics import conditions
 
 GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
 VALUES = [-3.5, -2.5]
+slow = functools.partial(pytest.param, marks=pytest.mark.slow)
 
 
 def plate_of(axes, **options):
@@ -37,11 +39,12 @@ def _numbers(plate, gel):
     ("options", "gel"),
     [
         ({}, GEL),
-        ({}, jaxgel.Gel(Nv=1e-3, chi=lambda X: 0.2 + 0.01 * X[0], network=jaxgel.Gent(30.0))),
-        ({"edges": {"left": "roller", "bottom": "roller", "right": "free", "top": "free"}, "kinematics": "plane stress"}, GEL),
-        ({"edges": dict.fromkeys(("left", "right", "bottom", "top"), "periodic")}, GEL),
+        slow({}, jaxgel.Gel(Nv=1e-3, chi=lambda X: 0.2 + 0.01 * X[0], network=jaxgel.Gent(30.0)), id="field and Gent"),
+        slow(
+            {"edges": {"left": "roller", "bottom": "roller", "right": "free", "top": "free"}, "kinematics": "plane stress"}, GEL, id="film"
+        ),
+        slow({"edges": dict.fromkeys(("left", "right", "bottom", "top"), "periodic")}, GEL, id="periodic"),
     ],
-    ids=["default", "field and Gent", "film with free edges", "periodic"],
 )
 def test_padding_is_inert(options, gel, monkeypatch):
     """More room leaves states, pressures and slopes as they are."""

@@ -1,0 +1,62 @@
+"""Every script in benchmarks/ runs at a small setting; those beside finite elements where NGSolve is installed."""
+
+import importlib.util
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+FOLDER = pathlib.Path(__file__).parents[2] / "benchmarks"
+SMALL = {
+    "accuracy": ["--rows", "core", "--nodes", "1000"],
+    "contact": ["--spacing", "1.5"],
+    "convergence": ["--quick"],
+    "fields": ["--repeats", "1"],
+    "first": [],
+    "gpu": ["--spacing", "2.2", "--batch", "2", "--states", "3", "--repeats", "1", "--out", "gpu.json"],
+    "gradient": ["--spacing", "2.2", "--repeats", "1"],
+    "kernels": ["--cases", "sample-7", "--repeats", "1"],
+    "map": ["--points", "2", "--workers", "1", "--spacing", "1.5", "--out", "map.json"],
+    "programs": ["--quick"],
+    "scale": ["--nodes", "500", "--out", "scale.json"],
+    "solvers": ["--nodes", "800"],
+    "symmetry": ["--cases", "sample-1", "--spacing", "1.5", "--runs", "1"],
+}
+LONG = {"howto", "kill", "lattice", "waves"}  # minutes at their only setting
+WITH_ELEMENTS = {
+    "barrier",
+    "bloch_elements",
+    "design_step",
+    "finite_elements",
+    "peers",
+    "printed",
+    "references",
+    "studies",
+    "sweep",
+    "switches",
+}
+MODULES = {"ngsolve_gel", "ngsolve_sweep", "skfem_gel"}  # what others import
+
+
+def test_every_script_is_listed():
+    assert {script.stem for script in FOLDER.glob("*.py")} == set(SMALL) | LONG | WITH_ELEMENTS | MODULES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SMALL)
+def test_script_runs(name, tmp_path):
+    done = subprocess.run([sys.executable, FOLDER / f"{name}.py", *SMALL[name]], cwd=tmp_path, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(LONG | WITH_ELEMENTS))
+def test_script_starts(name, tmp_path):
+    """It imports all that it needs."""
+    if name in WITH_ELEMENTS and importlib.util.find_spec("ngsolve") is None:
+        pytest.skip("NGSolve is not installed")
+    loader = f"import sys, importlib; sys.path.insert(0, {str(FOLDER)!r}); importlib.import_module({name!r})"
+    done = subprocess.run([sys.executable, "-c", loader], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-2000:]
