@@ -24,7 +24,7 @@ SMALL = {
     "symmetry": ["--cases", "sample-1", "--spacing", "1.5", "--runs", "1"],
 }
 LONG = {"howto", "kill", "lattice", "waves"}  # minutes at their only setting
-WITH_ELEMENTS = {
+ELEMENTS = {
     "barrier",
     "bloch_elements",
     "design_step",
@@ -40,7 +40,7 @@ MODULES = {"ngsolve_gel", "ngsolve_sweep", "skfem_gel"}  # what others import
 
 
 def test_every_script_is_listed():
-    assert {script.stem for script in FOLDER.glob("*.py")} == set(SMALL) | LONG | WITH_ELEMENTS | MODULES
+    assert {script.stem for script in FOLDER.glob("*.py")} == set(SMALL) | LONG | ELEMENTS | MODULES
 
 
 @pytest.mark.slow
@@ -52,10 +52,10 @@ def test_script_runs(name, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(LONG | WITH_ELEMENTS))
+@pytest.mark.parametrize("name", sorted(LONG | ELEMENTS))
 def test_script_starts(name, tmp_path):
     """It imports all that it needs."""
-    if name in WITH_ELEMENTS and importlib.util.find_spec("ngsolve") is None:
+    if name in ELEMENTS and importlib.util.find_spec("ngsolve") is None:
         pytest.skip("NGSolve is not installed")
     loader = f"import sys, importlib; sys.path.insert(0, {str(FOLDER)!r}); importlib.import_module({name!r})"
     done = subprocess.run([sys.executable, "-c", loader], cwd=tmp_path, capture_output=True, text=True, timeout=300)
