@@ -9,7 +9,6 @@ import scipy.sparse as sp
 
 from .._types import Array, Float, Int
 from ..linalg import Factor, Pattern, columnwise, solve_near_factor
-from ..mechanics import Problem
 from ..symmetry import Basis
 
 Columns = Float[Array, " b"] | Float[Array, "b r"]
@@ -60,8 +59,8 @@ class BlockFactor:
     It has of a ``linalg.Factor`` what derivatives and predictions need.
     """
 
-    problem: Problem
-    """The problem of the whole plate."""
+    pattern_of_plate: Callable[[], Pattern]
+    """Makes the pattern of the whole tangent, for which there often is no need; it holds no model, as factors are kept."""
     bases: tuple[Basis, ...]
     """The `Basis` of every block."""
     factors: tuple[Factor, ...]
@@ -72,7 +71,7 @@ class BlockFactor:
     @property
     def pattern(self) -> Pattern:
         """The pattern of the whole tangent."""
-        return self.problem.pattern
+        return self.pattern_of_plate()
 
     @property
     def negative_pivots(self) -> int:

@@ -19,6 +19,7 @@ from ..mechanics import (
     restrict,
     scatter,
     tangent,
+    tangent_pattern,
     unknowns,
     with_free_values,
 )
@@ -226,7 +227,8 @@ class RegionFrame(_Conditions):
         whole, (problem, now) = acting_problem(self._whole, state), linearised(self.problem, state)
         own_bases, pairs = self._bases_of(whole), np.asarray(tangent(problem, state.x, state.pressure, now))
         factors = tuple(factor(basis.pattern, pairs) for basis in own_bases)
-        made = BlockFactor(whole, own_bases, factors, self._region.spread @ np.asarray(state.pressure))
+        pressure = self._region.spread @ np.asarray(state.pressure)
+        made = BlockFactor(functools.partial(tangent_pattern, *whole.pattern_key), own_bases, factors, pressure)
         return dataclasses.replace(state, factor=made)
 
     def check(self, state: State, modes: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:

@@ -106,10 +106,12 @@ def carrying_groups(blocks: tuple[PatchBlock, ...]) -> Bool[np.ndarray, " g"]:
 
 def shared_body(body: Body) -> Body:
     """The arrays of a body in sizes that similar bodies share."""
-    blocks = tuple(map(_padded, body.blocks, patches_of_blocks([len(block.nodes) for block in body.blocks])))
+    nodes = room(len(body.nodes), NODES)
+    shapes = [(len(block.nodes), block.weight.shape[1], block.carrying > 1) for block in body.blocks]
+    blocks = tuple(map(_padded, body.blocks, patches_of_blocks(*map(list, zip(*shapes, strict=True)), nodes)))
     outline = None if body.outline is None else _padded_outline(body.outline)
     return Body(
-        nodes=resized(body.nodes, (room(len(body.nodes), NODES), 2)),
+        nodes=resized(body.nodes, (nodes, 2)),
         blocks=blocks,
         carries=resized(body.carries, (room(len(body.carries)),)),
         outline=outline,

@@ -13,6 +13,7 @@ MANY = 1024  # and times a power of 2 for volume groups and others
 PAIRS = 2**15  # and for pairs of nodes
 FEW = 64  # patches for which there is room in any block
 ALIKE = 512  # patches up to which there is room for as many in every block of a body
+AROUND = 16  # nodes to each cut patch with a linear pressure that there is room for
 SHARE = 0.6  # of all patches that there is room for in each block
 OF_SQUARES = (40, 60, 68, 80, 112, 144)  # nodes of a patch of whole squares: 49 to 57, with room to move 67
 LINEAR = ((16, 8), (112, 40), (192, 64))  # quadrature points and contour edges of patches with a linear pressure: whole squares, cut ones
@@ -25,10 +26,15 @@ def room(count: int, least: int | None = None) -> int:
     return least * rung(-(-count // least), 1)
 
 
-def patches_of_blocks(counts: list[int]) -> list[int]:
-    """Room for patches in each block of so many."""
+def patches_of_blocks(counts: list[int], points: list[int], linear: list[bool], nodes: int) -> list[int]:
+    """Room for patches in each block of so many, with so many quadrature points each, on a cloud of so many nodes.
+
+    Cut patches with a linear pressure, which have the largest matrices, are few: they lie along the outlines.
+    """
     alike = min(rung(max(FEW, *counts, round(SHARE * sum(counts))), 1), ALIKE)
-    return [max(rung(count, 1), alike) for count in counts]
+    few = min(alike, rung(max(FEW, nodes // AROUND), 1))
+    is_cut = [own and most > LINEAR[0][0] for own, most in zip(linear, points, strict=True)]
+    return [max(rung(count, 1), few if cut else alike) for count, cut in zip(counts, is_cut, strict=True)]
 
 
 def of_patch(points: int, rows: int, neighbours: int, *, linear: bool) -> tuple[int, int, int]:

@@ -42,14 +42,17 @@ def layout_of(lists: Connectivity) -> Layout:
     """The ``Layout`` of a ``Connectivity``."""
     topology = lists.topology
     nodes, support = (padded(widened(part), room(len(part))) for part in (lists.nodes, lists.support))
-    sizes = patches_of_blocks(list(map(len, lists.patches)))
+    count = room(len(topology.node_vertices), NODES)
+    counts, most = list(map(len, lists.patches)), [numbers.shape[1] for numbers in lists.points]
+    linear = [bool(lists.linear[patches[0]]) for patches in lists.patches]
+    sizes = patches_of_blocks(counts, most, linear, count)
     points, edges = [], []
-    for patches, of_points, of_edges, size in zip(lists.patches, lists.points, lists.contour.numbers, sizes, strict=True):
-        wide, rows, _ = of_patch(of_points.shape[1], of_edges.shape[1], 0, linear=bool(lists.linear[patches[0]]))
+    for kind, of_points, of_edges, size in zip(linear, lists.points, lists.contour.numbers, sizes, strict=True):
+        wide, rows, _ = of_patch(of_points.shape[1], of_edges.shape[1], 0, linear=kind)
         points.append(_rounded(of_points, size, wide))
         edges.append(_rounded(of_edges, size, rows))
     return Layout(
-        padded(topology.node_vertices, room(len(topology.node_vertices), NODES)),
+        padded(topology.node_vertices, count),
         _quadrature(topology.quadrature),
         padded(lists.patch_of_cell, room(len(lists.patch_of_cell))),
         nodes,

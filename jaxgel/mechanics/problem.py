@@ -108,7 +108,12 @@ class Problem(Equations):
     @property
     def pattern(self) -> Pattern:
         """Pattern of the tangent; with contact it couples all nodes near a hole."""
-        return tangent_pattern(self.model.lists, self.model.solver, self.model.dmax if self.has_contact else None)
+        return tangent_pattern(*self.pattern_key)
+
+    @property
+    def pattern_key(self) -> tuple[Connectivity, str, float | None]:
+        """What the pattern depends on: the arguments of `tangent_pattern`."""
+        return self.model.lists, self.model.solver, self.model.dmax if self.has_contact else None
 
 
 def shared_tangents(problem: Problem, dots: Problem) -> tuple[Equations, Equations]:

@@ -46,7 +46,7 @@ def test_padding_is_inert(monkeypatch):
     once = numbers()
     monkeypatch.setattr(layout, "room", lambda count, least=None: room(2 * count, least))
     monkeypatch.setattr(consistency, "room", layout.room)
-    monkeypatch.setattr(layout, "patches_of_blocks", lambda counts: patches_of_blocks([2 * count for count in counts]))
+    monkeypatch.setattr(layout, "patches_of_blocks", lambda counts, *others: patches_of_blocks([2 * count for count in counts], *others))
     monkeypatch.setattr(layout, "size_of_groups", lambda count: size_of_groups(2 * count))
     cloud = jaxgel.make_cloud(plate((2.4, 1.6)))  # a layout is made once for a cloud
     twice = numbers()
