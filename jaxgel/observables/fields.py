@@ -10,7 +10,7 @@ import numpy as np
 from .._memo import once_per_owner
 from .._types import Array, Float, Scalar
 from ..continuation import Path
-from ..discretisation import Model, make_probe
+from ..discretisation import Interpolation, Model, make_probe
 from ..materials import (
     LocalGel,
     LocalValues,
@@ -156,7 +156,10 @@ def _at_each(stretch, path):
 def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
     """Deformed positions (k, v, 2) of all vertices of the cells, mm, for pictures."""
     probe = make_probe(path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices)
-    return jax.vmap(probe.position)(jnp.asarray(path.x))
+    return _positions(probe, jnp.asarray(path.x))
+
+
+_positions = jax.jit(jax.vmap(Interpolation.position, (None, 0)))
 
 
 @of_path
@@ -167,19 +170,22 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     the stress inside the region.
     """
     model = path.model
-    probe = make_probe(model, model.cloud.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
-    mean, axial = _node_mean(model), model.cloud.plate.axial_stretch
+    probe = make_probe(model, model.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
+    return _cauchy_stress(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value), path.problem, probe)
 
-    def one(x, p, value):
-        problem, mu = path.problem.at(value)
-        gel = _gel_at_nodes(problem.gel, model, mean)
-        pressure = mean(_cell_means(p, model))
-        F = probe.deformation_gradient(x)
-        stress = _film_stress if model.film else lambda F, gel, p: cauchy_stress_at(F, mu, gel, p / axial_stretch(model), axial)
-        sigma = elementwise(stress, F, gel, pressure, signature="(i,j)->(i,j)")
-        return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
-    return jax.vmap(one)(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value))
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, 0, 0, None, None))
+def _cauchy_stress(x, p, value, problem, probe):
+    model, (now, mu) = problem.model, problem.at(value)
+    mean, axial = _node_mean(model), model.axial_stretch
+
+    def stress(F, gel, p):
+        return _film_stress(F, gel, p) if model.film else cauchy_stress_at(F, mu, gel, p / axial_stretch(model), axial)
+
+    F, gel = probe.deformation_gradient(x), _gel_at_nodes(now.gel, model, mean)
+    sigma = elementwise(stress, F, gel, mean(_cell_means(p, model)), signature="(i,j)->(i,j)")
+    return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
 
 def _film_stress(F: Float[Array, "2 2"], gel: LocalGel, p: Scalar) -> Float[Array, "2 2"]:
