@@ -24,7 +24,7 @@ import numpy as np
 import jaxgel
 from jaxgel import Problem
 from jaxgel.equilibrium import NEWTON, dry_state
-from jaxgel.mechanics import condensed_rhs, linearise, pressure_step, tangent
+from jaxgel.mechanics import assembly, condensed_rhs, linearise, pressure_step
 
 AGREEMENT = 1e-9  # mm
 
@@ -69,7 +69,7 @@ def dense_sweep(problem, gel, mu):
     """Equilibria (k, n, 2) at the values ``mu`` (k,), nan where not reached, each from the line through the two before; traceable."""
     operators = dataclasses.replace(problem.operators, network=problem.operators.network * (gel.Nv / problem.gel.Nv))
     problem = problem.replace(gel=gel, operators=operators)
-    model, free = problem.model, problem.free
+    free, shared = problem.free, problem.shared
     rows, columns, source = _places(problem.pattern)
 
     def newton(mu, x, p):
@@ -82,10 +82,11 @@ def dense_sweep(problem, gel, mu):
 
         def step(state):
             x, p, now, count = state
-            entries = tangent(problem, x, p, now).ravel()[source]
+            entries = assembly._tangent(problem, x, p, now).ravel()[source]
             K = jnp.zeros((len(free),) * 2).at[rows, columns].set(entries)
             dx = jnp.zeros(x.size).at[free.masters].set(jnp.linalg.solve(K, condensed_rhs(problem, now, now))).reshape(x.shape)
-            x, p = x + dx, p + pressure_step(dx, now, now, model)
+            wide = jnp.zeros(shared.model.nodes.shape).at[: len(dx)].set(dx)
+            x, p = x + dx, p + pressure_step(wide, now, now, shared.model)[: len(p)]
             return x, p, linearise(problem, x, p, mu), count + 1
 
         x, p, now, _ = jax.lax.while_loop(going, step, (x, p, linearise(problem, x, p, mu), 0))

@@ -54,7 +54,8 @@ def ways(problem, x, pressure, now):
         basis = dataclasses.replace(now, stiffness=stiffness)
         return np.asarray(tangent(problem, x, pressure, basis))
 
-    pattern, pairs, stiffness = problem.pattern, blocks(now.stiffness), np.asarray(now.stiffness)
+    own = now.cut(problem.model)  # in the sizes of the model
+    pattern, pairs, stiffness = problem.pattern, blocks(now.stiffness), np.asarray(own.stiffness)
     K, b = sp.csr_matrix(pattern.matrix(pairs)), np.random.default_rng(0).normal(size=len(pattern.free))
     for solver in ("direct", "iterative"):
         setup, made = timed(factor, dataclasses.replace(pattern, solver=solver), pairs)
@@ -67,7 +68,7 @@ def ways(problem, x, pressure, now):
     setup, grids = timed(aggregation, K, near_null)
     yield "CG, multigrid", (setup, *krylov(sla.cg, K, b, grids), "-")
 
-    G, volumes, real = volume_gradients(problem.model, now, pattern.free)
+    G, volumes, real = volume_gradients(problem.model, own, pattern.free)
     stiffness = stiffness[real]
     network = sp.csr_matrix(pattern.matrix(blocks(0 * now.stiffness)))
     softened = network + G @ sp.diags(np.minimum(stiffness, SOFT * float(problem.gel.Nv)) / volumes) @ G.T
@@ -131,7 +132,7 @@ def volume_gradients(model, now, free):
     """Gradients (f, g) of the groups' volumes, sparse, the dry volumes (g,), mm^2, and which groups of the model they are."""
     dofs, values = [], []
     for block, gradients in zip(model.blocks, now.gradients, strict=True):
-        G = np.asarray(gradients)
+        G = np.swapaxes(gradients, 2, 3)
         own = 2 * np.asarray(block.nodes)[:, None, :, None] + np.arange(2)
         dofs.append(np.broadcast_to(own, G.shape).reshape(-1, G[0, 0].size))
         values.append(G.reshape(-1, G[0, 0].size))

@@ -12,6 +12,7 @@ from .points import CriticalPoint
 from .search import Searches, counted, crossings, fold_next_to, heads_for_fold, inside
 
 WORK = 1e-6  # of the control's force along the mode, relative: less is that of a bifurcation
+VANISHING = 1e-8  # lowest eigenvalue at a fold, over the network's stiffness: 4e-11 at most were seen, 2e-5 short of a bifurcation
 PERFECT = 1e-9  # imperfection of a bifurcation, which is round-off: with a larger one the branch ends at a fold
 HALVES = 12  # of the way from the last state on a branch to the first on another, in search of its end
 
@@ -55,7 +56,12 @@ def _folds(shared, earlier, before, after):
 
 
 def _is_fold(shared, point):
-    """Whether the control does work on the mode, which it does not where a branch ends at a symmetric one."""
+    """Whether the tangent is singular and the control does work on the mode, which it does not where a branch ends at a symmetric one.
+
+    Towards such an end both vanish like the way that is left, and the search for a fold stops short of it.
+    """
+    if abs(point.eigenvalues[0]) > VANISHING:
+        return False
     state = State(point.value, point.mu, point.x, point.pressure)
     force, mode = control_force(shared.problem, state), restrict(point.modes[0], shared.problem.free)
     return abs(force @ mode) > WORK * np.linalg.norm(force) * np.linalg.norm(mode)

@@ -10,7 +10,7 @@ import pytest
 FOLDER = pathlib.Path(__file__).parents[2] / "benchmarks"
 SMALL = {
     "accuracy": ["--rows", "core", "--nodes", "1000"],
-    "contact": ["--spacing", "1.5"],
+    "contact": ["--spacing", "0.9"],
     "convergence": ["--quick"],
     "fields": ["--repeats", "1"],
     "first": [],
