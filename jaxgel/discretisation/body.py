@@ -19,7 +19,7 @@ import numpy as np
 
 from .._memo import once_per_owner
 from .._sizes import resized, rung
-from .._types import Array, Bool, Float, Int, Scalar
+from .._types import Array, Bool, Float, Int, Scalar, Shaped
 from .interpolation import Interpolation
 from .ladder import NODES, of_patch, patches_of_blocks, room
 
@@ -67,8 +67,8 @@ class Body:
     """Dry positions of the nodes, mm."""
     blocks: tuple[PatchBlock, ...]
     """Patches, in blocks of similar size."""
-    carries: Bool[Array, " g"]
-    """Whether each volume group carries volume; the others are held."""
+    carries: Shaped[Array, " g"]
+    """Whether each volume group carries volume, bool; the others are held. Of tangents what JAX puts in its place."""
     outline: Interpolation | None
     """Shape functions at all outline vertices, arc after arc; None where a derivative does not depend on them."""
     axial_stretch: Scalar | None

@@ -16,7 +16,7 @@ from .layout import layout_of
 from .pressures import group_weights
 
 
-def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tuple[jax.Array, ...]]:
+def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tuple[Array, ...]]:
     """Per block of patches: positions (c, q, 2) of the quadrature points, shape function gradients (c, q, a, 2) and weights (c, q) there,
     those of the volume groups (c, q, g), and the `area_rows` (c, 2, r, a) of the contours.
 

@@ -96,7 +96,11 @@ def discretise(
     lists = make_connectivity(cloud.topology, basis, dmax, SKIN * cloud.spacing * is_moved(cloud))
     blocks = numbered(
         PatchBlock(
-            patches, np.zeros((0, 0), int), lists.nodes[patches, : values[1].shape[2]], *values, n_carrying(bool(lists.linear[patches[0]]))
+            patches,
+            np.zeros((len(patches), values[3].shape[2]), int),
+            lists.nodes[patches, : values[1].shape[2]],
+            *values,
+            n_carrying(bool(lists.linear[patches[0]])),
         )
         for patches, values in zip(lists.patches, consistent_patches(cloud, lists, basis), strict=True)
     )

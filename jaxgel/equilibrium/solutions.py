@@ -15,7 +15,7 @@ from jax import lax
 
 from .._primitives import primitive
 from .._threads import ONE_THREAD, few_threads, usable_threads
-from ..discretisation import Model
+from ..discretisation import Body
 from ..linalg import RECENT_FACTORS, SingularTangent, solve_near
 from ..mechanics import TangentOperator, gather, hessian_product, is_sparse, linearise, scatter, tangent
 from .derivatives import Tangent, remade
@@ -24,7 +24,7 @@ STATES_TOGETHER = 4  # states that are differentiated together: per cell one pro
 BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill
 
 
-def states_together(count: int, model: Model) -> int:
+def states_together(count: int, model: Body) -> int:
     """Number of states, of ``count``, that are differentiated together."""
     return min(count, STATES_TOGETHER, max(1, BYTES_TOGETHER // (16 * sum(block.nodes.size for block in model.blocks))))
 

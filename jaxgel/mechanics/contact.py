@@ -109,7 +109,7 @@ contact_force: Callable[..., Array] = jax.grad(contact_energy)
 """Gradient (n, 2) of ``contact_energy`` with respect to the nodal positions, kT/v mm."""
 
 
-def contact_tangents(x: Float[Array, "n 2"], model: Body) -> list[jax.Array]:
+def contact_tangents(x: Float[Array, "n 2"], model: Body) -> list[Array]:
     """Hessian of ``contact_energy``: for each of `contact_groups` the blocks (h, n, n, 2, 2) of its nodes, kT/v."""
     return [model.contact.stiffness * blocks for blocks in _over_holes(_hole_tangent, model, x, model.contact.groups)]
 
@@ -167,13 +167,13 @@ class _HoleState:
     """One hole's contact points with the model."""
 
     model: object
-    points: jax.Array
-    nodes: jax.Array
-    sign: jax.Array
-    shift: jax.Array
-    weight: jax.Array
+    points: Array
+    nodes: Array
+    sign: Array
+    shift: Array
+    weight: Array
     """(m, m) product of the lengths of outline that two points stand for, mm^2."""
-    reach: jax.Array
+    reach: Array
     """(g, m, m) ranges of the pairs, mm; 0 for a point with itself."""
 
 

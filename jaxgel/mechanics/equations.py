@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ from .dofs import Edges
 from .operators import Operators
 
 BY_MU = ChemicalPotential()
+E = TypeVar("E", bound="Equations")  # these, or those of a problem
 PARTS = ("model", "gel", "loads", "control", "operators", "constraints")
 
 
@@ -67,19 +68,19 @@ class Equations:
         return tuple((jax.tree_util.GetAttrKey(name), getattr(self, name)) for name in PARTS), None
 
     @classmethod
-    def tree_unflatten(cls, _: None, parts: Sequence[Any]) -> Self:
+    def tree_unflatten(cls: type[E], _: None, parts: Sequence[Any]) -> E:
         """The equations of such parts, which may be anything that JAX puts in their place."""
         made = object.__new__(cls)
         made._set(parts)
         return made
 
-    def replace(self, **parts: Any) -> Self:
+    def replace(self: E, **parts: Any) -> E:
         """The equations with other ``parts``, which are not checked; TypeError for what is no part."""
         if not parts.keys() <= set(PARTS):
             raise TypeError(f"replace: {', '.join(parts.keys() - set(PARTS))} is not one of {', '.join(PARTS)}")
         return self.tree_unflatten(None, [parts.get(name, getattr(self, name)) for name in PARTS])
 
-    def at(self, value: Chemical) -> tuple[Self, Chemical]:
+    def at(self: E, value: Chemical) -> tuple[E, Chemical]:
         """The equations at a ``value`` of the control, driven by the chemical potential from there, and that potential, kT."""
         setting = self.control(value, self.gel)
         gel = self.gel if setting.gel is self.gel else jax.tree.map(lambda v: jnp.asarray(v, dtype=float), setting.gel)

@@ -128,7 +128,7 @@ def area_forms(block: PatchBlock) -> AreaForms:
     return AreaForms(over_patches(matrices, (weights, first, second), block.count, reverse=False), None)
 
 
-def area_gradients(forms: AreaForms, x: Float[Array, "n 2"], block: PatchBlock) -> tuple[jax.Array, jax.Array]:
+def area_gradients(forms: AreaForms, x: Float[Array, "n 2"], block: PatchBlock) -> tuple[Array, Array]:
     """Gradients (c, g, 2, a) of the groups' volumes V J at the patches' nodes, mm, and V J (c, g), mm^2. Linear in ``x``."""
 
     def of(forms, nodes):

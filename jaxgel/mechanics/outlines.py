@@ -36,7 +36,7 @@ class _Arc:
     """Per corner: component of the displacement -> edge of the plate through it that prescribes it."""
 
 
-def outline_loops(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
+def outline_loops(x: Float[Array, "n 2"], model: Model) -> list[Array]:
     """Closed loops (m, 2), mm, of the holes at nodal positions ``x`` (n, 2), along the plate's edge where it cuts a hole.
 
     One for each hole, in their order; one for each part of a hole that the plate's edge cuts into several, see `holes_of_loops`.
@@ -47,7 +47,7 @@ def outline_loops(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
     return loops
 
 
-def outline_arcs(x: Float[Array, "n 2"], model: Model) -> list[jax.Array]:
+def outline_arcs(x: Float[Array, "n 2"], model: Model) -> list[Array]:
     """Surfaces of the holes at nodal positions ``x`` (n, 2): lines (m, 2), mm, without the plate's edge.
 
     The line of a whole hole ends at its first point.

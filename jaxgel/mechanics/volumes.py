@@ -34,7 +34,7 @@ def volume_law(model: Body, gel: Any, mu: Scalar | Float[Array, "..."]) -> Volum
     return VolumeLaw(gel, mu, model.axial_stretch, film=model.film)
 
 
-def deformation_gradients(x: Float[Array, "n 2"], block: PatchBlock) -> jax.Array:
+def deformation_gradients(x: Float[Array, "n 2"], block: PatchBlock) -> Array:
     """Deformation gradients (c, q, 2, 2) at the quadrature points of a block for nodal positions ``x`` (n, 2)."""
     return jnp.einsum("cai,cqaj->cqij", local_positions(x, block.nodes), block.dphi)
 
@@ -44,7 +44,7 @@ def local_positions(x: Float[Array, "n 2"], nodes: Array) -> Float[Array, "c a 2
     return x[nodes] - jnp.mean(x[nodes], axis=1, keepdims=True)
 
 
-def gradients_by_block(x: Float[Array, "n 2"], model: Body) -> list[jax.Array]:
+def gradients_by_block(x: Float[Array, "n 2"], model: Body) -> list[Array]:
     """Per block the `deformation_gradients`."""
     return [deformation_gradients(x, block) for block in model.blocks]
 
@@ -69,13 +69,13 @@ def all_volumes(model: Body) -> Float[Array, " g"]:
     return of_groups([group_volumes(block) for block in model.blocks], model)
 
 
-def by_block(values: Float[Array, " g"], model: Body) -> list[jax.Array]:
+def by_block(values: Float[Array, " g"], model: Body) -> list[Array]:
     """Values (g,) of all volume groups as arrays (c, g) per block; 0 for padding."""
     values = jnp.asarray(values)
     return [values.at[block.groups].get(mode="fill", fill_value=0) for block in model.blocks]
 
 
-def of_groups(parts: list[jax.Array], model: Body) -> Float[Array, " g"]:
+def of_groups(parts: list[Array], model: Body) -> Float[Array, " g"]:
     """The values (g,) of all volume groups from arrays (c, g) per block."""
     total = jnp.zeros(len(model.carries))
     for block, part in zip(model.blocks, parts, strict=True):
@@ -98,7 +98,7 @@ def bare(block: PatchBlock) -> PatchBlock:
     return dataclasses.replace(block, count=None)
 
 
-def ratios_of(parts: list[jax.Array], model: Body) -> Float[Array, " g"]:
+def ratios_of(parts: list[Array], model: Body) -> Float[Array, " g"]:
     """`volume_ratios` from the `contents` of the blocks."""
     volumes = all_volumes(model)
     return jnp.where(volumes > 0, of_groups(parts, model) / jnp.where(volumes > 0, volumes, 1.0), 2.0)

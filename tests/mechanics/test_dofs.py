@@ -1,6 +1,7 @@
 """Facts about essential conditions: nodal fields of the unknowns, the tangent on them, and where the edges take the dry nodes."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -43,6 +44,6 @@ def test_a_traced_motion_of_the_one_held_edge_moves_all_nodes_alike_although_it_
     nodes = topology.partition.vertices[topology.node_vertices]
 
     def moved(u):
-        return edges_of(topology, True).moved(Setting(0.0, None, displacement={"top": (0.0, u)})).positions(nodes) - nodes
+        return edges_of(topology, True).moved(Setting(0.0, None, displacement={"top": jnp.stack([0.0 * u, u])})).positions(nodes) - nodes
 
     np.testing.assert_allclose(jax.jit(moved)(0.5), np.broadcast_to([0.0, 0.5], nodes.shape), atol=1e-13)  # round-off of the positions
