@@ -1,8 +1,8 @@
 """Sizes of arrays that similar plates have in common, so that they share the compiled programs.
 
 The steps are chosen so that plates whose holes differ by a few per cent rarely stand on different ones: what numbers of a kind their clouds
-have lies in clusters, between which the steps are. Room for more nodes, patches and pairs costs memory and little time, as programs stop after the
-last one; room for more nodes of a patch costs time.
+have lies in clusters, between which the steps are. Room for more nodes, patches and pairs costs memory and little time, as programs stop
+after the last one; room for more nodes of a patch costs time.
 """
 
 from .._sizes import rung, step
