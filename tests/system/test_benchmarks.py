@@ -1,6 +1,5 @@
-"""Every script in benchmarks/ runs at a small setting; those beside finite elements where NGSolve is installed."""
+"""Every script in benchmarks/ runs at a small setting; those that need an outside package where it is installed."""
 
-import importlib.util
 import pathlib
 import subprocess
 import sys
@@ -24,19 +23,9 @@ SMALL = {
     "symmetry": ["--cases", "sample-1", "--spacing", "1.5", "--runs", "1"],
 }
 LONG = {"howto", "kill", "lattice", "waves"}  # minutes at their only setting
-ELEMENTS = {
-    "barrier",
-    "bloch_elements",
-    "design_step",
-    "finite_elements",
-    "peers",
-    "printed",
-    "references",
-    "studies",
-    "sweep",
-    "switches",
-}
+ELEMENTS = {"barrier", "bloch_elements", "design_step", "finite_elements", "peers", "printed", "references", "studies", "sweep", "switches"}
 MODULES = {"ngsolve_gel", "ngsolve_sweep", "skfem_gel"}  # what others import
+NEEDS = dict.fromkeys(ELEMENTS | {"waves"}, "ngsolve") | {"solvers": "pyamg"}  # of the extra "bench"
 
 
 def test_every_script_is_listed():
@@ -46,6 +35,7 @@ def test_every_script_is_listed():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL)
 def test_script_runs(name, tmp_path):
+    pytest.importorskip(NEEDS.get(name, "jaxgel"))
     done = subprocess.run([sys.executable, FOLDER / f"{name}.py", *SMALL[name]], cwd=tmp_path, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr[-2000:]
     assert done.stdout
@@ -55,8 +45,7 @@ def test_script_runs(name, tmp_path):
 @pytest.mark.parametrize("name", sorted(LONG | ELEMENTS))
 def test_script_starts(name, tmp_path):
     """It imports all that it needs."""
-    if name in ELEMENTS and importlib.util.find_spec("ngsolve") is None:
-        pytest.skip("NGSolve is not installed")
+    pytest.importorskip(NEEDS.get(name, "jaxgel"))
     loader = f"import sys, importlib; sys.path.insert(0, {str(FOLDER)!r}); importlib.import_module({name!r})"
     done = subprocess.run([sys.executable, "-c", loader], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
