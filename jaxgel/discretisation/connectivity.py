@@ -98,11 +98,8 @@ def _starts_and_middles(vertices, ends, at, weights):
 
 @once_per_owner
 @jax.ensure_compile_time_eval()  # made of numbers, also inside jit
-def make_connectivity(topology: Topology, basis: str, dmax: float, skin: float) -> Connectivity:
-    """``Connectivity`` of the patches of a cloud; nodes that come closer by ``skin`` (mm) are listed too.
-
-    Raises ValueError where a point has too few neighbours for the basis.
-    """
+def make_connectivity(topology: Topology, basis: str, dmax: float) -> Connectivity:
+    """``Connectivity`` of the patches of a cloud. Raises ValueError where a point has too few neighbours for the basis."""
     part, quadrature, support = topology.partition, topology.quadrature, dmax * topology.node_spacing
     patch_of_cell, linear = patches(topology)
     ends, cell = part.contour_edges
@@ -115,7 +112,7 @@ def make_connectivity(topology: Topology, basis: str, dmax: float, skin: float) 
     row, trace_node = traces.coords
     trace_owner = owner[on_interfaces // 2]
     also = trace_owner[row], trace_node
-    nodes, supports = pad_nodes(*reaching_nodes(topology, points, patch_of_cell[cells], regions, support, skin, also), support)
+    nodes, supports = pad_nodes(*reaching_nodes(topology, points, patch_of_cell[cells], regions, support, also), support)
     trace_weights = np.zeros((len(trace_owner), nodes.shape[1]))
     trace_weights[row, (nodes[also[0]] == trace_node[:, None]).argmax(axis=1)] = traces.data
 

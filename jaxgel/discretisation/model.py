@@ -17,10 +17,9 @@ from .connectivity import Connectivity, make_connectivity
 from .consistency import consistent_patches
 from .interpolation import Interpolation, interpolate
 from .moving_least_squares import BASES
-from .neighbours import SKIN, is_moved, neighbours_of_points
+from .neighbours import neighbours_of_points
 from .pressures import n_carrying
 
-OUTLINE_ROOM = 1 / 400  # of the plate's width: further room in the neighbour lists of outline points, on a cloud that moves far
 STEEPEST_ACCEPTED = 100.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual
 REPRODUCTION = 1e-7  # largest error with which the gradients of an accepted model reproduce the coordinates
 DMAX = 2.95  # support radius over spacing: nearly three grid lines to each side, and clear of the third, where round-off would decide
@@ -85,7 +84,7 @@ def discretise(
     not see of the volume ratio J is held. The cells partition the gel, with curved sides along the outlines, and weights and gradients are
     corrected so that linear fields are integrated exactly (patch test). ``dmax`` is the support radius over the node spacing (2.95),
     ``solver`` ``"auto"``, ``"direct"`` or ``"iterative"``, see ``linalg``. Raises ValueError for unknown options and where a point has too
-    few neighbours for the basis. On a moved cloud neighbour lists have room for points that came closer by a quarter of the spacing.
+    few neighbours for the basis. A moved cloud keeps its neighbour lists; see `quality` for how far.
     """
     check_kind("cloud", cloud, Cloud, "a Cloud, as make_cloud(plate) makes it")
     one_of("basis", basis, BASES)
@@ -93,7 +92,7 @@ def discretise(
     dmax = DMAX if dmax is None else float(dmax)
     if not dmax > 1.0:
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
-    lists = make_connectivity(cloud.topology, basis, dmax, SKIN * cloud.spacing * is_moved(cloud))
+    lists = make_connectivity(cloud.topology, basis, dmax)
     blocks = numbered(
         PatchBlock(
             patches,
@@ -106,7 +105,7 @@ def discretise(
     )
     outline = Interpolation(np.zeros((0, 2)), np.zeros((0, 1), np.int32), *map(np.zeros, ((0, 1), (0, 1), (0, 1, 2))))
     if cloud.topology.outlines:
-        numbers, neighbours = _outline(cloud.topology, dmax, is_moved(cloud))
+        numbers, neighbours = _outline(cloud.topology, dmax)
         outline = interpolate(cloud, cloud.positions(numbers), neighbours, basis)
     plate = cloud.topology.plate
     model = Model(
@@ -128,11 +127,10 @@ def discretise(
 
 
 @once_per_owner
-def _outline(topology: Topology, dmax: float, moved: bool):
+def _outline(topology: Topology, dmax: float):
     """Vertex numbers (p,) of all outlines, arc after arc, and their neighbour lists."""
     numbers = np.concatenate([outline.vertices for outline in topology.outlines])
-    room = SKIN * topology.spacing * moved + OUTLINE_ROOM * topology.plate.width
-    return numbers, neighbours_of_points(topology, dmax, topology.partition.vertices[numbers], room)
+    return numbers, neighbours_of_points(topology, dmax, topology.partition.vertices[numbers])
 
 
 def _check_reproduction(model):

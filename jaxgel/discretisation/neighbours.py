@@ -5,24 +5,18 @@ from scipy.spatial import cKDTree
 
 from .._sizes import step
 from .._types import Float, Int
-from ..cloud import Cloud, Topology
+from ..cloud import Topology
 
-NEIGHBOURS = (20, 36, 56, 72, 84, 112, 144)  # room for nodes of a patch or point: those of a whole square 32, with room to move 43
-SKIN = 0.25  # room in the neighbour lists of a cloud that moves, in units of the spacing
-
-
-def is_moved(cloud: Cloud) -> bool:
-    """Whether the cloud is placed on another plate than its reference."""
-    return cloud.plate is not cloud.topology.given
+NEIGHBOURS = (20, 36, 56, 72, 84, 112, 144)  # room for nodes of a patch or point: those of a whole square are 32
 
 
 def neighbours_of_points(
-    topology: Topology, dmax: float, reference_points: Float[np.ndarray, "p 2"], room: float
+    topology: Topology, dmax: float, reference_points: Float[np.ndarray, "p 2"]
 ) -> tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]]:
-    """Node lists and supports of material points and of all points within ``room`` mm of them, padded to one of the ``NEIGHBOURS``."""
+    """Node lists and supports of material points, padded to one of the ``NEIGHBOURS``."""
     support = dmax * topology.node_spacing
     regions = topology.regions_at(reference_points)
-    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), regions, support, room)
+    reaching = reaching_nodes(topology, reference_points, np.arange(len(reference_points)), regions, support)
     lists, supports = pad_nodes(*reaching, support)
     more = (0, 0), (0, step(lists.shape[1], NEIGHBOURS) - lists.shape[1])
     return np.pad(lists, more), np.pad(supports, more)
@@ -34,17 +28,16 @@ def reaching_nodes(
     owner: Int[np.ndarray, " p"],
     regions: Int[np.ndarray, " p"],
     support: Float[np.ndarray, " n"],
-    skin: float,
     also: tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]] = (np.zeros(0, int), np.zeros(0, int)),
 ) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " o"]]:
-    """Numbers of the nodes whose ``support`` reaches a point of each owner to within ``skin`` mm, ascending, and how many each owner has.
+    """Numbers of the nodes whose ``support`` reaches a point of each owner, ascending, and how many each owner has.
 
     ``points`` lie on the reference plate, in these ``regions``, whose nodes alone reach them; ``owner`` numbers count from 0. ``also`` are
     owners and nodes that these list in any case.
     """
     nodes = topology.nodes
-    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max() + skin, output_type="ndarray")
-    pairs = pairs[pairs["v"] < support[pairs["j"]] + skin]
+    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max(), output_type="ndarray")
+    pairs = pairs[pairs["v"] < support[pairs["j"]]]
     if topology.interfaces:
         pairs = pairs[(topology.node_regions[pairs["j"]] == regions[pairs["i"], None]).any(axis=1)]
     key = np.unique(np.concatenate([owner[pairs["i"]] * len(nodes) + pairs["j"], also[0] * len(nodes) + also[1]]))

@@ -14,12 +14,11 @@ from .._validation import Inadmissible
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate, reference_plate
 from .model import DMAX, discretise
-from .neighbours import SKIN
 
 SMALLEST_CELL = 0.4  # least quadrature weight over its value when the cloud was made
 SPENT = 0.2  # the same for a cloud that may yet serve a single trial design
 LARGEST_CELL = 1.25  # largest area of a cell over its area when the cloud was made: beyond, its nodes are too far apart
-DEEPEST_GAP = 0.25  # most that a node without a place in a point's list may reach beyond the point, in units of its spacing
+DEEPEST_GAP = 0.5  # most that a node without a place in a point's list may reach beyond the point, in units of its spacing
 STEEPEST_KEPT = 25.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual on a new cloud
 
 
@@ -74,7 +73,7 @@ def quality(cloud: Cloud, *, basis: str = "quadratic", dmax: float | None = None
     regions = topology.partition.region_of_cell[quadrature.owner]
     near = near[(topology.node_regions[near["j"]] == regions[near["i"], None]).any(axis=1)]
     i, j = near["i"], near["j"]
-    listed = np.linalg.norm(points[0][i] - nodes[0][j], axis=1) < support[j] + SKIN * cloud.spacing
+    listed = np.linalg.norm(points[0][i] - nodes[0][j], axis=1) < support[j]
     depth = np.where(listed, 0.0, (support[j] - near["v"]) / topology.node_spacing[j])
     try:
         blocks = discretise(cloud, basis=basis, dmax=dmax).blocks

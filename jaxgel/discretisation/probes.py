@@ -13,7 +13,7 @@ from ..geometry import Frame, inside_holes
 from .interpolation import Interpolation, evaluate_points, interpolate
 from .model import Model
 from .moving_least_squares import shape_functions
-from .neighbours import SKIN, is_moved, neighbours_of_points
+from .neighbours import neighbours_of_points
 
 LARGEST_SUM = 10.0  # of absolute values of shape functions: below 3 in the gel, and more away from it, where they extrapolate
 MIDLINE_POINTS = 401  # samples of the plate's midline, those in holes included
@@ -71,7 +71,7 @@ class NodalField:
         topology, basis, dmax = self._shape_functions
         points, nodes = np.asarray(points, dtype=float), topology.nodes
         with jax.ensure_compile_time_eval():  # numbers, also inside jit
-            found = neighbours_of_points(topology, dmax, points, 0.0)
+            found = neighbours_of_points(topology, dmax, points)
             lists, supports = (np.pad(part, ((0, 0), (0, 1))) for part in found)  # one column at least
             own = np.arange(len(points))
             phi = np.asarray(evaluate_points(nodes, points, lists, supports, own, basis=basis, gradients=False)[0])
@@ -87,7 +87,7 @@ def make_probe(model: Model, points: Float[Array, "p 2"], reference_points: Floa
     ``points`` may be traced if ``reference_points``, their values on the reference plate, are given.
     """
     reference_points, cloud = np.asarray(points if reference_points is None else reference_points), model.cloud
-    neighbours = neighbours_of_points(cloud.topology, model.dmax, reference_points, SKIN * cloud.spacing * is_moved(cloud))
+    neighbours = neighbours_of_points(cloud.topology, model.dmax, reference_points)
     return interpolate(cloud, jnp.asarray(points), neighbours, model.basis)
 
 
@@ -114,7 +114,7 @@ def _midline(topology: Topology, dmax: float):
     """Points (p, 2) of the gel on the midline, mm, and their neighbour lists."""
     points = np.stack([topology.plate.width * np.linspace(-0.5, 0.5, MIDLINE_POINTS), np.zeros(MIDLINE_POINTS)], axis=1)
     points = points[~inside_holes(topology.plate, points, -1e-9 * topology.spacing)]
-    return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing)
+    return points, neighbours_of_points(topology, dmax, points)
 
 
 @once_per_owner
@@ -126,4 +126,4 @@ def _core(topology: Topology, dmax: float):
     core = np.array([topology.plate.core or (0.0, 0.0)])
     in_hole = bool(inside_holes(topology.plate, core)[0])
     points = _midline(topology, dmax)[0][:1] if in_hole else core
-    return points, neighbours_of_points(topology, dmax, points, SKIN * topology.spacing), in_hole
+    return points, neighbours_of_points(topology, dmax, points), in_hole

@@ -238,7 +238,7 @@ def _hole_limit(hole, points, step):
 def contact_groups(topology: Topology, dmax: float) -> tuple[ContactGroup, ...]:
     """`ContactGroup`s of the holes of a topology, for shape functions of the support radius ``dmax`` over the spacing."""
     stops = np.cumsum([0] + [len(o.s) for o in topology.outlines])
-    support, room = dmax * topology.node_spacing, 0.25 * topology.spacing + topology.plate.width / 300  # as for a moved cloud's probes
+    support = dmax * topology.node_spacing
     found = {}
     for k in range(len(topology.plate.holes)):
         own = [i for i, o in enumerate(topology.outlines) if o.arc.hole == k]
@@ -249,7 +249,7 @@ def contact_groups(topology: Topology, dmax: float) -> tuple[ContactGroup, ...]:
         points, joined = np.concatenate(points), np.concatenate(joined)
         vertices = np.concatenate([o.vertices for o in topology.outlines])[points]
         reference = topology.partition.vertices[vertices]
-        nodes, _ = reaching_nodes(topology, reference, np.zeros(len(points), dtype=int), topology.regions_at(reference), support, room)
+        nodes, _ = reaching_nodes(topology, reference, np.zeros(len(points), dtype=int), topology.regions_at(reference), support)
         images = _images(topology.plate, [topology.outlines[i].arc for i in own])
         found.setdefault((len(points), len(images)), []).append((k, points, joined, nodes, *np.moveaxis(images, 1, 0)))
     return tuple(map(_group, found.values()))

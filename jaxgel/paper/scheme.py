@@ -201,7 +201,7 @@ def _cells(cloud, basis, dmax, kind, method):
     points = np.where(in_gel[..., None], points, np.take_along_axis(points, first[..., None], axis=1))
     support = dmax * topology.node_spacing
     flat, owner = points.reshape(-1, 2), np.repeat(np.arange(len(points)), points.shape[1])
-    lists, supports = pad_nodes(*reaching_nodes(topology, flat, owner, np.zeros(len(flat), int), support, 0.0), support)
+    lists, supports = pad_nodes(*reaching_nodes(topology, flat, owner, np.zeros(len(flat), int), support), support)
     dphi = _gradients(points, cloud.nodes[lists], supports, basis=basis, kind=kind)
     if not np.isfinite(dphi).all():
         raise ValueError(f"dmax: {dmax} is too small for the {basis} basis; use a larger one or a smaller spacing")

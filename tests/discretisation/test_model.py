@@ -9,7 +9,7 @@ import pytest
 
 import jaxgel
 from jaxgel.cloud import EDGE_POINTS
-from jaxgel.discretisation import interpolation, midline_probe, shape_functions
+from jaxgel.discretisation import interpolation, midline_probe, reaching_nodes, shape_functions
 from jaxgel.materials import bulk_stiffness
 from jaxgel.mechanics import deformation_gradients, free_dofs, network_energy, residual
 
@@ -196,15 +196,25 @@ def test_midline_lies_in_the_gel_from_wall_to_wall(coarse_model, cloud_of):
 # --- moved clouds ------------------------------------------------------------------------------------------------------------
 
 
-def test_moved_cloud_keeps_every_neighbour_that_it_needs(tiny_plate, monkeypatch):
-    """A wider skin changes nothing: the lists made on the reference contain all nodes that reach a moved point."""
-    cloud = jaxgel.make_cloud(tiny_plate)
-    moved = cloud.at(tiny_plate.at(({"radius": jnp.asarray(1.15), "centre": jnp.asarray([0.15, -0.2])},)))
-    x, energies = moved.nodes + 0.02 * np.random.default_rng(3).normal(size=moved.nodes.shape), []
-    for skin in (0.25, 0.5 / cloud.spacing):
-        monkeypatch.setattr("jaxgel.discretisation.model.SKIN", skin)
-        energies.append(float(jax.jit(network_energy)(x, jaxgel.discretise(moved, basis="linear"), tiny_plate.gel)))
-    assert energies[0] == pytest.approx(energies[1], rel=1e-12)
+def test_nodes_that_come_to_reach_a_point_are_not_missed(tiny_plate, monkeypatch):
+    """A moved cloud keeps its neighbour lists: nodes whose supports come to reach a point carry next to no weight there.
+
+    The hole moves by up to a fifth of a spacing; with all those nodes listed the energy of a rough field changes by 3e-6 of itself.
+    """
+    plate = tiny_plate.at(({"radius": jnp.asarray(1.15), "centre": jnp.asarray([0.15, -0.2])},))
+    energies, x = [], None
+    for wider in (0.0, 0.3):
+        monkeypatch.setattr(
+            "jaxgel.discretisation.connectivity.reaching_nodes",
+            lambda topology, points, owner, regions, support, also, wider=wider: reaching_nodes(
+                topology, points, owner, regions, support + wider * topology.spacing, also
+            ),
+        )
+        model = jaxgel.discretise(jaxgel.make_cloud(tiny_plate).at(plate))
+        x = model.nodes + 0.02 * np.random.default_rng(3).normal(size=model.nodes.shape) if x is None else x
+        energies.append(float(network_energy(x, model, tiny_plate.gel)))
+    assert energies[0] != energies[1]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-5)
 
 
 def test_moved_cloud_passes_the_patch_test_of_a_linear_field(tiny_plate):

@@ -36,7 +36,7 @@ def test_cloud_on_its_own_plate_has_full_quality(cloud):
     [
         (Quality(-0.1, 1.0), "a cell has shrunk to -0.10 of its area"),
         (Quality(0.9, 1.5, 0.0, 9.0), "a cell has grown to 1.50 of its area"),
-        (Quality(0.9, 1.1, 0.3, 9.0), "a support reaches 0.30 spacings beyond its neighbour lists"),
+        (Quality(0.9, 1.1, 0.6, 9.0), "a support reaches 0.60 spacings beyond its neighbour lists"),
         (Quality(0.9, 1.1, 0.0, 80.0), "the neighbours of a point lie on too few lines: gradients of 80"),
         (Quality(0.9, 1.1, 0.1, refused="support: of 3 nodes"), "support: of 3 nodes"),
         (Quality(0.9, 1.1, 0.1, 9.0), ""),
