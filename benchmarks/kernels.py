@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 import jaxgel
 from jaxgel import Problem
 from jaxgel.continuation.frames import WholeFrame
-from jaxgel.equilibrium import newton, state
+from jaxgel.equilibrium import newton
 from jaxgel.linalg import Factor, factor
 from jaxgel.mechanics import factorised_tangent, linearise, tangent, tangent_product
 
@@ -32,7 +32,6 @@ KERNELS = (
     *STABILITY,
     *((newton, name) for name in ("linearise", "condensed_rhs", "_stepped", "factorised_tangent", "touches")),
     (Factor, "solve"),
-    (state, "energy_by_operators"),
 )  # what a sweep calls besides its own Python; none calls another of them, but once
 SUPERLU = dict(permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
 

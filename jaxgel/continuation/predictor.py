@@ -50,8 +50,7 @@ def extrapolated(value: float, states: list[State]) -> tuple[Float[Array, "n 2"]
 
 def rate_of_change(problem: Problem, state: State) -> Float[np.ndarray, "n 2"]:
     """dx/dvalue, mm over the control's unit, of the unknowns on the branch of a ``state`` with a factor; 0 where edges prescribe."""
-    own = problem.without_contact if state.contact_active is False else problem
-    return np.asarray(scatter(state.factor.apply(-control_force(own, state)), problem.free))
+    return np.asarray(scatter(state.factor.apply(-control_force(problem, state)), problem.free))
 
 
 def _weights(at, value):

@@ -196,13 +196,13 @@ def solve(
     the state has a factor of its own tangent. Contact is left out until an outline comes near itself: at the start, where
     ``near_contact`` does not already say so, and in the solution. A state in which an outline crosses itself is not accepted.
     """
-    now, mu = problem.at(value)
 
     def solved(problem, own_factor):
-        return iterate(problem, starting(problem, mu, x, pressure), Chord(own_factor, newton), observer)
+        now, mu = problem.at(value)
+        return iterate(now, starting(now, mu, x, pressure), Chord(own_factor, newton), observer)
 
     x = problem.placed(x, value)
-    found = _with_contact(now, x, near_contact, own_factor, solved) if now.has_contact else solved(now, own_factor)
+    found = _with_contact(problem, x, near_contact, own_factor, solved) if problem.has_contact else solved(problem, own_factor)
     return dataclasses.replace(found, value=float(value))
 
 

@@ -15,12 +15,11 @@ from ..mechanics import (
     Linearisation,
     Problem,
     axial_stretch,
-    energy_by_operators,
-    forces_at_own_pressures,
+    condensed_forces,
     gather,
     linearise,
-    own_pressures,
     pressure_at,
+    pressure_change,
     volume_ratios,
 )
 from .status import Change, Status
@@ -106,14 +105,17 @@ class State:
 
 def accepted(problem: Problem, state: State, stability: Stability | None, *, switched: Change = Change.NONE) -> State:
     """A converged state with its energy and stability."""
-    acting = acting_problem(problem, state)
-    energy = float(energy_by_operators(acting, state.x, np.asarray(state.mu, float)))
-    return dataclasses.replace(state, energy=energy, stability=stability, switched=switched)
+    _, now = linearised(problem, state)
+    return dataclasses.replace(state, energy=float(now.energy), stability=stability, switched=switched)
 
 
 def acting_problem(problem: Problem, state: State) -> Problem:
     """The problem that a state solves: at its value of the control, and without contact where contact does not act."""
-    return (problem.without_contact if state.contact_active is False else problem).at(state.value)[0]
+    return _with_acting_contact(problem, state).at(state.value)[0]
+
+
+def _with_acting_contact(problem, state):
+    return problem.without_contact if state.contact_active is False else problem
 
 
 def linearised(problem: Problem, state: State) -> tuple[Problem, Linearisation]:
@@ -131,27 +133,30 @@ def as_number(mu: Chemical) -> float | Float[np.ndarray, " g"]:
 
 def control_force(problem: Problem, state: State) -> Float[np.ndarray, " f"]:
     """Derivative (f,) of the residual of a state by the control, kT/v mm over the control's unit, edges that it moves included."""
-    return _control_force(problem.prepared, state.x, state.value)
-
-
-@program(x="n", returns="f")
-def _control_force(problem, x, value):
-    return jax.jvp(lambda value: gather(forces_at_own_pressures(problem, x, value), problem.free), (value,), (1.0,))[1]
+    return _control_rates(_with_acting_contact(problem, state).prepared, state.x, state.value)[0]
 
 
 def control_pressure(problem: Problem, state: State) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures in a Newton step with the unknowns at rest, kT/v over the control's unit."""
-    return pressure_rate(problem, state, np.zeros(state.x.shape))
+    return _control_rates(_with_acting_contact(problem, state).prepared, state.x, state.value)[1]
 
 
 def pressure_rate(problem: Problem, state: State, rate: Float[Array, "n 2"]) -> Float[np.ndarray, " g"]:
-    """Derivative (g,) by the control of the pressures of a state whose positions change at the ``rate``, mm over the control's unit."""
-    return _pressure_rate(problem.prepared, state.x, state.value, rate)
+    """Derivative (g,) by the control of the pressures of a state whose unknowns move at a ``rate``, kT/v and mm over the control's unit."""
+    acting, now = linearised(problem, state)
+    return np.asarray(control_pressure(problem, state)) + _pressure_change(acting, rate, now)
 
 
-@program(x="n", rate="n", returns="g")
-def _pressure_rate(problem, x, value, rate):
-    return jax.jvp(lambda x, value: own_pressures(problem, x, value), (x, value), (rate, 1.0))[1]
+@program(x="n", returns=("f", "g"))
+def _control_rates(problem, x, value):
+    """Derivatives by the control at fixed unknowns: of the residual (f,) and of the pressures (g,)."""
+    (forces, pressure) = jax.jvp(lambda value: condensed_forces(problem, x, value), (value,), (1.0,))[1]
+    return gather(forces, problem.free), pressure
+
+
+@program(rate="n", returns="g")
+def _pressure_change(problem, rate, linearisation):
+    return pressure_change(rate, linearisation, problem.model)
 
 
 @program(returns=("n", "g"))

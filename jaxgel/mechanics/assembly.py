@@ -11,7 +11,6 @@ bulk stiffness stay factors: their sum, rounded, would limit how exactly a syste
 """
 
 import copy
-import dataclasses
 from collections.abc import Callable, Iterator
 
 import jax
@@ -28,7 +27,7 @@ from ..materials import elementwise, gel_at_points, neo_hookean, network_at
 from .conditions import gather, scatter
 from .contact import contact_force, contact_tangents
 from .equations import Equations
-from .mixed import Linearisation, network_force, nodal_sum, pressure_step, volume_gradients
+from .mixed import Linearisation, network_energy_and_force, nodal_sum, pressure_change, volume_gradients
 from .operators import add_matrices, area_form_sum
 from .pairs import contact_pairs, node_pairs
 from .patchwise import added_over_patches
@@ -97,9 +96,8 @@ def tangent_product(
     """
     model, field = problem.model, scatter(v, problem.free)
     moved, _ = volume_gradients(field, model, problem.operators)
-    still = dataclasses.replace(linearisation, error=jnp.zeros_like(p), gap=jnp.zeros_like(p))
-    p_step = pressure_step(field, still, linearisation, model)
-    forces = jax.jvp(lambda x: network_force(x, model, problem.gel, problem.operators), (x,), (field,))[1]
+    p_step = pressure_change(field, linearisation, model)
+    forces = jax.jvp(lambda x: network_energy_and_force(x, model, problem.gel, problem.operators)[1], (x,), (field,))[1]
     forces += nodal_sum(moved, p, model) + nodal_sum(linearisation.gradients, p_step, model)
     if model.contact is not None:
         forces += jax.jvp(lambda x: contact_force(x, model), (x,), (field,))[1]

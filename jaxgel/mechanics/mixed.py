@@ -31,7 +31,7 @@ from ..discretisation import MANY, Body, Model
 from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, neo_hookean, network_at
 from .conditions import gather
 from .contact import contact_energy, contact_force
-from .energy import network_energy, total_energy
+from .energy import network_energy
 from .equations import Equations
 from .operators import Operators, area_gradients
 from .patchwise import added_over_patches
@@ -52,7 +52,7 @@ from .volumes import (
 PAIRS_PER_SUM = MANY  # node pairs whose forces are added up together: few enough to stay in the processor's cache
 ROUND_OFF = 1e-3  # swelling J* - 1 below which the constraint violation is measured absolutely
 FINE = 50  # spacings across the plate up to which round-off leaves less than a fifth of Newton's tolerance; it grows with their number
-_FIELDS = ("rhs", "gradients", "stiffness", "error", "gap", "residual_norm", "violation", "per_force")
+_FIELDS = ("energy", "rhs", "gradients", "stiffness", "error", "gap", "residual_norm", "violation", "per_force")
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=_FIELDS, meta_fields=[])
@@ -60,6 +60,8 @@ _FIELDS = ("rhs", "gradients", "stiffness", "error", "gap", "residual_norm", "vi
 class Linearisation:
     """The mixed form about one state, in the sizes of the ``shared`` equations."""
 
+    energy: Float[Array, ""]
+    """The `total_energy` at the positions, kT/v mm^2."""
     rhs: Float[Array, "n 2"]
     """Loads less internal forces, kT/v mm."""
     gradients: tuple
@@ -93,14 +95,15 @@ def linearise(problem: Equations, x: Float[Array, "n 2"], p: Float[Array, " g"],
     about, gap = linearised_about(p, J, model, gel, mu)
     stiffness = stiffness_at(about, model, gel, mu)
     error = jnp.where(all_volumes(model) > 0, J - about, 0.0)
-    network = network_force(x, model, gel, problem.operators)
-    touch = contact_force(x, model) if model.contact is not None else 0.0
+    stored, network = network_energy_and_force(x, model, gel, problem.operators)
+    contact, touch = jax.value_and_grad(contact_energy)(x, model) if model.contact is not None else (0.0, 0.0)
+    energy = stored + volume_energy(J, model, gel, mu) + contact - jnp.sum(problem.loads * x)
     rhs = problem.loads - network - touch - nodal_sum(gradients, p, model)
     off = axial_stretch(model) * jnp.abs(error) + jnp.where(gap == 0, 0.0, jnp.abs(gap) / gel_in_groups(gel).Nv)
     violation = jnp.max(off / (swelling_of(about, model, gel) + ROUND_OFF)) / jnp.maximum(1.0, model.across / FINE)
     per_force = 1 / (jnp.linalg.norm(network) + jnp.linalg.norm(problem.loads))
     residual_norm = jnp.linalg.norm(gather(rhs, problem.free)) * per_force
-    return Linearisation(rhs, gradients, stiffness, error, gap, residual_norm, violation, per_force)
+    return Linearisation(energy, rhs, gradients, stiffness, error, gap, residual_norm, violation, per_force)
 
 
 @program(returns="f")
@@ -113,10 +116,14 @@ def condensed_rhs(problem: Equations, linearisation: Linearisation, factorised_a
 
 def pressure_step(dx: Float[Array, "n 2"], linearisation: Linearisation, factorised_at: Linearisation, model: Body) -> Float[Array, " g"]:
     """Step of the pressures, kT/v, that belongs to the step ``dx`` of the positions."""
+    return pressure_change(dx, factorised_at, model) + factorised_at.stiffness * linearisation.error + linearisation.gap
+
+
+def pressure_change(dx: Float[Array, "n 2"], linearisation: Linearisation, model: Body) -> Float[Array, " g"]:
+    """Change k G^T dx / V of the pressures, kT/v, that carry the volume ratios, with the positions by ``dx``."""
     volumes = all_volumes(model)
-    parts = [jnp.einsum("cgia,cai->cg", G, dx[b.nodes]) for G, b in zip(factorised_at.gradients, model.blocks, strict=True)]
-    change = of_groups(parts, model) / jnp.where(volumes > 0, volumes, 1.0)
-    return factorised_at.stiffness * (change + linearisation.error) + linearisation.gap
+    parts = [jnp.einsum("cgia,cai->cg", G, dx[b.nodes]) for G, b in zip(linearisation.gradients, model.blocks, strict=True)]
+    return linearisation.stiffness * of_groups(parts, model) / jnp.where(volumes > 0, volumes, 1.0)
 
 
 def state_pressure(x: Float[Array, "n 2"], model: Body, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
@@ -146,48 +153,34 @@ def _add_forces(total, nodes, pressure, G):
     return total.at[nodes].add(jnp.einsum("cg,cgia->cai", pressure, G))
 
 
-def own_pressures(problem: Equations, x: Float[Array, "n 2"], value: Chemical) -> Float[Array, " g"]:
-    """Pressures of the volume groups at their volume ratios, kT/v, at a ``value`` of the control, with the edges where they are there."""
-    now, mu = problem.at(value)
-    _, J = volume_gradients(problem.placed(x, value), now.model, now.operators)
-    return pressure_at(J, now.model, now.gel, mu)
-
-
-def forces_at_own_pressures(problem: Equations, x: Float[Array, "n 2"], value: Chemical) -> Float[Array, "n 2"]:
-    """Internal forces less loads (n, 2), kT/v mm, with these pressures: the residual of the positions alone, by the operators."""
+def condensed_forces(problem: Equations, x: Float[Array, "n 2"], value: Chemical) -> tuple[Float[Array, "n 2"], Float[Array, " g"]]:
+    """Internal forces less loads (n, 2), kT/v mm, at a ``value`` of the control with the edges as they are there, and the pressures (g,),
+    kT/v: those of the volume ratios at ``x``, so that the forces are the gradient of the total energy.
+    """
     now, mu = problem.at(value)
     x, model = problem.placed(x, value), now.model
     gradients, J = volume_gradients(x, model, now.operators)
+    pressure = pressure_at(J, model, now.gel, mu)
     touch = contact_force(x, model) if model.contact is not None else 0.0
-    network = network_force(x, model, now.gel, now.operators)
-    return network + touch + nodal_sum(gradients, pressure_at(J, model, now.gel, mu), model) - now.loads
+    _, network = network_energy_and_force(x, model, now.gel, now.operators)
+    return network + touch + nodal_sum(gradients, pressure, model) - now.loads, pressure
 
 
-@program(x="n", mu="g")
-def energy_by_operators(problem: Equations, x: Float[Array, "n 2"], mu: Chemical) -> Float[Array, ""]:
-    """The `total_energy`, kT/v mm^2; of a neo-Hookean network, which is quadratic, sooner."""
-    model, gel = problem.model, problem.gel
+def network_energy_and_force(
+    x: Float[Array, "n 2"], model: Body, gel: LocalGel, operators: Operators
+) -> tuple[Float[Array, ""], Float[Array, "n 2"]]:
+    """Energy () of the network, kT/v mm^2, and its nodal forces (n, 2), kT/v mm; quadratic and linear in ``x`` if it is neo-Hookean."""
     if gel.network is not neo_hookean:
-        return total_energy(x, model, gel, mu, problem.loads)
+        return jax.value_and_grad(network_energy)(x, model, gel)
     network, at_rest = network_at(gel, model.axial_stretch), 0.0
     for number, block in enumerate(model.blocks):
         F = jnp.zeros((*block.weight.shape, 2, 2))
         at_rest += jnp.sum(block.weight * elementwise(network, F, gel_at_points(gel, number), signature="(i,j)->()"))
-    centred = x - x[0]
-    energy = at_rest + 0.5 * jnp.sum(centred * network_force(centred, model, gel, problem.operators))
-    _, J = volume_gradients(x, model, problem.operators)
-    touch = contact_energy(x, model) if model.contact is not None else 0.0
-    return energy + volume_energy(J, model, gel, mu) - jnp.sum(problem.loads * x) + touch
-
-
-def network_force(x: Float[Array, "n 2"], model: Body, gel: LocalGel, operators: Operators) -> Float[Array, "n 2"]:
-    """Nodal forces (n, 2) of the network, kT/v mm."""
-    if gel.network is not neo_hookean:
-        return jax.grad(network_energy)(x, model, gel)
 
     def add(k, total):
         pairs, stiffness = (lax.dynamic_slice_in_dim(v, k * PAIRS_PER_SUM, PAIRS_PER_SUM) for v in (operators.pairs, operators.network))
         i, j, entries = pairs[:, 0], pairs[:, 1], stiffness[:, None]
         return total.at[i].add(entries * x[j]).at[j].add(jnp.where((i != j)[:, None], entries * x[i], 0.0))
 
-    return lax.fori_loop(0, (operators.count + PAIRS_PER_SUM - 1) // PAIRS_PER_SUM, add, jnp.zeros_like(x))
+    force = lax.fori_loop(0, (operators.count + PAIRS_PER_SUM - 1) // PAIRS_PER_SUM, add, jnp.zeros_like(x))
+    return at_rest + 0.5 * jnp.sum((x - x[0]) * force), force

@@ -73,23 +73,14 @@ class Problem(Equations):
     def at(self, value: Chemical) -> tuple["Problem", Chemical]:
         """See `Equations`."""
         now, mu = super().at(value)
-        if now.gel is self.gel and now.loads is self.loads and "shared" in self.__dict__:
-            now.__dict__["shared"] = self.shared.replace(control=now.control)  # already made
+        if "shared" in self.__dict__:  # the control changes neither the body nor the constraints
+            now.__dict__["shared"] = _shared(now, self.shared.model, self.shared.constraints)
         return now, mu
 
     @functools.cached_property
     def shared(self) -> Equations:
         """The equations as the compiled programs take them."""
-        body, constraints = self.model.shared, self.constraints
-        parts = (
-            body,
-            shared_gel(self.gel, body),
-            resized(self.loads, body.nodes.shape),
-            self.control,
-            self.operators,
-            shared_constraints(constraints, self.model, body),
-        )
-        return Equations.tree_unflatten(None, parts)
+        return _shared(self, self.model.shared, shared_constraints(self.constraints, self.model, self.model.shared))
 
     @property
     def network(self) -> Float[np.ndarray, " p"]:
@@ -114,6 +105,12 @@ class Problem(Equations):
     def pattern_key(self) -> tuple[Connectivity, str, float | None]:
         """What the pattern depends on: the arguments of `tangent_pattern`."""
         return self.model.lists, self.model.solver, self.model.dmax if self.has_contact else None
+
+
+def _shared(problem, body, constraints):
+    """The shared equations with the shared ``body`` and ``constraints``."""
+    loads = resized(problem.loads, body.nodes.shape)
+    return Equations.tree_unflatten(None, (body, shared_gel(problem.gel, body), loads, problem.control, problem.operators, constraints))
 
 
 def shared_tangents(problem: Problem, dots: Problem) -> tuple[Equations, Equations]:
