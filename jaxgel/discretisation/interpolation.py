@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._sizes import joined, padded, resized, rung, taken
+from .._sizes import joined, padded, resized, rung, step, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int, Num
 from ..cloud import Cloud
@@ -20,7 +20,7 @@ from .moving_least_squares import shape_functions, shape_functions_and_gradients
 BATCH = 64  # points whose shape functions are evaluated together
 GROUP = 1024  # points of one call of the program that evaluates them: one size, so that it serves every cloud
 FINE = 2  # sizes to a doubling of the number of groups: each group costs time
-NEIGHBOURS = 32  # the program's neighbours are padded to a multiple of this
+WIDTHS = (64, 96, 128, 192)  # room for neighbours in the program that evaluates them: few, and few programs
 
 
 @jax.tree_util.register_dataclass
@@ -83,8 +83,8 @@ def size_of_groups(count: int) -> int:
 
 
 def widened(lists: Num[np.ndarray, "l a"]) -> Num[np.ndarray, "l b"]:
-    """Lists of nodes or supports with further columns of zeros, to a multiple of ``NEIGHBOURS``."""
-    return np.pad(lists, ((0, 0), (0, -lists.shape[1] % NEIGHBOURS)))
+    """Lists of nodes or supports with further columns of zeros, as many as one of the ``WIDTHS``."""
+    return np.pad(lists, ((0, 0), (0, step(lists.shape[1], WIDTHS) - lists.shape[1])))
 
 
 def evaluate_groups(
