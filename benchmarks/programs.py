@@ -50,7 +50,7 @@ def covered(spans):
 def plate(axes, spacing):
     """A plate with four like ellipses."""
     holes = [jaxgel.Ellipse((x, y), axes, 0.3) for x in (-11.0, 11.0) for y in (-11.0, 11.0)]
-    return jaxgel.Plate(44, 44, holes, spacing=spacing, core=(9.0, 9.0))
+    return jaxgel.Plate(44, 44, holes, spacing=spacing, core=(1.0, 2.0))
 
 
 def rotation(made, cloud):

@@ -15,12 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._derivatives import first_order_only, without_derivatives
 from .._programs import fitted
 from .._tracing import is_traced
 from .._validation import check_kind
 from ..continuation import Path
 from ..controls import check_values
-from ..equilibrium import UNOBSERVED, Observer, first_order_only, without_derivatives
+from ..equilibrium import UNOBSERVED, Observer
 from ..mechanics import Problem, curvature, residual, shared_tangents, touches
 from .points import CriticalPoint
 from .search import locate

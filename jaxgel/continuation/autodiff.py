@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
+from .._derivatives import no_tangents, with_derivatives_of
 from .._programs import fitted
 from .._threads import few_threads
 from .._tracing import is_traced
 from ..controls import Control, check_values
-from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents, with_derivatives_of
+from ..equilibrium import StateNotFound, Status, remedy, state_tangents
 from ..linalg import remember
 from ..mechanics import Problem, shared_tangents, state_pressure, total_energy
 from .follow import Followed, Following

@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._derivatives import first_order_only
 from .._programs import fitted
 from .._tracing import is_traced
 from .._types import Array, Float
-from ..equilibrium import first_order_only
 from ..linalg import SingularTangent, lowest_mode
 from ..materials import gel_at_points
 from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, scatter, shared_tangents, touches

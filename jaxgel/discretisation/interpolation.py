@@ -4,13 +4,13 @@ Index letters: ``p`` point, ``a`` node of a list, ``l`` list, ``i j`` space.
 """
 
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._derivatives import with_own_derivatives
 from .._sizes import joined, padded, resized, rung, step, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int, Num
@@ -111,7 +111,7 @@ def evaluate_groups(
     return tuple(joined([*parts, *parts[-1:] * (len(own) - len(used))]) for parts in zip(*groups, strict=True))
 
 
-@functools.partial(jax.jit, static_argnames=("basis", "gradients"))
+@with_own_derivatives(static=("basis", "gradients"))
 def _evaluated(points, neighbours, supports, *, basis, gradients):
     """Shape functions (g, a) at points (g, 2) with neighbours (g, a, 2) and supports (g, a) of their own, and their gradients."""
 

@@ -13,13 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._derivatives import Tangent, remade
 from .._primitives import primitive
 from .._programs import fitted
 from .._sizes import padded, rung
 from .._tracing import is_traced
 from .._types import Array, Float
 from ..mechanics import Equations, Problem, gather, residual, total_energy
-from .derivatives import Tangent, remade
 from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
 

@@ -3,13 +3,17 @@
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from .._primitives import primitive
+from ._primitives import primitive
+from ._tracing import is_traced
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 @functools.partial(jax.custom_jvp[Any], nondiff_argnums=(1,))
@@ -56,6 +60,40 @@ def _with_derivatives_jvp(function, primals, tangents):
     if not which:
         return values, jax.tree.map(SymbolicZero.from_primal_value, values)
     return values, remade(Tangent(_OfLeaves(function, structure), which), *leaves, *(dots[i] for i in which))
+
+
+def with_own_derivatives(*, static: tuple[str, ...] = ()) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator: ``jax.jit`` of a function of pytrees; where it is differentiated its values are found by the same program.
+
+    The derivatives are programs of their own, which keep only the inputs. JAX would compile the values once more, with all that their
+    reverse needs. ``static`` are options, given by name.
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        compiled = jax.jit(function, static_argnames=static)
+
+        @functools.wraps(function)
+        def call(*inputs: Any, **options: Any) -> Any:
+            if not is_traced(inputs):
+                return compiled(*inputs, **options)
+            values = compiled(*jax.lax.stop_gradient(inputs), **options)
+            return with_derivatives_of(_WithOptions(function, tuple(options.items())), values, *inputs)
+
+        call.clear_cache = compiled.clear_cache  # as `release_programs` asks for
+        return call
+
+    return decorate
+
+
+@dataclasses.dataclass(frozen=True)
+class _WithOptions:
+    """``function`` with these ``options``, each a name and a value; equal if both are."""
+
+    function: object
+    options: tuple
+
+    def __call__(self, *inputs):
+        return self.function(*inputs, **dict(self.options))
 
 
 @dataclasses.dataclass(frozen=True)
