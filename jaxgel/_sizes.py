@@ -1,8 +1,8 @@
 """Sizes of the arrays that compiled programs take.
 
 A program serves arrays of one size only, and what a plate needs is compiled again for every other number of nodes or points. So arrays are
-padded to a ladder of sizes, inertly, and what comes out is cut: plates of similar size share their programs. Padding, cutting and picking
-rows are linear maps that NumPy computes, also inside derivatives, so that nothing is compiled for them.
+padded to a ladder of sizes, inertly, and what comes out is cut: plates of similar size share their programs. Padding, cutting, picking rows
+and multiplying by sparse matrices are linear maps that NumPy computes, also inside derivatives, so that nothing is compiled for them.
 """
 
 import dataclasses
@@ -14,10 +14,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 
 from ._primitives import primitive
 from ._tracing import is_traced
-from ._types import Array, Int
+from ._types import Array, Float, Int
 
 ROWS = 2048  # times a power of 2 rows are evaluated together where each takes little time
 
@@ -64,6 +65,24 @@ def taken(values: Array, numbers: Int[np.ndarray, "..."]) -> Any:
 def joined(parts: list[Array]) -> Any:
     """The rows of several arrays, one after the other."""
     return _joined.bind(*parts, counts=tuple(map(len, parts))) if is_traced(parts) else np.concatenate(parts)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Matrices:
+    """A sparse matrix (p, q) for each column of an array; hashed by identity."""
+
+    columns: tuple[sp.csr_array, ...]
+    """The matrices."""
+
+    @functools.cached_property
+    def transposed(self) -> "Matrices":
+        """The transposed matrices."""
+        return Matrices(tuple(matrix.T.tocsr() for matrix in self.columns))
+
+
+def multiplied(values: Float[Array, "q k"], matrices: Matrices) -> Any:
+    """The products (p, k) of the ``matrices``, one for each column of the ``values``."""
+    return _multiplied.bind(values, matrices=matrices) if is_traced(values) else _multiply(values, matrices=matrices)
 
 
 def at_numbers(program: Callable[..., Array], owner: Any, rows: np.ndarray) -> np.ndarray:
@@ -171,6 +190,23 @@ _added = _linear(
     lambda values, rows: jnp.zeros((rows.count, *values.shape[rows.numbers.ndim :])).at[rows.numbers].add(values),
     lambda own, rows: (rows.count, *own[rows.numbers.ndim :]),
     lambda cotangent, rows: _taken.bind(cotangent, rows=rows),
+)
+
+
+def _multiply(values, *, matrices):
+    return np.stack([matrix @ column for matrix, column in zip(matrices.columns, np.asarray(values).T, strict=True)], axis=1)
+
+
+def _multiply_by_jax(values, *, matrices):
+    return jnp.stack([matrix.toarray() @ column for matrix, column in zip(matrices.columns, values.T, strict=True)], axis=1)
+
+
+_multiplied = _linear(
+    "multiplied",
+    _multiply,
+    _multiply_by_jax,
+    lambda own, matrices: (matrices.columns[0].shape[0], *own[1:]),
+    lambda cotangent, matrices: _multiplied.bind(cotangent, matrices=matrices.transposed),
 )
 
 

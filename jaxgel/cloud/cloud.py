@@ -7,14 +7,12 @@ parameters while all lists (neighbours, cells, edges) stay as they are.
 """
 
 import dataclasses
-import functools
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._programs import release_programs_where_crowded
-from .._sizes import taken
+from .._sizes import joined, multiplied, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int
 from .._validation import check_kind
@@ -120,19 +118,7 @@ def _topology(given, spacing, nodes_per_hole, across):
 def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
     """Positions of all vertices in the topology's ``frame`` for the holes of ``plate``; pure, smooth in every hole parameter."""
     plate = topology.frame.of(plate)
-    part, n = topology.partition, topology.n_background
-    on_outlines, regions = [arc_points(plate, o.arc, o.s) for o in topology.outlines], plate.with_regions_as_holes
-    for o in topology.interfaces:
-        on_outlines.append(o.trace.toarray() @ arc_points(regions, o.arc, o.s[::OUTLINE_SEGMENTS]))
-    cuts = topology.curves.points(part.cut_segments, part.cut_fractions)
-    return _carried(on_outlines, part.vertices, topology.morph if on_outlines else None, *cuts, n)
-
-
-@functools.partial(jax.jit, static_argnames="n")
-def _carried(outlines, vertices, morph, cut_vertices, cut_weights, n):
-    """Positions (v, 2) of all vertices for those of the ``outlines``; ``vertices`` (v, 2) on the reference, ``n`` of the background."""
-    placed = jnp.asarray(vertices[:n])
-    if outlines:
-        outline = jnp.concatenate(outlines)
-        placed = jnp.concatenate([placed + morph.displacement(outline - vertices[n : n + len(outline)]), outline])
-    return jnp.concatenate([placed, jnp.einsum("pk,pki->pi", cut_weights, placed[cut_vertices])])
+    regions = plate.with_regions_as_holes
+    points = [arc_points(plate, o.arc, o.s) for o in topology.outlines]
+    points += [arc_points(regions, o.arc, o.s[::OUTLINE_SEGMENTS]) for o in topology.interfaces]
+    return multiplied(joined([*points, np.ones((1, 2))]), topology.placement)

@@ -4,58 +4,42 @@ Outline nodes move with their hole, vertices on the edges of the plate slide alo
 and the spline carries both displacements inwards. It is linear in the displacements and exact for affine ones.
 """
 
-import dataclasses
-
-import jax
-import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from .._types import Array, Float, Int
+from .._types import Float
 from ..geometry import edge_lines
 from .outlines import Lines
 
 REST = -1  # source of a displacement of zero: a corner of the plate
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True, eq=False)
-class Morph:
-    """The linear map from the displacement of the outline vertices to that of the background vertices; a pytree of NumPy arrays."""
+def morph_matrices(background: Float[np.ndarray, "b 2"], lines: Lines) -> tuple[sp.csr_array, sp.csr_array]:
+    """Matrices (b, o), along x and along y, from the displacement of the outline vertices to that of the vertices ``background`` (b, 2).
 
-    matrix: Float[Array, "b c"]
-    """From the displacement of the controls, outline nodes and then vertices on the plate's edges, to that of the background vertices."""
-    nodes: Int[Array, " k"]
-    """Outline vertices that are controls."""
-    sources: Int[Array, "e 2"]
-    """Outline vertices between which each vertex on an edge slides, or ``REST``."""
-    fraction: Float[Array, " e"]
-    """Its position between them, 0 at the first."""
-    axis: Int[Array, " e"]
-    """Axis along which it slides."""
-
-    def displacement(self, outline: Float[Array, "o 2"]) -> Float[Array, "b 2"]:
-        """Displacement (b, 2) of the background vertices for that of the outline vertices, (o, 2)."""
-        ends = jnp.concatenate([outline, jnp.zeros((1, 2))])[self.sources]  # REST is the last row
-        f = self.fraction[:, None]
-        slide = ((1 - f) * ends[:, 0] + f * ends[:, 1]) * jax.nn.one_hot(self.axis, 2)
-        return self.matrix @ jnp.concatenate([outline[self.nodes], slide])
-
-
-def make_morph(background: Float[np.ndarray, "b 2"], lines: Lines) -> Morph:
-    """``Morph`` of the vertices ``background`` (b, 2) with the numbered ``lines``."""
+    The ``lines`` are numbered. Controls of the spline are the outline nodes and, after them, the vertices on the plate's edges.
+    """
     plate, n, outline, ends = lines.plate, len(background), np.concatenate([line.points for line in lines.both]), []
     for line in lines.both:
         ends += [(line.arc.start_edge, line.vertices[0] - n), (line.arc.end_edge, line.vertices[-1] - n)]
     nodes = np.concatenate([line.nodes for line in lines.both]) - n
     length, (on_edges, *slides) = max(plate.width, plate.height), _edge_slides(plate, background, outline, ends)
     apart = cKDTree(outline[nodes]).query(background[on_edges])[0] > 1e-9 * length  # an outline may end on an edge of the plate vertex
-    on_edges, sources, fraction, axis = (column[apart] for column in (on_edges, *slides))
+    on_edges, sources, fraction, along = (column[apart] for column in (on_edges, *slides))
     controls = np.concatenate([outline[nodes], background[on_edges]])
     matrix = thin_plate_matrix(controls, background, length)
     matrix[on_edges] = np.eye(len(controls))[len(nodes) :]
-    return Morph(matrix, nodes, sources, fraction, axis)
+    shares = np.stack([1 - fraction, fraction], axis=1)
+    made = []
+    for axis in range(2):
+        slides = (along == axis)[:, None] & (sources != REST)
+        rows = np.concatenate([np.arange(len(nodes)), len(nodes) + np.nonzero(slides)[0]])
+        entries = np.concatenate([np.ones(len(nodes)), shares[slides]])
+        of_outline = sp.csr_array((entries, (rows, np.concatenate([nodes, sources[slides]]))), (len(controls), len(outline)))
+        made.append(sp.csr_array((of_outline.T @ matrix.T).T))
+    return tuple(made)
 
 
 def _edge_slides(plate, background, outline, arc_ends):

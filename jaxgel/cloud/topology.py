@@ -8,12 +8,13 @@ import scipy.sparse as sp
 import shapely
 from scipy.spatial import cKDTree
 
+from .._sizes import Matrices
 from .._types import Float, Int
 from ..geometry import Frame, Plate, edge_lines, inside_holes, periods
 from .cells import SNAP, Partition, partition
 from .edges import find_rows
 from .ligaments import find_ligaments
-from .morph import Morph, make_morph
+from .morph import morph_matrices
 from .outlines import OUTLINE_SEGMENTS, Curves, Lines, curves_of, on_lines
 from .quadrature import Quadrature, cell_quadrature
 from .quadtree import Background, with_images
@@ -94,9 +95,25 @@ class Topology(Lines):
         return numbers, weights
 
     @functools.cached_property
-    def morph(self) -> Morph:
-        """How the background follows the outlines, ``morph.Morph``."""
-        return make_morph(self.background.vertices, self)
+    def placement(self) -> Matrices:
+        """Matrices (v, o + 1) from the points of the outlines, those of the nodes on interfaces and a last one (1, 1) to all vertices.
+
+        The background follows the outlines, see ``morph``, cut points lie on them, and the last point stands for what rests.
+        """
+        part, n, lines = self.partition, self.n_background, self.both
+        outline = np.concatenate([np.zeros((0, 2)), *(line.points for line in lines)])
+        traces = sp.block_diag(
+            [sp.csr_array((0, 0)), *(sp.eye_array(len(o.s)) for o in self.outlines), *(o.trace for o in self.interfaces)]
+        )
+        at, weights = self.curves.points(part.cut_segments, part.cut_fractions)
+        cut = sp.csr_array((weights.ravel(), (np.repeat(np.arange(len(at)), 3), at.ravel())), (len(at), n + len(outline)))
+        morphs = morph_matrices(self.background.vertices, self) if lines else 2 * (sp.csr_array((n, 0)),)
+        columns = []
+        for axis, morph in enumerate(morphs):
+            rest = np.append(part.vertices[:n, axis] - morph @ outline[:, axis], np.zeros(len(outline)))
+            placed = sp.hstack([sp.vstack([morph @ traces, traces]), sp.csr_array(rest[:, None])])
+            columns.append(sp.csr_array(sp.vstack([placed, cut @ placed])))
+        return Matrices(tuple(columns))
 
     @functools.cached_property
     def traces(self) -> sp.csr_array:
