@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._programs import fitted
 from .._tracing import is_traced
 from .._validation import check_kind
@@ -142,7 +143,7 @@ def _critical_tangent(point, value, problem, dots):
     return _onset_tangent(*fields, value, shared, dots, fold=point.kind == "fold")
 
 
-@functools.partial(jax.jit, static_argnames="fold")
+@compiled(static=("fold",))
 def _onset_tangent(x, modes, correction, value, problem, dots, *, fold):
     """Tangent () of a critical value: -(dPhi . dots) / (dPhi/dvalue) at fixed x, v, w; constrained nodes move with the dry plate."""
 

@@ -7,12 +7,12 @@ parameters while all lists (neighbours, cells, edges) stay as they are.
 """
 
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._programs import release_programs_where_crowded
 from .._sizes import taken
 from .._tracing import is_traced
@@ -128,7 +128,7 @@ def place(topology: Topology, plate: Plate) -> Float[Array, "v 2"]:
     return _carried(on_outlines, part.vertices, topology.morph if on_outlines else None, *cuts, n)
 
 
-@functools.partial(jax.jit, static_argnames="n")
+@compiled(static=("n",))
 def _carried(outlines, vertices, morph, cut_vertices, cut_weights, n):
     """Positions (v, 2) of all vertices for those of the ``outlines``; ``vertices`` (v, 2) on the reference, ``n`` of the background."""
     placed = jnp.asarray(vertices[:n])

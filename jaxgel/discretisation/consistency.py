@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._sizes import padded, resized
 from .._types import Array, Float, Int
 from ..cloud import Cloud
@@ -39,7 +40,7 @@ def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tu
     return cut
 
 
-@jax.jit
+@compiled()
 def _placed(vertices, layout):
     """Nodes, quadrature points and their weights, starts and middles of the contours' edges for these positions of the vertices."""
     quadrature = layout.quadrature
@@ -47,7 +48,7 @@ def _placed(vertices, layout):
     return vertices[layout.node_vertices], quadrature.points(vertices), quadrature.weights(vertices), on_contour
 
 
-@functools.partial(jax.jit, static_argnames="linear")
+@compiled(static=("linear",))
 def _consistent(nodes, points, weight, on_contour, trace, dphi, layout, *, linear):
     """What `consistent_patches` returns, padded."""
     cell, patch, contour = layout.quadrature.owner, layout.patch, layout.contour

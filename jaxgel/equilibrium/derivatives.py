@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
+from .._compiled import compiled
 from .._primitives import primitive
 
 
@@ -70,7 +71,7 @@ class _OfLeaves:
         return self.function(*jax.tree.unflatten(self.structure, leaves))
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@compiled(static=("function",))
 def remade(function: Callable[..., Any], *args: Any) -> Any:
     """Values of ``function`` by one program; only the arguments are kept for the reverse."""
     return jax.checkpoint(lambda *args: function(*args))(*args)
