@@ -18,6 +18,7 @@ from . import paper as paper
 from . import plotting as plotting
 from . import symmetry as symmetry
 from . import waves as waves
+from ._kept import keep_programs as keep_programs
 from .bifurcation import Barrier as Barrier
 from .bifurcation import CriticalPoint as CriticalPoint
 from .bifurcation import Loop as Loop

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+import jax
+from jax.core import Tracer
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
@@ -25,7 +27,7 @@ def primitive(
     def tangents(primals: Any, dots: Any, **parameters: Any) -> tuple[Any, Any]:
         found, changes = jvp(primals, [None if type(dot) is ad.Zero else dot for dot in dots], **parameters)
         pairs = zip(found, changes, strict=True) if several else ((found, changes),)
-        changes = [ad.Zero.from_primal_value(value) if change is None else change for value, change in pairs]
+        changes = [ad.Zero(jax.typeof(value).to_tangent_aval()) if change is None else change for value, change in pairs]
         return found, changes if several else changes[0]
 
     def cotangents(given: Any, *args: Any, **parameters: Any) -> Any:
@@ -37,3 +39,10 @@ def primitive(
     mlir.register_lowering(made, mlir.lower_fun(traced, multiple_results=several))
     batching.primitive_batchers[made] = batch
     return made
+
+
+def differentiated_value(leaf: Any) -> Any:
+    """The value that JAX differentiates: an array, or a tracer of another transformation."""
+    while isinstance(leaf, Tracer) and hasattr(leaf, "primal"):
+        leaf = leaf.primal
+    return leaf

@@ -7,9 +7,9 @@ import sys
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
-import jax
 import numpy as np
 
+from ._compiled import compiled
 from ._sizes import resized
 
 P = ParamSpec("P")
@@ -27,7 +27,7 @@ def program(*, returns: Any = None, static: tuple[str, ...] = (), **axes: str) -
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        compiled = jax.jit(function, static_argnames=static)
+        jitted = compiled(static=static)(function)
         names = list(inspect.signature(function).parameters)
         place = names.index("problem" if "problem" in names else "model")
 
@@ -41,10 +41,10 @@ def program(*, returns: Any = None, static: tuple[str, ...] = (), **axes: str) -
             given = [fitted(arg, axes[name], lengths) if name in axes else arg for name, arg in zip(names, args, strict=False)]
             given[place] = shared
             options = {name: fitted(arg, axes[name], lengths) if name in axes else arg for name, arg in options.items()}
-            found = compiled(*given, **options)
+            found = jitted(*given, **options)
             return _cut(found, returns, owner.lengths) if returns else found
 
-        call.clear_cache = compiled.clear_cache  # as `release_programs` asks for
+        call.clear_cache = jitted.clear_cache  # as `release_programs` asks for
         return call
 
     return decorate
@@ -69,7 +69,7 @@ def release_programs() -> None:
     for name, module in list(sys.modules.items()):
         if name == __package__ or name.startswith(f"{__package__}."):
             for value in list(vars(module).values()):
-                if hasattr(value, "clear_cache"):
+                if hasattr(value, "clear_cache") and not isinstance(value, type):
                     value.clear_cache()
 
 

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._programs import fitted
 from .._types import Scalar
 from ..continuation import StabilityAnalysis, across
@@ -167,7 +168,7 @@ def _change_of_height(point, _, of, dots):
     return _energy_change(*states, (shared, of[1]), (shared_dots, dots[1]))
 
 
-@jax.jit
+@compiled()
 def _energy_change(saddle, state, of, dots):
     """Tangent () of the difference of two states' energies, the unknowns at rest."""
 

@@ -15,13 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._derivatives import first_order_only, without_derivatives
+from .._compiled import compiled
 from .._programs import fitted
 from .._tracing import is_traced
 from .._validation import check_kind
 from ..continuation import Path
 from ..controls import check_values
-from ..equilibrium import UNOBSERVED, Observer
+from ..equilibrium import UNOBSERVED, Observer, first_order_only, without_derivatives
 from ..mechanics import Problem, curvature, residual, shared_tangents, touches
 from .points import CriticalPoint
 from .search import locate
@@ -143,7 +143,7 @@ def _critical_tangent(point, value, problem, dots):
     return _onset_tangent(*fields, value, shared, dots, fold=point.kind == "fold")
 
 
-@functools.partial(jax.jit, static_argnames="fold")
+@compiled(static=("fold",))
 def _onset_tangent(x, modes, correction, value, problem, dots, *, fold):
     """Tangent () of a critical value: -(dPhi . dots) / (dPhi/dvalue) at fixed x, v, w; constrained nodes move with the dry plate."""
 

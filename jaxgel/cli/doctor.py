@@ -1,4 +1,4 @@
-"""``jaxgel doctor``: versions, float64, threads, and two computations whose results are known.
+"""``jaxgel doctor``: versions, float64, threads, kept programs, and two computations whose results are known.
 
 A released jaxlib sums float64 numbers wrongly beyond 16,384 rows, without an error; so both are computed at more points than that.
 """
@@ -13,23 +13,38 @@ import jax.numpy as jnp
 import numpy as np
 from threadpoolctl import threadpool_info
 
+from .._kept import KEPT, PROGRAM, WAITING
 from .._threads import usable_cores
+from ..cases import sample
+from ..cloud import make_cloud
+from ..continuation import sweep
+from ..discretisation import discretise
 from ..materials import Gel, free_swelling
+from ..mechanics import Problem
+from ..observables import history, rotation_angle
 from .environment import DONE, STOPPED
+from .starting import sample_names
 
 POINTS = 16_385
+FIRST_MU = -4.0  # kT: of the state for whose sake programs are compiled
 AGREEMENT = 1e-9  # relative: round-off stays below 1e-11, a wrong program is wrong in the first digits
 SWOLLEN = 1.073959312922861  # free-swelling stretch of Gel(Nv=1e-3, chi=0.2) at mu = -1
 
 
-def doctor(_: Namespace) -> int:
-    """``jaxgel doctor``: what is installed, and the difference of each computation from its known result; the exit code."""
+def doctor(args: Namespace) -> int:
+    """``jaxgel doctor``: what is installed, and the difference of each computation from its known result; the exit code.
+
+    With ``--warm`` the programs of the built-in cases are compiled and kept.
+    """
     packages = ("jaxgel", "jax", "jaxlib", "numpy", "scipy", "shapely", "matplotlib", "optax")
     pools = {f"{pool.get('internal_api', pool['user_api'])} {pool['num_threads']}" for pool in threadpool_info()}
     print(f"Python {platform.python_version()} on {platform.platform()}")
     print(", ".join(f"{name} {version(name)}" for name in packages))
     print(f"float64: {'on' if jnp.zeros(()).dtype == jnp.float64 else 'OFF: something switched jax_enable_x64 off'}")
     print(f"device: {jax.devices()[0].platform}; {usable_cores()} cores; threads: {', '.join(sorted(pools))}")
+    if args.warm:
+        compile_samples()
+    print(f"kept programs: {kept_programs()}")
     wrong = []
     for name, difference in differences().items():
         print(f"{name}: relative difference {difference:.1e}", flush=True)
@@ -37,6 +52,28 @@ def doctor(_: Namespace) -> int:
     if wrong:
         print(f"jaxgel: this installation computes wrongly: {', '.join(wrong)}; install another jaxlib", file=sys.stderr)
     return STOPPED if wrong else DONE
+
+
+def kept_programs() -> str:
+    """Number, size and folder of the programs that are kept for processes like this one."""
+    if KEPT.root is None or KEPT.folder is None:
+        return "none"
+    sizes = [file.stat().st_size for file in KEPT.folder.iterdir() if file.suffix in (PROGRAM, WAITING)]
+    return f"{len(sizes)}, {sum(sizes) / 1e6:.1f} MB, in {KEPT.folder}"
+
+
+def compile_samples() -> None:
+    """Sweep each built-in plate to one state and differentiate its rotation by the plate, for the programs."""
+    for name in sample_names():
+        plate = sample(name)
+        cloud = make_cloud(plate)
+
+        def rotation(plate, cloud=cloud):
+            return rotation_angle(sweep(Problem(discretise(cloud.at(plate)), plate.gel), [FIRST_MU]))[-1]
+
+        print(f"compiling {name}", flush=True)
+        history(sweep(Problem(discretise(cloud), plate.gel), [FIRST_MU]))
+        jax.grad(rotation, allow_int=True)(plate)
 
 
 def differences() -> dict[str, float]:

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import jax
 
+from .._kept import KEPT, user_folder
+
 DONE, UNUSABLE, STOPPED, INTERRUPTED, UNREAD = 0, 2, 3, 130, 141
 REFUSED = {
     "0.10.2": "sums float64 numbers wrongly on the CPU (jax issue 39103)",
@@ -33,7 +35,8 @@ def check_jaxlib(found: str | None = None) -> None:
 def prepare_environment(cache: str | None = None) -> None:
     """Set what JAX and Matplotlib read when they start, here and in worker processes; variables that the user has set are kept.
 
-    ``cache`` is the folder of compiled programs or "off", see `cache_folder`.
+    ``cache`` is the folder of compiled programs or "off", see `cache_folder`. Programs are kept there, see `keep_programs`,
+    unless it is that of ``JAX_COMPILATION_CACHE_DIR``, which users may share.
     """
     os.environ.setdefault("JAX_PLATFORMS", "cpu")  # a GPU gains nothing on programs that the host drives, see docs/dependencies.md
     own = os.environ.get("XLA_FLAGS", "")
@@ -44,7 +47,7 @@ def prepare_environment(cache: str | None = None) -> None:
     if os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") == "1" and "JAX_LOGGING_LEVEL" not in os.environ:  # 1 is what JAX itself has set
         os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"  # XLA writes its machine's features for every program from the cache
         jax.config.update("jax_logging_level", "CRITICAL")
-    folder = cache_folder(cache)
+    folder, shared = cache_folder(cache), not cache and "JAX_COMPILATION_CACHE_DIR" in os.environ
     if folder is None:
         os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "false"
     else:
@@ -54,6 +57,7 @@ def prepare_environment(cache: str | None = None) -> None:
     jax.config.update("jax_enable_compilation_cache", folder is not None)  # JAX has read its variables when it was imported
     jax.config.update("jax_compilation_cache_dir", folder)
     jax.config.update("jax_platforms", os.environ["JAX_PLATFORMS"])
+    KEPT.keep(None if folder is None or shared else Path(folder) / "programs")
 
 
 def collect_seldom() -> None:
@@ -75,14 +79,13 @@ def cache_folder(cache: str | None = None) -> str | None:
         return None
     if chosen:
         return str(Path(chosen).expanduser())
-    from platformdirs import user_cache_path
-
-    return str(user_cache_path("jaxgel", appauthor=False) / f"jaxlib-{version('jaxlib')}")
+    return str(user_folder())
 
 
-def limit_threads(number: int) -> None:
-    """What a worker process does first: so many threads for XLA, which reads the variable when it starts, not when it is imported."""
-    os.environ["NPROC"] = str(number)
+def prepare_worker(threads: int, programs: Path | None) -> None:
+    """What a worker process does first: so many ``threads`` for XLA, which reads the variable when it starts; folder of kept programs."""
+    os.environ["NPROC"] = str(threads)
+    KEPT.keep(programs)
 
 
 def quick_flags(found: str | None = None) -> list[str]:

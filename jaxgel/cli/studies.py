@@ -10,10 +10,11 @@ from pathlib import Path as File
 
 import numpy as np
 
+from .._kept import KEPT
 from .._threads import usable_cores
 from ..cases import OPTIMA, TABLE, MapStudy, Study, load_map, load_study, run_map, run_study
 from ..io import Workers, dask_executor, open_folder
-from .environment import DONE, INTERRUPTED, STOPPED, limit_threads
+from .environment import DONE, INTERRUPTED, STOPPED, prepare_worker
 from .runs import printer
 
 POINTS_EACH = 50  # points of a map in one process, as those with a cloud of their own leave programs in its memory
@@ -89,7 +90,7 @@ def _workers(args, threads, calls_each):
     """Context with the executor that the options ask for; ``threads`` and ``calls_each`` are of processes on this machine."""
     if args.scheduler:
         return dask_executor(args.scheduler)
-    return Workers(args.workers or usable_cores(), functools.partial(limit_threads, threads), calls_each)
+    return Workers(args.workers or usable_cores(), functools.partial(prepare_worker, threads, KEPT.root), calls_each)
 
 
 def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> int:

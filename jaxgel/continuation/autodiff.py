@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
-from .._derivatives import no_tangents, with_derivatives_of
+from .._compiled import compiled
 from .._programs import fitted
 from .._threads import few_threads
 from .._tracing import is_traced
 from ..controls import Control, check_values
-from ..equilibrium import StateNotFound, Status, remedy, state_tangents
+from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents, with_derivatives_of
 from ..linalg import remember
 from ..mechanics import Problem, shared_tangents, state_pressure, total_energy
 from .follow import Followed, Following
@@ -138,7 +138,7 @@ def first_state_failed(control: Control, value: float, status: Status) -> SweepF
     return SweepFailed(f"sweep: no equilibrium at {control.name} = {value:.6g}: {status.text}{remedy(status, control.name)}")
 
 
-@jax.jit
+@compiled()
 @functools.partial(jax.vmap, in_axes=(0, None, 0))
 def _of_states(x, problem, value):
     """Total energy (k,), pressures (k, g) and mu (k,) of the states ``x`` (k, n, 2) at ``value`` (k,), in one program."""

@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._derivatives import first_order_only
+from .._compiled import compiled
 from .._programs import fitted
 from .._tracing import is_traced
 from .._types import Array, Float
+from ..equilibrium import first_order_only
 from ..linalg import SingularTangent, lowest_mode
 from ..materials import gel_at_points
 from ..mechanics import curvature, deformation_gradients, factorised_tangent, linearise, scatter, shared_tangents, touches
@@ -66,7 +67,7 @@ def _lowest_jvp(structure, primals, tangents):
     return (values, modes), (_change(*along, shared, shared_dot, at, at_dot), jnp.zeros_like(modes))
 
 
-@jax.jit
+@compiled()
 def _change(modes, x, x_dot, problem, problem_dot, values, values_dot):
     """Tangents (k,) of the quotients of energy and network stiffness along ``modes`` (k, n, 2)."""
 

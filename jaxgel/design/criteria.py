@@ -5,7 +5,6 @@ function of the path, or of the plate, that is met where it is not negative. Len
 """
 
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import Inadmissible
@@ -183,7 +183,7 @@ def _nearest_images(plate):
     return along * np.round((middles[:, None] - middles) / np.where(along > 0, along, 1.0))
 
 
-@jax.jit
+@compiled()
 def _widths_between(hole, other, offsets):
     """Smallest distances (m,) between two outlines, the second one translated by ``offsets`` (m, 2); compiled once per pair of kinds."""
     return jax.vmap(lambda by: _width_between(hole, other, by))(offsets)
@@ -199,7 +199,7 @@ def _width_between(hole, other, by):
     return jnp.linalg.norm(hole.point(nearest[0]) - other.point(nearest[1]) - by)
 
 
-@functools.partial(jax.jit, static_argnames="axis")
+@compiled(static=("axis",))
 def _width_to_wall(hole, line, axis):
     """Smallest distance () from an outline to the wall where the coordinate ``axis`` has the value ``line``; negative beyond it."""
     t, inwards = jnp.arange(LIGAMENT_SAMPLES) / LIGAMENT_SAMPLES, -jnp.sign(line)

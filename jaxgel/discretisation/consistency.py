@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._derivatives import with_own_derivatives
+from .._compiled import compiled
 from .._sizes import padded, resized
 from .._types import Array, Float, Int
 from ..cloud import Cloud
@@ -40,7 +40,7 @@ def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tu
     return cut
 
 
-@with_own_derivatives()
+@compiled()
 def _placed(vertices, layout):
     """Nodes, quadrature points and their weights, starts and middles of the contours' edges for these positions of the vertices."""
     quadrature = layout.quadrature
@@ -48,7 +48,7 @@ def _placed(vertices, layout):
     return vertices[layout.node_vertices], quadrature.points(vertices), quadrature.weights(vertices), on_contour
 
 
-@with_own_derivatives(static=("linear",))
+@compiled(static=("linear",))
 def _consistent(nodes, points, weight, on_contour, trace, dphi, layout, *, linear):
     """What `consistent_patches` returns, padded."""
     cell, patch, contour = layout.quadrature.owner, layout.patch, layout.contour

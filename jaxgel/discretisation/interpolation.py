@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._derivatives import with_own_derivatives
+from .._compiled import compiled
 from .._sizes import joined, padded, resized, rung, step, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int, Num
@@ -39,12 +39,12 @@ class Interpolation:
     dphi: Float[Array, "p a 2"]
     """Their gradients, 1/mm."""
 
-    @jax.jit
+    @compiled()
     def position(self, x: Float[Array, "n d"]) -> Float[Array, "p d"]:
         """Deformed positions of the points for nodal positions ``x``, mm, or other fields (d) of the nodes."""
         return jnp.einsum("pa,pai->pi", self.phi, x[self.nodes])
 
-    @jax.jit
+    @compiled()
     def deformation_gradient(self, x: Float[Array, "n 2"]) -> Float[Array, "p 2 2"]:
         """Deformation gradients at the points."""
         return jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi)
@@ -111,7 +111,7 @@ def evaluate_groups(
     return tuple(joined([*parts, *parts[-1:] * (len(own) - len(used))]) for parts in zip(*groups, strict=True))
 
 
-@with_own_derivatives(static=("basis", "gradients"))
+@compiled(static=("basis", "gradients"))
 def _evaluated(points, neighbours, supports, *, basis, gradients):
     """Shape functions (g, a) at points (g, 2) with neighbours (g, a, 2) and supports (g, a) of their own, and their gradients."""
 

@@ -1,6 +1,7 @@
 """Equilibrium: one state at one value of the control, its status, and its derivative."""
 
 from .bordered_newton import Conditions, solve_bordered, solve_pinned
+from .derivatives import first_order_only, no_tangents, with_derivatives_of, without_derivatives
 from .implicit import state_tangents
 from .newton import NEWTON, Newton, advanced, iterate, solve, starting, with_own_factor
 from .observer import UNOBSERVED, Observer
@@ -26,9 +27,11 @@ __all__ = [
     "as_number",
     "control_force",
     "dry_state",
+    "first_order_only",
     "for_derivatives",
     "iterate",
     "linearised",
+    "no_tangents",
     "of_outlines",
     "pressure_rate",
     "relax",
@@ -39,5 +42,7 @@ __all__ = [
     "solve_pinned",
     "starting",
     "state_tangents",
+    "with_derivatives_of",
     "with_own_factor",
+    "without_derivatives",
 ]

@@ -6,20 +6,20 @@ nothing asks about costs no linear solve, and outside of JAX's transformations n
 """
 
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._derivatives import Tangent, remade
+from .._compiled import compiled
 from .._primitives import primitive
 from .._programs import fitted
 from .._sizes import padded, rung
 from .._tracing import is_traced
 from .._types import Array, Float
 from ..mechanics import Equations, Problem, gather, residual, total_energy
+from .derivatives import Tangent, remade
 from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
 
@@ -118,21 +118,21 @@ class _Forces:
         return residual(x, now.model, now.gel, mu, now.loads, self.pressure)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@compiled(static=("map_",))
 def _mapped(map_, states, leaves, dots):
     """Values of ``map_`` for one group of states after the other; only its arguments are kept for the reverse."""
     one = jax.checkpoint(lambda x, pressure, mu, mu_dot: map_.of_group(x, pressure, mu, leaves, mu_dot, dots))
     return lax.map(lambda state: one(*state), states)
 
 
-@functools.partial(jax.jit, static_argnames=("number", "size"))
+@compiled(static=("number", "size"))
 def _in_groups(values, number, size):
     """The values (k, ...) in groups (number, size, ...), padded with the last one."""
     rest = number * size - len(values)
     return jnp.concatenate([values, jnp.broadcast_to(values[-1:], (rest, *values.shape[1:]))]).reshape(number, size, *values.shape[1:])
 
 
-@functools.partial(jax.jit, static_argnames="count")
+@compiled(static=("count",))
 def _ungrouped(values, count):
     return [value.reshape(-1, *value.shape[2:])[:count] for value in values]
 
@@ -155,7 +155,7 @@ def _transposed(cotangents, args, *, map_):
     return [*(next(rest) if asked else None for asked in wanted), *(None for _ in others)]
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@compiled(static=("map_",))
 def _reversed(map_, cotangents, others):
     """The same by JAX."""
     leaves = others[3:]
@@ -179,7 +179,7 @@ def _of_wanted_states(map_, cotangents, others, wanted):
     return [found[0][: len(x)], *found[1:]] if wanted[0] else found
 
 
-@functools.partial(jax.jit, static_argnums=0, static_argnames=("wanted", "size"))
+@compiled(static=("map_", "wanted", "size"))
 def _over_states(map_, states, numbers, steps, leaves, *, wanted, size):
     """The wanted cotangents, summed over the states of these ``numbers``, ``size`` of them in each of so many ``steps``.
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from .._compiled import compiled
 from .._types import Array, Float
 from ..mechanics import Equations, Free, constrained_part, deformation_gradients, restrict, scatter
 
@@ -60,7 +61,7 @@ def edge_cotangents(problem: Equations, values: Float[Array, " k"], forces: Floa
     return jax.grad(work, (0, 1))(problem.control, values)
 
 
-@jax.jit
+@compiled()
 def moved(motion: Float[Array, "k n 2"], correction: Float[Array, "k f"], free: Free) -> Float[Array, "k n 2"]:
     """Nodal motions (k, n, 2): the prescribed ones and the corrections (k, f) of the free degrees of freedom."""
     return motion + jax.vmap(lambda dx: scatter(dx, free))(correction)

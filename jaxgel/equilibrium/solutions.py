@@ -13,12 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._derivatives import Tangent, remade
 from .._primitives import primitive
 from .._threads import ONE_THREAD, few_threads, usable_threads
 from ..discretisation import Body
 from ..linalg import RECENT_FACTORS, SingularTangent, solve_near
 from ..mechanics import TangentOperator, gather, hessian_product, is_sparse, linearise, scatter, tangent
+from .derivatives import Tangent, remade
 
 STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
 BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._types import Array, Float, Scalar
 
 C = TypeVar("C", bound=type)
@@ -102,7 +103,7 @@ def checked_parameter(value: object, shape: tuple, name: str) -> Array:
     return array
 
 
-@jax.jit
+@compiled()
 def outline_points(hole: Hole, t: Float[Array, " m"]) -> Float[Array, "m 2"]:
     """Points (m, 2) of the outline at the parameters ``t`` (m,), mm; compiled once per kind of hole."""
     return jax.vmap(hole.point)(t)

@@ -5,7 +5,6 @@ parameters. ``arcs``, ``equal_arc_length`` and ``inside_holes`` work on the host
 """
 
 import dataclasses
-import functools
 import itertools
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.optimize import brentq, minimize_scalar
 
+from .._compiled import compiled
 from .._sizes import at_numbers
 from .._types import Array, Bool, Float, Scalar
 from .boundary import EDGES
@@ -102,7 +102,7 @@ def inside_holes(plate: Plate, points: Float[Array, "p 2"] | list[Any], toleranc
     return inside
 
 
-@functools.partial(jax.jit, static_argnames="axis")  # compiled once per kind of hole
+@compiled(static=("axis",))  # compiled once per kind of hole
 def _meet(hole, t, axis, coordinate):
     """The t at which the hole's outline meets the line of an edge, from the guess ``t``."""
 
@@ -113,12 +113,12 @@ def _meet(hole, t, axis, coordinate):
     return jax.lax.fori_loop(0, NEWTON_STEPS, newton_step, t)
 
 
-@jax.jit
+@compiled()
 def _speeds(hole, t):
     return jnp.linalg.norm(jax.vmap(lambda t: jax.jvp(hole.point, (t,), (jnp.ones_like(t),))[1])(t), axis=-1)
 
 
-@jax.jit
+@compiled()
 def _excess(hole, points):
     return jax.vmap(hole.excess)(points)
 

@@ -9,6 +9,7 @@ import numpy as np
 from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkGroup, VtkTriangle
 
+from .._compiled import compiled
 from .._types import Array, Float, Int
 from ..continuation import Path
 from ..discretisation import make_probe
@@ -72,7 +73,7 @@ def point_fields(path: Path, used: Int[np.ndarray, " u"]) -> dict[str, np.ndarra
     return {name: np.asarray(v) for name, v in fields.items()} | {f"principal_stretch_{i + 1}": stretches[..., i] for i in range(2)}
 
 
-@jax.jit
+@compiled()
 def _at_points(probe: Any, x: Float[Array, "k n 2"], stress: Float[Array, "k n 3"]) -> tuple[Array, Array, Array]:
     """Positions (k, u, 2), deformation gradients (k, u, 2, 2) and stresses (k, u, 3) at a probe's points."""
     return tuple(jax.vmap(part)(field) for part, field in ((probe.position, x), (probe.deformation_gradient, x), (probe.position, stress)))

@@ -19,6 +19,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from .._compiled import compiled
 from .._types import Array, Float, Scalar
 from .checks import check_number
 from .fields import Field, elementwise
@@ -121,13 +122,13 @@ def cauchy_stress(
     return jax.grad(network_at(gel, axial))(F, gel) @ F.T / J + pressure * jnp.eye(2)
 
 
-@jax.jit
+@compiled()
 def osmotic(J: Numbers, mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Pressure p = d volumetric / dJ - ``mu``, in kT/v, at the volume ratio ``J`` (...) > 1."""
     return elementwise(jax.grad(gel.volumetric), J, gel) - mu
 
 
-@jax.jit
+@compiled()
 def bulk_stiffness(J: Numbers, gel: Any) -> Float[Array, "..."]:
     """dp/dJ, in kT/v, at the volume ratio ``J`` (...) > 1; about 1/(J-1), so 1e3 to 1e5 times Nv over most of a sweep."""
     return elementwise(jax.grad(jax.grad(gel.volumetric)), J, gel)

@@ -18,6 +18,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from .._compiled import compiled
 from .._types import Array, Float, Scalar
 from .composite import takes_solvent
 from .fields import elementwise
@@ -50,19 +51,19 @@ class VolumeLaw:
     def _held(self):
         return 1.0 if self.axial is None else self.axial
 
-    @jax.jit
+    @compiled()
     def energy(self, A: Numbers) -> Float[Array, "..."]:
         """Energy w (...), kT/v, at the areal stretch ``A`` (...)."""
         if self.film:
             return _film_energy(A, self.gel, self.mu)
         return _free_part(self._held * jnp.asarray(A, float), self.gel, self.mu)
 
-    @jax.jit
+    @compiled()
     def pressure(self, A: Numbers) -> Float[Array, "..."]:
         """Pressure dw/dA (...), kT/v, at the areal stretch ``A`` (...)."""
         return _derivative(self.energy, A)
 
-    @jax.jit
+    @compiled()
     def stiffness(self, A: Numbers, J: Numbers | None = None) -> Float[Array, "..."]:
         """Stiffness d2w/dA2 (...), kT/v, at the areal stretch ``A`` (...); of a film with the volume ratio ``J`` if that is given."""
         if not self.film:
@@ -76,7 +77,7 @@ class VolumeLaw:
 
         return elementwise(condensed, A, J, self.gel, self.mu)
 
-    @jax.jit
+    @compiled()
     def volume_ratio(self, A: Numbers) -> Float[Array, "..."]:
         """Volume ratio J (...) at the areal stretch ``A`` (...) > 0.
 
@@ -85,7 +86,7 @@ class VolumeLaw:
         """
         return _film_volume_ratio(A, self.gel, self.mu) if self.film else self._held * jnp.asarray(A, float)
 
-    @jax.jit
+    @compiled()
     def areal_stretch(self, p: Numbers, largest: Numbers | None = None) -> Float[Array, "..."]:
         """Areal stretch A (...) at which the pressure is ``p`` (...): the inverse of `pressure`, finite for every p.
 
@@ -105,13 +106,13 @@ class VolumeLaw:
         J = first_root(_at_pressure, target, end, gel, p, least=jnp.maximum(least_volume_ratio(gel), 0.5))
         return jnp.cbrt(-gel.Nv * J**2 / p)
 
-    @jax.jit
+    @compiled()
     def swelling(self, A: Numbers) -> Float[Array, "..."]:
         """What the accuracy of the areal stretch ``A`` (...) is measured by: the solvent J - 1 in a gel, J in elastomers, A in films."""
         A = jnp.asarray(A, float)
         return A if self.film else self._held * A - least_volume_ratio(self.gel)
 
-    @jax.jit
+    @compiled()
     def stiff_until(self, stiffness: Numbers) -> Float[Array, "..."]:
         """Areal stretch (...) up to which the law is stiffer than ``stiffness`` (...), kT/v, see `swelling.stiff_until`; 0 for a film."""
         return jnp.zeros(()) if self.film else stiff_until(stiffness, self.gel) / self._held

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
+from .._compiled import compiled
 from .._tracing import is_traced
 from .._types import Array, Bool, Float, Scalar
 from .._validation import finite_numbers, one_of
@@ -110,7 +111,7 @@ def coexistence(gel: Any, mu: Scalar | None = None, between: tuple[float, float]
     return PhasePoints(found[:, 2], found[:, :2])
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@compiled(static=("energy",))
 def _derivatives(energy, J, gel):
     """W, W' and W'' (3, n) at the volume ratios ``J`` (n,)."""
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from .._compiled import compiled
 from .._types import Array, Float, Scalar
 from .composite import Composite, Filled
 from .fields import Field
@@ -167,7 +168,7 @@ def _ionic_jvp(primals, tangents):
 
 
 @jax.custom_jvp
-@jax.jit
+@compiled()
 def _donnan(bath, acid, shift):
     """Psi >= 0 at which charges balance, see `_ionic`.
 

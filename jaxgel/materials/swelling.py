@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._types import Array, Bool, Float, Int, Scalar
 from .composite import Filled, takes_solvent
 from .fields import elementwise
@@ -46,7 +47,7 @@ def _uniaxial(J, gel):
     return gel.network(jnp.diag(jnp.stack([jnp.ones_like(J), J])), gel) + gel.volumetric(J, gel)
 
 
-@jax.jit
+@compiled()
 def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any, largest: Numbers | None = None) -> Float[Array, "..."]:
     """Volume ratio J (...) > 1 at which ``osmotic(J, mu, gel)`` equals ``p`` (...): the inverse of ``osmotic``. Finite for every p.
 
@@ -64,7 +65,7 @@ def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any, largest: Numbers | None =
     return first_root(_volume_only, p + takes_solvent(gel) * mu, ends, gel)
 
 
-@jax.jit
+@compiled()
 def free_swelling(mu: Numbers, gel: Any, axial: Scalar | None = None) -> Float[Array, "..."]:
     """In-plane stretch l (...) of the gel that swells freely at ``mu`` (...): dW/dl = 0 at F = diag(l, l, 1); Eq. (6) with S = 0.
 
@@ -80,7 +81,7 @@ def free_swelling(mu: Numbers, gel: Any, axial: Scalar | None = None) -> Float[A
     return jnp.sqrt(_volume_ratio_or_nan(_free_held, mu, gel, axial) / axial)
 
 
-@jax.jit
+@compiled()
 def isotropic_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Stretch l (...) of a gel that swells freely in all three directions at ``mu`` (...), and of a free film; NaN where there is none.
 
@@ -89,7 +90,7 @@ def isotropic_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     return jnp.cbrt(_volume_ratio_or_nan(_isotropic, mu, gel))
 
 
-@jax.jit
+@compiled()
 def uniaxial_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Stretch l2 (...) of the gel that swells along x2 only, at ``mu`` (...): dW/dl2 = 0 at F = diag(1, l2, 1); Eq. (59).
 
@@ -99,7 +100,7 @@ def uniaxial_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     return _volume_ratio_or_nan(_uniaxial, mu, gel)
 
 
-@jax.jit
+@compiled()
 def largest_mu(gel: Any) -> Float[Array, ""]:
     """Supremum () of the chemical potentials, in kT, that have a ``free_swelling`` connected with the dry state.
 
@@ -110,13 +111,13 @@ def largest_mu(gel: Any) -> Float[Array, ""]:
     return _largest_slope(_free, gel)
 
 
-@jax.jit
+@compiled()
 def largest_pressure(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     """Supremum (...) of the pressures, in kT/v, that the gel can carry at ``mu`` (...): see ``volume_ratio_at``."""
     return _largest_slope(_volume_only, gel) - jnp.asarray(mu, float)
 
 
-@jax.jit
+@compiled()
 def stiff_until(stiffness: Numbers, gel: Any) -> Float[Array, "..."]:
     """Volume ratio J (...) up to which the pressure grows from the dry state on by more than ``stiffness`` (...), kT/v, with J.
 
@@ -127,7 +128,7 @@ def stiff_until(stiffness: Numbers, gel: Any) -> Float[Array, "..."]:
     return branch_ends(_volume_less, gel, jnp.asarray(stiffness, float), rises=rises)
 
 
-@jax.jit
+@compiled()
 def phase_of(J: Numbers, gel: Any) -> Int[Array, "..."]:
     """Phase (...) of the gel at the volume ratio ``J`` (...) > 1: 0 collapsed, up to the first spinodal; beyond it 2, swollen, where the
     pressure grows with J again, and 1 between, where it falls: there the gel is unstable unless it is held.
@@ -148,7 +149,7 @@ def rises_always(gel: Any) -> Bool[Array, ""] | bool:
     return of_solvent is flory_rehner and _no_spinodal(gel)
 
 
-@jax.jit
+@compiled()
 def _no_spinodal(gel):
     return jnp.all(good_solvent(gel.Nv, gel.chi) | ~takes_solvent(gel))
 
@@ -190,7 +191,7 @@ def first_root(
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-@functools.partial(jax.jit, static_argnums=0)
+@compiled(static=("energy",))
 def _volume_ratio(energy, target, of, least, end):
     """The first J () above ``least`` () whose slope d energy(J, *of)/dJ is ``target`` (), by Newton's method in u = ln(J - least), and
     whether there is one.

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
+from .._compiled import compiled
 from .._types import Array, Chemical, Float
 from ..discretisation import Body
 from ..materials import LocalGel, elementwise, gel_at_points, network_at
@@ -71,7 +72,7 @@ def _network_and_ratios(x, model, gel):
 
 residual: Callable[..., Array] = jax.grad(total_energy)
 """Residual (n, 2) of the total energy, kT/v mm: zero on the free degrees of freedom at equilibrium."""
-energy_at = jax.jit(total_energy)
+energy_at = compiled()(total_energy)
 """Compiled `total_energy` of a model and its own sizes."""
 
 

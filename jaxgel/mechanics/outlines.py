@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import shapely
 
+from .._compiled import compiled
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
 from ..cloud import Topology
@@ -143,7 +144,7 @@ def crosses(arcs: list[np.ndarray], held: Float[np.ndarray, "e 2 2"]) -> bool:
     return bool(np.any(first != second))
 
 
-_compiled_arcs = jax.jit(outline_arcs)
+_compiled_arcs = compiled()(outline_arcs)
 
 
 def overlaps(x: Float[Array, "n 2"], model: Model) -> bool:

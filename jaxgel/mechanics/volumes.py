@@ -9,11 +9,11 @@ The chemical potential is one number, or one for each group (g,).
 import dataclasses
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._compiled import compiled
 from .._types import Array, Chemical, Float, Scalar
 from ..discretisation import Body, PatchBlock
 from ..materials import LocalGel, VolumeLaw, gel_in_groups, rises_always, takes_solvent
@@ -83,7 +83,7 @@ def of_groups(parts: list[Array], model: Body) -> Float[Array, " g"]:
     return total
 
 
-@jax.jit
+@compiled()
 def volume_ratios(x: Float[Array, "n 2"], model: Body) -> Float[Array, " g"]:
     """Volume ratios (g,) of all groups that carry volume, moments of J of those that are held; 2 for padding."""
 

@@ -7,10 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._memo import once_per_owner
 from .._types import Array, Float, Scalar
 from ..continuation import Path
-from ..discretisation import Interpolation, Model, make_probe
+from ..discretisation import Model, make_probe
 from ..materials import (
     LocalGel,
     LocalValues,
@@ -60,7 +61,7 @@ def macroscopic_deformation(path: Path) -> Float[Array, "k 2 2"]:
     return _macroscopic_deformation(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
 
 
-@jax.jit
+@compiled()
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
 def _macroscopic_deformation(x, at, problem):
     return deformation_of(x, problem.model.lists.topology, problem.edges(at).deformation)
@@ -77,7 +78,7 @@ def membrane_stress(path: Path) -> Float[Array, " k"]:
     return _membrane_stress(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value), path.problem)
 
 
-@jax.jit
+@compiled()
 @functools.partial(jax.vmap, in_axes=(0, 0, 0, None))
 def _membrane_stress(x, p, at, problem):
     problem, _ = problem.at(at)
@@ -128,7 +129,7 @@ def _host_volume_ratio(path: States) -> Float[np.ndarray, "k c"]:
     return np.asarray(volume_ratio(path))
 
 
-@jax.jit
+@compiled()
 def cell_volumes(model: Model) -> Float[Array, " c"]:
     """Dry volume of every cell, mm^2 (per unit depth)."""
     return _over_cells([block.weight for block in model.blocks], model)
@@ -159,7 +160,10 @@ def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
     return _positions(probe, jnp.asarray(path.x))
 
 
-_positions = jax.jit(jax.vmap(Interpolation.position, (None, 0)))
+@compiled()
+@functools.partial(jax.vmap, in_axes=(None, 0))
+def _positions(probe, x):
+    return probe.position(x)
 
 
 @of_path
@@ -174,7 +178,7 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     return _cauchy_stress(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value), path.problem, probe)
 
 
-@jax.jit
+@compiled()
 @functools.partial(jax.vmap, in_axes=(0, 0, 0, None, None))
 def _cauchy_stress(x, p, value, problem, probe):
     model, (now, mu) = problem.model, problem.at(value)
@@ -205,7 +209,7 @@ def _gel_at_nodes(gel: LocalGel, model: Model, mean: Callable) -> LocalGel:
     return with_parameters(gel, at_nodes)
 
 
-@jax.jit
+@compiled()
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
 def _film_volume_ratio(x, at, problem):
     now, mu = problem.at(at)
@@ -217,7 +221,7 @@ def _areal_stretch(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:
     return _cell_means(volume_ratios(x, model), model)
 
 
-@jax.jit
+@compiled()
 def _cell_means(values: Float[Array, " g"], model: Model) -> Float[Array, " c"]:
     """Means over the cells of the fields with these values in the volume groups."""
     fields = [block.weight * at_points(part, block) for block, part in zip(model.blocks, by_block(values, model), strict=True)]

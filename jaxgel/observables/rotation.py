@@ -1,12 +1,11 @@
 """Rotation of the midline and of the core."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._compiled import compiled
 from .._memo import once_per_owner
 from .._types import Array, Bool, Float
 from ..cloud import Topology
@@ -42,7 +41,7 @@ def _kinks(topology: Topology, dmax: float) -> Bool[np.ndarray, " p"]:
     return np.diff(topology.regions_at(midline_points(topology, dmax))) != 0
 
 
-@jax.jit
+@compiled()
 def _next_to_extrema(x, line, kinks, radius):
     """The arguments of `_extremum` for the highest and the lowest sample of the midline in each state of ``x`` (k, n, 2).
 
@@ -69,13 +68,13 @@ def _next_to_extrema(x, line, kinks, radius):
     return jax.tree.map(padded, jax.vmap(one)(x))
 
 
-@jax.jit
+@compiled()
 def _extrema(*samples):
     """`_extremum` (m, 2) of m samples."""
     return jax.vmap(_extremum)(*samples)
 
 
-@functools.partial(jax.jit, static_argnames="states")
+@compiled(static=("states",))
 def _angle_between(extrema, states):
     """Angle (states,) to the x axis, degrees, of the line through the highest and the lowest point of each state."""
     run, rise = jnp.moveaxis(extrema[: 2 * states : 2] - extrema[1 : 2 * states : 2], 1, 0)
@@ -146,7 +145,7 @@ def core_rotation(path: States) -> Float[Array, " k"]:
     return _polar_rotation(with_room(path.x), core_probe(path.model))
 
 
-@jax.jit
+@compiled()
 def _polar_rotation(x, core):
     F = jnp.moveaxis(jax.vmap(core.deformation_gradient)(x)[:, 0], 0, -1)
     return jnp.degrees(jnp.arctan2(F[1, 0] - F[0, 1], F[0, 0] + F[1, 1]))

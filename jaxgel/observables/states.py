@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._sizes import resized
 from .._types import Array, Float
 from .._validation import kind_in_words
@@ -54,7 +55,7 @@ def over_states(function: Callable[[Float[Array, "n 2"], Model], Any], path: Sta
     return _mapped(function, jnp.asarray(path.x), path.model)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@compiled(static=("function",))
 def _mapped(function: Callable, x: Float[Array, "k n 2"], model: Model) -> Any:
     return jax.vmap(function, in_axes=(0, None))(x, model)
 

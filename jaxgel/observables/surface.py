@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._memo import once_per_owner
 from .._types import Array, Float, Int, Scalar
 from ..cloud import OUTLINE_SEGMENTS, Topology
@@ -78,7 +79,7 @@ def _ratio(tangential, near, law):
     return surface_swelling(tangential, near, law) / tangential**2
 
 
-@jax.jit
+@compiled()
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
 def _chord_stretches(x: Any, at: Any, problem: Problem) -> Any:
     """The arguments of `surface_swelling` for chords, padded."""
@@ -88,7 +89,7 @@ def _chord_stretches(x: Any, at: Any, problem: Problem) -> Any:
     return deformed / dry, areal_stretches(x, model, chords), volume_law(model, gel_on_outline(now.gel, chords), mu)
 
 
-@functools.partial(jax.jit, static_argnums=3)
+@compiled(static=("share",))
 @functools.partial(jax.vmap, in_axes=(0, 0, None, None))
 def _arc_stretches(x: Any, at: Any, problem: Problem, share: float) -> Any:
     """The arguments of `surface_swelling` for arcs, padded."""
@@ -115,7 +116,7 @@ def lengths(points: Float[Array, "p 2"], chords: Int[Array, "m 2"]) -> Float[Arr
     return jnp.linalg.norm(points[chords[:, 1]] - points[chords[:, 0]], axis=1)
 
 
-@jax.jit
+@compiled()
 @jax.vmap
 def surface_swelling(tangential: Float[Array, " m"], near: Float[Array, " m"], law: VolumeLaw) -> Float[Array, " m"]:
     """Volume ratio at a surface without traction of the ``tangential`` stretch, in the phase of the areal stretch ``near`` it."""

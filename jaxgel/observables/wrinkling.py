@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._memo import once_per_owner
 from .._types import Array, Float, Int
 from ..cloud import Topology
@@ -35,7 +36,7 @@ def surface_stability(path: Path) -> Float[Array, " k"]:
     return jnp.min(_stability(tangential, surface_swelling(tangential, near, law), law), axis=1)
 
 
-@jax.jit
+@compiled()
 @functools.partial(jax.vmap, in_axes=(0, 0, None))
 def _surface_stretches(x: Any, at: Any, problem: Problem) -> Any:
     """The arguments of `surface_swelling` for the chords of all free surfaces, padded."""
@@ -68,7 +69,7 @@ def _nearest_points(middles, model):
     return jax.lax.map(lambda at: jnp.argmin(jnp.sum((points - at) ** 2, axis=1)), jax.lax.stop_gradient(middles))
 
 
-@jax.jit
+@compiled()
 @jax.vmap
 def _stability(tangential: Float[Array, " m"], J: Float[Array, " m"], law: VolumeLaw) -> Float[Array, " m"]:
     """`materials.surface_stability` (m,) of surfaces without traction that have the volume ratio ``J`` (m,)."""

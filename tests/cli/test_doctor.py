@@ -1,5 +1,6 @@
 """What ``jaxgel doctor`` computes beyond the 16,384 rows after which a jaxlib went wrong, and the releases that are refused."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 
+from jaxgel._kept import KEPT
 from jaxgel.cli import command_line as cli
 from jaxgel.cli import doctor, environment, starting
 from jaxgel.materials import Gel, cauchy_stress
@@ -21,7 +23,8 @@ def test_the_known_stretch_is_that_of_a_stress_free_gel():
 def test_the_command_computes_what_is_known_and_finds_a_wrong_program(monkeypatch, capsys):
     """As jaxlib 0.10.2 did: beyond 16,384 rows the values are wrong, here by a thousandth."""
     assert cli.main(["doctor"]) == 0
-    assert "float64: on" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "float64: on" in out and "kept programs: none" in out
     compiled = jax.jit
 
     def wrong(function):
@@ -30,6 +33,17 @@ def test_the_command_computes_what_is_known_and_finds_a_wrong_program(monkeypatc
     monkeypatch.setattr(doctor.jax, "jit", wrong)
     assert cli.main(["doctor"]) == 3
     assert "computes wrongly: sums of three squares, free swelling; install another jaxlib" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_command_compiles_the_programs_of_the_built_in_cases(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(doctor, "sample_names", lambda: ["sample-1"])
+    KEPT.keep(tmp_path)
+    assert cli.main(["doctor", "--warm"]) == 0
+    count, kept = int(re.search(r"kept programs: (\d+), ", capsys.readouterr().out).group(1)), KEPT.folder
+    KEPT.keep(None)
+    assert count == len(list(kept.iterdir())) > 30
+    assert any("_over_states" in file.name for file in kept.iterdir())
 
 
 @pytest.mark.parametrize("jaxlib", list(environment.REFUSED))

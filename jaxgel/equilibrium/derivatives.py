@@ -3,17 +3,14 @@
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from ._primitives import primitive
-from ._tracing import is_traced
-
-P = ParamSpec("P")
-R = TypeVar("R")
+from .._compiled import compiled
+from .._primitives import primitive
 
 
 @functools.partial(jax.custom_jvp[Any], nondiff_argnums=(1,))
@@ -62,40 +59,6 @@ def _with_derivatives_jvp(function, primals, tangents):
     return values, remade(Tangent(_OfLeaves(function, structure), which), *leaves, *(dots[i] for i in which))
 
 
-def with_own_derivatives(*, static: tuple[str, ...] = ()) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator: ``jax.jit`` of a function of pytrees; where it is differentiated its values are found by the same program.
-
-    The derivatives are programs of their own, which keep only the inputs. JAX would compile the values once more, with all that their
-    reverse needs. ``static`` are options, given by name.
-    """
-
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        compiled = jax.jit(function, static_argnames=static)
-
-        @functools.wraps(function)
-        def call(*inputs: Any, **options: Any) -> Any:
-            if not is_traced(inputs):
-                return compiled(*inputs, **options)
-            values = compiled(*jax.lax.stop_gradient(inputs), **options)
-            return with_derivatives_of(_WithOptions(function, tuple(options.items())), values, *inputs)
-
-        call.clear_cache = compiled.clear_cache  # as `release_programs` asks for
-        return call
-
-    return decorate
-
-
-@dataclasses.dataclass(frozen=True)
-class _WithOptions:
-    """``function`` with these ``options``, each a name and a value; equal if both are."""
-
-    function: object
-    options: tuple
-
-    def __call__(self, *inputs):
-        return self.function(*inputs, **dict(self.options))
-
-
 @dataclasses.dataclass(frozen=True)
 class _OfLeaves:
     """``function`` of the leaves of its arguments."""
@@ -108,7 +71,7 @@ class _OfLeaves:
         return self.function(*jax.tree.unflatten(self.structure, leaves))
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@compiled(static=("function",))
 def remade(function: Callable[..., Any], *args: Any) -> Any:
     """Values of ``function`` by one program; only the arguments are kept for the reverse."""
     return jax.checkpoint(lambda *args: function(*args))(*args)
