@@ -113,7 +113,7 @@ def test_volume_ratios_of_elastomers_are_inverses_of_their_pressures(Nv, K):
     np.testing.assert_allclose(inverse * law.stiffness(A), 1.0, rtol=1e-9)
 
 
-@pytest.mark.parametrize("kinematics", ["plane strain", "plane stress"])
+@pytest.mark.parametrize("kinematics", ["plane strain", pytest.param("plane stress", marks=pytest.mark.slow)])
 def test_states_with_inclusions_are_stationary_points_of_the_total_energy(kinematics):
     plate = Plate(2.0, 2.0, [Circle((-0.5, 0.0), 0.25)], regions=[Circle((0.4, 0.1), 0.35)], edges=HELD, kinematics=kinematics)
     model = discretise(make_cloud(plate, spacing=0.25, nodes_per_hole=12))
