@@ -161,7 +161,7 @@ def test_edges_stay_in_their_places(symmetry):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "branch"),
-    [(f"sample-{k}", "stable") for k in range(1, 10)] + [("lattice", "stable")] + [("sample-4", "symmetric")],
+    [("sample-3", "stable"), ("sample-9", "stable"), ("lattice", "stable"), ("sample-4", "symmetric")],
 )
 def test_samples(name, branch):
     """States to 1e-10 where they are stable; next to where an unstable one is nearly singular round-off grows more."""

@@ -59,7 +59,6 @@ def test_a_state_does_not_depend_on_the_padding(tiny_plate, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "gel"),
     [
-        slow({}, GEL, id="default"),
         slow({}, jaxgel.Gel(Nv=1e-3, chi=lambda X: 0.2 + 0.01 * X[0], network=jaxgel.Gent(30.0)), id="field and Gent"),
         slow({"edges": {**ROLLERS, "right": "free", "top": "free"}, "kinematics": "plane stress"}, GEL, id="film"),
         slow({"edges": dict.fromkeys(("left", "right", "bottom", "top"), "periodic")}, GEL, id="periodic"),
