@@ -33,6 +33,7 @@ def test_sizes_of_the_ladder_hold_a_number_and_are_few(steps):
     assert np.all(np.isin(sizes, [rung(int(n), steps) for n in np.unique(sizes)]))  # a size of the ladder is its own
 
 
+@pytest.mark.slow
 def test_padding_is_inert(monkeypatch):
     cloud = jaxgel.make_cloud(plate((2.4, 1.6)))
 
