@@ -194,7 +194,7 @@ def pushed_and_stretched(value, gel, mu, rate, loads):
 
 @pytest.mark.slow
 def test_a_control_may_move_the_edges_and_a_design_the_hole(beam):
-    """A beam with a hole: derivatives of barriers by its semi-axis, the rate at which the walls move, and the control; measured 2e-6."""
+    """A beam with a hole: derivatives of barriers by its semi-axis, the rate at which the walls move, and the control, at once."""
     plate = dataclasses.replace(beam.model.cloud.plate, holes=(jaxgel.Ellipse((1.5, 0.05), (0.3, 0.2)),), nodes_per_hole=8)
     cloud = jaxgel.make_cloud(plate)
     middle = np.abs(np.asarray(cloud.nodes)[:, 0]) < 0.3
@@ -212,10 +212,10 @@ def test_a_control_may_move_the_edges_and_a_design_the_hole(beam):
         heights = [one.height for one in jaxgel.barrier(Problem(model, beam.gel, control=control(v[1]), contact=False), v[2], states)]
         return jnp.stack(heights)
 
-    at = np.array([0.3, 0.05, AT])
+    at, e = np.array([0.3, 0.05, AT]), np.array([0.2, 1.0, 1.0])
     slopes = np.asarray(jax.jacrev(heights_at)(jnp.asarray(at)))
-    for slope, e, step in zip(slopes.T, np.eye(3), (2e-4, 1e-3, 1e-3), strict=True):
-        np.testing.assert_allclose(slope, extrapolated(heights_at, at, e, step), rtol=1e-5)
+    difference = extrapolated(heights_at, at, e, 1e-3)
+    np.testing.assert_array_less(np.abs(slopes @ e - difference), 1e-5 * np.abs(slopes * e).min(axis=1))  # of the least of three terms
 
 
 @pytest.mark.slow
