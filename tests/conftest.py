@@ -41,12 +41,14 @@ import numpy as np
 import pytest
 
 import jaxgel
+import jaxgel._programs
 import jaxgel.cli.command_line
 from jaxgel.cases import load_path
 from jaxgel.io import write_atomically
 
 ROOM = 4.5  # GiB that a test process may fill from one module to the next
-MAPPINGS = 25_000  # of its memory: compiled programs take some each; Linux allows 65530, jaxgel lets go of its programs at half of them
+jaxgel._programs.CROWDED = 0.8  # of the mappings: programs let go are traced and loaded again, half of all in a test process
+MAPPINGS = 40_000  # of its memory: compiled programs take some each; Linux allows 65530, and a module adds some thousands
 
 
 def pytest_xdist_auto_num_workers(config):

@@ -1,6 +1,7 @@
 """The commands and options of the command line, as argparse reads them and prints their help; no JAX."""
 
 import argparse
+import functools
 from importlib.metadata import version
 
 from .._validation import did_you_mean, is_number
@@ -28,6 +29,7 @@ class _Parser(argparse.ArgumentParser):
         raise ValueError(f"{message}; see {self.prog} --help")
 
 
+@functools.cache
 def parser() -> tuple[argparse.ArgumentParser, dict]:
     """The parser of the command line, and those of its commands by name."""
     whole = _Parser(prog="jaxgel", description="Swelling-induced pattern transformation of perforated hydrogels.", allow_abbrev=False)

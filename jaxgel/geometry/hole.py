@@ -10,9 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._compiled import compiled
+from .._sizes import padded, resized, rung
 from .._types import Array, Float, Scalar
 
 C = TypeVar("C", bound=type)
+LEAST = 64  # times a power of 2 points of an outline are computed together
 
 
 def pytree(*, meta: Sequence[str] = ()) -> Callable[[C], C]:
@@ -103,7 +105,12 @@ def checked_parameter(value: object, shape: tuple, name: str) -> Array:
     return array
 
 
-@compiled()
 def outline_points(hole: Hole, t: Float[Array, " m"]) -> Float[Array, "m 2"]:
-    """Points (m, 2) of the outline at the parameters ``t`` (m,), mm; compiled once per kind of hole."""
+    """Points (m, 2) of the outline at the parameters ``t`` (m,), mm; few programs per kind of hole serve all numbers of points."""
+    many = padded(t, LEAST * rung(-(-len(t) // LEAST), 1))
+    return resized(_points(hole, many), (len(t), 2))
+
+
+@compiled()
+def _points(hole, t):
     return jax.vmap(hole.point)(t)

@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._types import Array, Float, Scalar
 from .hole import Hole, pytree
@@ -136,7 +137,7 @@ class Fourier(_Radial, Hole):
             raise ValueError(f"Fourier.cos, Fourier.sin: {len(self.cos)} and {len(self.sin)} coefficients; both must have the same number")
 
     def radius_at(self, phi: Scalar) -> Float[Array, ""]:
-        k = jnp.arange(2, len(self.cos) + 2)
+        k = np.arange(2, len(self.cos) + 2)
         return self.radius * (1 + self.cos @ jnp.cos(k * phi) + self.sin @ jnp.sin(k * phi))
 
     def area(self) -> Float[Array, ""]:
@@ -226,6 +227,7 @@ def _power(u, n):
     return jnp.where(positive, jnp.exp(n * jnp.log(jnp.where(positive, u, 1.0))), 0.0)
 
 
+@jax.jit
 def _along(vertices, t):
     """Point (2,) at t of a closed polygon whose sides take equal shares of [0, 1]."""
     n = len(vertices)

@@ -16,6 +16,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from .._compiled import compiled
 from .._sizes import at_numbers
+from .._tracing import is_traced
 from .._types import Array, Bool, Float, Scalar
 from .boundary import EDGES
 from .hole import Hole, outline_points
@@ -63,7 +64,8 @@ def arc_parameter(plate: Plate, arc: Arc, s: Float[Array, "..."] | Scalar) -> Fl
     from the ends on the reference plate, so all derivatives pass through them.
     """
     hole, ends = plate.holes[arc.hole], ((arc.start, arc.start_edge), (arc.end, arc.end_edge))
-    start, end = (t if edge is None else _meet(hole, jnp.asarray(t, dtype=float), *edge_lines(plate)[edge]) for t, edge in ends)
+    met = [t if edge is None else _meet(hole, np.asarray(t, dtype=float), *edge_lines(plate)[edge]) for t, edge in ends]
+    start, end = met if is_traced(met) else np.array(met)
     return start + s * (end - start)
 
 

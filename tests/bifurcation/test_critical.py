@@ -62,7 +62,9 @@ def critical_mu(buckling_model):
 
     def critical_mu(v, moved=True):
         model = jaxgel.discretise(cloud.at(cloud.plate.at([{"radius": v[0]}] * 4))) if moved else buckling_model
-        return jaxgel.critical_points(jaxgel.Problem(model, jaxgel.Gel(v[1], v[2])), WINDOW)[0].mu
+        (point,) = jaxgel.critical_points(jaxgel.Problem(model, jaxgel.Gel(v[1], v[2])), WINDOW)
+        assert point.text.startswith("simple bifurcation of A2, supercritical")  # also a traced one
+        return point.mu
 
     return critical_mu
 
@@ -74,7 +76,7 @@ def test_derivatives_are_differences_of_relocated_points(critical_mu, of):
     at, step = np.array([np.sqrt(20.0), 1e-3, 0.05]), (4e-4, 6e-5, 1e-2)[of]
     e = np.eye(3)[of] * step
     located = functools.partial(critical_mu, moved=of == 0)
-    _, slope = jax.jvp(located, (jnp.asarray(at),), (jnp.asarray(np.eye(3)[of]),))
+    slope = jax.grad(located)(jnp.asarray(at))[of]
     shares = (1.0,) if of == 2 else (0.5, 1.0)  # by chi there is nothing to extrapolate: the first difference is good to 5e-10
     near, *far = ((located(at + s * e) - located(at - s * e)) / (2 * s * step) for s in shares)
     assert float(slope) == pytest.approx((4 * near - far[0]) / 3 if far else near, rel=1e-5)
@@ -149,37 +151,25 @@ def test_jit_and_second_derivatives_are_refused(buckling_model):
         jax.grad(jax.grad(critical_mu))(1e-4)
 
 
-def test_numbers_beside_the_critical_value_refuse_derivatives(buckling_model):
+def test_numbers_beside_the_critical_value_refuse_derivatives(buckling_model, point):
     """Its slope, state and modes are found outside of JAX: as constants they would have the derivative 0."""
 
-    def point_of(chi):
-        return jaxgel.critical_points(jaxgel.Problem(buckling_model, jaxgel.Gel(1e-3, chi)), WINDOW)[0]
+    def problem_of(chi):
+        return jaxgel.Problem(buckling_model, jaxgel.Gel(1e-3, chi))
 
     def numbers(chi):
-        point = point_of(chi)
-        return {field.name: getattr(point, field.name) for field in dataclasses.fields(point)} | {"mode": point.modes[0]}
+        (found,) = jaxgel.critical_points(problem_of(chi), WINDOW)
+        values = {field.name: getattr(found, field.name) for field in dataclasses.fields(found)} | {"mode": found.modes[0]}
+        return {name: value for name, value in values.items() if isinstance(value, float | np.ndarray | jax.Array)}
 
-    values = numbers(1e-4)
-    floats = {name for name, value in values.items() if isinstance(value, float | np.ndarray | jax.Array)}
-    _, slopes = jax.jvp(lambda chi: {name: value for name, value in numbers(chi).items() if name in floats}, (1e-4,), (1.0,))
-    assert {name for name in floats if not np.isnan(slopes[name]).any()} == {"value", "mu"}
+    _, push = jax.linearize(numbers, 1e-4)
+    slopes = push(1.0)
+    assert {"slope", "curvature", "x", "mode"} < set(slopes)
+    assert {name for name, slope in slopes.items() if not np.isnan(slope).any()} == {"value", "mu"}
     with pytest.raises(ValueError, match=r"^critical_points: only the value of a result has derivatives"):
-        jax.grad(lambda chi: point_of(chi).slope)(1e-4)
+        jax.linear_transpose(lambda chi: push(chi)["slope"], 1.0)(1.0)
     with pytest.raises(ValueError, match=r"^switch_branch: has no derivatives"):
-        jax.grad(
-            lambda chi: jaxgel.switch_branch(jaxgel.Problem(buckling_model, jaxgel.Gel(1e-3, chi), contact=False), point_of(1e-4)).energy[
-                -1
-            ]
-        )(1e-4)
-
-
-def test_a_differentiated_point_says_what_it_is(buckling_model):
-    def critical_mu(chi):
-        (point,) = jaxgel.critical_points(jaxgel.Problem(buckling_model, jaxgel.Gel(1e-3, chi)), WINDOW)
-        assert point.text.startswith("simple bifurcation of A2, supercritical")
-        return point.mu
-
-    assert np.isfinite(jax.grad(critical_mu)(1e-4))
+        jax.grad(lambda chi: jaxgel.switch_branch(problem_of(chi).without_contact, point).energy[-1])(1e-4)
 
 
 def test_three_ends_are_refused(buckling_model):

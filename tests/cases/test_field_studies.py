@@ -32,11 +32,10 @@ def field(entry):
     [
         ENTRY,
         pytest.param(ENTRY + "with_holes = true\n", marks=pytest.mark.slow),
-        pytest.param("modes = [3, 4]\nlower = 5e-4\nupper = 5e-3\n", marks=pytest.mark.slow),
         pytest.param("modes = [3, 4]\nfilter = 2.0\nlower = 5e-4\nupper = 5e-3\n", marks=pytest.mark.slow),
         pytest.param('pixels = [9, 9]\nlower = 0.05\nupper = 0.6\nstart = 0.2\nname = "chi"\n', marks=pytest.mark.slow),
     ],
-    ids=["pixels", "moving pixels", "modes", "filtered modes", "chi"],
+    ids=["pixels", "moving pixels", "filtered modes", "chi"],
 )
 def test_the_remainder_of_the_objective_falls_as_the_square_of_the_step(entry):
     text = field(entry)

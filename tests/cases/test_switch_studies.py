@@ -156,11 +156,11 @@ def test_an_onset_is_that_of_the_chemical_potential_where_that_is_swept(strip):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("of", ["folds", "barrier"])
-def test_the_gradient_is_a_difference_of_loops_run_anew(of):
-    """By radius and Nv, the loaded nodes moving with the hole; folds lie within 1e-9, so that differences of 2e-4 are good to 1e-4."""
-    barrier = (FOLD, 'of = "barrier"\nat = 0.02\ngoal = "maximise"\nweight = 1e3\n')
-    problem = problem_of(*[barrier][: of == "barrier"])
+def test_the_gradient_is_a_difference_of_loops_run_anew():
+    """Of both folds and a barrier, by radius and Nv, the loaded nodes moving with the hole; folds lie within 1e-9, so that differences of
+    2e-4 are good to 1e-4."""
+    barrier = '[[objective]]\nof = "barrier"\nat = 0.02\ngoal = "maximise"\nweight = 1e3\n'
+    problem = problem_of((FOLD, FOLD + barrier))
     cloud, at = problem.make_cloud(problem.plate(problem.start)), jnp.asarray(problem.vector)
 
     def objective(vector):
@@ -173,8 +173,14 @@ def test_the_gradient_is_a_difference_of_loops_run_anew(of):
 
 
 @pytest.mark.slow
-def test_the_command_reports_the_switches_of_the_search_and_of_the_fresh_cloud(tmp_path, capsys):
-    """One cloud for both, so that the programs are compiled once, and both numbers of the best design agree."""
+def test_the_command_reports_the_switches_of_the_search_and_of_the_fresh_cloud(tmp_path, capsys, monkeypatch):
+    """One cloud for both, and a formula of the gel in place of loops: both numbers of the best design agree."""
+
+    def formula(problem, *_, **__):
+        up, down = 0.2 + problem.gel.Nv, -0.16 + problem.gel.Nv
+        return SimpleNamespace(fold_up=SimpleNamespace(value=up), fold_down=SimpleNamespace(value=down), width=up - down)
+
+    monkeypatch.setattr(switches, "loop", formula)
     (tmp_path / "small.toml").write_text(SMALL)
     with pytest.MonkeyPatch.context() as patch:
         one_cloud(patch)

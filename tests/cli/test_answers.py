@@ -23,37 +23,35 @@ def python(code, *arguments, folder=None, **variables):
 ALONE = """
 import contextlib, io, sys
 from jaxgel.cli import main
-with contextlib.redirect_stdout(io.StringIO()):
-    try:
-        code = main(sys.argv[1:])
-    except SystemExit as end:
-        code = end.code
-print(code, sorted({"jaxgel.cases", "jaxgel.cloud", "matplotlib", "shapely"} & sys.modules.keys()))
+for line in sys.argv[1:]:
+    with contextlib.redirect_stdout(io.StringIO()):
+        try:
+            code = main(line.split())
+        except SystemExit as end:
+            code = end.code
+    print(code, sorted({"jaxgel.cases", "jaxgel.cloud", "matplotlib", "shapely"} & sys.modules.keys()), line)
 """
+LINES = {
+    "--help": 0,
+    "run --help": 0,
+    "--version": 0,
+    "samples": 0,
+    "schema": 0,
+    "init case": 0,
+    "init --from lattice": 0,
+    "run smaple-1": 2,
+    "run sample-1 --spacing -1": 2,
+    "run sample-1 --mu-start -1 --mu-end -1": 2,
+    "run missing.toml": 2,
+    "design missing.toml": 2,
+    "plot nowhere": 2,
+    "resume nowhere": 2,
+}
 
 
-@pytest.mark.parametrize(
-    ("line", "code"),
-    [
-        ("--help", 0),
-        ("run --help", 0),
-        ("--version", 0),
-        ("samples", 0),
-        ("schema", 0),
-        ("init case", 0),
-        ("init --from lattice", 0),
-        ("run smaple-1", 2),
-        ("run sample-1 --spacing -1", 2),
-        ("run sample-1 --mu-start -1 --mu-end -1", 2),
-        ("run missing.toml", 2),
-        ("design missing.toml", 2),
-        ("plot nowhere", 2),
-        ("resume nowhere", 2),
-    ],
-)
-def test_the_command_line_answers_without_the_packages(line, code, tmp_path):
-    found = python(ALONE, *line.split(), folder=tmp_path)
-    assert found == f"{code} []"
+def test_the_command_line_answers_without_the_packages(tmp_path):
+    """One line after the other in one process: the first that imports a package is named."""
+    assert python(ALONE, *LINES, folder=tmp_path).splitlines() == [f"{code} [] {line}" for line, code in LINES.items()]
 
 
 def test_package_data_is_what_the_code_makes():
@@ -66,17 +64,14 @@ def test_package_data_is_what_the_code_makes():
     "imports",
     [
         "import jaxgel, jax",
-        *(pytest.param(line, marks=pytest.mark.slow) for line in ("import jax, jaxgel", "import jaxgel, jax.numpy")),
-        "import jaxgel.linalg, jax",
+        *(
+            pytest.param(line, marks=pytest.mark.slow)
+            for line in ("import jax, jaxgel", "import jaxgel, jax.numpy", "import jaxgel.linalg, jax")
+        ),
     ],
 )
 def test_jax_has_64_bits_in_every_order_of_imports(imports):
     assert python(f"{imports}\nprint(jax.numpy.zeros(()).dtype)") == "float64"
-
-
-def test_importing_the_package_sets_no_variable():
-    code = "import os, jax; before = dict(os.environ); import jaxgel; jaxgel.sweep; print(before == dict(os.environ))"
-    assert python(code) == "True"
 
 
 def test_every_public_name_can_be_had():
@@ -85,33 +80,43 @@ def test_every_public_name_can_be_had():
     assert set(jaxgel.__all__) <= set(dir(jaxgel))
 
 
-PREPARE = "import os; from jaxgel.cli.environment import prepare_environment as prepare; "
-PREPARED = PREPARE + "prepare({}); print(os.environ.get('JAX_COMPILATION_CACHE_DIR'))"
+PREPARED = """
+import json, os, sys
+import jax
+from jaxgel.cli.environment import prepare_environment
+clean, told = dict(os.environ), []
+for cache, variables in json.loads(sys.argv[1]):
+    os.environ.clear()
+    os.environ.update(clean | variables)
+    prepare_environment(cache)
+    names = "JAX_COMPILATION_CACHE_DIR", "JAX_PLATFORMS", "XLA_FLAGS"
+    settings = jax.config.jax_compilation_cache_dir, jax.config.jax_platforms
+    told.append([*(os.environ.get(name) for name in names), *settings])
+print(json.dumps(told))
+"""
 
 
-def test_compiled_programs_lie_in_the_users_cache_folder_unless_told_otherwise(tmp_path):
-    home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    assert python(PREPARED.format("None"), **home).startswith(str(tmp_path))
-    assert python(PREPARED.format("None"), JAXGEL_CACHE=str(tmp_path / "own"), **home) == str(tmp_path / "own")
-    assert python(PREPARED.format("'given'"), JAXGEL_CACHE="own", **home) == "given"
-    assert python(PREPARED.format("None"), JAXGEL_CACHE="own", JAX_COMPILATION_CACHE_DIR="users", **home) == "users"
-    assert python(PREPARED.format("'off'"), **home) == "None"
-    assert python(PREPARED.format("None"), JAXGEL_CACHE="off", **home) == "None"
+def test_the_process_is_prepared_and_variables_of_the_user_are_kept(tmp_path):
+    """Compiled programs lie in the user's cache folder, it computes on the CPU, and XLA has its flags, unless told otherwise."""
+    home, flag = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}, "--xla_backend_optimization_level=1"
+    given = [
+        (None, home),
+        (None, home | {"JAXGEL_CACHE": str(tmp_path / "own")}),
+        ("given", home | {"JAXGEL_CACHE": "own"}),
+        (None, home | {"JAXGEL_CACHE": "own", "JAX_COMPILATION_CACHE_DIR": "users"}),
+        ("off", home),
+        (None, home | {"JAXGEL_CACHE": "off"}),
+        ("off", {"XLA_FLAGS": flag, "JAX_PLATFORMS": "cuda"}),
+    ]
+    folders, platforms, flags, *settings = zip(*json.loads(python(PREPARED, json.dumps(given))), strict=True)
+    assert folders[0].startswith(str(tmp_path))
+    assert folders[1:] == (str(tmp_path / "own"), "given", "users", None, None, None)
+    assert platforms == ("cpu",) * 6 + ("cuda",)
+    assert flags[0].split() == environment.quick_flags() and flags[-1].split() == [flag, *environment.quick_flags()[1:]]
+    assert settings == [folders, platforms]
 
 
-def test_the_users_flags_are_kept():
-    code = PREPARE + "prepare('off'); print(os.environ['XLA_FLAGS'])"
-    mine = "--xla_backend_optimization_level=1"
-    assert python(code, XLA_FLAGS=mine).split() == [mine, *environment.quick_flags()[1:]]
-
-
-def test_the_command_line_computes_on_the_cpu_unless_told_otherwise():
-    code = PREPARE + "prepare('off'); print(os.environ['JAX_PLATFORMS'])"
-    assert python(code) == "cpu" and python(code, JAX_PLATFORMS="cuda") == "cuda"
-
-
-def test_the_process_is_prepared_and_one_that_calls_a_command_is_left_alone(tmp_path):
-    told = "import jax; print(jax.config.jax_compilation_cache_dir, jax.config.jax_platforms, jax.devices()[0].platform)"
-    assert python(PREPARE + "prepare('there'); " + told).split() == ["there", "cpu", "cpu"]
-    code = "import os, jax; before = dict(os.environ); from jaxgel.cli import main; main(['samples']); print(before == dict(os.environ)); "
-    assert python(code + told).split()[-4:] == ["True", "None", "None", "cpu"]
+def test_importing_the_package_and_calling_a_command_leave_the_process_alone():
+    code = "import os, jax; before = dict(os.environ); import jaxgel; jaxgel.sweep; from jaxgel.cli import main; main(['samples']); "
+    told = "jax.config.jax_compilation_cache_dir, jax.config.jax_platforms, jax.devices()[0].platform"
+    assert python(code + f"print(before == dict(os.environ), {told})").split()[-4:] == ["True", "None", "None", "cpu"]

@@ -1,6 +1,7 @@
 """Facts about gels that are collapsed or swollen at the same temperature: homogeneous states of every phase by scalar root finding."""
 
 import dataclasses
+import functools
 import itertools
 from typing import Any
 
@@ -73,13 +74,18 @@ def energy_by(kind, J, gel):
     return gel.network(F, gel, axial) + gel.volumetric(J, gel)
 
 
+slope_by = jax.jit(jax.grad(energy_by, argnums=1), static_argnums=0)
+slopes_by = jax.jit(jax.vmap(jax.grad(energy_by, argnums=1), in_axes=(None, 0, None)), static_argnums=0)
+curvature_by = jax.jit(jax.grad(jax.grad(energy_by, argnums=1), argnums=1), static_argnums=0)
+
+
+@functools.cache
 def roots(kind, gel):
     """All volume ratios below 200 at which the energy is stationary."""
-    slope = jax.jit(jax.grad(lambda J: energy_by(kind, J, gel)))
     J = 1 + np.geomspace(1e-3, 199.0, 1000)
-    values = np.asarray(jax.vmap(slope)(J))
+    values = np.asarray(slopes_by(kind, J, gel))
     crossings = np.flatnonzero(values[:-1] * values[1:] < 0)
-    return [brentq(lambda J: float(slope(J)), J[k], J[k + 1], xtol=1e-14, rtol=1e-15) for k in crossings]
+    return [brentq(lambda J: float(slope_by(kind, J, gel)), J[k], J[k + 1], xtol=1e-14, rtol=1e-15) for k in crossings]
 
 
 def model_of(right="free", holes=(), **kinematics):
@@ -124,8 +130,7 @@ def test_homogeneous_states_of_every_phase_are_the_roots_of_one_equation(kind, T
         ratios = np.asarray(volume_ratios(state.x, model))[model.carries & (np.asarray(all_volumes(model)) > 0)]
         assert np.all(phase_of(ratios, gel) == phase_of(J, gel))
         if kind is in_plane:  # no surface of such a state is compressed along itself, which would wrinkle it
-            curvature = float(jax.grad(jax.grad(lambda J, gel=gel: energy_by(kind, J, gel)))(J))
-            assert (state.factor.negative_pivots == 0) == (curvature > 0)
+            assert (state.factor.negative_pivots == 0) == (curvature_by(kind, J, gel) > 0)
 
 
 def test_phases_of_the_roots():

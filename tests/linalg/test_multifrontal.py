@@ -51,7 +51,7 @@ def test_every_unknown_is_the_pivot_of_one_front(system):
     assert tree.fronts[-1].below.size == 0
 
 
-@pytest.mark.parametrize("shift", [0.0, 2.0, 5.0, 20.0])
+@pytest.mark.parametrize("shift", [pytest.param(0.0, marks=pytest.mark.slow), 2.0, pytest.param(5.0, marks=pytest.mark.slow), 20.0])
 def test_solutions_and_inertia_are_those_of_the_dense_matrix(shift, system):
     """From half of the eigenvalues negative to none."""
     blocks = values(system, 3, shift)

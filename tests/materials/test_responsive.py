@@ -1,6 +1,7 @@
 """Gels that respond: the equations of their sources typed again, Donnan equilibrium solved another way, limits, derivatives, refusals."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -44,6 +45,7 @@ def chi_of(kelvin):
     return -12.947 + 0.04496 * kelvin, 17.92 - 0.0569 * kelvin
 
 
+@functools.partial(jax.jit, static_argnums=(0, 3))
 def slope(energy, J, gel, order=1):
     for _ in range(order):
         energy = jax.grad(energy)

@@ -118,7 +118,7 @@ def test_tangent_residual_and_products_are_derivatives_of_the_energy(model, netw
     field = scatter(v, problem.free)
 
     def force(x, mu):
-        return residual(x, model, problem.gel, mu, problem.loads)
+        return jax.jit(residual)(x, model, problem.gel, mu, problem.loads)
 
     exact = gather(jax.jvp(lambda x: force(x, mu), (x,), (field,))[1], problem.free)
     np.testing.assert_allclose(gather(-now.rhs, problem.free), gather(force(x, mu), problem.free), atol=1e-13)

@@ -40,6 +40,8 @@ class OnePath(Runs):
     def path(self, *_, **__):
         return self.one
 
+    stiff = path
+
 
 @pytest.fixture(scope="module")
 def folder(coarse_path, tmp_path_factory):

@@ -30,7 +30,6 @@ from jaxgel.paper import (
 )
 from jaxgel.paper import areas as paper_areas
 from jaxgel.paper import counts as paper_counts
-from jaxgel.paper import curves as paper_curves
 from jaxgel.paper import runs as paper
 from jaxgel.paper.scheme import cells_per_side, square_cells
 
@@ -157,31 +156,6 @@ def test_states_before_the_end_are_named_in_words():
     assert stability(path) == "stable up to mu = -1.0000"
 
 
-def trend(same, last):
-    return paper_areas._trend_claim(-1.0, dict(enumerate(same, 1)), dict(enumerate(last, 1))).verdict
-
-
-def test_trends_of_areas_are_judged_at_equal_mu_and_at_the_ends():
-    rising, falling = [1, 2, 3], [3, 2, 1]
-    assert trend(rising * 3, rising + falling * 2) == CONDITION  # as printed, but only at ends that differ in mu
-    assert trend(rising + falling * 2, rising + falling * 2) == CONFIRMED
-    assert trend(rising * 3, rising * 3) == CONTRADICTED
-
-
-def rotation_claim(angles, crease=np.nan):
-    mu = np.array([-2.0, -1.0])
-    paths = {(1, m): SimpleNamespace(mu=mu, model=SimpleNamespace(n_nodes=m)) for m in paper_curves.INTERVALS}
-    values = {key: np.array([0.0, a]) for key, a in zip(paths, angles, strict=True)}
-    return paper_curves._angle_claim(1, paths, values, dict.fromkeys(paths, crease)).verdict
-
-
-def test_a_printed_angle_is_judged_by_all_clouds_and_the_crease_limit():
-    assert rotation_claim([40.0, 40.0, 40.0]) == CONFIRMED
-    assert rotation_claim([40.0, 40.0, 40.0], crease=-1.9) == CONDITION  # creased before
-    assert rotation_claim([40.0, 40.0, 20.0]) == CONDITION
-    assert rotation_claim([20.0, 20.0, 20.0]) == CONTRADICTED
-
-
 # --- numbers on a coarse cloud -----------------------------------------------------------------------------------------------
 
 
@@ -199,10 +173,6 @@ def test_area_reduction_is_set_by_the_volume_of_the_gel(coarse_path):
     area = sum(float(hole.area()) for hole in coarse_path.model.cloud.plate.holes) / 4
     np.testing.assert_allclose(paper_areas._kinematic(coarse_path, area), jaxgel.area_reduction(coarse_path), rtol=2e-3)
     # the cells see polygons of 160 sides, which leave out 3e-4 of a hole
-
-
-def test_printed_stretch_of_the_lattice():
-    assert float(jaxgel.free_swelling(-0.1688, jaxgel.sample("lattice").gel)) == pytest.approx(1.4510, abs=5e-5)
 
 
 def test_rotation_has_no_threshold(coarse_path):

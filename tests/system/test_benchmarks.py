@@ -12,7 +12,6 @@ SMALL = {
     "contact": ["--spacing", "0.9"],
     "convergence": ["--quick"],
     "fields": ["--repeats", "1"],
-    "first": [],
     "gpu": ["--spacing", "2.2", "--batch", "2", "--states", "3", "--repeats", "1", "--out", "gpu.json"],
     "gradient": ["--spacing", "2.2", "--repeats", "1"],
     "kernels": ["--cases", "sample-7", "--repeats", "1"],
@@ -22,7 +21,7 @@ SMALL = {
     "solvers": ["--nodes", "800"],
     "symmetry": ["--cases", "sample-1", "--spacing", "1.5", "--runs", "1"],
 }
-LONG = {"howto", "kill", "lattice", "waves"}  # minutes at their only setting
+LONG = {"first", "howto", "kill", "lattice", "waves"}  # minutes at their only setting
 ELEMENTS = {"barrier", "bloch_elements", "design_step", "finite_elements", "peers", "printed", "references", "studies", "sweep", "switches"}
 MODULES = {"ngsolve_gel", "ngsolve_sweep", "skfem_gel"}  # what others import
 NEEDS = dict.fromkeys(ELEMENTS | {"waves"}, "ngsolve") | {"solvers": "pyamg"}  # of the extra "bench"

@@ -14,12 +14,10 @@ from jaxgel.linalg import nearest_modes
 
 PERTURBED = {  # radii, relative: without any symmetry, so that a plate buckles to the same side with all parameters
     "sample-4": np.array([0.02, -0.02, 0.01, -0.01]),
-    "lattice": 0.01 * np.random.default_rng(8).uniform(-1, 1, 25),
 }
 CASES = {
     "sample-7": ([-3.0, -1.8], jaxgel.rotation_angle),
     "sample-4": ([-1.9, -1.4], jaxgel.rotation_angle),
-    "lattice": ([-4.3, -3.4, -3.1, -1.8], jaxgel.core_rotation),  # its midline does not turn; in one step it may buckle to either side
 }
 STEPS = dict(shape=1e-5, Nv=2e-5, chi=3e-6, mu=5e-5)  # of central differences: mm, kT/v, 1, kT; their error is 1e-8 to 1e-7
 
@@ -73,10 +71,10 @@ def test_derivatives_on_the_buckled_branch_are_those_of_the_resolved_problem(nam
     scale = sum(np.abs(parts).sum(axis=1) for parts in terms.values())
 
     forward = jax.jvp(objectives, (start,), (steps,))[1]
-    room = max(1e-10, round_off(path)) * scale  # 4e-8 for the lattice, of which it takes 9e-9
+    room = max(1e-10, round_off(path)) * scale
     np.testing.assert_array_less(np.abs(forward - sum(parts.sum(axis=1) for parts in terms.values())), room)
 
-    for moved in [steps, {"Nv": steps["Nv"], "chi": -steps["chi"], "mu": -steps["mu"]}][: 1 if name == "lattice" else 2]:  # seconds each
+    for moved in [steps, {"Nv": steps["Nv"], "chi": -steps["chi"], "mu": -steps["mu"]}]:
         back = {family: -step for family, step in moved.items()}
         difference = (objectives(start | moved) - objectives(start | back)) / 2
         parts = [np.array([np.ravel(gradient[family] * step) for gradient in gradients]) for family, step in moved.items()]

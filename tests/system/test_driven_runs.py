@@ -60,7 +60,7 @@ def test_the_way_back_has_the_states_of_the_way_there(turned):
     np.testing.assert_allclose(turned.x[-1], turned.x[0], atol=1e-9)
 
 
-@pytest.mark.parametrize("states", [1, "middle", "all but one"])
+@pytest.mark.parametrize("states", ["middle", *(pytest.param(k, marks=pytest.mark.slow) for k in (1, "all but one"))])
 def test_a_killed_run_goes_on_from_its_last_state_by_way_of_the_turning_point(states, folder, tmp_path):
     whole = load_run(folder)
     count = len(whole.mu)

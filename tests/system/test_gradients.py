@@ -242,7 +242,8 @@ def test_states_out_of_reach_are_nan_and_say_so(cloud):
     model = jaxgel.discretise(cloud)
 
     def sweep(chi):
-        path = jaxgel.sweep(jaxgel.Problem(model, jaxgel.Gel(1e-3, chi), contact=False), [MU[0], 9.0], branch="symmetric")
+        problem, steps = jaxgel.Problem(model, jaxgel.Gel(1e-3, chi), contact=False), jaxgel.StepControl(max_cuts=2)
+        path = jaxgel.sweep(problem, [MU[0], 9.0], branch="symmetric", steps=steps)
         return path.x[-1, 0, 0], (path.x, path.status)
 
     with pytest.warns(IllPosedDerivative, match=r"^sweep: ill-posed derivative at mu = 9: "):

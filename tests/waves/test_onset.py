@@ -93,7 +93,7 @@ def test_onset_of_a_strip_between_mirrors_of_the_lattice_is_that_of_finite_eleme
         assert (tmp_path / f"{name}.png").stat().st_size > 5000
 
 
-@pytest.mark.parametrize("of", ["radius", "gel"])
+@pytest.mark.parametrize("of", ["radius", pytest.param("gel", marks=pytest.mark.slow)])
 def test_derivatives_are_differences_of_relocated_onsets(of, cell, gel, onset):
     plate = cell.cloud.plate
 
@@ -108,6 +108,7 @@ def test_derivatives_are_differences_of_relocated_onsets(of, cell, gel, onset):
     assert float(slope) == pytest.approx((critical(at + h) - critical(at - h)) / (2 * h), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_larger_cell_has_an_onset_of_its_own(gel, tmp_path):
     """Of two by two cells the pattern is the same in all: the bifurcation of the cell itself, with its derivative."""
     holes = [jaxgel.Circle((x, y), 0.9) for x in (-1, 1) for y in (-1, 1)]
