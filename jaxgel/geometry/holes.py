@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._types import Array, Float, Scalar
 from .hole import Hole, pytree
 
@@ -227,7 +228,7 @@ def _power(u, n):
     return jnp.where(positive, jnp.exp(n * jnp.log(jnp.where(positive, u, 1.0))), 0.0)
 
 
-@jax.jit
+@compiled()
 def _along(vertices, t):
     """Point (2,) at t of a closed polygon whose sides take equal shares of [0, 1]."""
     n = len(vertices)

@@ -75,7 +75,7 @@ def _has_surface_ratios(model):
     return not model.film and model.axial_stretch is None
 
 
-@jax.jit
+@compiled()
 def _ratio(tangential, near, law):
     return surface_swelling(tangential, near, law) / tangential**2
 
