@@ -96,39 +96,36 @@ def scheme_path(scheme: Scheme, gel: Gel, mu: Sequence[float], *, on_step: Calla
 
 def equilibrium(problem: SchemeProblem, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> State:
     """`State` at ``mu``, whatever its status, from nodal values ``x`` and pressures; its stability is that within the edges."""
-    correction = NewtonCorrection(np.zeros(len(problem.scheme.rows)))
+    correction = NewtonCorrection()
     found = iterate(problem, State(float(mu), float(mu), np.asarray(x), np.asarray(pressure)), correction)
     found = dataclasses.replace(found, energy=float(scheme_energy(found.x, problem.scheme.cells, problem.gel, mu)))
     if not found.status.ok:
         return found
-    negative = negative_eigenvalues(correction.matrix) - len(problem.scheme.rows)
-    return dataclasses.replace(found, stability=Stability(negative))
+    return dataclasses.replace(found, stability=Stability(negative_eigenvalues(correction.matrix)))
 
 
 @dataclasses.dataclass
 class NewtonCorrection:
-    """Newton's corrections of the displacements and multipliers, see ``equilibrium.Correction``."""
+    """Newton's corrections of the displacements, see ``equilibrium.Correction``."""
 
-    multipliers: np.ndarray
     matrix: sp.csr_array | None = None
-    """(f + m, f + m) of the last correction."""
+    """Free-free matrix (f, f) of the last correction."""
     best: float = np.inf
     improved: int = 0
     terms: tuple = ()
-    """Condensed forces (N,), reactions of the edges (N,), displacements (N,) and `_residual`'s last value at the iterate."""
+    """Condensed forces (N,), reactions of the penalty (N,) and `_residual`'s last value at the iterate."""
 
     def assess(self, problem: SchemeProblem, state: State) -> tuple[float, bool]:
         """Residual norm of the iterate over that of the network's forces, and whether it is an equilibrium."""
         scheme, dry, x = problem.scheme, np.asarray(problem.scheme.cloud.nodes), np.asarray(state.x)
         force, condensed, now = _residual(x, state.pressure, scheme.cells, problem.gel, state.mu)
-        u = (x - dry).ravel()
-        reaction = scheme.stiffness @ u + scheme.rows.T @ self.multipliers
+        reaction = scheme.stiffness @ (x - dry).ravel()
         residual = -np.asarray(force).ravel() - reaction
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
             scale = float(now["network"]) + np.linalg.norm(reaction)
             rounded = EPS * np.linalg.norm(abs(scheme.stiffness) @ np.abs(x).ravel()) / scale  # large terms of a stiff penalty cancel
-            size = max(np.linalg.norm(residual[scheme.free]) / scale, np.linalg.norm(scheme.rows @ u) / np.linalg.norm(dry))
-        self.terms = np.asarray(condensed).ravel(), reaction, u, now
+            size = np.linalg.norm(residual[scheme.free]) / scale
+        self.terms = np.asarray(condensed).ravel(), reaction, now
         error, allowed = float(now["violation"]), max(NEWTON.tolerance, rounded)
         total = max(size / allowed, error / NEWTON.constraint_tolerance)
         if total < 0.5 * self.best:
@@ -142,19 +139,13 @@ class NewtonCorrection:
 
     def __call__(self, problem: SchemeProblem, state: State) -> State:
         """The next iterate."""
-        scheme, m = problem.scheme, len(problem.scheme.rows)
-        condensed, reaction, u, now = self.terms
+        scheme, (condensed, reaction, now) = problem.scheme, self.terms
         matrices = _tangents(state.x, state.pressure, now["stiffness"], scheme.cells, problem.gel)
         K = assembled(matrices, scheme.cells, len(state.x)) + scheme.stiffness
-        rows, self.matrix = sp.csr_array(scheme.rows[:, scheme.free]), K[scheme.free][:, scheme.free]
-        if m:
-            self.matrix = sp.block_array([[self.matrix, rows.T], [rows, None]], format="csr")
-        right = np.concatenate([(-condensed - reaction)[scheme.free], -scheme.rows @ u])
-        solution = solved(self.matrix, right)
+        self.matrix = K[scheme.free][:, scheme.free]
         dx = np.zeros(K.shape[0])
-        dx[scheme.free] = solution[: len(scheme.free)]
+        dx[scheme.free] = solved(self.matrix, (-condensed - reaction)[scheme.free])
         x, pressure = _advanced(state.x, state.pressure, dx.reshape(-1, 2), now, scheme.cells)
-        self.multipliers = self.multipliers + solution[len(scheme.free) :]
         return State(state.value, state.mu, x, pressure, newton_iterations=state.newton_iterations + 1)
 
     def finish(self, problem: SchemeProblem, state: State) -> State:  # noqa: ARG002
