@@ -21,12 +21,13 @@ import scipy.sparse as sp
 from .._types import Array, Float
 from .._validation import one_of
 from ..continuation import Path, extrapolated, first_state_failed, given_values
-from ..equilibrium import NEWTON, Stability, State, Status, iterate, of_outlines
+from ..equilibrium import NEWTON, Stability, State, Status, of_outlines
+from ..linalg import SingularTangent
 from ..materials import Gel, bulk_stiffness, flory_rehner, neo_hookean, volume_ratio_at
 from ..mechanics import ROUND_OFF, Problem, state_pressure
 from .increments import incremented
 from .matrices import assembled, negative_eigenvalues, solved
-from .scheme import MINORS, Scheme, SchemeProblem, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
+from .scheme import MINORS, Scheme, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
 
 ALGORITHMS = ("total", "incremental")
 EPS = np.finfo(float).eps
@@ -54,19 +55,19 @@ def equilibria(
     one_of("algorithm", algorithm, ALGORITHMS)
     if getattr(gel, "network", None) is not neo_hookean or gel.volumetric is not flory_rehner:
         raise ValueError("gel: the paper's scheme needs the Flory-Rehner energy with a neo-Hookean network")
-    problem = SchemeProblem(scheme, jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel))
+    gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
     if algorithm == "incremental":
         if scheme.cells.method != "displacement" or scheme.conditions != "nodes":
             given = f"{scheme.cells.method!r} and {scheme.conditions!r}"
             raise ValueError(f"algorithm: 'incremental' needs method 'displacement' and conditions at the 'nodes', not {given}")
 
         def attempt(mu, before):
-            return incremented(problem, mu, extrapolated(mu, before)[0] if before else None)
+            return incremented(scheme, gel, mu, extrapolated(mu, before)[0] if before else None)
     else:
         start = np.asarray(scheme.cloud.nodes), np.full(scheme.cells.volumes.shape, -float(gel.Nv))
 
         def attempt(mu, before):
-            found = equilibrium(problem, mu, *(extrapolated(mu, before) if before else start))
+            found = equilibrium(scheme, gel, mu, *(extrapolated(mu, before) if before else start))
             if until_overlap and found.status.ok:
                 return dataclasses.replace(found, status=of_outlines(found.x, scheme.model, contact=False))
             return found
@@ -94,63 +95,46 @@ def scheme_path(scheme: Scheme, gel: Gel, mu: Sequence[float], *, on_step: Calla
     return SchemePath.from_states(path_problem, states, stop=stop)
 
 
-def equilibrium(problem: SchemeProblem, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> State:
+def equilibrium(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> State:
     """`State` at ``mu``, whatever its status, from nodal values ``x`` and pressures; its stability is that within the edges."""
-    correction = NewtonCorrection()
-    found = iterate(problem, State(float(mu), float(mu), np.asarray(x), np.asarray(pressure)), correction)
-    found = dataclasses.replace(found, energy=float(scheme_energy(found.x, problem.scheme.cells, problem.gel, mu)))
-    if not found.status.ok:
-        return found
-    return dataclasses.replace(found, stability=Stability(negative_eigenvalues(correction.matrix)))
+    found, matrix = newton(scheme, gel, mu, x, pressure)
+    found = dataclasses.replace(found, energy=float(scheme_energy(found.x, scheme.cells, gel, mu)))
+    return dataclasses.replace(found, stability=Stability(negative_eigenvalues(matrix))) if found.status.ok else found
 
 
-@dataclasses.dataclass
-class NewtonCorrection:
-    """Newton's corrections of the displacements, see ``equilibrium.Correction``."""
-
-    matrix: sp.csr_array | None = None
-    """Free-free matrix (f, f) of the last correction."""
-    best: float = np.inf
-    improved: int = 0
-    terms: tuple = ()
-    """Condensed forces (N,), reactions of the penalty (N,) and `_residual`'s last value at the iterate."""
-
-    def assess(self, problem: SchemeProblem, state: State) -> tuple[float, bool]:
-        """Residual norm of the iterate over that of the network's forces, and whether it is an equilibrium."""
-        scheme, dry, x = problem.scheme, np.asarray(problem.scheme.cloud.nodes), np.asarray(state.x)
-        force, condensed, now = _residual(x, state.pressure, scheme.cells, problem.gel, state.mu)
-        reaction = scheme.stiffness @ (x - dry).ravel()
+def newton(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> tuple[State, sp.csr_array | None]:
+    """`State` in which Newton's method for the displacements ends, and the free-free matrix (f, f) of its last step."""
+    dry, free, cells, matrix, best, improved, iteration = np.asarray(scheme.cloud.nodes), scheme.free, scheme.cells, None, np.inf, 0, 0
+    while True:
+        force, condensed, now = _residual(x, pressure, cells, gel, mu)
+        reaction = scheme.stiffness @ (np.asarray(x) - dry).ravel()
         residual = -np.asarray(force).ravel() - reaction
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
             scale = float(now["network"]) + np.linalg.norm(reaction)
             rounded = EPS * np.linalg.norm(abs(scheme.stiffness) @ np.abs(x).ravel()) / scale  # large terms of a stiff penalty cancel
-            size = np.linalg.norm(residual[scheme.free]) / scale
-        self.terms = np.asarray(condensed).ravel(), reaction, now
+            size = np.linalg.norm(residual[free]) / scale
         error, allowed = float(now["violation"]), max(NEWTON.tolerance, rounded)
         total = max(size / allowed, error / NEWTON.constraint_tolerance)
-        if total < 0.5 * self.best:
-            self.best, self.improved = total, state.newton_iterations
-        solved = size < allowed and error < NEWTON.constraint_tolerance and state.newton_iterations > 0
-        return size if np.isfinite(error) else np.nan, bool(solved)
-
-    def exhausted(self, state: State) -> bool:
-        """Whether the iteration ends without a solution."""
-        return state.newton_iterations >= NEWTON.max_iterations or state.newton_iterations > self.improved + PATIENCE
-
-    def __call__(self, problem: SchemeProblem, state: State) -> State:
-        """The next iterate."""
-        scheme, (condensed, reaction, now) = problem.scheme, self.terms
-        matrices = _tangents(state.x, state.pressure, now["stiffness"], scheme.cells, problem.gel)
-        K = assembled(matrices, scheme.cells, len(state.x)) + scheme.stiffness
-        self.matrix = K[scheme.free][:, scheme.free]
-        dx = np.zeros(K.shape[0])
-        dx[scheme.free] = solved(self.matrix, (-condensed - reaction)[scheme.free])
-        x, pressure = _advanced(state.x, state.pressure, dx.reshape(-1, 2), now, scheme.cells)
-        return State(state.value, state.mu, x, pressure, newton_iterations=state.newton_iterations + 1)
-
-    def finish(self, problem: SchemeProblem, state: State) -> State:  # noqa: ARG002
-        """The solution, in NumPy arrays."""
-        return dataclasses.replace(state, x=np.asarray(state.x), pressure=np.asarray(state.pressure))
+        if total < 0.5 * best:
+            best, improved = total, iteration
+        status = Status.NOT_CONVERGED
+        if not np.isfinite(size + error):
+            status = Status.NOT_FINITE
+        elif total < 1 and iteration:
+            status = Status.CONVERGED
+        elif iteration < min(NEWTON.max_iterations, improved + PATIENCE + 1):
+            K = assembled(_tangents(x, pressure, now["stiffness"], cells, gel), cells, len(dry)) + scheme.stiffness
+            matrix, dx = K[free][:, free], np.zeros(dry.size)
+            try:
+                dx[free] = solved(matrix, (-np.asarray(condensed).ravel() - reaction)[free])
+            except SingularTangent:
+                status = Status.SINGULAR
+            else:
+                x, pressure = _advanced(x, pressure, dx.reshape(-1, 2), now, cells)
+                iteration += 1
+                continue
+        x, pressure = np.asarray(x), np.asarray(pressure)
+        return State(float(mu), float(mu), x, pressure, status, newton_iterations=iteration, residual=float(size)), matrix
 
 
 @jax.jit

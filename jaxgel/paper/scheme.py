@@ -118,16 +118,6 @@ class Scheme:
         return rows.reshape(len(phi), 2, -1)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class SchemeProblem:
-    """What an equilibrium solves."""
-
-    scheme: Scheme
-    """Cells and conditions."""
-    gel: Gel
-    """Material, of the Flory-Rehner energy."""
-
-
 def make_scheme(
     cloud: Cloud,
     *,
