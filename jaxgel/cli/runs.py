@@ -13,7 +13,7 @@ from .._validation import one_of
 from ..cases import OutputOptions, load_case, path_of
 from ..continuation import Path
 from ..equilibrium import Observer
-from ..io import Progress, Recorder, interruptible, open_folder, write_loop, write_points
+from ..io import Progress, Recorder, interruptible, open_folder, write_csv, write_loop, write_points
 from ..materials import varies
 from ..observables import OF_POSITIONS, events
 from ..symmetry import NAMES
@@ -172,7 +172,7 @@ def _draw_loop(found, quantity, folder):
 
 def check_grad(args: Namespace) -> int:
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
-    from .taylor_test import OBJECTIVES, check_gradient, write_table
+    from .taylor_test import OBJECTIVES, check_gradient
 
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / case.name)
@@ -181,12 +181,14 @@ def check_grad(args: Namespace) -> int:
     except ArithmeticError as problem:
         print(f"jaxgel: {problem}", file=sys.stderr)
         return STOPPED
-    write_table(rows, folder)
+    columns = ("objective", "family", "slope", "difference quotient", "remainder at h = 1", "remainder at h = 0.5", "rate")
+    table = [[row.objective, row.family, row.slope, row.difference, *row.remainders, f"{row.rate:.4f}"] for row in rows]
+    write_csv(folder / "check-grad.csv", columns, table)
     say = printer(args)
-    say(f"{'objective':<15} {'family':<16} {'slope':>11} {'difference':>11}  {'remainder at h = 1, 1/2, 1/4':<31} {'rate':>6}")
+    say(f"{'objective':<15} {'family':<16} {'slope':>11} {'difference':>11}  {'remainder at h = 1, 1/2':<22} {'rate':>6}")
     for row in rows:
         remainders = " ".join(f"{r:9.2e}" for r in row.remainders)
-        say(f"{row.objective:<15} {row.family:<16} {row.slope:11.4e} {row.difference:11.4e}  {remainders:<31} {row.rate:6.3f}")
+        say(f"{row.objective:<15} {row.family:<16} {row.slope:11.4e} {row.difference:11.4e}  {remainders:<22} {row.rate:6.3f}")
     left_out = [name for name in OBJECTIVES if name not in {row.objective for row in rows}]
     if left_out:
         say(f"left out, without a value or a derivative at the last state: {', '.join(left_out)}")
