@@ -127,15 +127,11 @@ def critical(args: Namespace) -> int:
     if not points:
         say("the symmetric branch is stable and does not fold back")
     elif case.output.figures:
-        _draw_modes(model, points, control, folder)
+        from ..plotting import plot_modes, save_figure
+
+        save_figure(plot_modes(model, points, control=control)[0].figure, folder / "modes.png")
     say(f"{len(points)} critical points in {folder}")
     return DONE
-
-
-def _draw_modes(model, points, control, folder):
-    from ..plotting import plot_modes, save_figure
-
-    save_figure(plot_modes(model, points, control=control)[0].figure, folder / "modes.png")
 
 
 def loop(args: Namespace) -> int:
@@ -155,19 +151,15 @@ def loop(args: Namespace) -> int:
         found = case.loop(model, observer=Observer(accepted=on_step))
     write_loop(found, folder, case.table())
     if case.output.figures:
-        _draw_loop(found, args.quantity, folder)
+        from ..plotting import plot_loop, save_figure
+
+        save_figure(plot_loop(found, args.quantity).figure, folder / "loop.png")
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, {found}")
     say(f"{len(found.jumps_up)} jumps up and {len(found.jumps_down)} down in {folder}")
     if not found.up.stop.ok or found.down is None or not found.down.stop.ok:
         print(f"jaxgel: the loop stopped early: {found.stop_text}", file=sys.stderr)
         return STOPPED
     return DONE
-
-
-def _draw_loop(found, quantity, folder):
-    from ..plotting import plot_loop, save_figure
-
-    save_figure(plot_loop(found, quantity).figure, folder / "loop.png")
 
 
 def check_grad(args: Namespace) -> int:

@@ -11,13 +11,7 @@ from ..controls import CONTROLS
 from ..equilibrium import Change
 from ..geometry import Plate
 from .areas import area_reduction
-from .fields import (
-    free_stretch,
-    largest_volume_ratio,
-    macroscopic_deformation,
-    mean_volume_ratio,
-    smallest_volume_ratio,
-)
+from .fields import free_stretch, host_volume_ratio, macroscopic_deformation, mean_volume_ratio
 from .gaps import gap, min_gap_once, status_texts
 from .rotation import core_rotation, rotation_angle
 from .surface import crease_indicator, surface_ratio
@@ -123,8 +117,17 @@ _TABLE = (
     _column("newton_iterations", attrgetter("newton_iterations"), "1", "Newton iterations", "number of Newton corrections", "d", kind=int),
     _column("residual", attrgetter("residual"), "1", "residual", "residual over the forces of the network", ".1e"),
     _column("energy", attrgetter("energy"), "kT/v mm2", "energy", "total energy", ".6g", differentiable=True, viewed=True),
-    _column("J_min", smallest_volume_ratio, "1", "smallest volume ratio $J$", "smallest volume ratio of a cell", ".4f"),
-    _column("J_max", largest_volume_ratio, "1", "largest volume ratio $J$", "largest volume ratio of a cell", ".4f"),
+    _column(
+        "J_min",
+        lambda path: host_volume_ratio(path).min(axis=1),
+        "1",
+        "smallest volume ratio $J$",
+        "smallest volume ratio of a cell",
+        ".4f",
+    ),
+    _column(
+        "J_max", lambda path: host_volume_ratio(path).max(axis=1), "1", "largest volume ratio $J$", "largest volume ratio of a cell", ".4f"
+    ),
     _column("J_mean", mean_volume_ratio, "1", "mean volume ratio $J$", "mean volume ratio", ".4f", plotted=("J", "mean"), viewed=True),
     _column(
         *("area_reduction", area_reduction, "1", "area reduction", "reduction of the area of the holes", ".3f"),

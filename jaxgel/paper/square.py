@@ -131,19 +131,18 @@ def fig_4(runs: Runs) -> Entry:
     """Fig. 4: time against the number of nodes."""
     rows = []
     for side in SIDES:
-        cloud = make_cloud(_square(side))
+        cloud = make_cloud(Plate(1.0, 1.0, edges={"top": "free"}, spacing=1 / (side - 1), gel=sample("square").gel))
         for name in TIMED:
             runs.on_state(f"{name}, {side} x {side} nodes")
             rows.append(_timed(cloud, name))
     figure, ax = pyplot().subplots(figsize=(6.9, 3.6), layout="constrained")
-    numbers = []
+    numbers, sides = [], ", ".join(f"{side}²" for side in SIDES)
     for name, colour, marker in zip(TIMED, COLOURS, "os^Dv<>", strict=True):
         own = [row for row in rows if row["method"] == name]
         nodes, seconds = [row["nodes"] for row in own], [row["cpu_seconds"] for row in own]
         ax.semilogy(nodes, seconds, marker + STYLES[name[1]], color=colour, markersize=4, label=name)
-        numbers += [
-            Number(f"median processor time, s, {r['nodes']} nodes, to mu = {r['reached_mu']:g}, {name}", r["cpu_seconds"]) for r in own
-        ]
+        ends = ", ".join(f"{row['reached_mu']:g}" for row in own)
+        numbers.append(Number(f"median seconds to mu = {ends} with {sides} nodes, {name}", ", ".join(f"{value:.2g}" for value in seconds)))
     ax.set(xlabel="number of nodes", ylabel=r"median processor time to the last $\mu$ (s)")
     ax.set_xticks([side**2 for side in SIDES], [f"{side}×{side}" for side in SIDES])
     figure.legend(frameon=False, fontsize=7.5, loc="outside right center")
@@ -155,11 +154,6 @@ def fig_4(runs: Runs) -> Entry:
         rows=rows,
         figure=figure,
     )
-
-
-def _square(side):
-    """The unit square with side x side nodes."""
-    return Plate(1.0, 1.0, edges={"top": "free"}, spacing=1 / (side - 1), gel=sample("square").gel)
 
 
 def _timed(cloud, name):
