@@ -24,15 +24,7 @@ from ..materials import (
     with_parameters,
 )
 from ..materials import cauchy_stress as cauchy_stress_at
-from ..mechanics import (
-    at_points,
-    axial_stretch,
-    by_block,
-    deformation_of,
-    gradients_by_block,
-    volume_law,
-    volume_ratios,
-)
+from ..mechanics import at_points, axial_stretch, by_block, deformation_of, gradients_by_block, volume_law, volume_ratios
 from .states import States, of_path, over_states
 
 

@@ -6,16 +6,7 @@ import numpy as np
 
 from ..cases import GRID, sample
 from ..materials import free_swelling
-from ..observables import (
-    CREASE_RATIO,
-    area_reduction,
-    aspect_ratio,
-    core_rotation,
-    free_stretch,
-    min_gap,
-    rotation_angle,
-    surface_ratio,
-)
+from ..observables import CREASE_RATIO, area_reduction, aspect_ratio, core_rotation, free_stretch, min_gap, rotation_angle, surface_ratio
 from .items import COLOURS, FINITE_ELEMENTS, Entry, Number, Runs, at, crossing, or_none, pyplot, rows, unstable_from
 from .scheme import cells_per_side, square_cells
 

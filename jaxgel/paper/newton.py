@@ -5,7 +5,7 @@ gel has the pressure p, k = dp/dJ there, and G = d(V J)/dx,
 
     dp = k (G^T dx / V + J - J*),    (network'' + sum_g [p d2(V J)/dx2 + (k/V) G G^T]) dx = - network' - sum_g [p + k (J - J*)] G
 
-Every p is feasible, and the matrix is the Hessian of the energy wherever J = J*(p).
+Every p is feasible, and the matrix is the Hessian of the energy wherever J = J*(p): the sum of the paper's, Eqs. (47)-(49).
 """
 
 import dataclasses
@@ -16,20 +16,17 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
+import scipy.sparse.linalg as sla
 
 from .._types import Array, Float
-from .._validation import one_of
 from ..continuation import Path, extrapolated, first_state_failed, given_values
 from ..equilibrium import NEWTON, Stability, State, Status, of_outlines
-from ..linalg import SingularTangent
 from ..materials import Gel, bulk_stiffness, flory_rehner, neo_hookean, volume_ratio_at
 from ..mechanics import ROUND_OFF, Problem, state_pressure
-from .increments import incremented
-from .matrices import assembled, negative_eigenvalues, solved
-from .scheme import MINORS, Scheme, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
+from .scheme import MINORS, Cells, Scheme, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
 
-ALGORITHMS = ("total", "incremental")
 EPS = np.finfo(float).eps
 PATIENCE = 8  # iterations without progress after which Newton's method is given up
 
@@ -43,34 +40,23 @@ def equilibria(
     gel: Gel,
     mu: Sequence[float],
     *,
-    algorithm: str = "total",
     until_overlap: bool = False,
 ) -> Generator[State, None, tuple[Status, float]]:
     """Yield the states at the chemical potentials ``mu``, kT, their ``x`` nodal values, while the branch goes on; returns how it ended.
 
-    ``algorithm="incremental"`` is the paper's, with increments from the freely swollen plate. A symmetric branch is followed whatever its
-    stability. ``until_overlap`` ends it where hole outlines overlap. Raises ValueError for a gel of another energy than the paper's,
-    neo-Hookean and Flory-Rehner.
+    A symmetric branch is followed whatever its stability. ``until_overlap`` ends it where hole outlines overlap. Raises ValueError for a
+    gel of another energy than the paper's, neo-Hookean and Flory-Rehner.
     """
-    one_of("algorithm", algorithm, ALGORITHMS)
     if getattr(gel, "network", None) is not neo_hookean or gel.volumetric is not flory_rehner:
         raise ValueError("gel: the paper's scheme needs the Flory-Rehner energy with a neo-Hookean network")
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
-    if algorithm == "incremental":
-        if scheme.cells.method != "displacement" or scheme.conditions != "nodes":
-            given = f"{scheme.cells.method!r} and {scheme.conditions!r}"
-            raise ValueError(f"algorithm: 'incremental' needs method 'displacement' and conditions at the 'nodes', not {given}")
+    start = np.asarray(scheme.cloud.nodes), np.full(scheme.cells.volumes.shape, -float(gel.Nv))
 
-        def attempt(mu, before):
-            return incremented(scheme, gel, mu, extrapolated(mu, before)[0] if before else None)
-    else:
-        start = np.asarray(scheme.cloud.nodes), np.full(scheme.cells.volumes.shape, -float(gel.Nv))
-
-        def attempt(mu, before):
-            found = equilibrium(scheme, gel, mu, *(extrapolated(mu, before) if before else start))
-            if until_overlap and found.status.ok:
-                return dataclasses.replace(found, status=of_outlines(found.x, scheme.model, contact=False))
-            return found
+    def attempt(mu, before):
+        found = equilibrium(scheme, gel, mu, *(extrapolated(mu, before) if before else start))
+        if until_overlap and found.status.ok:
+            return dataclasses.replace(found, status=of_outlines(found.x, scheme.model, contact=False))
+        return found
 
     return given_values(attempt, list(map(float, mu)), [])
 
@@ -99,7 +85,7 @@ def equilibrium(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pre
     """`State` at ``mu``, whatever its status, from nodal values ``x`` and pressures; its stability is that within the edges."""
     found, matrix = newton(scheme, gel, mu, x, pressure)
     found = dataclasses.replace(found, energy=float(scheme_energy(found.x, scheme.cells, gel, mu)))
-    return dataclasses.replace(found, stability=Stability(negative_eigenvalues(matrix))) if found.status.ok else found
+    return dataclasses.replace(found, stability=Stability(_negative_eigenvalues(matrix))) if found.status.ok else found
 
 
 def newton(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> tuple[State, sp.csr_array | None]:
@@ -123,11 +109,11 @@ def newton(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure
         elif total < 1 and iteration:
             status = Status.CONVERGED
         elif iteration < min(NEWTON.max_iterations, improved + PATIENCE + 1):
-            K = assembled(_tangents(x, pressure, now["stiffness"], cells, gel), cells, len(dry)) + scheme.stiffness
+            K = _assembled(_tangents(x, pressure, now["stiffness"], cells, gel), cells, len(dry)) + scheme.stiffness
             matrix, dx = K[free][:, free], np.zeros(dry.size)
             try:
-                dx[free] = solved(matrix, (-np.asarray(condensed).ravel() - reaction)[free])
-            except SingularTangent:
+                dx[free] = sla.splu(matrix.tocsc()).solve((-np.asarray(condensed).ravel() - reaction)[free])
+            except RuntimeError:
                 status = Status.SINGULAR
             else:
                 x, pressure = _advanced(x, pressure, dx.reshape(-1, 2), now, cells)
@@ -169,3 +155,16 @@ def _advanced(x, p, dx, now, cells):
     """Positions and pressures after the step ``dx`` (n, 2)."""
     dJ = jax.jvp(functools.partial(volume_ratios, cells=cells), (x,), (dx,))[1]
     return x + dx, p + now["stiffness"] * (dJ + now["error"])
+
+
+def _assembled(matrices: Float[Array, "c A A"], cells: Cells, n_nodes: int) -> sp.csr_array:
+    """The sum (N, N), N = 2 ``n_nodes``, of the cells' matrices, A = 2 a."""
+    dofs = (2 * np.asarray(cells.nodes, dtype=np.int32)[:, :, None] + np.arange(2, dtype=np.int32)).reshape(len(cells.nodes), -1)
+    pairs = (np.broadcast_to(part, matrices.shape).ravel() for part in (dofs[:, :, None], dofs[:, None, :]))
+    return sp.coo_array((np.asarray(matrices).ravel(), tuple(pairs)), (2 * n_nodes, 2 * n_nodes)).tocsr()
+
+
+def _negative_eigenvalues(matrix: sp.csr_array) -> int:
+    """Number of negative eigenvalues of a symmetric matrix, from the blocks of the LDL^T of the dense one."""
+    blocks = scipy.linalg.ldl(matrix.toarray())[1]
+    return int(np.sum(scipy.linalg.eigvalsh_tridiagonal(np.diagonal(blocks), np.diagonal(blocks, 1)) < 0))

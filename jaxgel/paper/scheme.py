@@ -20,16 +20,7 @@ from jax import lax
 from .._types import Array, Float, Inexact, Int, Scalar
 from .._validation import one_of
 from ..cloud import Cloud
-from ..discretisation import (
-    BASES,
-    KINDS,
-    Model,
-    discretise,
-    pad_nodes,
-    reaching_nodes,
-    shape_functions,
-    shape_functions_and_gradients,
-)
+from ..discretisation import BASES, KINDS, Model, discretise, pad_nodes, reaching_nodes, shape_functions, shape_functions_and_gradients
 from ..geometry import Plate, edge_lines, held_components, inside_holes
 from ..materials import Gel
 from ..mechanics import free_dofs
