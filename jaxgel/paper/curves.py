@@ -76,7 +76,6 @@ def fig_12(runs: Runs) -> Entry:
         table += rows(dict(mu=mu, rotation_deg=angle, surface_ratio=surface), sample=n, contact=int(contact), nodes=path.model.n_nodes)
         numbers += [
             Number(f"{name}: rotation, degrees, mu = -1.9678", float(angle[at(path, -1.9678)]), None, known[-1.9678] if n == 1 else None),
-            Number(f"{name}: largest rotation, degrees", float(angle.max()), PRINTED_ANGLES[n]),
             Number(f"{name}: mu of the printed {PRINTED_ANGLES[n]:g} degrees", or_none(crossing(mu, angle, PRINTED_ANGLES[n]))),
             Number(f"{name}: mu of the crease limit", or_none(crease), None, reference["crease_mu"] if n == 1 else None),
         ]
@@ -203,7 +202,8 @@ def fig_14(runs: Runs) -> Entry:
         ]
     left.set(title="(a)", xlabel=r"free-swelling stretch $\lambda_\mu$", ylabel="area reduction (%)")
     title = rf"(b) full at $\mu = {shared:.4f}$, open at the ends"
-    right.set(title=title, xlabel=r"initial area of a hole ($\pi$ mm$^2$)", ylabel="area reduction (%)", xticks=[10, 15, 20])
+    right.set_title(title, fontsize=9)
+    right.set(xlabel=r"initial area of a hole ($\pi$ mm$^2$)", ylabel="area reduction (%)", xticks=[10, 15, 20])
     for ax in (left, right):
         ax.legend(frameon=False, fontsize=6.5, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.2))
     return Entry(
