@@ -6,9 +6,7 @@ computed anew.
 """
 
 import contextlib
-import csv
 import functools
-import io
 import json
 import time
 import traceback
@@ -19,7 +17,7 @@ from typing import Any
 from tqdm import tqdm
 
 from .._validation import did_you_mean
-from ..io import interruptible, open_folder, write_atomically
+from ..io import interruptible, open_folder, write_atomically, write_csv, write_json
 from . import curves, patterns, square
 from .items import FINITE_ELEMENTS, Entry, Runs, pyplot
 
@@ -74,9 +72,9 @@ def run_paper(
             bar.set_description_str(name)
             start = time.perf_counter()
             record = _recorded(known[name], runs, folder, name) | {"seconds": time.perf_counter() - start}
-            text = json.dumps(record, indent=1, ensure_ascii=False, default=float)
-            _write(folder / f"{name}.json", text)
-            _write(folder / REPORT, _report({name: _read_record(folder, name) for name in known}))
+            write_json(folder / f"{name}.json", record)
+            report = _report({name: _read_record(folder, name) for name in known}).encode()
+            write_atomically(folder / REPORT, lambda stream, report=report: stream.write(report))
             after_item()
             bar.update()
             with contextlib.nullcontext() if quiet else tqdm.external_write_mode():
@@ -94,22 +92,10 @@ def _recorded(item, runs, folder, name):
         return {"error": f"{type(problem).__name__}: {' '.join(str(problem).split()) or 'no message'} ({place.name})"}
     write_atomically(folder / f"{name}.png", lambda stream: entry.figure.savefig(stream, dpi=200, format="png"))
     pyplot().close(entry.figure)
-    _write(folder / f"{name}.csv", _csv(entry.rows))
+    rows = [[f"{v:.9g}" if isinstance(v, float) else v for v in row.values()] for row in entry.rows]
+    write_csv(folder / f"{name}.csv", list(entry.rows[0]), rows)
     numbers = [number.cells() for number in entry.numbers]
     return {"title": entry.title, "paper": entry.paper, "reference": entry.reference, "numbers": numbers}
-
-
-def _csv(rows):
-    """CSV text of dictionaries with the same keys; numbers with nine digits."""
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows([{key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows])
-    return text.getvalue()
-
-
-def _write(file, text):
-    write_atomically(file, lambda stream: stream.write(text.encode()))
 
 
 def _read_record(folder, name):
