@@ -73,7 +73,9 @@ def fig_12(runs: Runs) -> Entry:
         name = f"sample {n}, {path.model.n_nodes} nodes{', contact' * contact}"
         ax.plot(mu, angle, style, color="#5c6670" if contact else colour, linewidth=1.1, label=f"{name}, to mu = {mu[-1]:.2f}")
         ax.plot(crease, np.interp(crease, mu, angle), "o", color=colour, markersize=4)
-        table += rows(dict(mu=mu, rotation_deg=angle, surface_ratio=surface), sample=n, contact=int(contact), nodes=path.model.n_nodes)
+        table += rows(
+            dict(mu=mu, rotation_deg=angle, surface_ratio=surface), sample=n, contact="on" if contact else "stop", nodes=path.model.n_nodes
+        )
         numbers += [
             Number(f"{name}: rotation, degrees, mu = -1.9678", float(angle[at(path, -1.9678)]), None, known[-1.9678] if n == 1 else None),
             Number(f"{name}: mu of the printed {PRINTED_ANGLES[n]:g} degrees", or_none(crossing(mu, angle, PRINTED_ANGLES[n]))),
@@ -218,4 +220,4 @@ def fig_14(runs: Runs) -> Entry:
 
 def _area_rows(path, number):
     columns = dict(mu=path.mu, free_stretch=free_stretch(path), area_reduction=area_reduction(path), least_gap_mm=min_gap(path))
-    return rows(columns, sample=number, contact=int(path.model.contact is not None))
+    return rows(columns, sample=number, contact="on" if path.model.contact is not None else "stop")

@@ -10,7 +10,13 @@ from ..observables import FIELDS, area_reduction, core_rotation, field_values, o
 from .items import FINITE_ELEMENTS, Entry, Number, Runs, at, pyplot, rows, unstable_from
 from .newton import SchemePath
 
-ROTATION, WIDTHS, BOW = "midline rotation, degrees", "width along the axes over that along the diagonals", "pillar off its line, mm"
+ROTATION, WIDTHS, BOW = "midline_rotation_deg", "axes_over_diagonals", "pillar_bow_mm"
+TEXTS = {
+    ROTATION: "midline rotation, degrees",
+    WIDTHS: "width along the axes over that along the diagonals",
+    BOW: "pillar off its line, mm",
+}
+"""Columns of the CSV files, and what they are."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,14 +95,14 @@ def draw_patterns(runs: Runs, number: int) -> Entry:
         for what in of.quantities:
             value = float(columns[id(path)][what][k])
             numbers.append(
-                Number(f"{name}{_how(path)}, mu = {path.mu[k]:.4f}: {what}", value, None, reference if what == ROTATION else None)
+                Number(f"{name}{_how(path)}, mu = {path.mu[k]:.4f}: {TEXTS[what]}", value, None, reference if what == ROTATION else None)
             )
     for i, path in enumerate({id(path): path for path in paths}.values(), start=1):
         name, states = _name(path), {k for other, k in shown if other is path}
         critical = FINITE_ELEMENTS.get(name, {}).get("critical_mu")
         numbers.append(Number(f"{name}{_how(path)}: unstable from mu", unstable_from(path), None, critical))
         pictured = [int(k in states) for k in range(len(path))]
-        how = dict(contact=int(path.model.contact is not None), locks=int(_locks(path)))
+        how = dict(contact="on" if path.model.contact is not None else "stop", method="displacement" if _locks(path) else "mixed")
         table += rows(columns[id(path)] | {"shown": pictured}, path=i, case=name, **how)
     return Entry(f"Fig. {number}: {of.title}", of.paper, numbers, table, _figure(shown, of.columns))
 
@@ -105,11 +111,11 @@ def _columns(path):
     return {
         "mu": path.mu,
         ROTATION: rotation_angle(path),
-        "core rotation, degrees": core_rotation(path),
-        "area reduction": area_reduction(path),
+        "core_rotation_deg": core_rotation(path),
+        "area_reduction": area_reduction(path),
         WIDTHS: axes_over_diagonals(path),
         BOW: bow(path),
-        "negative pivots": path.negative_pivots,
+        "negative_pivots": path.negative_pivots,
     }
 
 
