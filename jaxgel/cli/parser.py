@@ -109,7 +109,7 @@ def _study_commands(add):
     p.add_argument("--resume", action="store_true", help="run the points of the map in the folder that have not ended")
 
     p = _quiet_option(add("studies.paper", "paper", "compute the paper's table and figures again, beside what it prints"))
-    p.add_argument("items", nargs="*", metavar="ITEM", help="table-1, fig-2, ... or fig-14 (default: all that are missing)")
+    p.add_argument("items", nargs="*", metavar="ITEM", help="table-1, fig-2, ..., fig-14 or algorithm (default: all that are missing)")
     p.add_argument("--out", metavar="DIR", default="out/paper", help="folder of the results (default: out/paper)")
 
 

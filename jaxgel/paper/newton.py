@@ -16,17 +16,20 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
-import scipy.sparse.linalg as sla
 
 from .._types import Array, Float
+from .._validation import one_of
 from ..continuation import Path, extrapolated, first_state_failed, given_values
 from ..equilibrium import NEWTON, Stability, State, Status, of_outlines
+from ..linalg import SingularTangent
 from ..materials import Gel, bulk_stiffness, flory_rehner, neo_hookean, volume_ratio_at
 from ..mechanics import ROUND_OFF, Problem, state_pressure
-from .scheme import MINORS, Cells, Scheme, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
+from .increments import incremented
+from .matrices import assembled, negative_eigenvalues, solved
+from .scheme import MINORS, Scheme, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
 
+ALGORITHMS = ("total", "incremental")
 EPS = np.finfo(float).eps
 PATIENCE = 8  # iterations without progress after which Newton's method is given up
 
@@ -40,20 +43,30 @@ def equilibria(
     gel: Gel,
     mu: Sequence[float],
     *,
+    algorithm: str = "total",
     until_overlap: bool = False,
 ) -> Generator[State, None, tuple[Status, float]]:
     """Yield the states at the chemical potentials ``mu``, kT, their ``x`` nodal values, while the branch goes on; returns how it ended.
 
-    A symmetric branch is followed whatever its stability. ``until_overlap`` ends it where hole outlines overlap. Raises ValueError for a
-    gel of another energy than the paper's, neo-Hookean and Flory-Rehner.
+    ``algorithm="incremental"`` is the paper's, with increments from the freely swollen plate. A symmetric branch is followed whatever its
+    stability. ``until_overlap`` ends it where hole outlines overlap. Raises ValueError for a gel of another energy than the paper's,
+    neo-Hookean and Flory-Rehner.
     """
+    one_of("algorithm", algorithm, ALGORITHMS)
     if getattr(gel, "network", None) is not neo_hookean or gel.volumetric is not flory_rehner:
         raise ValueError("gel: the paper's scheme needs the Flory-Rehner energy with a neo-Hookean network")
+    if algorithm == "incremental" and (scheme.cells.method != "displacement" or scheme.conditions != "nodes"):
+        given = f"{scheme.cells.method!r} and {scheme.conditions!r}"
+        raise ValueError(f"algorithm: 'incremental' needs method 'displacement' and conditions at the 'nodes', not {given}")
     gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
     start = np.asarray(scheme.cloud.nodes), np.full(scheme.cells.volumes.shape, -float(gel.Nv))
 
     def attempt(mu, before):
-        found = equilibrium(scheme, gel, mu, *(extrapolated(mu, before) if before else start))
+        x, pressure = extrapolated(mu, before) if before else start
+        if algorithm == "incremental":
+            found = incremented(scheme, gel, mu, x if before else None)
+        else:
+            found = equilibrium(scheme, gel, mu, x, pressure)
         if until_overlap and found.status.ok:
             return dataclasses.replace(found, status=of_outlines(found.x, scheme.model, contact=False))
         return found
@@ -85,7 +98,7 @@ def equilibrium(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pre
     """`State` at ``mu``, whatever its status, from nodal values ``x`` and pressures; its stability is that within the edges."""
     found, matrix = newton(scheme, gel, mu, x, pressure)
     found = dataclasses.replace(found, energy=float(scheme_energy(found.x, scheme.cells, gel, mu)))
-    return dataclasses.replace(found, stability=Stability(_negative_eigenvalues(matrix))) if found.status.ok else found
+    return dataclasses.replace(found, stability=Stability(negative_eigenvalues(matrix))) if found.status.ok else found
 
 
 def newton(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> tuple[State, sp.csr_array | None]:
@@ -109,11 +122,11 @@ def newton(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure
         elif total < 1 and iteration:
             status = Status.CONVERGED
         elif iteration < min(NEWTON.max_iterations, improved + PATIENCE + 1):
-            K = _assembled(_tangents(x, pressure, now["stiffness"], cells, gel), cells, len(dry)) + scheme.stiffness
+            K = assembled(_tangents(x, pressure, now["stiffness"], cells, gel), cells, len(dry)) + scheme.stiffness
             matrix, dx = K[free][:, free], np.zeros(dry.size)
             try:
-                dx[free] = sla.splu(matrix.tocsc()).solve((-np.asarray(condensed).ravel() - reaction)[free])
-            except RuntimeError:
+                dx[free] = solved(matrix, (-np.asarray(condensed).ravel() - reaction)[free])
+            except SingularTangent:
                 status = Status.SINGULAR
             else:
                 x, pressure = _advanced(x, pressure, dx.reshape(-1, 2), now, cells)
@@ -155,16 +168,3 @@ def _advanced(x, p, dx, now, cells):
     """Positions and pressures after the step ``dx`` (n, 2)."""
     dJ = jax.jvp(functools.partial(volume_ratios, cells=cells), (x,), (dx,))[1]
     return x + dx, p + now["stiffness"] * (dJ + now["error"])
-
-
-def _assembled(matrices: Float[Array, "c A A"], cells: Cells, n_nodes: int) -> sp.csr_array:
-    """The sum (N, N), N = 2 ``n_nodes``, of the cells' matrices, A = 2 a."""
-    dofs = (2 * np.asarray(cells.nodes, dtype=np.int32)[:, :, None] + np.arange(2, dtype=np.int32)).reshape(len(cells.nodes), -1)
-    pairs = (np.broadcast_to(part, matrices.shape).ravel() for part in (dofs[:, :, None], dofs[:, None, :]))
-    return sp.coo_array((np.asarray(matrices).ravel(), tuple(pairs)), (2 * n_nodes, 2 * n_nodes)).tocsr()
-
-
-def _negative_eigenvalues(matrix: sp.csr_array) -> int:
-    """Number of negative eigenvalues of a symmetric matrix, from the blocks of the LDL^T of the dense one."""
-    blocks = scipy.linalg.ldl(matrix.toarray())[1]
-    return int(np.sum(scipy.linalg.eigvalsh_tridiagonal(np.diagonal(blocks), np.diagonal(blocks, 1)) < 0))

@@ -40,6 +40,7 @@ def items() -> dict[str, Callable[[Runs], Entry]]:
         "fig-12": curves.fig_12,
         "fig-13": curves.fig_13,
         "fig-14": curves.fig_14,
+        "algorithm": square.algorithm,
     }
 
 

@@ -1,4 +1,4 @@
-"""Figs. 2-4 of Deng et al. (2020): the square that swells uniaxially, by the interpolating method and those it is compared with."""
+"""Figs. 2-4 of Deng et al. (2020), the square that swells uniaxially, by the interpolating method and others; and Section 4."""
 
 import statistics
 import time
@@ -16,7 +16,7 @@ from ..geometry import Plate
 from ..materials import uniaxial_swelling
 from ..mechanics import Problem
 from .items import COLOURS, Entry, Number, Runs, pyplot
-from .newton import equilibria
+from .newton import ALGORITHMS, equilibria
 from .scheme import make_scheme
 
 MU = [-4.9, -4.0, -3.0, -2.5, -2.0, -1.5, -1.2, -1.0, -0.8, -0.6, -0.4, -0.3, -0.2, -0.1, -0.05, 0.0]
@@ -182,3 +182,31 @@ def _timed(cloud, name):
         "newton_iterations": sum(state.newton_iterations for state in states),
         "reached_mu": states[-1].mu,
     }
+
+
+def algorithm(runs: Runs) -> Entry:
+    """Section 4: increments from the freely swollen state against the total energy."""
+    mu, cloud = [-3.9678, -2.9678, -1.9678, -1.4678], runs.cloud("sample-1", 1.1)
+    scheme = make_scheme(cloud)
+    total, incremental = (list(equilibria(scheme, cloud.plate.gel, mu, algorithm=name)) for name in ALGORITHMS)
+    table = [
+        {
+            "mu": a.mu,
+            "largest_difference_mm": float(np.abs(a.x - b.x).max()),
+            "newton_total": a.newton_iterations,
+            "newton_incremental": b.newton_iterations,
+        }
+        for a, b in zip(total, incremental, strict=True)
+    ]
+    difference = [row["largest_difference_mm"] for row in table]
+    figure, ax = pyplot().subplots(figsize=(4.2, 2.8), layout="constrained")
+    ax.semilogy(mu, np.maximum(difference, 1e-16), "o-", color=COLOURS[0], markersize=4)
+    ax.set(xlabel=r"chemical potential $\mu$ ($kT$)", ylabel="largest difference (mm)", ylim=(1e-16, 1e-7))
+    return Entry(
+        title=f"Section 4: the paper's incremental algorithm against the total energy, {len(cloud.nodes)} nodes",
+        paper="Increments of u' from the free-swelling state, u' = (1 - l) X on the rollers, K = K_L0 + K_L1 + K_NL.",
+        numbers=[Number(f"largest difference of positions, mm, mu = {m}", d, digits=".1e") for m, d in zip(mu, difference, strict=True)],
+        reference="total energy",
+        rows=table,
+        figure=figure,
+    )

@@ -12,7 +12,7 @@ from jaxgel.paper import curves, square
 from jaxgel.paper import runs as paper
 from jaxgel.paper.items import Runs
 
-ITEMS = [name for name in paper.items() if name != "table-1"]
+ITEMS = [name for name in paper.items() if name not in ("table-1", "algorithm")]
 
 
 class OnePath(Runs):

@@ -78,7 +78,7 @@ def test_unknown_items_are_unusable_input(capsys, tmp_path):
 
 def test_every_item_of_the_paper_is_there():
     numbers = [2, 3, 4, *range(6, 15)]
-    assert list(paper.items()) == ["table-1", *(f"fig-{k}" for k in numbers)]
+    assert list(paper.items()) == ["table-1", *(f"fig-{k}" for k in numbers), "algorithm"]
 
 
 POINTS = {
