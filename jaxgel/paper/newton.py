@@ -98,20 +98,22 @@ def equilibrium(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pre
     """`State` at ``mu``, whatever its status, from nodal values ``x`` and pressures; its stability is that within the edges."""
     found, matrix = newton(scheme, gel, mu, x, pressure)
     found = dataclasses.replace(found, energy=float(scheme_energy(found.x, scheme.cells, gel, mu)))
-    return dataclasses.replace(found, stability=Stability(negative_eigenvalues(matrix))) if found.status.ok else found
+    return dataclasses.replace(found, stability=Stability(negative_eigenvalues(matrix) - len(scheme.rows))) if found.status.ok else found
 
 
 def newton(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> tuple[State, sp.csr_array | None]:
-    """`State` in which Newton's method for the displacements ends, and the free-free matrix (f, f) of its last step."""
+    """`State` in which Newton's method for displacements and multipliers ends, and the matrix (f + m, f + m) of its last step."""
     dry, free, cells, matrix, best, improved, iteration = np.asarray(scheme.cloud.nodes), scheme.free, scheme.cells, None, np.inf, 0, 0
+    rows, multipliers = sp.csr_array(scheme.rows), np.zeros(len(scheme.rows))
     while True:
         force, condensed, now = _residual(x, pressure, cells, gel, mu)
-        reaction = scheme.stiffness @ (np.asarray(x) - dry).ravel()
+        u = (np.asarray(x) - dry).ravel()
+        reaction = scheme.stiffness @ u + rows.T @ multipliers
         residual = -np.asarray(force).ravel() - reaction
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
             scale = float(now["network"]) + np.linalg.norm(reaction)
             rounded = EPS * np.linalg.norm(abs(scheme.stiffness) @ np.abs(x).ravel()) / scale  # large terms of a stiff penalty cancel
-            size = np.linalg.norm(residual[free]) / scale
+            size = max(np.linalg.norm(residual[free]) / scale, np.linalg.norm(rows @ u) / np.linalg.norm(dry))
         error, allowed = float(now["violation"]), max(NEWTON.tolerance, rounded)
         total = max(size / allowed, error / NEWTON.constraint_tolerance)
         if total < 0.5 * best:
@@ -123,14 +125,15 @@ def newton(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure
             status = Status.CONVERGED
         elif iteration < min(NEWTON.max_iterations, improved + PATIENCE + 1):
             K = assembled(_tangents(x, pressure, now["stiffness"], cells, gel), cells, len(dry)) + scheme.stiffness
-            matrix, dx = K[free][:, free], np.zeros(dry.size)
+            matrix = sp.block_array([[K[free][:, free], rows[:, free].T], [rows[:, free], None]], format="csr")
+            right, dx = np.append((-np.asarray(condensed).ravel() - reaction)[free], -rows @ u), np.zeros(dry.size)
             try:
-                dx[free] = solved(matrix, (-np.asarray(condensed).ravel() - reaction)[free])
+                dx[free], step = np.split(solved(matrix, right), [len(free)])
             except SingularTangent:
                 status = Status.SINGULAR
             else:
                 x, pressure = _advanced(x, pressure, dx.reshape(-1, 2), now, cells)
-                iteration += 1
+                multipliers, iteration = multipliers + step, iteration + 1
                 continue
         x, pressure = np.asarray(x), np.asarray(pressure)
         return State(float(mu), float(mu), x, pressure, status, newton_iterations=iteration, residual=float(size)), matrix

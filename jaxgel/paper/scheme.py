@@ -1,9 +1,14 @@
 """The scheme of Deng et al. (2020) as printed, and the variants that it is compared with.
 
 Square cells have 4 x 4 Gauss points each, points in holes are dropped. J is taken at every point, or, for comparison, as the mean over each
-cell. Essential conditions are imposed at the nodes, or, for shape functions that do not interpolate, by a penalty: with the wall's normal
-displacement u_n(x) = sum_a phi_a (x_a - X_a) . n the energy is extended by alpha/2 int u_n^2 ds and every nodal value is unknown. Complex
-shape functions act on x_1 + i x_2: F depends on both components of a node through each of its own.
+cell. Essential conditions are imposed at the nodes, or, for shape functions that do not interpolate, weakly. With the wall's normal
+displacement u_n(x) = sum_a phi_a (x_a - X_a) . n the energy is then extended by
+
+    penalty:    alpha/2 int u_n^2 ds
+    lagrange:   int lambda u_n ds, lambda linear between the wall nodes of each edge (Belytschko, Lu & Gu 1994)
+
+and every nodal value is unknown. Complex shape functions act on x_1 + i x_2: F depends on both components of a node through each of its
+own.
 Index letters: ``c`` cell, ``q`` Gauss point, ``g`` volume group of a cell, ``a b`` node of a cell's list, ``i j`` space.
 """
 
@@ -14,6 +19,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
 from jax import lax
 
@@ -28,7 +34,7 @@ from ..mechanics import free_dofs
 CELLS = {"lattice": 20}
 """Cells per side of a case of the paper; the others have one for each square of their background."""
 METHODS = ("displacement", "cells")
-CONDITIONS = ("nodes", "penalty")
+CONDITIONS = ("nodes", "penalty", "lagrange")
 INTERPOLATING = ("iicvmls", "imls")
 DMAX = 3.5  # support radius over spacing, the paper's
 PENALTY = 1e3  # kT/v per mm, the paper's
@@ -61,7 +67,7 @@ class Cells:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scheme:
-    """A cloud with the cells and conditions of one variant; n nodes, N = 2 n degrees of freedom."""
+    """A cloud with the cells and conditions of one variant; n nodes, N = 2 n degrees of freedom, m multipliers."""
 
     cloud: Cloud
     """Nodes; cells of its own are not used."""
@@ -76,9 +82,11 @@ class Scheme:
     conditions: str
     """How essential conditions are imposed."""
     free: Int[np.ndarray, " f"]
-    """Unknown degrees of freedom: all of them with a penalty."""
+    """Unknown degrees of freedom: all of them where conditions are weak."""
     stiffness: sp.csr_array
     """Of the penalty (N, N), kT/v; zero without."""
+    rows: Float[np.ndarray, "m N"]
+    """int lambda_i u_n ds of the multipliers, mm; none without."""
 
     @property
     def n_points(self) -> int:
@@ -122,14 +130,14 @@ def make_scheme(
     """``Scheme`` of a cloud; the defaults are the paper's.
 
     ``method="displacement"`` takes J at every Gauss point, ``"cells"`` its mean over each cell. ``conditions`` of other ``kind``s of shape
-    functions than "iicvmls" and "imls" are ``"penalty"``, with the factor ``penalty`` in kT/v per mm. Raises ValueError for unknown
-    options, and for plates that the paper has no equations for: moved or periodic edges, regions, films.
+    functions than "iicvmls" and "imls" are ``"penalty"``, with the factor ``penalty`` in kT/v per mm, or ``"lagrange"``. Raises ValueError
+    for unknown options, and for plates that the paper has no equations for: moved or periodic edges, regions, films.
     """
     for name, value, accepted in (("basis", basis, BASES), ("kind", kind, KINDS), ("method", method, METHODS)):
         one_of(name, value, accepted)
     one_of("conditions", conditions, CONDITIONS)
     if conditions == "nodes" and kind not in INTERPOLATING:
-        raise ValueError(f"kind: {kind!r} does not interpolate; use conditions = 'penalty', or kind = 'iicvmls' or 'imls'")
+        raise ValueError(f"kind: {kind!r} does not interpolate; use conditions = 'penalty' or 'lagrange', or kind = 'iicvmls' or 'imls'")
     if not 0 < penalty < np.inf:
         raise ValueError(f"penalty: {penalty!r} is not a finite number above 0 (kT/v per mm)")
     plate = cloud.topology.plate
@@ -138,10 +146,12 @@ def make_scheme(
     cells = _cells(cloud, basis, dmax, kind, method)
     size = 2 * len(cloud.nodes)
     free = free_dofs(cloud.topology).masters if conditions == "nodes" else np.arange(size)
-    scheme = Scheme(cloud, cells, basis, dmax, kind, conditions, free, sp.csr_array((size, size)))
+    scheme = Scheme(cloud, cells, basis, dmax, kind, conditions, free, sp.csr_array((size, size)), np.zeros((0, size)))
     if conditions == "nodes":
         return scheme
-    normal, weight = _walls(scheme)
+    normal, weight, hat = _walls(scheme)
+    if conditions == "lagrange":
+        return dataclasses.replace(scheme, rows=(hat.T * weight) @ normal)
     return dataclasses.replace(scheme, stiffness=sp.csr_array(penalty * (normal.T * weight) @ normal))
 
 
@@ -200,18 +210,20 @@ def _values(points, nodes, support, *, basis, kind):
 
 
 def _walls(scheme):
-    """Normal displacement (w, N) at the wall points per nodal displacement, and weights (w,), mm."""
+    """Normal displacement (w, N) at the wall points per nodal displacement, weights (w,), mm, and linear functions (w, m) on the edges."""
     topology, nodes = scheme.cloud.topology, np.asarray(scheme.cloud.nodes)
-    points, weight, components = [], [], []
+    points, weight, components, hats = [], [], [], []
+    s = (1 + POINTS[:, None]) / 2
     for edge in edge_lines(topology.plate):
         wall = nodes[topology.edge_nodes[edge]]
-        along = np.diff(wall, axis=0)[:, None]
+        along, ends = np.diff(wall, axis=0)[:, None], np.eye(len(wall))
         for component in held_components(topology.plate.edges, edge):
-            points.append((wall[:-1, None] + (1 + POINTS[:, None]) / 2 * along).reshape(-1, 2))
+            points.append((wall[:-1, None] + s * along).reshape(-1, 2))
             weight.append((np.linalg.norm(along, axis=2) * WEIGHTS / 2).ravel())
             components.append(np.full(len(weight[-1]), component))
+            hats.append(((1 - s) * ends[:-1, None] + s * ends[1:, None]).reshape(-1, len(wall)))
     rows = scheme.rows_at(np.concatenate(points))
-    return rows[np.arange(len(rows)), np.concatenate(components)], np.concatenate(weight)
+    return rows[np.arange(len(rows)), np.concatenate(components)], np.concatenate(weight), scipy.linalg.block_diag(*hats)
 
 
 # --- energies ----------------------------------------------------------------------------------------------------------------

@@ -33,6 +33,7 @@ METHODS: dict[str, dict[str, Any] | None] = {
     "ICVEFG, mixed, penalty 1e3": _PENALTY | dict(kind="icvmls", method="cells"),
     "EFG, displacement, penalty 1e3": _PENALTY | dict(kind="mls"),
     "EFG, mixed, penalty 1e3": _PENALTY | dict(kind="mls", method="cells"),
+    "EFG, mixed, multipliers": dict(kind="mls", method="cells", conditions="lagrange"),
 }
 """Name -> the variant of the paper's scheme, options of `make_scheme`; None for the default of `discretise`."""
 DEFAULT, PRINTED, OTHER = "IICVEFG, mixed, consistent (default)", "IICVEFG, displacement (as printed)", "ICVEFG, displacement, penalty 1e3"
@@ -106,7 +107,7 @@ def fig_3(runs: Runs) -> Entry:
     error = {name: np.abs(values / exact(MU) - 1) for name, values in stretches(runs).items()}
     figure, ax = pyplot().subplots(figsize=(6.9, 3.9), layout="constrained")
     numbers = []
-    for name, colour, marker in zip(METHODS, 2 * COLOURS, "osv^<>Dd+xP", strict=False):
+    for name, colour, marker in zip(METHODS, 2 * COLOURS, "osv^<>Dd+xP*", strict=False):
         style = dict(color=colour, markersize=3.5, linewidth=0.9, label=name)
         ax.semilogy(MU, np.maximum(error[name], 1e-16), marker + STYLES[name[1]], **style)
         reached = np.isfinite(error[name])

@@ -61,6 +61,13 @@ def test_a_wall_gives_way_as_one_over_the_penalty(swollen):
     assert soft / stiff == pytest.approx(10, rel=0.02)  # the quadrature leaves 2e-8 mm of the smaller, 4e-6
 
 
+def test_multipliers_hold_the_walls_better_than_a_penalty(swollen):
+    held = swollen(kind="mls", method="cells", conditions="lagrange")
+    given_way = swollen(kind="mls", method="cells", conditions="penalty", penalty=1.0)
+    assert len(held[1]) == len(MU) and not any(state.negative_pivots for state in held[1])
+    assert slip(*held) < 0.1 * slip(*given_way)
+
+
 @pytest.mark.parametrize("method", ["displacement", "cells"])
 def test_newtons_matrix_is_the_hessian_of_the_energy_for_complex_shape_functions(swollen, method):
     scheme, states = swollen(kind="icvmls", conditions="penalty", method=method)
@@ -105,8 +112,8 @@ def test_what_cannot_be_is_refused(cloud_of, refused):
     refused(
         lambda options: make_scheme(cloud_of("square"), **options),
         [
-            (dict(kind="mls"), "kind: 'mls' does not interpolate; use conditions = 'penalty', or kind = 'iicvmls' or 'imls'"),
-            (dict(kind="mls", conditions="nitsche"), "conditions: 'nitsche' is not one of nodes, penalty"),
+            (dict(kind="mls"), "kind: 'mls' does not interpolate; use conditions = 'penalty' or 'lagrange', or kind = 'iicvmls' or 'imls'"),
+            (dict(kind="mls", conditions="nitsche"), "conditions: 'nitsche' is not one of nodes, penalty, lagrange"),
             (dict(conditions="penalty", penalty=-1.0), r"penalty: -1\.0 is not a finite number above 0"),
             (dict(method="mixed"), "method: 'mixed' is not one of displacement, cells"),
             (dict(basis="cubic"), "basis: 'cubic' is not one of linear, quadratic"),
