@@ -65,7 +65,8 @@ def _barriers(problem, value, between):
     where, spacing = f"{problem.control.name} = {value:.6g}", problem.model.cloud.spacing
     if any(state is None or state.negative_pivots for state in states):
         raise StateNotFound(f"barrier: a state between which it lies was not found at {where}, or is unstable")
-    if _same(*states, spacing):
+    first, second = (np.asarray(state.x) for state in states)
+    if np.abs(first - second).max() < APART * spacing:
         raise StateNotFound(f"barrier: both states are the same at {where}")
     found = _on_unstable_branch(analysis, value, between) if isinstance(between, Loop) else []
     saddles = _saddles(analysis, value, found, states)
@@ -89,10 +90,6 @@ def _state(analysis, value, x, pressure):
 def _accepted(analysis, found):
     stability, found = analysis.check(found)
     return accepted(analysis.problem, found, stability)
-
-
-def _same(state, other, spacing):
-    return float(np.abs(np.asarray(state.x) - np.asarray(other.x)).max()) < APART * spacing
 
 
 def _on_unstable_branch(analysis, value, loop):

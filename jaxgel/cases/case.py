@@ -167,7 +167,8 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
     source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("regions", regions), ("moved", moved)) if value}
     source |= {"gel": gel} if {"energy", "kind"} & gel.keys() or any(isinstance(own, dict) for own in gel.values()) else {}
     options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
-    material = _materials(material, regions, found)
+    if regions:
+        material = Composite(material, tuple(_material(region, f"regions[{i}]", material, found) for i, region in enumerate(regions)))
     check_gel(material)
     options["sweep"].check(material, found, loaded=bool(options["loads"].body_force or options["loads"].traction))
     return Case(name, found, material, source=source, **options)
@@ -246,11 +247,6 @@ def _gel(table, plate, folder):
         return kind(**own)
     numbers = {"Nv": default.Nv, "chi": default.chi} | own
     return user_gel(table["energy"], numbers, folder) if "energy" in table else Gel(**numbers)
-
-
-def _materials(gel, regions, plate):
-    """The gel, or the `Composite` of it and the materials of the regions."""
-    return Composite(gel, tuple(_material(region, f"regions[{i}]", gel, plate) for i, region in enumerate(regions))) if regions else gel
 
 
 def _material(region, where, gel, plate):

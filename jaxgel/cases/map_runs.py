@@ -55,9 +55,15 @@ def run_map(
     ended = {k: record["row"] for k, record in records.items() if record and "row" in record}
     text = json.dumps({"name": study.name, "study": study.table})
     calls = {k: (text, point, str(folder / _name(k))) for k, point in enumerate(study.points)}
-    rows = run_calls(
-        run_point, calls, executor, ended=ended, lost=_lost, write=lambda rows: _write_table(study, rows, folder), unit="point", quiet=quiet
-    )
+
+    def lost(reason):
+        """Row of a point whose process was lost too often."""
+        return dict(status="lost", **_last_state(None), seconds=None, reason=reason)
+
+    def write(rows):
+        _write_table(study, rows, folder)
+
+    rows = run_calls(run_point, calls, executor, ended=ended, lost=lost, write=write, unit="point", quiet=quiet)
     return [rows[k] for k in sorted(rows)]
 
 
@@ -120,11 +126,6 @@ def _begin(study, folder, resume):
             raise ValueError(f"out: {MAP} in {str(folder)!r} is of another study; give another folder")
     else:
         write_json(file, record)
-
-
-def _lost(reason):
-    """Row of a point whose process was lost too often."""
-    return dict(status="lost", **_last_state(None), seconds=None, reason=reason)
 
 
 def _write_table(study, rows, folder):

@@ -13,7 +13,7 @@ from .._validation import one_of
 from ..cases import OutputOptions, load_case, path_of
 from ..continuation import Path
 from ..equilibrium import Observer
-from ..io import Progress, Recorder, interruptible, open_folder, write_loop, write_points
+from ..io import Progress, Recorder, interruptible, open_folder, write_csv, write_loop, write_points
 from ..materials import varies
 from ..observables import OF_POSITIONS, events
 from ..symmetry import NAMES
@@ -127,15 +127,11 @@ def critical(args: Namespace) -> int:
     if not points:
         say("the symmetric branch is stable and does not fold back")
     elif case.output.figures:
-        _draw_modes(model, points, control, folder)
+        from ..plotting import plot_modes, save_figure
+
+        save_figure(plot_modes(model, points, control=control)[0].figure, folder / "modes.png")
     say(f"{len(points)} critical points in {folder}")
     return DONE
-
-
-def _draw_modes(model, points, control, folder):
-    from ..plotting import plot_modes, save_figure
-
-    save_figure(plot_modes(model, points, control=control)[0].figure, folder / "modes.png")
 
 
 def loop(args: Namespace) -> int:
@@ -155,7 +151,9 @@ def loop(args: Namespace) -> int:
         found = case.loop(model, observer=Observer(accepted=on_step))
     write_loop(found, folder, case.table())
     if case.output.figures:
-        _draw_loop(found, args.quantity, folder)
+        from ..plotting import plot_loop, save_figure
+
+        save_figure(plot_loop(found, args.quantity).figure, folder / "loop.png")
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, {found}")
     say(f"{len(found.jumps_up)} jumps up and {len(found.jumps_down)} down in {folder}")
     if not found.up.stop.ok or found.down is None or not found.down.stop.ok:
@@ -164,15 +162,9 @@ def loop(args: Namespace) -> int:
     return DONE
 
 
-def _draw_loop(found, quantity, folder):
-    from ..plotting import plot_loop, save_figure
-
-    save_figure(plot_loop(found, quantity).figure, folder / "loop.png")
-
-
 def check_grad(args: Namespace) -> int:
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
-    from .taylor_test import OBJECTIVES, check_gradient, write_table
+    from .taylor_test import OBJECTIVES, check_gradient
 
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / case.name)
@@ -181,12 +173,14 @@ def check_grad(args: Namespace) -> int:
     except ArithmeticError as problem:
         print(f"jaxgel: {problem}", file=sys.stderr)
         return STOPPED
-    write_table(rows, folder)
+    columns = ("objective", "family", "slope", "difference quotient", "remainder at h = 1", "remainder at h = 0.5", "rate")
+    table = [[row.objective, row.family, row.slope, row.difference, *row.remainders, f"{row.rate:.4f}"] for row in rows]
+    write_csv(folder / "check-grad.csv", columns, table)
     say = printer(args)
-    say(f"{'objective':<15} {'family':<16} {'slope':>11} {'difference':>11}  {'remainder at h = 1, 1/2, 1/4':<31} {'rate':>6}")
+    say(f"{'objective':<15} {'family':<16} {'slope':>11} {'difference':>11}  {'remainder at h = 1, 1/2':<22} {'rate':>6}")
     for row in rows:
         remainders = " ".join(f"{r:9.2e}" for r in row.remainders)
-        say(f"{row.objective:<15} {row.family:<16} {row.slope:11.4e} {row.difference:11.4e}  {remainders:<31} {row.rate:6.3f}")
+        say(f"{row.objective:<15} {row.family:<16} {row.slope:11.4e} {row.difference:11.4e}  {remainders:<22} {row.rate:6.3f}")
     left_out = [name for name in OBJECTIVES if name not in {row.objective for row in rows}]
     if left_out:
         say(f"left out, without a value or a derivative at the last state: {', '.join(left_out)}")

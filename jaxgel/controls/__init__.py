@@ -3,17 +3,7 @@
 from .edges import DIRECTIONS, Load, Stretch
 from .gels import DrivenParameter, chi, driven, pH, salt, temperature
 from .registry import CONTROLS, Kind
-from .setting import (
-    Changes,
-    ChemicalPotential,
-    Control,
-    Driven,
-    Setting,
-    changes_of,
-    check_control,
-    check_fields,
-    check_is_control,
-)
+from .setting import Changes, ChemicalPotential, Control, Driven, Setting, changes_of, check_control, check_fields, check_is_control
 from .values import check_values, turning_points
 
 __all__ = [

@@ -81,14 +81,9 @@ def filtered(pixels: Float[Array, "r c"], size: tuple[float, float], radius: flo
     if radius == 0:
         return jnp.asarray(pixels)
     counts, lengths = np.shape(pixels), (size[1], size[0])
-    cosines = [_cosines(count) for count in counts]
+    cosines = [scipy.fft.dct(np.eye(count), axis=0, norm="ortho") for count in counts]  # (count, count), orthonormal, a row each
     curvature = [
         (2 * count / length * np.sin(np.pi * np.arange(count) / (2 * count))) ** 2 for count, length in zip(counts, lengths, strict=True)
     ]
     damping = 1 / (1 + radius**2 / 12 * (curvature[0][:, None] + curvature[1]))
     return cosines[0].T @ (damping * (cosines[0] @ pixels @ cosines[1].T)) @ cosines[1]
-
-
-def _cosines(count):
-    """The orthonormal cosines (count, count) on ``count`` points, a row each: discrete cosine transform of type 2."""
-    return scipy.fft.dct(np.eye(count), axis=0, norm="ortho")

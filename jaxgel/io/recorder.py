@@ -143,7 +143,8 @@ class Recorder:
             "format": FORMAT,
             "case": self.case.name,
             "options": self.case.table(),
-            "versions": _versions(),
+            "versions": {name: version(name) for name in NUMERICAL}
+            | {"python": platform.python_version(), "platform": platform.platform()},
             "nodes": len(self.model.cloud.nodes),
             "cells": int(self.model.n_cells),
             "quadrature_points": int(self.model.n_points),
@@ -160,10 +161,6 @@ class Recorder:
         }
         encoded = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False).encode()
         write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded), durable=durable)
-
-
-def _versions() -> dict[str, str]:
-    return {name: version(name) for name in NUMERICAL} | {"python": platform.python_version(), "platform": platform.platform()}
 
 
 def _clear(folder: File) -> None:

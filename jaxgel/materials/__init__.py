@@ -31,24 +31,12 @@ from .gel import (
 from .laws import VolumeLaw
 from .mixing import flory_huggins, flory_rehner
 from .phases import HomogeneousStates, PhasePoints, coexistence, homogeneous_states, limits_of_stability
-from .responsive import (
-    AnyGel,
-    Ions,
-    LocalGel,
-    Pnipam,
-    Polyelectrolyte,
-    ionic_energy,
-    ions,
-    pnipam_chi,
-    pnipam_energy,
-)
+from .responsive import AnyGel, Ions, LocalGel, Pnipam, Polyelectrolyte, ionic_energy, ions, pnipam_chi, pnipam_energy
 from .surface import film_edge_volume_ratio, surface_stability, surface_volume_ratio
 from .swelling import (
     SMALLEST_SWELLING,
     free_swelling,
     isotropic_swelling,
-    largest_mu,
-    largest_pressure,
     phase_of,
     rises_always,
     stiff_until,
@@ -98,8 +86,6 @@ __all__ = [
     "ionic_energy",
     "ions",
     "isotropic_swelling",
-    "largest_mu",
-    "largest_pressure",
     "limits_of_stability",
     "matrix_of",
     "named_parameters",

@@ -5,7 +5,7 @@ has a W' that falls between two rising branches. These end at the limits of stab
 the same energy: the areas between W' and mu are equal (Maxwell). The energy of an interface, and the stress of phases that must fit
 together, are left out.
 
-The search is on the host, by scanning; what it finds is differentiable by the implicit function theorem, outside ``jax.jit``.
+The search is on the host, by scanning; what it finds is differentiable, outside ``jax.jit``.
 """
 
 import functools
@@ -225,31 +225,20 @@ def _enclosed(excess, low, high):
 
 
 def _points(residual, search, count, given):
-    return _solution(residual, search, count, jax.tree.map(lambda leaf: jnp.asarray(leaf, float), given))
+    """Unknowns (r, ``count``) at which ``residual(y, given)`` is 0: as ``search(given)`` finds them, improved by Newton's method.
 
-
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
-def _solution(residual, search, count, given):
-    """Unknowns (r, ``count``) at which ``residual(y, given)`` is 0: as ``search(given)`` finds them, improved by Newton's method."""
-    if is_traced(given):
+    Its steps are differentiable, and each doubles the order to which derivatives by what is given are right.
+    """
+    given = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), given)
+    numbers = jax.lax.stop_gradient(given)  # leaves JAX's differentiation, not jit
+    if is_traced(numbers):
         raise ValueError("gel: traced numbers of jax.jit and jax.vmap are not accepted, the search for phases is on the host")
-    y = jnp.array(search(given), dtype=float).reshape(-1, count)
+    y = jnp.array(search(numbers), dtype=float).reshape(-1, count)
     for _ in range(NEWTON_STEPS):
         step = jax.vmap(lambda y: jnp.linalg.solve(jax.jacfwd(residual)(y, given), residual(y, given)))(y)
         y = y - step
-    poor = y[~(jnp.abs(step) < CONVERGED * (1 + jnp.abs(y))).all(axis=1)]
+    step, found = (np.asarray(jax.lax.stop_gradient(part)) for part in (step, y))
+    poor = found[~(np.abs(step) < CONVERGED * (1 + np.abs(found))).all(axis=1)]
     if len(poor):
         raise ValueError(f"gel: at the control {float(poor[0, -1]):.6g} two phases are nearer to a critical point than the search resolves")
     return y
-
-
-@_solution.defjvp
-def _solution_jvp(residual, search, count, primals, tangents):
-    """residual(y, given) = 0 gives residual_y dy = -residual_given dgiven at every point."""
-
-    def change(y):
-        _, own = jax.jvp(lambda given: residual(y, given), primals, tangents)
-        return -jnp.linalg.solve(jax.jacfwd(residual)(y, *primals), own)
-
-    unknowns = _solution(residual, search, count, *primals)
-    return unknowns, jax.vmap(change)(unknowns)

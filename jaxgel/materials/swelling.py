@@ -1,4 +1,4 @@
-"""Volume ratio at a pressure, free and uniaxial swelling, and the largest chemical potential of a gel."""
+"""Volume ratio at a pressure, free and uniaxial swelling, and the phase of a gel."""
 
 import functools
 import math
@@ -51,8 +51,8 @@ def _uniaxial(J, gel):
 def volume_ratio_at(p: Numbers, mu: Numbers, gel: Any, largest: Numbers | None = None) -> Float[Array, "..."]:
     """Volume ratio J (...) > 1 at which ``osmotic(J, mu, gel)`` equals ``p`` (...): the inverse of ``osmotic``. Finite for every p.
 
-    The pressure grows from -inf at J = 1 to ``largest_pressure``: -mu at J = inf for 2 chi < (1 + sqrt(Nv))^2, else the maximum at
-    the spinodal, where dp/dJ = 0. The root between, on the side of the dry state, is returned; there dp/dJ > 0. For a larger p it
+    The pressure grows from -inf at J = 1 to -mu at J = inf for 2 chi < (1 + sqrt(Nv))^2, else to the maximum at the
+    spinodal, where dp/dJ = 0. The root between, on the side of the dry state, is returned; there dp/dJ > 0. For a larger p it
     is the J of the largest pressure, at most 1 + LARGEST_SWELLING, and for p + mu below about -31 it is 1 + SMALLEST_SWELLING; the
     derivatives are then those of that J, 0 with respect to p and mu. Of another ``volumetric`` the first increasing part is inverted:
     of two phases the shrunken one. ``largest`` (...) is the J at which that ends where it is known. An elastomer has a J > 0 for every p.
@@ -70,7 +70,7 @@ def free_swelling(mu: Numbers, gel: Any, axial: Scalar | None = None) -> Float[A
     """In-plane stretch l (...) of the gel that swells freely at ``mu`` (...): dW/dl = 0 at F = diag(l, l, 1); Eq. (6) with S = 0.
 
     Held at the stretch ``axial`` out of plane instead of 1, at diag(l, l, axial). The root that is connected with the dry state (see
-    ``volume_ratio_at``); NaN from ``largest_mu`` on.
+    ``volume_ratio_at``); NaN beyond it, from the limit of stability or mu = Nv on.
 
     >>> from jaxgel.materials import Gel
     >>> free_swelling(-0.1688, Gel(Nv=1e-3, chi=1e-5)).round(4)
@@ -98,23 +98,6 @@ def uniaxial_swelling(mu: Numbers, gel: Any) -> Float[Array, "..."]:
     the dry state.
     """
     return _volume_ratio_or_nan(_uniaxial, mu, gel)
-
-
-@compiled()
-def largest_mu(gel: Any) -> Float[Array, ""]:
-    """Supremum () of the chemical potentials, in kT, that have a ``free_swelling`` connected with the dry state.
-
-    Nv for the default energy with 2 chi < (1 + sqrt(Nv))^2, else the value at the spinodal, where the swelling would jump; a huge
-    number for networks that lock, such as ``Gent``. First derivatives only. A plate whose edges are held can be taken beyond; only its
-    free-swelling stretch does not exist there.
-    """
-    return _largest_slope(_free, gel)
-
-
-@compiled()
-def largest_pressure(mu: Numbers, gel: Any) -> Float[Array, "..."]:
-    """Supremum (...) of the pressures, in kT/v, that the gel can carry at ``mu`` (...): see ``volume_ratio_at``."""
-    return _largest_slope(_volume_only, gel) - jnp.asarray(mu, float)
 
 
 @compiled()
@@ -273,11 +256,6 @@ def _branch_end(energy, of):
 def _slopes(energy, least, u, of):
     """First and second derivative of ``energy`` with respect to J at J = least + exp(u)."""
     return jax.value_and_grad(jax.grad(energy))(least + jnp.exp(u), *of)
-
-
-def _largest_slope(energy, gel):
-    """Supremum () of d energy/dJ on the branch of ``_branch_end``; its J is held, so first derivatives are right, second ones not."""
-    return _slopes(energy, 1.0, _branch_end(energy, (gel,)), (gel,))[0]
 
 
 def _volume_ratio_or_nan(energy, target, *of):

@@ -25,15 +25,7 @@ from ..materials import (
     with_parameters,
 )
 from ..materials import cauchy_stress as cauchy_stress_at
-from ..mechanics import (
-    at_points,
-    axial_stretch,
-    by_block,
-    deformation_of,
-    gradients_by_block,
-    volume_law,
-    volume_ratios,
-)
+from ..mechanics import at_points, axial_stretch, by_block, deformation_of, gradients_by_block, volume_law, volume_ratios
 from .states import States, of_path, over_states
 
 
@@ -105,28 +97,17 @@ def _cell_mean(part, model, volumes):
     return _over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], model) / volumes
 
 
-@of_path
-def smallest_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
-    """Smallest volume ratio J of a cell, by NumPy."""
-    return _host_volume_ratio(path).min(axis=1)
-
-
-@of_path
-def largest_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
-    """Largest volume ratio J of a cell, by NumPy."""
-    return _host_volume_ratio(path).max(axis=1)
+@once_per_owner
+def host_volume_ratio(path: States) -> Float[np.ndarray, "k c"]:
+    """`volume_ratio` by NumPy, evaluated once for a path: several columns of the table depend on it."""
+    return np.asarray(volume_ratio(path))
 
 
 @of_path
 def mean_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
     """Mean of the volume ratio J of the cells, weighted with their dry volume, by NumPy."""
     volumes = np.asarray(cell_volumes(path.model))
-    return _host_volume_ratio(path) @ volumes / volumes.sum()
-
-
-@once_per_owner
-def _host_volume_ratio(path: States) -> Float[np.ndarray, "k c"]:
-    return np.asarray(volume_ratio(path))
+    return host_volume_ratio(path) @ volumes / volumes.sum()
 
 
 @compiled()

@@ -11,13 +11,7 @@ from ..controls import CONTROLS
 from ..equilibrium import Change
 from ..geometry import Plate
 from .areas import area_reduction
-from .fields import (
-    free_stretch,
-    largest_volume_ratio,
-    macroscopic_deformation,
-    mean_volume_ratio,
-    smallest_volume_ratio,
-)
+from .fields import free_stretch, host_volume_ratio, macroscopic_deformation, mean_volume_ratio
 from .gaps import gap, min_gap_once, status_texts
 from .rotation import core_rotation, rotation_angle
 from .surface import crease_indicator, surface_ratio
@@ -107,141 +101,75 @@ def reasons(path: Any) -> list[str]:
     return [Change(int(change)).text for change in path.switched]
 
 
-_ANGLE: dict[str, Any] = dict(unit="degree", digits=".3f", viewed=True)
-_RATIO: dict[str, Any] = dict(unit="1", digits=".4f")
+def _column(name: str, *given: Any, **options: Any) -> Quantity:
+    """`Quantity` whose column has its name."""
+    return Quantity(name, *given, **{"column": name} | options)
+
+
 _STUDIED: dict[str, Any] = dict(differentiable=True, studied=True)
-_COUNT: dict[str, Any] = dict(unit="1", digits="d", kind=int)
+_SEEN: dict[str, Any] = _STUDIED | dict(viewed=True)
 
 _TABLE = (
-    Quantity("mu", attrgetter("mu"), "kT", r"chemical potential $\mu$", "chemical potential of the solvent", ".4f", column="mu"),
-    Quantity(
-        "free_stretch",
-        free_stretch,
-        label="free-swelling stretch",
-        text="in-plane stretch of the freely swelling gel",
-        column="free_stretch",
-        **_RATIO,
+    _column("mu", attrgetter("mu"), "kT", r"chemical potential $\mu$", "chemical potential of the solvent", ".4f"),
+    _column("free_stretch", free_stretch, "1", "free-swelling stretch", "in-plane stretch of the freely swelling gel", ".4f"),
+    _column("status", status_texts, "", "status", "what happened on the way to the state", "", kind=str),
+    _column("switched", reasons, "", "change of branch", "why it does not continue the states before", "", kind=str),
+    _column("newton_iterations", attrgetter("newton_iterations"), "1", "Newton iterations", "number of Newton corrections", "d", kind=int),
+    _column("residual", attrgetter("residual"), "1", "residual", "residual over the forces of the network", ".1e"),
+    _column("energy", attrgetter("energy"), "kT/v mm2", "energy", "total energy", ".6g", differentiable=True, viewed=True),
+    _column(
+        "J_min",
+        lambda path: host_volume_ratio(path).min(axis=1),
+        "1",
+        "smallest volume ratio $J$",
+        "smallest volume ratio of a cell",
+        ".4f",
     ),
-    Quantity("status", status_texts, "", "status", "what happened on the way to the state", "", column="status", kind=str),
-    Quantity("switched", reasons, "", "change of branch", "why it does not continue the states before", "", column="switched", kind=str),
-    Quantity(
-        "newton_iterations",
-        attrgetter("newton_iterations"),
-        label="Newton iterations",
-        text="number of Newton corrections",
-        column="newton_iterations",
-        **_COUNT,
+    _column(
+        "J_max", lambda path: host_volume_ratio(path).max(axis=1), "1", "largest volume ratio $J$", "largest volume ratio of a cell", ".4f"
     ),
-    Quantity("residual", attrgetter("residual"), "1", "residual", "residual over the forces of the network", ".1e", column="residual"),
-    Quantity(
-        "energy", attrgetter("energy"), "kT/v mm2", "energy", "total energy", ".6g", differentiable=True, column="energy", viewed=True
+    _column("J_mean", mean_volume_ratio, "1", "mean volume ratio $J$", "mean volume ratio", ".4f", plotted=("J", "mean"), viewed=True),
+    _column(
+        *("area_reduction", area_reduction, "1", "area reduction", "reduction of the area of the holes", ".3f"),
+        **_SEEN | dict(percent=True, plotted=("area_reduction", "all holes")),
     ),
-    Quantity(
-        "J_min", smallest_volume_ratio, label="smallest volume ratio $J$", text="smallest volume ratio of a cell", column="J_min", **_RATIO
+    _column(
+        *("rotation", rotation_angle, "degree", "rotation", "rotation of the midline", ".3f"),
+        **_SEEN | dict(column="rotation_deg", plotted=("rotation", "midline")),
     ),
-    Quantity(
-        "J_max", largest_volume_ratio, label="largest volume ratio $J$", text="largest volume ratio of a cell", column="J_max", **_RATIO
+    _column(
+        *("core_rotation", core_rotation, "degree", "core rotation", "rotation of the core", ".3f"),
+        **_SEEN | dict(column="core_rotation_deg", plotted=("rotation", "core")),
     ),
-    Quantity(
-        "J_mean",
-        mean_volume_ratio,
-        label="mean volume ratio $J$",
-        text="mean volume ratio",
-        column="J_mean",
-        plotted=("J", "mean"),
-        viewed=True,
-        **_RATIO,
+    _column(
+        *("negative_pivots", attrgetter("negative_pivots"), "1", "negative pivots"),
+        *("number of negative pivots of the tangent, 0 for a stable state", "d"),
+        kind=int,
     ),
-    Quantity(
-        "area_reduction",
-        area_reduction,
-        unit="1",
-        label="area reduction",
-        text="reduction of the area of the holes",
-        digits=".3f",
-        percent=True,
-        column="area_reduction",
-        plotted=("area_reduction", "all holes"),
-        viewed=True,
-        **_STUDIED,
+    _column(
+        *("lowest_eigenvalue", lowest_eigenvalue, "1", "lowest eigenvalue over the network's"),
+        "lowest eigenvalue of the tangent over the network's stiffness",
+        **_SEEN | dict(recorded="lowest_eigenvalue"),
     ),
-    Quantity(
-        "rotation",
-        rotation_angle,
-        label="rotation",
-        text="rotation of the midline",
-        column="rotation_deg",
-        plotted=("rotation", "midline"),
-        **_ANGLE | _STUDIED,
-    ),
-    Quantity(
-        "core_rotation",
-        core_rotation,
-        label="core rotation",
-        text="rotation of the core",
-        column="core_rotation_deg",
-        plotted=("rotation", "core"),
-        **_ANGLE | _STUDIED,
-    ),
-    Quantity(
-        "negative_pivots",
-        attrgetter("negative_pivots"),
-        label="negative pivots",
-        text="number of negative pivots of the tangent, 0 for a stable state",
-        column="negative_pivots",
-        **_COUNT,
-    ),
-    Quantity(
-        "lowest_eigenvalue",
-        lowest_eigenvalue,
-        unit="1",
-        label="lowest eigenvalue over the network's",
-        text="lowest eigenvalue of the tangent over the network's stiffness",
-        column="lowest_eigenvalue",
-        recorded="lowest_eigenvalue",
-        viewed=True,
-        **_STUDIED,
-    ),
-    Quantity(
-        "min_gap",
-        min_gap_once,
-        "mm",
-        "smallest gap",
-        "smallest gap between the sides of a hole",
-        ".3f",
-        column="min_gap",
+    _column(
+        *("min_gap", min_gap_once, "mm", "smallest gap", "smallest gap between the sides of a hole", ".3f"),
         plotted=("min_gap", "within a hole"),
         viewed=True,
     ),
     Quantity("gap", gap, "mm", "smallest gap", "smallest gap between the sides of a hole, with derivatives", ".3f", **_STUDIED),
-    Quantity(
-        "surface_ratio",
-        surface_ratio,
-        unit="1",
-        label="surface stretch ratio",
-        text="largest ratio of normal to tangential stretch along the outlines",
-        column="surface_ratio",
-        plotted=("surface_ratio", "largest"),
-        viewed=True,
-        **_STUDIED,
+    _column(
+        *("surface_ratio", surface_ratio, "1", "surface stretch ratio"),
+        "largest ratio of normal to tangential stretch along the outlines",
+        **_SEEN | dict(plotted=("surface_ratio", "largest")),
+    ),
+    _column(
+        *("surface_stability", surface_stability, "1", "surface stability"),
+        "least stability of the free surfaces to short waves: below 0 they wrinkle",
+        **_SEEN | dict(plotted=("surface_stability", "least")),
     ),
     Quantity(
-        "surface_stability",
-        surface_stability,
-        unit="1",
-        label="surface stability",
-        text="least stability of the free surfaces to short waves: below 0 they wrinkle",
-        column="surface_stability",
-        plotted=("surface_stability", "least"),
-        viewed=True,
-        **_STUDIED,
-    ),
-    Quantity(
-        "crease_indicator",
-        crease_indicator,
-        unit="1",
-        label="softened surface stretch ratio",
-        text="softened largest ratio of normal to tangential stretch along the outlines",
+        *("crease_indicator", crease_indicator, "1", "softened surface stretch ratio"),
+        "softened largest ratio of normal to tangential stretch along the outlines",
         **_STUDIED,
     ),
     *(_macroscopic(i, j) for i, j in ((0, 0), (1, 1), (0, 1))),

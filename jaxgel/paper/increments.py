@@ -16,34 +16,34 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float, Inexact
-from ..equilibrium import NEWTON, Stability, State, iterate
-from ..materials import free_swelling
+from ..equilibrium import NEWTON, Stability, State, Status
+from ..linalg import SingularTangent
+from ..materials import Gel, free_swelling
 from .matrices import assembled, negative_eigenvalues, solved
-from .scheme import SchemeProblem, deformation_gradients, scheme_energy, volume_ratios
+from .scheme import Scheme, deformation_gradients, scheme_energy, volume_ratios
 from .stress import paper_stress, paper_tangent, voigt
 
 MARGIN = 0.2  # share of the least swelling J - 1 that an increment leaves
 LEAST_SHARE = 1 / 64  # of an increment, or of the way of the rollers
 
 
-def incremented(problem: SchemeProblem, mu: float, start: Float[Array, "n 2"] | None) -> State:
+def incremented(scheme: Scheme, gel: Gel, mu: float, start: Float[Array, "n 2"] | None) -> State:
     """`State` at ``mu`` from nodal values ``start`` of another state, or from free swelling where that is None."""
-    dry, stretch = np.asarray(problem.scheme.cloud.nodes), float(free_swelling(mu, problem.gel))
+    swollen = float(free_swelling(mu, gel)) * np.asarray(scheme.cloud.nodes)
     if start is None:
-        found, matrix = _pushed_back(problem, mu, stretch)
+        found, matrix = _pushed_back(scheme, gel, mu)
     else:
-        found, matrix = _incremented(problem, mu, stretch, np.asarray(start) - stretch * dry, 1.0)
-    x = stretch * dry + found.x
-    energy = float(scheme_energy(x, problem.scheme.cells, problem.gel, mu))
+        found, matrix = _incremented(scheme, gel, mu, np.asarray(start) - swollen, 1.0)
+    x = swollen + found.x
     stability = Stability(negative_eigenvalues(matrix)) if found.status.ok else None
-    return dataclasses.replace(found, x=x, energy=energy, stability=stability)
+    return dataclasses.replace(found, x=x, energy=float(scheme_energy(x, scheme.cells, gel, mu)), stability=stability)
 
 
-def _pushed_back(problem, mu, stretch):
+def _pushed_back(scheme, gel, mu):
     """`_incremented` with rollers that return from the freely swollen plate's edges to their place, in one go or in parts."""
-    u, share, part, spent = np.zeros(problem.scheme.cloud.nodes.shape), 0.0, 1.0, 0
+    u, share, part, spent = np.zeros(scheme.cloud.nodes.shape), 0.0, 1.0, 0
     while True:
-        found, matrix = _incremented(problem, mu, stretch, u, min(1.0, share + part))
+        found, matrix = _incremented(scheme, gel, mu, u, min(1.0, share + part))
         spent += found.newton_iterations
         if found.status.ok:
             u, share = found.x, min(1.0, share + part)
@@ -53,62 +53,38 @@ def _pushed_back(problem, mu, stretch):
             return dataclasses.replace(found, newton_iterations=spent), matrix
 
 
-def _incremented(problem, mu, stretch, u, share):
-    """`State` whose ``x`` is u' (n, 2), with u' = share (1 - l) X on the rollers, and the last free-free matrix (f, f)."""
-    scheme, dry = problem.scheme, np.asarray(problem.scheme.cloud.nodes)
-    held = np.setdiff1d(np.arange(dry.size), scheme.free)
-    target = share * (1 - stretch) * dry.ravel()[held]
-    correction = _Increment(stretch, held, target, _least_swelling(u, stretch, scheme))
-    found = iterate(problem, State(float(mu), float(mu), np.array(u, dtype=float), np.zeros(0)), correction)
-    return found, correction.matrix
+def _incremented(scheme, gel, mu, u, share) -> tuple[State, sp.csr_array | None]:
+    """`State` whose ``x`` is u' (n, 2), with u' = share (1 - l) X on the rollers, and the last free-free matrix (f, f).
 
-
-@dataclasses.dataclass
-class _Increment:
-    """The paper's increments du', Eq. (57), shortened so that every volume ratio stays above 1."""
-
-    stretch: float
-    held: np.ndarray
-    target: np.ndarray
-    """u' of the held degrees of freedom."""
-    least: float
-    """Smallest J - 1 of the iterate."""
-    matrix: sp.csr_array | None = None
-    terms: tuple = ()
-    """Matrices of the cells, residual (N,) and what the held degrees of freedom miss of their target."""
-
-    def assess(self, problem, state):
-        scheme = problem.scheme
-        matrices, force, network = _matrices(jnp.asarray(state.x), self.stretch, state.mu, scheme.cells, problem.gel)
-        residual = -np.asarray(force).ravel()
-        missing = self.target - state.x.ravel()[self.held]
-        self.terms = matrices, residual, missing
+    Increments du', Eq. (57), are shortened so that every volume ratio stays above 1.
+    """
+    dry, free, stretch = np.asarray(scheme.cloud.nodes), scheme.free, float(free_swelling(mu, gel))
+    held, matrix, iteration, status = np.setdiff1d(np.arange(dry.size), free), None, 0, None
+    target, least = share * (1 - stretch) * dry.ravel()[held], _least_swelling(u, stretch, scheme)
+    while True:
+        matrices, force, network = _matrices(jnp.asarray(u), stretch, mu, scheme.cells, gel)
+        residual, missing = -np.asarray(force).ravel(), target - u.ravel()[held]
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
-            size = float(np.linalg.norm(residual[scheme.free]) / float(network))
-        met = np.abs(missing).max(initial=0.0) < 1e-14 * np.abs(np.asarray(scheme.cloud.nodes)).max()
-        return size if self.least > 0 else np.nan, size < NEWTON.tolerance and bool(met) and self.matrix is not None
-
-    def exhausted(self, state):
-        return state.newton_iterations >= NEWTON.max_iterations
-
-    def __call__(self, problem, state):
-        free, held, u = problem.scheme.free, self.held, state.x
-        matrices, residual, missing = self.terms
-        K = assembled(matrices, problem.scheme.cells, len(u))
-        self.matrix = K[free][:, free]
-        du = np.zeros(u.size)
-        du[held] = missing
-        du[free] = solved(self.matrix, residual[free] - K[free][:, held] @ missing)
-        du, part, before = du.reshape(u.shape), 1.0, self.least
-        while True:
-            self.least = _least_swelling(u + part * du, self.stretch, problem.scheme)
-            if self.least > MARGIN * before or part <= LEAST_SHARE:
-                break
+            size = float(np.linalg.norm(residual[free]) / float(network))
+        met = np.abs(missing).max(initial=0.0) < 1e-14 * np.abs(dry).max()
+        if status is None and not (least > 0 and np.isfinite(size)):
+            status = Status.NOT_FINITE
+        elif status is None and size < NEWTON.tolerance and met and matrix is not None:
+            status = Status.CONVERGED
+        elif status is None and iteration >= NEWTON.max_iterations:
+            status = Status.NOT_CONVERGED
+        if status is not None:
+            return State(float(mu), float(mu), u, np.zeros(0), status, newton_iterations=iteration, residual=size), matrix
+        K, du, part, before = assembled(matrices, scheme.cells, len(u)), np.zeros(u.size), 1.0, least
+        matrix, du[held] = K[free][:, free], missing
+        try:
+            du[free] = solved(matrix, residual[free] - K[free][:, held] @ missing)
+        except SingularTangent:
+            status = Status.SINGULAR
+            continue
+        while (least := _least_swelling(u + part * du.reshape(u.shape), stretch, scheme)) <= MARGIN * before and part > LEAST_SHARE:
             part /= 2
-        return dataclasses.replace(state, x=u + part * du, newton_iterations=state.newton_iterations + 1)
-
-    def finish(self, problem, state):  # noqa: ARG002
-        return state
+        u, iteration = u + part * du.reshape(u.shape), iteration + 1
 
 
 def _least_swelling(u, stretch, scheme):
@@ -131,8 +107,7 @@ def _point(phi, L, mu, gel):
     """Integrands at one point: of K (2 a, 2 a), Eqs. (47)-(49), of f_2 (2 a,), Eq. (51), and its network part."""
     F = jnp.eye(2) + L
     G = F.T @ F
-    stretch = free_swelling(mu, gel)
-    S, D = paper_stress(G, mu, gel, stretch), voigt(paper_tangent(G, mu, gel, stretch))
+    S, D = paper_stress(G, mu, gel), voigt(paper_tangent(G, mu, gel))
     B_L0, B_L1, B = strain_matrices(phi, L)
     S_hat = jnp.kron(jnp.eye(2), S)  # Eq. (55)
     K_NL = B.T @ S_hat @ B

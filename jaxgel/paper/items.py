@@ -1,6 +1,6 @@
-"""What the items of the paper's comparison have in common: entries of the report, claims, and sweeps that several items share.
+"""What the items of the paper's comparison have in common: entries of the report, and sweeps that several items share.
 
-An item is a function ``(runs) -> Entry``; its figure and rows are written by `paper`. Verdicts follow from numbers of the run.
+An item is a function ``(runs) -> Entry``; its figure and rows are written by `runs`.
 """
 
 import dataclasses
@@ -12,18 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from .._memo import once_per_owner
 from ..cases import GRID, SIDE, sample
 from ..cloud import Cloud, make_cloud
 from ..continuation import Path, sweep
-from ..discretisation import Model, discretise, make_probe
+from ..discretisation import Model, discretise
 from ..equilibrium import Observer
 from ..mechanics import Problem
-from ..observables import area_reduction, core_rotation, min_gap, rotation_angle, surface_ratio
 from .newton import scheme_path
 from .scheme import make_scheme
 
-CONFIRMED, CONDITION, CONTRADICTED = "confirmed", "confirmed with a condition", "contradicted"
 FINITE_ELEMENTS = json.loads(files("jaxgel.paper").joinpath("finite_elements.json").read_text(encoding="utf-8"))
 """Values of another method, quoted in the report; ``about`` says how they were made, ``spread`` stands for the error of its neighbours."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")  # Okabe and Ito
@@ -40,18 +37,6 @@ CLOSING = {
     9: ("symmetric", [-4.9678, -2.9678, -1.9678, -1.4678, -1.3, -1.1678, -1.05, -0.9178]),
 }
 """Branch and chemical potentials of samples that are followed with contact."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Claim:
-    """One statement of the paper and whether this run confirms it."""
-
-    statement: str
-    """What the paper says."""
-    verdict: str
-    """``CONFIRMED``, ``CONDITION`` or ``CONTRADICTED``."""
-    reason: str
-    """Why, in a sentence."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,49 +71,48 @@ class Entry:
     """Table or figure, and what it shows."""
     paper: str
     """What the paper says, in a sentence."""
-    numbers: tuple[Number, ...]
+    numbers: list[Number]
     """Table of the item."""
-    verdict: str
-    """How the paper and this run compare, in a sentence."""
     rows: list[dict[str, Any]]
     """The CSV file: dictionaries with the same keys."""
-    claims: tuple[Claim, ...] = ()
-    """Claims that this item decides."""
-    figure: Any = None
-    """The Matplotlib figure; None for a table."""
+    figure: Any
+    """The Matplotlib figure."""
     reference: str = "finite elements"
     """Name of the references in the table."""
 
 
 class Runs:
-    """Sweeps that items share: each is computed once, when it is first asked for."""
+    """Clouds, models and sweeps that items share: each is computed once, when it is first asked for."""
 
     def __init__(self, on_state: Callable[[str], Any] = lambda _: None) -> None:
-        self.on_state, self.shared, self._kept = on_state, {}, {}
+        self.on_state, self._kept = on_state, {}
 
-    def path(self, name: str, mu: Any, *, spacing: float | None = None, **options: Any) -> Path:
-        """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing (the paper's by default); ``options`` of `sweep`."""
-        key = (name, tuple(mu), spacing, tuple(sorted(options.items())))
+    def once(self, key: Any, compute: Callable[[], Any]) -> Any:
+        """The result of ``compute``, called once for each ``key``."""
         if key not in self._kept:
-            model = self.model(name, spacing)
-            problem, observer = Problem(model, model.cloud.plate.gel), Observer(accepted=self._report(name, model.n_nodes))
-            self._kept[key] = sweep(problem, list(mu), observer=observer, **options)
+            self._kept[key] = compute()
         return self._kept[key]
+
+    def path(self, name: str, mu: Any, *, contact: bool, spacing: float | None = None, branch: str = "symmetric") -> Path:
+        """Path of a sample at the values ``mu`` (k,) on a cloud with the given spacing, mm, the paper's by default.
+
+        With ``contact`` or until outlines overlap.
+        """
+
+        def compute():
+            model = self.model(name, spacing)
+            problem, observer = Problem(model, model.cloud.plate.gel, contact=contact), Observer(accepted=self._report(name, model.n_nodes))
+            return sweep(problem, list(mu), branch=branch, until_contact=not contact, observer=observer)
+
+        return self.once((name, tuple(mu), contact, spacing, branch), compute)
 
     def model(self, name: str, spacing: float | None = None) -> Model:
         """Model of a sample."""
-        key = ("model", name, spacing)
-        if key not in self._kept:
-            self._kept[key] = discretise(self.cloud(name, spacing))
-        return self._kept[key]
+        return self.once(("model", name, spacing), lambda: discretise(self.cloud(name, spacing)))
 
     def cloud(self, name: str, spacing: float | None = None) -> Cloud:
         """Cloud of a sample."""
-        key = ("cloud", name, spacing)
-        if key not in self._kept:
-            self.on_state(f"{name}, making the cloud")
-            self._kept[key] = make_cloud(sample(name), spacing=spacing)
-        return self._kept[key]
+        return self.once(("cloud", name, spacing), lambda: make_cloud(sample(name), spacing=spacing))
 
     def _report(self, name: str, n_nodes: int) -> Callable:
         return lambda step: self.on_state(f"{name}, {n_nodes} nodes, mu = {step.mu:.4f}")
@@ -141,33 +125,38 @@ class Runs:
         """
         mu = TURNING if number <= 3 else DETAILED
         mu = mu + [value for value in BEYOND if value > mu[-1]] if intervals == GRID else mu
-        return self.path(f"sample-{number}", mu, spacing=SIDE / intervals, branch="symmetric", contact="stop")
+        return self.path(f"sample-{number}", mu, contact=False, spacing=SIDE / intervals)
 
     def touching(self, number: int, intervals: int = GRID, last: float = 0.0) -> Path:
         """Path of sample ``number`` with contact at the values of ``CLOSING`` up to ``last``."""
         branch, mu = CLOSING[number]
         mu = [value for value in mu if value <= last]
-        return self.path(f"sample-{number}", mu, spacing=SIDE / intervals, branch=branch, contact="on")
+        return self.path(f"sample-{number}", mu, contact=True, spacing=SIDE / intervals, branch=branch)
 
     def stiff(self, number: int) -> Path:
         """Path of sample ``number`` in the paper's own discretisation, displacements alone at its Gauss points: it locks, but goes far."""
-        key = ("stiff", number)
-        if key not in self._kept:
+
+        def compute():
             name = f"sample-{number}"
             scheme, mu = make_scheme(self.cloud(name), basis="quadratic", kind="imls"), [mu for mu in DETAILED + BEYOND if mu <= -0.2678]
             report = self._report(name, len(scheme.cloud.nodes))
-            self._kept[key] = scheme_path(scheme, scheme.cloud.plate.gel, mu, until_overlap=True, on_step=report)
-        return self._kept[key]
+            return scheme_path(scheme, scheme.cloud.plate.gel, mu, until_overlap=True, on_step=report)
 
-    def shown(self, number: int, mu: float) -> tuple[Path, int]:
-        """Path and number of the state that shows sample ``number`` at ``mu``, or its last one before.
+        return self.once(("stiff", number), compute)
 
-        With contact where outlines overlap before, and in the paper's own discretisation where the converged branch ends before.
+    def stable(self, number: int) -> Path:
+        """Path of sample ``number`` without contact on the stable branch."""
+        return self.path(f"sample-{number}", [-4.9678, -2.9678, -1.9678, -1.4678], contact=False, branch="stable")
+
+    def shown(self, number: int, mu: float) -> Path:
+        """Path that shows sample ``number`` at ``mu``, or at its last state before.
+
+        With contact if outlines overlap before, and in the paper's own discretisation if the converged branch ends before.
         """
         path = self.stopping(number)
         if path.mu[-1] < mu:
             path = self.touching(number) if number in CLOSING else self.stiff(number)
-        return path, at(path, mu)
+        return path
 
 
 def at(path: Any, mu: float) -> int:
@@ -197,11 +186,6 @@ def rows(columns: dict[str, Any], **fixed: Any) -> list[dict[str, Any]]:
     ]
 
 
-def percent(value: Any) -> str:
-    """A share as a percentage with one decimal."""
-    return f"{100 * float(value):.1f} %"
-
-
 @functools.cache
 def pyplot() -> Any:
     """Matplotlib's pyplot without a screen."""
@@ -211,38 +195,6 @@ def pyplot() -> Any:
     import matplotlib.pyplot as plt
 
     return plt
-
-
-def _once(observable: Callable) -> Callable:
-    """The observable as an array, computed once for each path, since items share paths."""
-    return once_per_owner(lambda path: np.asarray(observable(path)))
-
-
-area_reduction = _once(area_reduction)
-core_rotation = _once(core_rotation)
-min_gap = _once(min_gap)
-rotation_angle = _once(rotation_angle)
-surface_ratio = _once(surface_ratio)
-
-
-@once_per_owner
-def bow(path: Path) -> np.ndarray:
-    """Largest distance (k,) of the vertical pillar's centre line x = 0 from a straight line, mm."""
-    plate = path.model.cloud.topology.plate
-    y = np.linspace(-0.5, 0.5, 201) * plate.height
-    probe = make_probe(path.model, np.stack([np.zeros_like(y), y], axis=1))
-    lines = np.stack([np.asarray(probe.position(np.asarray(x))) for x in path.x])
-    fits = [np.polyval(np.polyfit(line[:, 1], line[:, 0], 1), line[:, 1]) for line in lines]
-    return np.abs(lines[:, :, 0] - fits).max(axis=1)
-
-
-def stability(path: Any) -> str:
-    """Up to where a path is stable, in words."""
-    first = np.flatnonzero(np.asarray(path.negative_pivots) > 0)
-    if len(first) == 0:
-        return f"stable up to mu = {path.mu[-1]:.4f}"
-    k = int(first[0])
-    return f"unstable from a mu between {path.mu[k - 1]:.4f} and {path.mu[k]:.4f} on" if k else f"unstable from mu = {path.mu[0]:.4f} on"
 
 
 def unstable_from(path: Path) -> float:

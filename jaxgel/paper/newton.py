@@ -5,7 +5,7 @@ gel has the pressure p, k = dp/dJ there, and G = d(V J)/dx,
 
     dp = k (G^T dx / V + J - J*),    (network'' + sum_g [p d2(V J)/dx2 + (k/V) G G^T]) dx = - network' - sum_g [p + k (J - J*)] G
 
-Every p is feasible, and the matrix is the Hessian of the energy wherever J = J*(p).
+Every p is feasible, and the matrix is the Hessian of the energy wherever J = J*(p): the sum of the paper's, Eqs. (47)-(49).
 """
 
 import dataclasses
@@ -21,12 +21,13 @@ import scipy.sparse as sp
 from .._types import Array, Float
 from .._validation import one_of
 from ..continuation import Path, extrapolated, first_state_failed, given_values
-from ..equilibrium import NEWTON, Stability, State, Status, iterate, of_outlines
+from ..equilibrium import NEWTON, Stability, State, Status, of_outlines
+from ..linalg import SingularTangent
 from ..materials import Gel, bulk_stiffness, flory_rehner, neo_hookean, volume_ratio_at
 from ..mechanics import ROUND_OFF, Problem, state_pressure
 from .increments import incremented
 from .matrices import assembled, negative_eigenvalues, solved
-from .scheme import MINORS, Scheme, SchemeProblem, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
+from .scheme import MINORS, Scheme, deformation_gradients, network_energy, scheme_energy, strain_operators, volume_ratios
 
 ALGORITHMS = ("total", "incremental")
 EPS = np.finfo(float).eps
@@ -54,22 +55,21 @@ def equilibria(
     one_of("algorithm", algorithm, ALGORITHMS)
     if getattr(gel, "network", None) is not neo_hookean or gel.volumetric is not flory_rehner:
         raise ValueError("gel: the paper's scheme needs the Flory-Rehner energy with a neo-Hookean network")
-    problem = SchemeProblem(scheme, jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel))
-    if algorithm == "incremental":
-        if scheme.cells.method != "displacement" or scheme.conditions != "nodes":
-            given = f"{scheme.cells.method!r} and {scheme.conditions!r}"
-            raise ValueError(f"algorithm: 'incremental' needs method 'displacement' and conditions at the 'nodes', not {given}")
+    if algorithm == "incremental" and (scheme.cells.method != "displacement" or scheme.conditions != "nodes"):
+        given = f"{scheme.cells.method!r} and {scheme.conditions!r}"
+        raise ValueError(f"algorithm: 'incremental' needs method 'displacement' and conditions at the 'nodes', not {given}")
+    gel = jax.tree.map(lambda v: jnp.asarray(v, dtype=float), gel)
+    start = np.asarray(scheme.cloud.nodes), np.full(scheme.cells.volumes.shape, -float(gel.Nv))
 
-        def attempt(mu, before):
-            return incremented(problem, mu, extrapolated(mu, before)[0] if before else None)
-    else:
-        start = np.asarray(scheme.cloud.nodes), np.full(scheme.cells.volumes.shape, -float(gel.Nv))
-
-        def attempt(mu, before):
-            found = equilibrium(problem, mu, *(extrapolated(mu, before) if before else start))
-            if until_overlap and found.status.ok:
-                return dataclasses.replace(found, status=of_outlines(found.x, scheme.model, contact=False))
-            return found
+    def attempt(mu, before):
+        x, pressure = extrapolated(mu, before) if before else start
+        if algorithm == "incremental":
+            found = incremented(scheme, gel, mu, x if before else None)
+        else:
+            found = equilibrium(scheme, gel, mu, x, pressure)
+        if until_overlap and found.status.ok:
+            return dataclasses.replace(found, status=of_outlines(found.x, scheme.model, contact=False))
+        return found
 
     return given_values(attempt, list(map(float, mu)), [])
 
@@ -94,72 +94,49 @@ def scheme_path(scheme: Scheme, gel: Gel, mu: Sequence[float], *, on_step: Calla
     return SchemePath.from_states(path_problem, states, stop=stop)
 
 
-def equilibrium(problem: SchemeProblem, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> State:
+def equilibrium(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> State:
     """`State` at ``mu``, whatever its status, from nodal values ``x`` and pressures; its stability is that within the edges."""
-    correction = NewtonCorrection(np.zeros(len(problem.scheme.rows)))
-    found = iterate(problem, State(float(mu), float(mu), np.asarray(x), np.asarray(pressure)), correction)
-    found = dataclasses.replace(found, energy=float(scheme_energy(found.x, problem.scheme.cells, problem.gel, mu)))
-    if not found.status.ok:
-        return found
-    negative = negative_eigenvalues(correction.matrix) - len(problem.scheme.rows)
-    return dataclasses.replace(found, stability=Stability(negative))
+    found, matrix = newton(scheme, gel, mu, x, pressure)
+    found = dataclasses.replace(found, energy=float(scheme_energy(found.x, scheme.cells, gel, mu)))
+    return dataclasses.replace(found, stability=Stability(negative_eigenvalues(matrix) - len(scheme.rows))) if found.status.ok else found
 
 
-@dataclasses.dataclass
-class NewtonCorrection:
-    """Newton's corrections of the displacements and multipliers, see ``equilibrium.Correction``."""
-
-    multipliers: np.ndarray
-    matrix: sp.csr_array | None = None
-    """(f + m, f + m) of the last correction."""
-    best: float = np.inf
-    improved: int = 0
-    terms: tuple = ()
-    """Condensed forces (N,), reactions of the edges (N,), displacements (N,) and `_residual`'s last value at the iterate."""
-
-    def assess(self, problem: SchemeProblem, state: State) -> tuple[float, bool]:
-        """Residual norm of the iterate over that of the network's forces, and whether it is an equilibrium."""
-        scheme, dry, x = problem.scheme, np.asarray(problem.scheme.cloud.nodes), np.asarray(state.x)
-        force, condensed, now = _residual(x, state.pressure, scheme.cells, problem.gel, state.mu)
-        u = (x - dry).ravel()
-        reaction = scheme.stiffness @ u + scheme.rows.T @ self.multipliers
+def newton(scheme: Scheme, gel: Gel, mu: float, x: Float[Array, "n 2"], pressure: Float[Array, "c g"]) -> tuple[State, sp.csr_array | None]:
+    """`State` in which Newton's method for displacements and multipliers ends, and the matrix (f + m, f + m) of its last step."""
+    dry, free, cells, matrix, best, improved, iteration = np.asarray(scheme.cloud.nodes), scheme.free, scheme.cells, None, np.inf, 0, 0
+    rows, multipliers = sp.csr_array(scheme.rows), np.zeros(len(scheme.rows))
+    while True:
+        force, condensed, now = _residual(x, pressure, cells, gel, mu)
+        u = (np.asarray(x) - dry).ravel()
+        reaction = scheme.stiffness @ u + rows.T @ multipliers
         residual = -np.asarray(force).ravel() - reaction
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
             scale = float(now["network"]) + np.linalg.norm(reaction)
             rounded = EPS * np.linalg.norm(abs(scheme.stiffness) @ np.abs(x).ravel()) / scale  # large terms of a stiff penalty cancel
-            size = max(np.linalg.norm(residual[scheme.free]) / scale, np.linalg.norm(scheme.rows @ u) / np.linalg.norm(dry))
-        self.terms = np.asarray(condensed).ravel(), reaction, u, now
+            size = max(np.linalg.norm(residual[free]) / scale, np.linalg.norm(rows @ u) / np.linalg.norm(dry))
         error, allowed = float(now["violation"]), max(NEWTON.tolerance, rounded)
         total = max(size / allowed, error / NEWTON.constraint_tolerance)
-        if total < 0.5 * self.best:
-            self.best, self.improved = total, state.newton_iterations
-        solved = size < allowed and error < NEWTON.constraint_tolerance and state.newton_iterations > 0
-        return size if np.isfinite(error) else np.nan, bool(solved)
-
-    def exhausted(self, state: State) -> bool:
-        """Whether the iteration ends without a solution."""
-        return state.newton_iterations >= NEWTON.max_iterations or state.newton_iterations > self.improved + PATIENCE
-
-    def __call__(self, problem: SchemeProblem, state: State) -> State:
-        """The next iterate."""
-        scheme, m = problem.scheme, len(problem.scheme.rows)
-        condensed, reaction, u, now = self.terms
-        matrices = _tangents(state.x, state.pressure, now["stiffness"], scheme.cells, problem.gel)
-        K = assembled(matrices, scheme.cells, len(state.x)) + scheme.stiffness
-        rows, self.matrix = sp.csr_array(scheme.rows[:, scheme.free]), K[scheme.free][:, scheme.free]
-        if m:
-            self.matrix = sp.block_array([[self.matrix, rows.T], [rows, None]], format="csr")
-        right = np.concatenate([(-condensed - reaction)[scheme.free], -scheme.rows @ u])
-        solution = solved(self.matrix, right)
-        dx = np.zeros(K.shape[0])
-        dx[scheme.free] = solution[: len(scheme.free)]
-        x, pressure = _advanced(state.x, state.pressure, dx.reshape(-1, 2), now, scheme.cells)
-        self.multipliers = self.multipliers + solution[len(scheme.free) :]
-        return State(state.value, state.mu, x, pressure, newton_iterations=state.newton_iterations + 1)
-
-    def finish(self, problem: SchemeProblem, state: State) -> State:  # noqa: ARG002
-        """The solution, in NumPy arrays."""
-        return dataclasses.replace(state, x=np.asarray(state.x), pressure=np.asarray(state.pressure))
+        if total < 0.5 * best:
+            best, improved = total, iteration
+        status = Status.NOT_CONVERGED
+        if not np.isfinite(size + error):
+            status = Status.NOT_FINITE
+        elif total < 1 and iteration:
+            status = Status.CONVERGED
+        elif iteration < min(NEWTON.max_iterations, improved + PATIENCE + 1):
+            K = assembled(_tangents(x, pressure, now["stiffness"], cells, gel), cells, len(dry)) + scheme.stiffness
+            matrix = sp.block_array([[K[free][:, free], rows[:, free].T], [rows[:, free], None]], format="csr")
+            right, dx = np.append((-np.asarray(condensed).ravel() - reaction)[free], -rows @ u), np.zeros(dry.size)
+            try:
+                dx[free], step = np.split(solved(matrix, right), [len(free)])
+            except SingularTangent:
+                status = Status.SINGULAR
+            else:
+                x, pressure = _advanced(x, pressure, dx.reshape(-1, 2), now, cells)
+                multipliers, iteration = multipliers + step, iteration + 1
+                continue
+        x, pressure = np.asarray(x), np.asarray(pressure)
+        return State(float(mu), float(mu), x, pressure, status, newton_iterations=iteration, residual=float(size)), matrix
 
 
 @jax.jit

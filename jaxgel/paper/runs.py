@@ -1,12 +1,12 @@
 """``jaxgel paper``: the table and figures of Deng et al. (2020) computed again, side by side with what they print.
 
-Each item writes ``ITEM.png``, ``ITEM.csv`` and ``ITEM.json`` into its folder once it is done; ``report.md`` is made of all that are
-there. Without names those that are missing are computed, so an interrupted run goes on; a named item is computed anew.
+Each item writes ``ITEM.png``, ``ITEM.csv`` and ``ITEM.json`` into its folder once it is done; ``report.md``, a figure and a small table for
+each, is made of all that are there. Without names those that are missing are computed, so an interrupted run goes on; a named item is
+computed anew.
 """
 
 import contextlib
-import csv
-import io
+import functools
 import json
 import time
 import traceback
@@ -17,24 +17,30 @@ from typing import Any
 from tqdm import tqdm
 
 from .._validation import did_you_mean
-from ..io import interruptible, open_folder, write_atomically
-from . import areas, counts, curves, incremental, patterns, square
-from .items import Entry, Runs, pyplot
-from .report import read_record, write_report
+from ..io import interruptible, open_folder, write_atomically, write_csv, write_json
+from . import curves, patterns, square
+from .items import FINITE_ELEMENTS, Entry, Runs, pyplot
+
+REPORT = "report.md"
+HEAD = """Y. Deng, X. He, L. Sun, S. Yi, Y. Dai, Engineering Analysis with Boundary Elements 113 (2020) 99-109, \
+[doi 10.1016/j.enganabound.2019.12.004](https://doi.org/10.1016/j.enganabound.2019.12.004). \
+The difference is that of this run to the finite elements or the closed form, where there are any, and otherwise to the paper. Chemical \
+potentials mu are in kT. Unless an item says otherwise a run has the paper's nodes, the quadratic basis, cells along the true outlines and \
+pressures linear over patches of them. Finite elements: {about}"""
 
 
 def items() -> dict[str, Callable[[Runs], Entry]]:
     """Name of each item -> its function, in the order of the report."""
     return {
-        "table-1": counts.table_1,
+        "table-1": curves.table_1,
         "fig-2": square.fig_2,
         "fig-3": square.fig_3,
         "fig-4": square.fig_4,
-        **{f"fig-{k}": patterns.PATTERNS[k] for k in range(6, 12)},
+        **{f"fig-{k}": functools.partial(patterns.draw_patterns, number=k) for k in patterns.FIGURES},
         "fig-12": curves.fig_12,
         "fig-13": curves.fig_13,
-        "fig-14": areas.fig_14,
-        "algorithm": incremental.algorithm,
+        "fig-14": curves.fig_14,
+        "algorithm": square.algorithm,
     }
 
 
@@ -55,7 +61,7 @@ def run_paper(
     for name in names:
         if name not in known:
             raise ValueError(f"item: {name!r} is unknown; {did_you_mean(name, list(known))}")
-    wanted = [name for name in known if (name in names if names else not _is_done(folder, name))]
+    wanted = [name for name in known if (name in names if names else "numbers" not in _read_record(folder, name))]
     with tqdm(total=len(wanted), disable=True if quiet else None, leave=False) as bar, interruptible() as stop_if_asked:
 
         def on_state(text):
@@ -65,16 +71,16 @@ def run_paper(
         runs = Runs(on_state)
         for name in wanted:
             bar.set_description_str(name)
-            start, cpu = time.perf_counter(), time.process_time()
-            record = _recorded(known[name], runs, folder, name)
-            record |= {"seconds": time.perf_counter() - start, "cpu_seconds": time.process_time() - cpu}
-            _write_json(folder / f"{name}.json", record)
-            write_report(folder, known)
+            start = time.perf_counter()
+            record = _recorded(known[name], runs, folder, name) | {"seconds": time.perf_counter() - start}
+            write_json(folder / f"{name}.json", record)
+            report = _report({name: _read_record(folder, name) for name in known}).encode()
+            write_atomically(folder / REPORT, lambda stream, report=report: stream.write(report))
             after_item()
             bar.update()
             with contextlib.nullcontext() if quiet else tqdm.external_write_mode():
-                say(f"{name}: {record['verdict']} ({record['seconds']:.0f} s)")
-    return [name for name in known if read_record(folder, name).get("error")]
+                say(f"{name}: {record.get('error', 'done')} ({record['seconds']:.0f} s)")
+    return [name for name in known if "error" in _read_record(folder, name)]
 
 
 def _recorded(item, runs, folder, name):
@@ -84,31 +90,33 @@ def _recorded(item, runs, folder, name):
     except Exception as problem:
         place = traceback.extract_tb(problem.__traceback__)[-1]
         (folder / f"{name}.traceback.txt").write_text("".join(traceback.format_exception(problem)), encoding="utf-8")
-        text = " ".join(str(problem).split()) or "no message"
-        return {"verdict": f"failed: {text}", "error": f"{type(problem).__name__}: {text} ({place.name})"}
-    if entry.figure is not None:
-        write_atomically(folder / f"{name}.png", lambda stream: entry.figure.savefig(stream, dpi=200, format="png"))
-        pyplot().close(entry.figure)
-    write_atomically(folder / f"{name}.csv", lambda stream: stream.write(_table(entry.rows).encode()))
-    fields = ("title", "paper", "verdict", "reference")
-    claims, numbers = [[c.statement, c.verdict, c.reason] for c in entry.claims], [number.cells() for number in entry.numbers]
-    return {field: getattr(entry, field) for field in fields} | {"numbers": numbers, "claims": claims, "figure": entry.figure is not None}
+        return {"error": f"{type(problem).__name__}: {' '.join(str(problem).split()) or 'no message'} ({place.name})"}
+    write_atomically(folder / f"{name}.png", lambda stream: entry.figure.savefig(stream, dpi=200, format="png"))
+    pyplot().close(entry.figure)
+    rows = [[f"{v:.9g}" if isinstance(v, float) else v for v in row.values()] for row in entry.rows]
+    write_csv(folder / f"{name}.csv", list(entry.rows[0]), rows)
+    numbers = [number.cells() for number in entry.numbers]
+    return {"title": entry.title, "paper": entry.paper, "reference": entry.reference, "numbers": numbers}
 
 
-def _table(rows):
-    """CSV text of dictionaries with the same keys; numbers with nine digits."""
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows([{key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows])
-    return text.getvalue()
+def _read_record(folder, name):
+    """Record of an item; empty where there is none that can be read."""
+    try:
+        return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
 
 
-def _write_json(file, record):
-    text = json.dumps(record, indent=1, ensure_ascii=False, default=float)
-    write_atomically(file, lambda stream: stream.write(text.encode()))
-
-
-def _is_done(folder, name):
-    record = read_record(folder, name)
-    return "numbers" in record and not record.get("error")
+def _report(records):
+    """The report in Markdown of the items' records, by name."""
+    lines = ["# Deng et al. (2020), computed again", "", HEAD.format(about=FINITE_ELEMENTS["about"]), ""]
+    for name, record in records.items():
+        command = f"`jaxgel paper {name}`, {record.get('seconds', 0):.0f} s"
+        if "error" in record:
+            lines += [f"## {name}", "", f"This item failed: {record['error']}. ({command})", ""]
+        elif record:
+            lines += [f"## {record['title']}", "", f"({command}; [data]({name}.csv))", "", f"![{record['title']}]({name}.png)", ""]
+            head = ("quantity", "paper", "this run", record["reference"], "difference")
+            lines += [f"**Paper:** {record['paper']}", ""]
+            lines += [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *record["numbers"])] + [""]
+    return "\n".join(lines)

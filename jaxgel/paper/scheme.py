@@ -26,16 +26,7 @@ from jax import lax
 from .._types import Array, Float, Inexact, Int, Scalar
 from .._validation import one_of
 from ..cloud import Cloud
-from ..discretisation import (
-    BASES,
-    KINDS,
-    Model,
-    discretise,
-    pad_nodes,
-    reaching_nodes,
-    shape_functions,
-    shape_functions_and_gradients,
-)
+from ..discretisation import BASES, KINDS, Model, discretise, pad_nodes, reaching_nodes, shape_functions, shape_functions_and_gradients
 from ..geometry import Plate, edge_lines, held_components, inside_holes
 from ..materials import Gel
 from ..mechanics import free_dofs
@@ -126,16 +117,6 @@ class Scheme:
         return rows.reshape(len(phi), 2, -1)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class SchemeProblem:
-    """What an equilibrium solves."""
-
-    scheme: Scheme
-    """Cells and conditions."""
-    gel: Gel
-    """Material, of the Flory-Rehner energy."""
-
-
 def make_scheme(
     cloud: Cloud,
     *,
@@ -169,9 +150,9 @@ def make_scheme(
     if conditions == "nodes":
         return scheme
     normal, weight, hat = _walls(scheme)
-    if conditions == "penalty":
-        return dataclasses.replace(scheme, stiffness=sp.csr_array(penalty * (normal.T * weight) @ normal))
-    return dataclasses.replace(scheme, rows=(hat.T * weight) @ normal)
+    if conditions == "lagrange":
+        return dataclasses.replace(scheme, rows=(hat.T * weight) @ normal)
+    return dataclasses.replace(scheme, stiffness=sp.csr_array(penalty * (normal.T * weight) @ normal))
 
 
 def square_cells(plate: Plate, side: int) -> tuple[Float[np.ndarray, "c 16 2"], Float[np.ndarray, "c 16"]]:
@@ -232,17 +213,15 @@ def _walls(scheme):
     """Normal displacement (w, N) at the wall points per nodal displacement, weights (w,), mm, and linear functions (w, m) on the edges."""
     topology, nodes = scheme.cloud.topology, np.asarray(scheme.cloud.nodes)
     points, weight, components, hats = [], [], [], []
+    s = (1 + POINTS[:, None]) / 2
     for edge in edge_lines(topology.plate):
         wall = nodes[topology.edge_nodes[edge]]
-        start, along = wall[:-1, None], np.diff(wall, axis=0)[:, None]
-        s, k = (1 + POINTS) / 2, np.arange(len(start))
-        hat = np.zeros((len(start), len(s), len(wall)))
-        hat[k, :, k], hat[k, :, k + 1] = 1 - s, s
+        along, ends = np.diff(wall, axis=0)[:, None], np.eye(len(wall))
         for component in held_components(topology.plate.edges, edge):
-            points.append((start + s[:, None] * along).reshape(-1, 2))
+            points.append((wall[:-1, None] + s * along).reshape(-1, 2))
             weight.append((np.linalg.norm(along, axis=2) * WEIGHTS / 2).ravel())
             components.append(np.full(len(weight[-1]), component))
-            hats.append(hat.reshape(-1, len(wall)))
+            hats.append(((1 - s) * ends[:-1, None] + s * ends[1:, None]).reshape(-1, len(wall)))
     rows = scheme.rows_at(np.concatenate(points))
     return rows[np.arange(len(rows)), np.concatenate(components)], np.concatenate(weight), scipy.linalg.block_diag(*hats)
 

@@ -14,20 +14,19 @@ def paper_free_energy(F_prime: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Flo
     return free_energy(stretch * F_prime, mu, gel) / stretch**2
 
 
-def paper_stress(G: Float[Array, "2 2"], mu: Scalar, gel: Any, stretch: Scalar | None = None) -> Float[Array, "2 2"]:
+def paper_stress(G: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Float[Array, "2 2"]:
     """Second Piola-Kirchhoff stress S (2, 2), in kT/v, in the reference C_mu; Eq. (6), for the default energy.
 
     ``G`` (2, 2) = F'^T F' is the in-plane right Cauchy-Green tensor; G33 = 1, since F_mu = diag(l, l, 1) has J_mu = l^2.
-    ``stretch`` () is l = ``free_swelling(mu, gel)`` where it is known.
     """
-    B, _, _ = _paper_coefficients(G, mu, gel, stretch)
-    return gel.Nv * jnp.eye(2) + B * _inverse(G).T
+    B, _, _ = _paper_coefficients(G, mu, gel)
+    return gel.Nv * jnp.eye(2) + B * jnp.linalg.inv(G).T
 
 
-def paper_tangent(G: Float[Array, "2 2"], mu: Scalar, gel: Any, stretch: Scalar | None = None) -> Float[Array, "2 2 2 2"]:
+def paper_tangent(G: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Float[Array, "2 2 2 2"]:
     """Tangent D_ijkl = 2 dS_ij/dG_kl (2, 2, 2, 2), in kT/v, at ``G`` (2, 2); Eqs. (8)-(9). Arguments as of ``paper_stress``."""
-    B, C, J = _paper_coefficients(G, mu, gel, stretch)
-    inverse = _inverse(G)
+    B, C, J = _paper_coefficients(G, mu, gel)
+    inverse = jnp.linalg.inv(G)
     return 2 * B / J**2 * cofactor_derivative() + C * jnp.einsum("ji,lk->ijkl", inverse, inverse)
 
 
@@ -37,12 +36,11 @@ def voigt(D: Float[Array, "2 2 2 2"]) -> Float[Array, "3 3"]:
     return D[rows[:, None], columns[:, None], rows[None, :], columns[None, :]]
 
 
-def _paper_coefficients(G, mu, gel, stretch):
+def _paper_coefficients(G, mu, gel):
     """B of Eq. (6), C of Eq. (8) = J' dB/dJ' - 2 B, and J'."""
     if gel.network is not neo_hookean or gel.volumetric is not flory_rehner:
         raise ValueError("gel: Eqs. (6)-(9) hold for the Flory-Rehner energy only; differentiate free_energy for another")
-    stretch = free_swelling(mu, gel) if stretch is None else stretch
-    Jm, J = stretch**2, jnp.sqrt(_det(G))
+    Jm, J = free_swelling(mu, gel) ** 2, jnp.sqrt(jnp.linalg.det(G))
     logarithm = -J * jnp.log1p(1 / (Jm * J - 1))  # J' ln(1 - 1/(J_mu J'))
     mixing = gel.chi / (Jm**2 * J)
     B = (1 - gel.Nv) / Jm + logarithm + mixing - mu * J
@@ -54,11 +52,3 @@ def cofactor_derivative() -> Float[Array, "2 2 2 2"]:
     """Q_ijkl (2, 2, 2, 2) of Eq. (9) with G33 = 1: dcof(G)_ij/dG_kl of cof(G)_ij = e_ik e_jl G_kl, with G_12 and G_21 varied together."""
     e = jnp.array([[0.0, 1.0], [-1.0, 0.0]])
     return (jnp.einsum("ik,jl->ijkl", e, e) + jnp.einsum("il,jk->ijkl", e, e)) / 2
-
-
-def _inverse(A):
-    return jnp.array([[A[1, 1], -A[0, 1]], [-A[1, 0], A[0, 0]]]) / _det(A)
-
-
-def _det(A):
-    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]

@@ -37,7 +37,7 @@ def plot_loop(loop: Loop, quantity: str | Callable[[Path], Float[Array, " k"]], 
         x, y = _with_jumps(path, values(path), own_at, own_critical)
         ax.plot(x, y, color=colour, label=text, marker="o", markersize=2.0)
         for value, start in zip(own_at, own_critical, strict=True):
-            end = _after(path, values(path), value)
+            end = values(path)[_next(path, value)]
             ax.annotate("", (value, end), (value, start), arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 0.9})
         first += len(points)
     if loop.unstable is not None:
@@ -60,11 +60,6 @@ def _with_jumps(path, values, at, critical):
         k = _next(path, value)
         x[k:k], y[k:k] = [value, np.nan], [end, np.nan]
     return x, y
-
-
-def _after(path, values, value):
-    """The quantity at the first state behind a jump."""
-    return values[_next(path, value)]
 
 
 def _next(path, value):

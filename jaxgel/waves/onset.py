@@ -23,15 +23,7 @@ from ..continuation import Adaptive, SweepFailed, sweep
 from ..controls import check_values
 from ..equilibrium import Observer, control_force
 from ..linalg import Bordered, factor
-from ..mechanics import (
-    Problem,
-    curvature,
-    gather,
-    linearise,
-    restrict,
-    scatter,
-    tangent,
-)
+from ..mechanics import Problem, curvature, gather, linearise, restrict, scatter, tangent
 from ..symmetry import symmetries_of
 from .bloch import BlochStates
 from .cells import check_periodic

@@ -15,7 +15,7 @@ from jaxgel.continuation.predictor import predict
 from jaxgel.equilibrium import State, Status
 from jaxgel.linalg import factors as linear_solve
 from jaxgel.linalg import multifrontal
-from jaxgel.materials import Gel, largest_mu
+from jaxgel.materials import Gel, limits_of_stability
 
 
 @pytest.fixture(scope="module")
@@ -177,7 +177,7 @@ def test_interruption_passes_through_with_all_finished_steps_delivered(tiny_mode
 def test_sweep_into_a_swelling_jump_stops_at_the_fold_and_says_so(mu, square_model):
     """With chi = 1.5 no state connected with the dry one exists above the fold: the gel would jump to a hundredfold volume."""
     gel = Gel(Nv=1e-3, chi=1.5)
-    fold = float(largest_mu(gel))  # of free swelling, 0.2351; uniaxially a little higher
+    fold = float(limits_of_stability(gel, swelling="plane strain").control[0])  # of free swelling, 0.2351; uniaxially a little higher
     path = jaxgel.sweep(jaxgel.Problem(square_model, gel), mu)
     assert path.stop is Status.STEP_TOO_SMALL
     assert path.stop_text == f"stopped after mu = {path.mu[-1]:.6g}: {Status.STEP_TOO_SMALL.text}"

@@ -15,7 +15,7 @@ import jaxgel
 from jaxgel import Problem
 from jaxgel.continuation import Path
 from jaxgel.equilibrium import accepted, advanced, dry_state, solve, starting, state_tangents
-from jaxgel.materials import Gel, flory_huggins, gel_in_groups, largest_pressure, neo_hookean, osmotic, phase_of
+from jaxgel.materials import Gel, flory_huggins, gel_in_groups, neo_hookean, osmotic, phase_of, stiff_until
 from jaxgel.mechanics import (
     SOFT,
     all_volumes,
@@ -304,7 +304,7 @@ def test_a_held_plate_is_stable_while_the_gel_is_elliptic(J):
 def test_a_pressure_that_the_gel_cannot_carry_is_brought_into_its_range(models):
     """At dry positions and beyond the spinodal: about the end of the stiff range, where dp/dJ is SOFT Nv; so a step has a direction."""
     model, gel = models[in_plane], Gel(0.01, 0.9)
-    p = jnp.full(len(all_volumes(model)), float(largest_pressure(0.0, gel)) + 0.1)
+    p = jnp.full(len(all_volumes(model)), float(osmotic(stiff_until(0.0, gel), 0.0, gel)) + 0.1)
     real = model.carries & (np.asarray(all_volumes(model)) > 0)
     about, gap = linearised_about(p, jnp.full_like(p, 0.9), model, gel, 0.0)
     np.testing.assert_allclose(stiffness_at(about, model, gel, 0.0)[real], SOFT * gel.Nv, rtol=1e-6)
