@@ -8,7 +8,6 @@ together, are left out.
 The search is on the host, by scanning; what it finds is differentiable, outside ``jax.jit``.
 """
 
-import functools
 import itertools
 import math
 from typing import Any, NamedTuple
