@@ -15,7 +15,7 @@ FEW = 64  # patches for which there is room in any block
 ALIKE = 512  # patches up to which there is room for as many in every block of a body
 AROUND = 16  # nodes to each cut patch with a linear pressure that there is room for
 SHARE = 0.6  # of all patches that there is room for in each block
-OF_SQUARES = (40, 60, 80, 112, 144)  # nodes of a patch of whole squares, which has 49 to 57
+OF_SQUARES = (40, 54, 66, 80, 112, 144)  # nodes of a patch of whole squares: 49 to 53, on finer clouds of large holes 57 to 66
 LINEAR = ((16, 8), (112, 40), (192, 64))  # quadrature points and contour edges of patches with a linear pressure: whole squares, cut ones
 CONSTANT = ((64, 24), (112, 40), (192, 64))  # of those with a constant one
 

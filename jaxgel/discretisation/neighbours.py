@@ -7,7 +7,7 @@ from .._sizes import step
 from .._types import Float, Int
 from ..cloud import Topology
 
-NEIGHBOURS = (20, 36, 56, 72, 84, 112, 144)  # room for nodes of a patch or point: those of a whole square are 32
+NEIGHBOURS = (20, 32, 46, 56, 70, 84, 112, 144)  # room for nodes of other patches and of points: 26 to 32, 39 to 46, 48 to 55, 62 to 69
 
 
 def neighbours_of_points(
