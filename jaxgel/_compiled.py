@@ -9,6 +9,7 @@ import dataclasses
 import functools
 import hashlib
 import inspect
+import itertools
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
@@ -16,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from ._described import NotDescribed, described
-from ._kept import KEPT, compile_anew
+from ._kept import KEPT
 from ._primitives import differentiated_value, primitive
 from ._tracing import is_traced
 
@@ -34,6 +35,7 @@ def compiled(*, static: tuple[str, ...] = ()) -> Callable[[Callable[P, R]], Call
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         jitted = jax.jit(function, static_argnames=static)
+        PROGRAMS.jitted.append(jitted)
         names = list(inspect.signature(function).parameters)
         places = sorted(names.index(name) for name in static)
 
@@ -56,7 +58,6 @@ def compiled(*, static: tuple[str, ...] = ()) -> Callable[[Callable[P, R]], Call
                 values, result = PROGRAMS.run(flat, leaves)
             return jitted(*args, **options) if values is None else jax.tree.unflatten(result, values)
 
-        call.clear_cache = jitted.clear_cache  # as `release_programs` asks for
         return call
 
     return decorate
@@ -93,15 +94,21 @@ class _Call:
 
 
 class Programs:
-    """The programs of functions of flat arrays that this process has loaded or made."""
+    """The compiled programs of this process, and those of functions of flat arrays that it has loaded or made to keep."""
 
     def __init__(self) -> None:
-        self._latest, self._by_shapes = {}, {}
+        self.jitted, self._latest, self._by_shapes = [], {}, {}
 
-    def clear_cache(self) -> None:
-        """Let go of all, see `release_programs`."""
+    def forget_kept(self) -> None:
+        """Release those of flat arrays."""
         self._latest.clear()
         self._by_shapes.clear()
+
+    def release(self) -> None:
+        """Release all; those still needed are loaded or compiled again at their next call."""
+        self.forget_kept()
+        for jitted in (*self.jitted, _jitted):
+            jitted.clear_cache()
 
     def run(self, function: Any, leaves: list) -> tuple[list | None, Any]:
         """The results of ``function`` and their structure; None if it is left to ``jax.jit``."""
@@ -128,7 +135,7 @@ PROGRAMS = Programs()
 
 def are_kept() -> bool:
     """Whether this process keeps programs."""
-    return KEPT.root is not None and not jax.config.jax_debug_nans
+    return KEPT.root is not None and not (jax.config.jax_debug_nans or jax.config.jax_debug_infs)
 
 
 def _loaded(function, shapes):
@@ -153,9 +160,8 @@ def _made(name, function, shapes):
         return values
 
     flat.__name__ = _name(function)
-    program = compile_anew(jax.jit(flat).lower(*(jax.ShapeDtypeStruct(*shape) for shape in shapes)))
-    KEPT.save(name, program, result)
-    return program, result
+    lowered = jax.jit(flat).lower(*(jax.ShapeDtypeStruct(*shape) for shape in shapes))
+    return KEPT.saved(name, lowered, result), result
 
 
 # --- derivatives -------------------------------------------------------------------------------------------------------------
@@ -185,17 +191,19 @@ class _Tangent(_Derivative):
 
 @dataclasses.dataclass(frozen=True)
 class _Reverse(_Derivative):
-    """Cotangents of the arguments numbered ``which``, for all arguments and, after them, the cotangents of results of floating type."""
+    """Cotangents of the arguments numbered ``which``, for all arguments and, after them, cotangents of results of floating type."""
 
     function: Any
     which: tuple
     count: int
     """Number of arguments."""
+    asked: tuple
+    """For each result of floating type whether it has a cotangent."""
     suffix = "_reverse"
 
     def __call__(self, *args):
         values, at = _of_some(self.function, args[: self.count], self.which)
-        return list(jax.vjp(values, *at)[1](list(args[self.count :])))
+        return list(jax.vjp(lambda *at: list(itertools.compress(values(*at), self.asked)), *at)[1](list(args[self.count :])))
 
 
 def _of_some(function, args, which):
@@ -236,17 +244,22 @@ def _shapes(*_, function, inputs, shapes):
 def _jvp(args, dots, *, function, **_):
     values, which = _results(function, args), tuple(i for i, dot in enumerate(dots) if dot is not None)
     shapes = tuple(jax.ShapeDtypeStruct(value.shape, value.dtype) for value in values if _is_floating(value))
+    if not shapes:
+        return values, [None] * len(values)
     changes = iter(_results(_Tangent(function, which), [*args, *(dots[i] for i in which)], shapes))
     return values, [next(changes) if _is_floating(value) else None for value in values]
 
 
 def _transpose(cotangents, args, *, function, inputs, shapes):
     """Only tangents are linear in some of their arguments: in the tangents, that is, which are the last ones."""
-    cotangents = [jnp.zeros(of.shape, of.dtype) if one is None else one for one, of in zip(cotangents, shapes, strict=True)]
+    asked = tuple(one is not None for one in cotangents)
+    if not any(asked):
+        return [None] * len(args)
     count = len(args) - len(function.which)
     numbers = [number for number, arg in enumerate(args) if arg is None]
     which, shapes = tuple(function.which[number - count] for number in numbers), tuple(inputs[number] for number in numbers)
-    found = iter(_results(_Reverse(function.function, which, count), [*args[:count], *cotangents], shapes))
+    reverse = _Reverse(function.function, which, count, asked)
+    found = iter(_results(reverse, [*args[:count], *itertools.compress(cotangents, asked)], shapes))
     return [next(found) if arg is None else None for arg in args]
 
 

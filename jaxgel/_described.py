@@ -34,7 +34,7 @@ def described(value: object) -> str:
     elif isinstance(value, jax.tree_util.PyTreeDef):
         parts = (value.node_data(), value.children())
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return _fields(value)
+        return f"{_name(type(value))}({_fields(value)})"
     else:
         return _name(value)
     return f"{_name(type(value))}({', '.join(map(described, parts))})"
@@ -42,13 +42,13 @@ def described(value: object) -> str:
 
 @once_per_owner
 def _fields(value):
-    """The class of a dataclass and a digest of its fields, which may be a whole cloud."""
+    """A digest of a dataclass's fields, which may be a whole cloud."""
     parts = ", ".join(described(getattr(value, field.name)) for field in dataclasses.fields(value) if field.compare)
-    return f"{_name(type(value))}({hashlib.sha256(parts.encode()).hexdigest()})"
+    return hashlib.sha256(parts.encode()).hexdigest()
 
 
 def _name(value):
-    """The name of a function or class at the top of one of jaxgel's modules, or of Python's or JAX's."""
+    """The name of a function or class at the top of one of jaxgel's modules, or of Python's builtins or jaxlib's."""
     module, name = getattr(value, "__module__", None) or "", getattr(value, "__qualname__", None) or ""
     if module.split(".")[0] not in ("builtins", "jaxlib", __package__):
         raise NotDescribed

@@ -5,7 +5,7 @@ sources, versions, processor, devices and XLA's flags; its file by the function 
 folder and files must belong to the user, and no one else may write there.
 
 Some releases of jaxlib write executables that end the process which runs them. So a new file is only waiting; a process of its own
-(`try_waiting`), started when the one that wrote it ends, runs each and only then makes it a program. A file whose run did not return stays
+(`run_trial`), started when the one that wrote it ends, runs each and only then makes it a program. A file whose run did not return stays
 marked as tried, and is neither used nor written again. Whatever is missing, damaged or refused is compiled.
 """
 
@@ -23,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -45,6 +46,7 @@ class KeptPrograms:
 
     def __init__(self) -> None:
         self.root: Path | None = None
+        self._imported, self._looked = time.time(), -np.inf
 
     def keep(self, root: Path | None) -> None:
         """Keep programs in the folder ``root``; None ends it. The folder is made and checked when a program is first needed."""
@@ -69,8 +71,17 @@ class KeptPrograms:
         _register_linear_algebra()
         return folder
 
+    def _check_sources(self):
+        """Keep nothing from now on if jaxgel has been edited since it was imported: which functions run is not known then."""
+        if self.root is not None and time.monotonic() > self._looked + 1.0:
+            if max((file.stat().st_mtime for file in _sources()), default=0.0) > self._imported:
+                LOG.debug("no programs are kept: jaxgel's sources have changed since it was imported")
+                self.keep(None)
+            self._looked = time.monotonic()
+
     def load(self, name: str) -> tuple[Callable[..., list], Any] | None:
         """The program of a ``name``, a function of arrays that returns arrays, and the tree structure of its results; None if not kept."""
+        self._check_sources()
         try:
             return _read(self.folder / f"{name}{PROGRAM}") if self.folder else None
         except FileNotFoundError:
@@ -83,17 +94,26 @@ class KeptPrograms:
         """Whether a program of this ``name`` can be saved: none waits for its trial or has failed it."""
         return self.folder is not None and not any((self.folder / f"{name}{state}").exists() for state in (WAITING, TRIED))
 
-    def save(self, name: str, program: Any, structure: Any) -> None:
-        """Keep a compiled ``program`` of flat arrays whose results have the tree ``structure``, to be tried before it is used."""
+    def saved(self, name: str, lowered: jax.stages.Lowered, structure: Any) -> Callable[..., list]:
+        """The ``lowered`` program of flat arrays, compiled, and kept to be tried; its results have the tree ``structure``."""
+        self._check_sources()
+        try:
+            stored = pickle.dumps(structure)
+            if self.folder is None or pickle.loads(stored) != structure:  # noqa: S301
+                raise ValueError("its results hold an object that is compared by identity")
+        except Exception as problem:
+            LOG.debug("the program %s is not kept: %s", name, problem)
+            return lowered.compile()
+        program = _compiled_anew(lowered)
         try:
             payload = serialize_executable.serialize(program)[0]
-            stored = pickle.dumps(structure)
-            if pickle.loads(stored) != structure:  # noqa: S301
-                raise ValueError("its results hold an object that is compared by identity")
             shapes = [(leaf.shape, leaf.dtype.str) for leaf in program.in_avals[0]]
             _write(self.folder / f"{name}{WAITING}", pickle.dumps((payload, shapes, stored, structure.num_leaves)))
         except Exception as problem:  # what a release of jaxlib cannot serialise, a full disk
             LOG.debug("the program %s is not kept: %s", name, problem)
+            with contextlib.suppress(OSError):
+                (self.folder / f"{name}{TRIED}").touch()  # later processes need not try
+        return program
 
 
 KEPT = KeptPrograms()
@@ -148,11 +168,15 @@ def surroundings() -> str | None:
     names = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "Features", "CPU implementer", "CPU part")
     lines = [line for line in processor.splitlines() if line.split(":")[0].strip() in names]
     sources = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.rglob("*.py")):
+    for file in _sources():
         sources.update(file.read_bytes())
-    versions = (jax.__version__, version("jaxlib"), np.__version__, platform.python_version(), platform.machine())
+    versions = (version("jaxgel"), jax.__version__, version("jaxlib"), np.__version__, platform.python_version(), platform.machine())
     flags = (os.environ.get("XLA_FLAGS", ""), jax.config.jax_enable_x64, jax.config.jax_default_matmul_precision)
     return repr((sources.hexdigest(), versions, flags, devices[0].device_kind, lines))
+
+
+def _sources():
+    return sorted(Path(__file__).parent.rglob("*.py"))
 
 
 def _register_linear_algebra():
@@ -160,7 +184,7 @@ def _register_linear_algebra():
     jax.jit(jax.lax.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), float))
 
 
-def compile_anew(lowered: jax.stages.Lowered) -> jax.stages.Compiled:
+def _compiled_anew(lowered):
     """The ``lowered`` program, compiled: executables that come from JAX's compilation cache cannot be serialised again."""
     with COMPILING:
         enabled = jax.config.jax_enable_compilation_cache
@@ -194,7 +218,8 @@ def _write(file, content):
 def _read(file):
     """The program in a file and the structure of its results; OSError or ValueError for one that cannot be trusted."""
     program, _, structure = _unpacked(file)
-    file.touch()  # the last time that it was used
+    with contextlib.suppress(OSError):
+        os.utime(file)  # the last time that it was used
     return program, structure
 
 
@@ -213,43 +238,59 @@ def _unpacked(file):
 
 
 @atexit.register
-def start_trial() -> None:
-    """Start a process that tries the waiting programs, and do not wait for it."""
-    if KEPT.root is None or not any(KEPT.root.glob(f"*/*{WAITING}")):
+def start_trial(*, wait: bool = False) -> None:
+    """Start a process that tries the waiting programs of processes like this one, and ``wait`` for it if asked."""
+    folder = KEPT.__dict__.get("folder")  # None if no program was asked for
+    if not sys.executable or folder is None or not any(folder.glob(f"*{WAITING}")):
         return
-    path = os.pathsep.join([str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])])
+    trial = f"import sys; sys.path.append({str(Path(__file__).parents[1])!r}); from {__name__} import run_trial as run; run(sys.argv[1])"
     silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     with contextlib.suppress(OSError):
-        command = [sys.executable, "-P", "-m", __name__, str(KEPT.root)]
-        subprocess.Popen(command, env=os.environ | {"PYTHONPATH": path}, start_new_session=True, **silent)  # noqa: S603
+        running = subprocess.Popen([sys.executable, "-P", "-c", trial, str(KEPT.root)], start_new_session=not wait, **silent)  # noqa: S603
+        if wait:
+            running.wait()
 
 
-def try_waiting(folder: Path) -> None:
-    """Run each waiting program in a ``folder`` on zeros, which makes it one that is used; then remove what is more than ``MAX_BYTES``."""
-    KEPT.keep(folder)
+def run_trial(root: str) -> None:
+    """What the process does that tries programs."""
     atexit.unregister(start_trial)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    os.nice(10)
+    try_waiting(root)
+
+
+def try_waiting(root: str | Path) -> None:
+    """Run each waiting program in a folder on zeros, which makes it one that is used; then remove what is more than ``MAX_BYTES``.
+
+    A program in whose run the process ends counts as tried; if somebody ends the process, it waits again.
+    """
+    KEPT.keep(Path(root))
     for file in sorted(KEPT.folder.glob(f"*{WAITING}")) if KEPT.folder else ():
         tried = file.with_suffix(TRIED)
         try:
             file.rename(tried)
         except FileNotFoundError:  # another process tries it
             continue
-        with contextlib.suppress(Exception):
-            signal.alarm(TRIAL_SECONDS)
+        signal.alarm(TRIAL_SECONDS)
+        try:
             program, shapes, _ = _unpacked(tried)
             jax.block_until_ready(program(*(np.zeros(*shape) for shape in shapes)))
             tried.rename(file.with_suffix(PROGRAM))
+        except (SystemExit, KeyboardInterrupt):
+            tried.rename(file)
+            raise
+        except Exception as problem:
+            LOG.debug("the program %s is not used: %s", file.stem, problem)
     signal.alarm(0)
-    _remove_least_recent(folder)
+    _remove_least_recent(Path(root))
 
 
-def _remove_least_recent(folder):
-    total = 0
-    for file in sorted(folder.glob("*/*"), key=lambda file: -file.stat().st_mtime):
-        total += file.stat().st_size
+def _remove_least_recent(root):
+    sizes = []
+    for file in root.glob("*/*"):
+        with contextlib.suppress(FileNotFoundError):  # another process is at it
+            status = file.stat()
+            sizes.append((-status.st_mtime, status.st_size, file))
+    for (_, _, file), total in zip(sorted(sizes), np.cumsum([size for _, size, _ in sorted(sizes)]), strict=True):
         if total > MAX_BYTES:
-            file.unlink()
-
-
-if __name__ == "__main__":
-    try_waiting(Path(sys.argv[1]))
+            file.unlink(missing_ok=True)

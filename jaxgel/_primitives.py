@@ -1,4 +1,4 @@
-"""Primitives of our own, and their rules for derivatives: the one place that uses JAX's internals."""
+"""Primitives of our own, and their rules for derivatives: the place that uses JAX's internals."""
 
 from collections.abc import Callable
 from typing import Any

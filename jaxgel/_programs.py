@@ -3,13 +3,12 @@
 import functools
 import inspect
 import pathlib
-import sys
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from ._compiled import compiled
+from ._compiled import PROGRAMS, compiled
 from ._sizes import resized
 
 P = ParamSpec("P")
@@ -44,7 +43,6 @@ def program(*, returns: Any = None, static: tuple[str, ...] = (), **axes: str) -
             found = jitted(*given, **options)
             return _cut(found, returns, owner.lengths) if returns else found
 
-        call.clear_cache = jitted.clear_cache  # as `release_programs` asks for
         return call
 
     return decorate
@@ -64,15 +62,6 @@ def _cut(found, returns, lengths):
     return tuple(part if axes is None else fitted(part, axes, lengths) for part, axes in zip(found, returns, strict=True))
 
 
-def release_programs() -> None:
-    """Let go of all compiled programs of jaxgel's functions; those still needed are compiled again at their next call."""
-    for name, module in list(sys.modules.items()):
-        if name == __package__ or name.startswith(f"{__package__}."):
-            for value in list(vars(module).values()):
-                if hasattr(value, "clear_cache") and not isinstance(value, type):
-                    value.clear_cache()
-
-
 def mappings() -> tuple[int, int]:
     """How many memory mappings this process has and how many it may have; (0, 1) where the system does not tell, as on macOS."""
     try:
@@ -83,8 +72,8 @@ def mappings() -> tuple[int, int]:
         return 0, 1
 
 
-def release_programs_where_crowded() -> None:
-    """`release_programs` where a process has used more than ``CROWDED`` of its mappings."""
+def release_programs_if_crowded() -> None:
+    """Release all compiled programs if the process has used more than ``CROWDED`` of its mappings; they are compiled again when needed."""
     used, limit = mappings()
     if used > CROWDED * limit:
-        release_programs()
+        PROGRAMS.release()

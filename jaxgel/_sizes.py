@@ -71,13 +71,15 @@ def joined(parts: list[Array]) -> Any:
 class Matrices:
     """A sparse matrix (p, q) for each column of an array; hashed by identity."""
 
-    columns: tuple[sp.csr_array, ...]
+    columns: tuple[sp.sparray, ...]
     """The matrices."""
 
     @functools.cached_property
     def transposed(self) -> "Matrices":
         """The transposed matrices."""
-        return Matrices(tuple(matrix.T.tocsr() for matrix in self.columns))
+        made = Matrices(tuple(matrix.T for matrix in self.columns))  # views
+        made.__dict__["transposed"] = self
+        return made
 
 
 def multiplied(values: Float[Array, "q k"], matrices: Matrices) -> Any:
@@ -198,7 +200,9 @@ def _multiply(values, *, matrices):
 
 
 def _multiply_by_jax(values, *, matrices):
-    return jnp.stack([matrix.toarray() @ column for matrix, column in zip(matrices.columns, values.T, strict=True)], axis=1)
+    entries = [matrix.tocoo() for matrix in matrices.columns]
+    sums = [jnp.zeros(m.shape[0]).at[m.row].add(m.data * column[m.col]) for m, column in zip(entries, values.T, strict=True)]
+    return jnp.stack(sums, axis=1)
 
 
 _multiplied = _linear(

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from threadpoolctl import threadpool_info
 
-from .._kept import KEPT, PROGRAM, WAITING
+from .._kept import KEPT, PROGRAM, WAITING, start_trial
 from .._threads import usable_cores
 from ..cases import sample
 from ..cloud import make_cloud
@@ -44,6 +44,7 @@ def doctor(args: Namespace) -> int:
     print(f"device: {jax.devices()[0].platform}; {usable_cores()} cores; threads: {', '.join(sorted(pools))}")
     if args.warm:
         compile_samples()
+        start_trial(wait=True)
     print(f"kept programs: {kept_programs()}")
     wrong = []
     for name, difference in differences().items():

@@ -11,7 +11,7 @@ import dataclasses
 import jax
 import numpy as np
 
-from .._programs import release_programs_where_crowded
+from .._programs import release_programs_if_crowded
 from .._sizes import joined, multiplied, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int
@@ -85,7 +85,7 @@ def make_cloud(plate: Plate, *, spacing: float | None = None, nodes_per_hole: in
     ``across`` below 2, and where more than ``quadtree.MAX_HALVINGS`` halvings are needed.
     """
     check_kind("plate", plate, Plate, "a Plate, such as Plate(4, 4, [Circle((0, 0), 1)])")
-    release_programs_where_crowded()  # a new cloud needs new ones
+    release_programs_if_crowded()  # a new cloud needs new ones
     reference = reference_plate(plate)
     with jax.ensure_compile_time_eval():  # the topology is made of numbers, also inside jit
         topology = _topology(reference, spacing, nodes_per_hole, across)

@@ -37,8 +37,10 @@ def morph_matrices(background: Float[np.ndarray, "b 2"], lines: Lines) -> tuple[
         slides = (along == axis)[:, None] & (sources != REST)
         rows = np.concatenate([np.arange(len(nodes)), len(nodes) + np.nonzero(slides)[0]])
         entries = np.concatenate([np.ones(len(nodes)), shares[slides]])
-        of_outline = sp.csr_array((entries, (rows, np.concatenate([nodes, sources[slides]]))), (len(controls), len(outline)))
-        made.append(sp.csr_array((of_outline.T @ matrix.T).T))
+        columns, numbers = np.unique(np.concatenate([nodes, sources[slides]]), return_inverse=True)  # the others have no controls
+        of_outline = sp.csr_array((entries, (rows, numbers)), (len(controls), len(columns)))
+        products = sp.coo_array((of_outline.T @ matrix.T).T)
+        made.append(sp.csr_array((products.data, (products.row, columns[products.col])), (n, len(outline))))
     return tuple(made)
 
 

@@ -59,12 +59,12 @@ class keeping:  # noqa: N801
         self.folder = folder
 
     def __enter__(self):
-        PROGRAMS.clear_cache()
+        PROGRAMS.forget_kept()
         KEPT.keep(self.folder)
 
     def __exit__(self, *_):
         KEPT.keep(None)
-        PROGRAMS.clear_cache()
+        PROGRAMS.forget_kept()
 
 
 def files(folder):
@@ -115,7 +115,7 @@ def test_damaged_files_are_compiled_anew(folder):
     content = file.read_bytes()
     for damaged in (b"", content[:20], content[:-1], content[:100] + bytes([content[100] ^ 1]) + content[101:]):
         file.write_bytes(damaged)
-        PROGRAMS.clear_cache()
+        PROGRAMS.forget_kept()
         assert not loads(folder), len(damaged)
     file.write_bytes(content)
     assert loads(folder)
@@ -160,7 +160,7 @@ def test_a_program_that_fails_its_trial_is_neither_used_nor_written_again(folder
     assert KEPT.load(name) is None and not KEPT.accepts(name)
     try_waiting(folder)
     assert files(folder) == [f"{name}{TRIED}"]
-    PROGRAMS.clear_cache()
+    PROGRAMS.forget_kept()
     assert jaxgel.free_swelling(-1.0, GEL) == plain()
     assert files(folder) == [f"{name}{TRIED}"]
 
@@ -251,7 +251,7 @@ def test_a_sweep_and_its_gradient_are_those_without_kept_programs(tmp_path):
         results += jax.value_and_grad(rotation)(jnp.array([5.0, 4.0]))
         KEPT.keep(tmp_path)
     KEPT.keep(None)
-    PROGRAMS.clear_cache()
+    PROGRAMS.forget_kept()
     np.testing.assert_allclose(results[2], results[0], rtol=1e-10)
     np.testing.assert_allclose(results[3], results[1], rtol=1e-8)
     assert any("_over_states" in name for name in files(tmp_path))
