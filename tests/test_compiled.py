@@ -1,0 +1,60 @@
+"""Facts about compiled functions under JAX's transformations: their derivatives, which are programs of their own."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxgel._compiled import compiled
+
+X, Y = jnp.array([0.3, 0.5, 0.7]), jnp.array([1.0, 2.0, 3.0])
+
+
+@compiled(static=("power",))
+def wave(x, y, *, power):
+    return jnp.sin(x) * y**power, {"norm": jnp.sum(x**2), "numbers": jnp.arange(3)}
+
+
+def by_programs(x):
+    product, rest = wave(x, Y, power=2)
+    return product.sum() + rest["norm"]
+
+
+def at_once(x):
+    return (jnp.sin(x) * Y**2).sum() + jnp.sum(x**2)
+
+
+@pytest.mark.parametrize(
+    "transformed",
+    [
+        lambda f: jax.grad(f)(X),
+        lambda f: jax.hessian(f)(X),
+        lambda f: jax.jacrev(jax.jacrev(f))(X),
+        lambda f: jax.jacfwd(jax.jacfwd(jax.grad(f)))(X),
+        lambda f: jax.vmap(jax.grad(f))(jnp.stack([X, Y])),
+        lambda f: jax.jit(jax.grad(f))(X),
+        lambda f: jax.grad(jax.jit(f))(X),
+        lambda f: jax.linearize(f, X)[1](Y),
+    ],
+)
+def test_derivatives_of_every_kind_are_those_of_jax(transformed):
+    np.testing.assert_allclose(transformed(by_programs), transformed(at_once), rtol=1e-14, atol=1e-14)
+
+
+def test_a_reverse_pass_takes_only_the_results_that_are_asked_for():
+    """The root has an infinite slope at 0, which no cotangent multiplies."""
+
+    @compiled()
+    def roots(x):
+        return jnp.sqrt(x), x**2
+
+    np.testing.assert_array_equal(jax.grad(lambda x: roots(x)[1].sum())(jnp.zeros(2)), [0.0, 0.0])
+
+
+def test_values_under_derivatives_are_found_by_the_program_that_finds_them_without():
+    names = []
+    wave(X + 1, Y, power=3)
+    monitor = jax.monitoring.register_event_duration_secs_listener
+    monitor(lambda event, _, fun_name="", **__: names.append(fun_name) if "backend_compile" in event else None)
+    jax.value_and_grad(lambda x: wave(x, Y, power=3)[0].sum())(X)
+    assert names and not any("wave" in name for name in names)
