@@ -18,7 +18,7 @@ from .model import DMAX, discretise
 SMALLEST_CELL = 0.4  # least quadrature weight over its value when the cloud was made
 SPENT = 0.2  # the same for a cloud that may yet serve a single trial design
 LARGEST_CELL = 1.25  # largest area of a cell over its area when the cloud was made: beyond, its nodes are too far apart
-DEEPEST_GAP = 0.5  # most that a node without a place in a point's list may reach beyond the point, in units of its spacing
+DEEPEST_GAP = 0.4  # most that a node without a place in a point's list may reach beyond the point, in units of its spacing: 4e-4 of an area
 STEEPEST_KEPT = 25.0  # largest gradient of a shape function, over 1 / spacing; 1 to 15 is usual on a new cloud
 
 

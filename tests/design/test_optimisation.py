@@ -527,7 +527,7 @@ def test_a_search_goes_on_with_a_new_cloud_where_the_old_one_is_poor(wide):
     """The area reduction changes by the discretisation error only: each cloud has it to 6e-4 of that of one twice as fine."""
     looked = search.Search(wide, 10)
     looked.first()
-    near, small, large = wide.vector - 0.03, np.array([0.0, 0.0]), np.array([1.0, 1.0])
+    near, small, large = wide.vector - 0.03, 0.4 * wide.vector, np.array([1.0, 1.0])
     assert looked.settle(near).entry["cloud"] == 0
     with pytest.raises(lagrangian.Invalid, match="too far from the last design for its cloud"):
         looked.at(large)
