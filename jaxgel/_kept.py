@@ -56,6 +56,8 @@ class KeptPrograms:
     @functools.cached_property
     def folder(self) -> Path | None:
         """The programs that serve this process, a folder in the root; None, and no root, if this is not the user's alone."""
+        if self.root is None:
+            return None
         key = surroundings()
         try:
             if key is None:

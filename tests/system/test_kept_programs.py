@@ -255,3 +255,12 @@ def test_a_sweep_and_its_gradient_are_those_without_kept_programs(tmp_path):
     np.testing.assert_allclose(results[2], results[0], rtol=1e-10)
     np.testing.assert_allclose(results[3], results[1], rtol=1e-8)
     assert any("_over_states" in name for name in files(tmp_path))
+
+
+def test_nothing_is_kept_or_loaded_of_sources_that_were_edited_after_the_import(folder, monkeypatch):
+    before = files(folder)
+    monkeypatch.setattr(KEPT, "_imported", 0.0)  # earlier than any source
+    monkeypatch.setattr(KEPT, "_looked", -np.inf)
+    assert jaxgel.free_swelling(-1.0, GEL) == plain()
+    assert jaxgel.free_swelling(np.array([-1.0, -0.5]), GEL).shape == (2,)  # of a program that is not kept yet
+    assert KEPT.root is None and files(folder) == before
