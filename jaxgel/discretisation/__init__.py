@@ -1,6 +1,7 @@
 """Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
 from .body import Body, PatchBlock, numbered
+from .consistency import consistent_functions
 from .connectivity import Connectivity, plate_edge_ends
 from .interpolation import Interpolation
 from .ladder import MANY, NODES, PAIRS, room
@@ -9,7 +10,7 @@ from .moving_least_squares import BASES, KINDS, n_monomials, shape_functions, sh
 from .neighbours import pad_nodes, reaching_nodes
 from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
-from .pressures import group_weights
+from .pressures import group_weights, n_carrying
 from .probes import MIDLINE_POINTS, NodalField, core_probe, make_probe, midline_points, midline_probe
 from .weights import cubic_spline_weight, singular_weight
 
@@ -30,6 +31,7 @@ __all__ = [
     "PatchBlock",
     "Quality",
     "cell_sizes",
+    "consistent_functions",
     "core_probe",
     "cubic_spline_weight",
     "discretise",
@@ -37,6 +39,7 @@ __all__ = [
     "make_probe",
     "midline_points",
     "midline_probe",
+    "n_carrying",
     "n_monomials",
     "numbered",
     "pad_nodes",

@@ -1,5 +1,6 @@
 """Shape functions over the patches that integrate linear fields exactly (patch test), and the areas of the patches' contours."""
 
+import dataclasses
 import functools
 
 import jax
@@ -7,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._compiled import compiled
-from .._sizes import padded, resized
+from .._sizes import padded, resized, taken
 from .._types import Array, Float, Int
 from ..cloud import Cloud
 from .connectivity import Connectivity
-from .interpolation import evaluate_groups
+from .interpolation import evaluate_groups, widened
 from .ladder import NODES, room
 from .layout import layout_of
 from .pressures import group_weights
@@ -38,6 +39,39 @@ def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tu
         (c, q), r, a, g = numbers.shape, edges.shape[1], int((lists.support[patches] > 0).sum(axis=1).max()), values[3].shape[2]
         cut.append(tuple(map(resized, values, ((c, q, 2), (c, q, a, 2), (c, q), (c, q, g), (c, 2, r, a)))))
     return cut
+
+
+def consistent_functions(
+    cloud: Cloud,
+    lists: Connectivity,
+    places: Float[Array, "v 2"],
+    of_patches: tuple[Int[np.ndarray, "l b"], Float[np.ndarray, "l b"]],
+    edge_ends: Int[np.ndarray, "e 2"],
+) -> list[tuple[Array, Array]]:
+    """Per block of patches the shape functions (c, q, b) of other ``places`` than the nodes at the quadrature points, with a linear basis,
+    and their gradients (c, q, b, 2), corrected as in `consistent_patches`.
+
+    ``of_patches`` are the lists of places of each patch and their supports; the contour edges with ``edge_ends``, positions in these lists,
+    carry the linear trace between two places, -1 for the others.
+    """
+    layout, n_points, n_edges = layout_of(lists), len(lists.cell_of_point), len(lists.contour.ends)
+    _, points, weight, on_contour = _placed(padded(cloud.vertices, room(len(cloud.vertices), NODES)), layout)
+    nodes, supports = (padded(widened(part), len(layout.nodes)) for part in of_patches)
+    ends = np.full(layout.contour.edge_ends.shape, -1)
+    ends[:n_edges] = edge_ends
+    contour = dataclasses.replace(layout.contour, edge_ends=ends, on_interfaces=None)
+    layout = layout._replace(nodes=nodes, support=supports, contour=contour)
+    places, owners = padded(places, room(len(places))), (layout.patch[layout.quadrature.owner], np.repeat(contour.owner, 2))
+    psi, dpsi = evaluate_groups(places, points, nodes, supports, owners[0], n_points, basis="linear")
+    (trace,) = evaluate_groups(places, on_contour, nodes, supports, owners[1], 2 * n_edges, basis="linear", gradients=False)
+    linear = tuple(bool(lists.linear[patches[0]]) for patches in lists.patches)
+    blocks = _consistent(places, points, weight, on_contour, trace, dpsi, layout, linear=linear)
+    found = []
+    for numbers, of_block, values in zip(lists.points, layout.points_of, blocks, strict=True):
+        shape = (*numbers.shape, of_patches[0].shape[1])
+        here = taken(psi, np.where(of_block >= 0, of_block, of_block[:, :1]))
+        found.append((resized(here, shape), resized(values[1], (*shape, 2))))
+    return found
 
 
 @compiled()

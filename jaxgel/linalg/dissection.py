@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import scipy.sparse as sp
 
-from .._types import Float, Int
+from .._types import Bool, Float, Int
 
 LEAF = 40  # nodes of a part that is not divided any more
 BALANCE = 0.35  # least share of the nodes on either side of a cut
@@ -20,6 +20,8 @@ class Front:
     """Rank of the first pivot."""
     end: int
     """Rank after the last pivot."""
+    positive: int
+    """How many pivots, the first ones, are positive in a quasi-definite matrix; all in a positive definite one."""
     below: Int[np.ndarray, " m"]
     """(m,) ranks of the later unknowns that its pivots are coupled to, ascending."""
     corner: tuple
@@ -46,20 +48,24 @@ class Tree:
         return sum((front.end - front.first) * (front.end - front.first + len(front.below)) for front in self.fronts)
 
 
-def dissect(pairs: Int[np.ndarray, "p 2"], unknowns: Int[np.ndarray, "n 2"], points: Float[np.ndarray, "n 2"], *, last: int = 0) -> Tree:
+def dissect(
+    pairs: Int[np.ndarray, "p 2"], unknowns: Int[np.ndarray, "n 2"], points: Float[np.ndarray, "n 2"], *, last: int = 0, late: Bool[np.ndarray, " n"] | None = None
+) -> Tree:
     """``Tree`` for a symmetric matrix given by 2 x 2 blocks of node pairs (p, 2), i <= j, flattened.
 
     ``unknowns`` (n, 2) numbers the two components of each node, -1 for those that are not part of the matrix; ``points`` (n, 2) are
     positions, which decide where the nodes are divided. Of the ``last`` nodes, which may be coupled to any others, there are few: they are
-    eliminated at the end.
+    eliminated at the end. In each front the ``late`` nodes, those with the negative pivots of a quasi-definite matrix, come after the others.
     """
     n = len(points)
+    late = np.zeros(n, dtype=bool) if late is None else late
     near = n - last
     graph = sp.csr_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     graph = sp.csr_matrix(graph + graph.T)
     parts = []
     _divide(graph[:near][:, :near], np.arange(near), points, parts)
     parts[-1] = np.append(parts[-1][0], np.arange(near, n)), parts[-1][1]
+    parts = [(nodes[np.argsort(late[nodes], kind="stable")], children) for nodes, children in parts]
     below = _coupled(graph, parts)
 
     order = unknowns[np.concatenate([nodes for nodes, _ in parts])].ravel()
@@ -70,10 +76,11 @@ def dissect(pairs: Int[np.ndarray, "p 2"], unknowns: Int[np.ndarray, "n 2"], poi
     ranks = [np.sort(rank[nodes][rank[nodes] >= 0]).astype(np.intp) for nodes in below]
     entries = _entries(pairs, rank, ends, ranks)
     fronts = []
-    for number, (_, children) in enumerate(parts):
+    for number, (nodes, children) in enumerate(parts):
+        positive = int(np.sum(unknowns[nodes[~late[nodes]]] >= 0))
         first, end = int(ends[number]) - sizes[number], int(ends[number])
         maps = tuple(_child(child, ranks[child], first, end, ranks[number]) for child in children)
-        fronts.append(Front(first, end, ranks[number], *entries[number], maps))
+        fronts.append(Front(first, end, positive, ranks[number], *entries[number], maps))
     return Tree(order, tuple(fronts))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 from scipy.linalg import get_blas_funcs
 from scipy.linalg.blas import dsyrk, dtrsm
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from .._types import Array, Float
 from .dissection import Tree
@@ -95,10 +95,7 @@ def factorise(tree: Tree, values: Float[Array, "..."], dtype: type = float) -> F
             positive, B = None, dtrsm(1.0, L, side, side=1, lower=1, trans_a=1, overwrite_b=1) if len(side) else side
             update = dsyrk(-1.0, B, beta=1.0, c=update, lower=1, overwrite_c=1) if len(side) else update
         else:
-            pivots, vectors = scipy.linalg.eigh(corner, lower=True, check_finite=False)
-            if not np.all(np.abs(pivots) > np.finfo(float).tiny):
-                raise np.linalg.LinAlgError("a pivot vanishes")
-            positive, L = np.sign(pivots), vectors / np.sqrt(np.abs(pivots))
+            positive, L = _signed(corner, front.positive)
             B = side @ L
             update -= (B * positive) @ B.T
         updates[number] = update
@@ -108,6 +105,28 @@ def factorise(tree: Tree, values: Float[Array, "..."], dtype: type = float) -> F
             used += block.size
         signs.append(positive)
     return Fronts(tree, numbers, corners, sides, signs)
+
+
+def _signed(corner, positive):
+    """Signs (k,) S and L (k, k) with L S L^T the inverse of a pivot block, of which the lower triangle is given.
+
+    By Cholesky twice if the first ``positive`` pivots are positive and the others negative, otherwise by the eigenvectors.
+    """
+    if positive < len(corner):
+        upper, side = corner[:positive, :positive], corner[positive:, :positive]
+        first, failed = dpotrf(upper, lower=1, clean=1) if positive else (upper, 0)
+        if not failed:
+            B = dtrsm(1.0, first, side, side=1, lower=1, trans_a=1) if positive else side
+            second, failed = dpotrf(B @ B.T - corner[positive:, positive:], lower=1, clean=1)
+        if not failed:
+            signs = np.where(np.arange(len(corner)) < positive, 1.0, -1.0)
+            L = np.zeros(corner.shape, order="F")
+            L[:positive, :positive], L[positive:, :positive], L[positive:, positive:] = first, B, second
+            return signs, dtrtri(L, lower=1)[0].T
+    pivots, vectors = scipy.linalg.eigh(corner, lower=True, check_finite=False)
+    if not np.all(np.abs(pivots) > np.finfo(float).tiny):
+        raise np.linalg.LinAlgError("a pivot vanishes")
+    return np.sign(pivots), vectors / np.sqrt(np.abs(pivots))
 
 
 def _assembled(front, values, updates):

@@ -75,11 +75,13 @@ def analyse(
     masters: Int[np.ndarray, " f"],
     fields: Sequence[sp.csr_matrix] | None = None,
     solver: str = "auto",
+    late: int | None = None,
 ) -> Pattern:
     """``Pattern`` of C^T K C for node pairs (p, 2) with i <= j of K between nodes at ``points`` (n, 2), the mean over the C (2n, f).
 
     The pairs include (i, i) for every node of theirs. ``masters`` are degrees of freedom that stand for the unknowns, ascending, 2n and on
-    for unknowns that may move all nodes. Without ``fields`` C selects these degrees of freedom.
+    for unknowns that may move all nodes. Without ``fields`` C selects these degrees of freedom. Nodes from
+    the number ``late`` on have the negative pivots of a quasi-definite matrix.
     """
     n_pairs, joined, n = len(pair_nodes), None, len(points)
     if fields is not None and (len(fields) > 1 or fields[0].nnz > len(masters)):  # else an unknown is one degree of freedom
@@ -91,7 +93,7 @@ def analyse(
     structure = _sources(pair_nodes, len(points))[masters][:, masters]
     structure.sort_indices()
     nodes = np.unique(pair_nodes)
-    tree = dissect(np.searchsorted(nodes, pair_nodes), local.reshape(-1, 2)[nodes], points[nodes], last=len(points) - n)
+    tree = dissect(np.searchsorted(nodes, pair_nodes), local.reshape(-1, 2)[nodes], points[nodes], last=len(points) - n, late=None if late is None else nodes >= late)
     return Pattern(n_pairs, masters, structure.T, tree, joined, solver=solver)
 
 

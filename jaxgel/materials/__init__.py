@@ -43,6 +43,7 @@ from .swelling import (
     uniaxial_swelling,
     volume_ratio_at,
 )
+from .transport import layer_diffusivity, layer_potential, layer_stretch, layer_uptake, mobility
 
 __all__ = [
     "ACCEPTED",
@@ -86,8 +87,13 @@ __all__ = [
     "ionic_energy",
     "ions",
     "isotropic_swelling",
+    "layer_diffusivity",
+    "layer_potential",
+    "layer_stretch",
+    "layer_uptake",
     "limits_of_stability",
     "matrix_of",
+    "mobility",
     "named_parameters",
     "neo_hookean",
     "network_at",

@@ -15,8 +15,9 @@ from .dofs import (
 )
 from .energy import curvature, energy_at, hessian_product, network_energy, residual, total_energy
 from .equations import Equations
+from .flow import Bath, flow, layer_conductance, layer_flow, moments, place_matrices, places, potentials
 from .loads import Loads, load_vector
-from .local_gel import check_model, localised, mean_stiffness
+from .local_gel import check_model, group_positions, localised, mean_stiffness
 from .mixed import (
     ROUND_OFF,
     Linearisation,
@@ -27,10 +28,12 @@ from .mixed import (
     pressure_step,
     state_pressure,
 )
-from .operators import Operators, precomputed_operators
+from .operators import Operators, add_matrices, precomputed_operators
 from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
+from .patchwise import added_over_patches, over_patches
 from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, check_driven, constraints_of, shared_tangents
+from .solvent import MOMENTS, Solvent, places_of, reference_groups, solvent_of, wetted_parts
 from .volumes import (
     SOFT,
     all_volumes,
@@ -49,6 +52,23 @@ from .volumes import (
 )
 
 __all__ = [
+    "MOMENTS",
+    "add_matrices",
+    "added_over_patches",
+    "over_patches",
+    "places_of",
+    "reference_groups",
+    "Bath",
+    "Solvent",
+    "flow",
+    "layer_conductance",
+    "place_matrices",
+    "places",
+    "layer_flow",
+    "moments",
+    "potentials",
+    "solvent_of",
+    "wetted_parts",
     "RANGE",
     "ROUND_OFF",
     "SOFT",
@@ -89,6 +109,7 @@ __all__ = [
     "gather",
     "gradients_by_block",
     "held_dofs",
+    "group_positions",
     "hessian_product",
     "holes_of_loops",
     "is_sparse",

@@ -13,10 +13,10 @@ import numpy as np
 from .._memo import once_per_owner
 from .._sizes import resized
 from .._tracing import is_traced
-from .._types import Int, Scalar
+from .._types import Array, Float, Int, Scalar
 from .._validation import check_kind, kind_in_words
 from ..cloud import Topology
-from ..discretisation import Body, Connectivity, Model, NodalField, group_weights
+from ..discretisation import Body, Connectivity, Model, NodalField, PatchBlock, group_weights, n_carrying
 from ..materials import (
     AnyGel,
     Composite,
@@ -164,7 +164,7 @@ def mean_stiffness(gel: LocalGel, model: Model) -> Scalar:
 
 def _places(blocks, outline):
     """Positions, mm, as the fields of `LocalValues`: of quadrature points and volume groups of the blocks, and of surfaces."""
-    groups = [_group_positions(block).reshape(-1, 2) for block in blocks]
+    groups = [group_positions(block).reshape(-1, 2) for block in blocks]
     return tuple(block.position for block in blocks), jnp.concatenate(groups), outline
 
 
@@ -189,7 +189,20 @@ def _reference_quadrature(lists: Connectivity):
     return parts, jnp.asarray(_reference_surface(topology))
 
 
-def _group_positions(block):
+@once_per_owner
+def reference_groups(lists: Connectivity) -> tuple[Float[np.ndarray, "g 2"], Int[np.ndarray, " c"]]:
+    """Positions (g, 2), mm, of the volume groups before holes moved, those of held groups too, and the first group (c,) of each patch."""
+    parts, count, first, found = _reference_quadrature(lists)[0], 0, np.zeros(len(lists.linear), dtype=int), []
+    for own, patches in zip(parts, lists.patches, strict=True):
+        nothing = np.zeros((len(patches), 0))
+        block = PatchBlock(patches, nothing, nothing, dphi=nothing, contour=nothing, carrying=n_carrying(lists.linear[patches[0]]), **own)
+        first[patches] = count + block.n_groups * np.arange(len(patches))
+        count += block.n_groups * len(patches)
+        found.append(np.asarray(group_positions(block)).reshape(-1, 2))
+    return np.concatenate(found), first
+
+
+def group_positions(block: PatchBlock) -> Float[Array, "c g 2"]:
     """Positions (c, g, 2), mm, of the volume groups of a block."""
     X = block.position
     total = jnp.einsum("cq,cqi->ci", block.weight, X)[:, None]

@@ -76,8 +76,8 @@ def by_block(values: Float[Array, " g"], model: Body) -> list[Array]:
 
 
 def of_groups(parts: list[Array], model: Body) -> Float[Array, " g"]:
-    """The values (g,) of all volume groups from arrays (c, g) per block."""
-    total = jnp.zeros(len(model.carries))
+    """The values (g, ...) of all volume groups from arrays (c, g, ...) per block."""
+    total = jnp.zeros((len(model.carries), *parts[0].shape[2:]))
     for block, part in zip(model.blocks, parts, strict=True):
         total = total.at[block.groups].set(part, mode="drop")
     return total

@@ -1,0 +1,249 @@
+"""The chemical potential of the solvent as a field: it lives where the pressures live, and is prescribed at wetted nodes.
+
+On a patch with a linear pressure mu = m_0 + m_1 psi_1 + m_2 psi_2, see ``discretisation.pressures``, on others it is a constant m_0. These
+m are the unknowns; they are kept as an array of the volume groups (g,), those of a patch in its first groups, 0 in the others. What a
+volume group has of them is exact, and a combination of values that moves no solvent does not exist.
+
+Gradients of mu are those of interpolating moving least squares with a linear basis through *places*: the volume groups that carry volume,
+and the wetted nodes. Places are numbered so, the wetted nodes after all groups. A constant vector in every cell makes the gradients those
+whose mean is the contour integral of the shape functions. Index letters as in ``discretisation``, ``b`` place of a patch's list, ``w``
+wetted node, ``e`` volume group with a wetted side.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .._memo import once_per_owner
+from .._sizes import resized, step, taken
+from .._tracing import is_traced
+from .._types import Array, Float, Int
+from .._validation import Inadmissible
+from ..cloud import opposite_edges
+from ..discretisation import Body, Connectivity, Model, consistent_functions, pad_nodes, room
+from ..geometry import edge_lines
+from .local_gel import group_positions, reference_groups
+
+SUPPORT = 2.4  # radius of a place's weight function over the spacing of the nodes around it
+FEWEST = 4  # places that must reach a point: one more than a linear basis has monomials
+WIDTHS = (24, 32, 48, 64, 96, 128)  # room for places of a patch
+ON_LINE = 1e-9  # of the spacing: distance from an edge of the plate of what lies on it
+MOMENTS = np.array([[1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])  # m to the mu of a linear patch's groups
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class SolventBlock:
+    """The chemical potential on the patches of a block; a pytree."""
+
+    places: Int[Array, "c b"]
+    """Numbers of the places on which mu in a patch depends; padding has shape functions 0."""
+    psi: Float[Array, "c q b"]
+    """Shape functions at the quadrature points."""
+    dpsi: Float[Array, "c q b 2"]
+    """Their gradients, 1/mm."""
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Wetting:
+    """What of the gel is wetted; a pytree. Parts of the boundary have numbers, each has its own bath."""
+
+    node_parts: Int[Array, " w"]
+    """Part of each wetted node."""
+    groups: Int[Array, " e"]
+    """The volume groups with wetted sides; one that no model has for padding."""
+    group_parts: Int[Array, " e"]
+    """Part of the longest wetted side of each."""
+    sides: Float[Array, "e 2 2"]
+    """Sum of l t t^T over the wetted sides of each, dry lengths l, mm, and unit tangents t; 0 for padding."""
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Solvent:
+    """The chemical potential on a model; a pytree."""
+
+    blocks: tuple[SolventBlock, ...]
+    """Of each block of patches."""
+    wetting: Wetting
+    """What is wetted."""
+
+    def shared(self, body: Body, own: Body) -> "Solvent":
+        """The same in the sizes of the ``shared`` body of its ``own`` one."""
+        first, last, wet = len(own.carries), len(body.carries), self.wetting
+
+        def padded(block, patches):
+            c, b = len(patches.nodes), step(block.places.shape[1], WIDTHS)
+            points = patches.weight.shape[1]
+            places = np.where(block.places < first, block.places, block.places - first + last)
+            arrays = places, *(resized(values, (*values.shape[:2], b, *values.shape[3:])) for values in (block.psi, block.dpsi))
+            shapes = (c, b), (c, points, b), (c, points, b, 2)
+            return SolventBlock(*(resized(values, shape, edge=True) for values, shape in zip(arrays, shapes, strict=True)))
+
+        groups = room(len(wet.groups), ROOM)
+        numbers = np.full(groups, last + room(len(wet.node_parts), ROOM))
+        numbers[: len(wet.groups)] = wet.groups
+        wetting = Wetting(
+            resized(wet.node_parts, (room(len(wet.node_parts), ROOM),)),
+            numbers,
+            resized(wet.group_parts, (groups,)),
+            resized(wet.sides, (groups, 2, 2)),
+        )
+        return Solvent(tuple(map(padded, self.blocks, body.blocks)), wetting)
+
+
+ROOM = 128  # times a power of 2 there is room for wetted nodes and sides
+
+
+def wetted_parts(lists: Connectivity) -> dict[str | int, Int[np.ndarray, " _"]]:
+    """Part of the boundary that can be wetted, the number of a hole or the name of a free edge, and the numbers of its nodes."""
+    return _boundary(lists)[0]
+
+
+@once_per_owner
+def _boundary(lists):
+    """`wetted_parts`, and the contour edges (k,) along these parts with the part of each, a number in their order."""
+    topology = lists.topology
+    number = np.full(len(topology.partition.vertices), -1)
+    number[topology.node_vertices] = np.arange(len(topology.node_vertices))
+    found = {}
+    for outline in topology.outlines:
+        found.setdefault(outline.arc.hole, []).append(number[outline.nodes])
+    for edge, condition in topology.plate.edges.items():
+        if condition == "free":
+            found[edge] = [topology.edge_nodes[edge]]
+    parts = {part: np.unique(np.concatenate(nodes)) for part, nodes in found.items()}
+    contour, vertices = lists.contour, topology.partition.vertices
+    rim = np.flatnonzero(opposite_edges(contour.ends) < 0)
+    owner = np.full(len(rim), -1)
+    for edge, (axis, coordinate) in edge_lines(topology.plate).items():
+        on = (np.abs(vertices[contour.ends[rim]][:, :, axis] - coordinate) < ON_LINE * topology.spacing).all(axis=1)
+        owner[on] = list(parts).index(edge) if edge in parts else -2
+    if topology.outlines:
+        points = np.concatenate([outline.points for outline in topology.outlines])
+        holes = np.concatenate([np.full(len(o.points), list(parts).index(o.arc.hole)) for o in topology.outlines])
+        middles = vertices[contour.ends[rim]].mean(axis=1)
+        owner = np.where(owner == -1, holes[cKDTree(points).query(middles)[1]], owner)
+    return parts, rim[owner >= 0], owner[owner >= 0]
+
+
+def solvent_of(model: Model, wetted: tuple[str | int, ...]) -> Solvent:
+    """`Solvent` of a model whose boundary is ``wetted`` in these parts, see `wetted_parts`; their places in it number the parts.
+
+    ValueError where too few nodes are wetted, or the cloud is too coarse for gradients.
+    """
+    lists, cloud = model.lists, model.cloud
+    nodes, parts = _wetted_nodes(lists, wetted)
+    host = not is_traced(model.blocks, cloud.nodes)
+    groups = [group_positions(block).reshape(-1, 2) for block in model.blocks]
+    groups = np.concatenate([np.asarray(g) for g in groups]) if host else jnp.concatenate(groups)
+    places = (np if host else jnp).concatenate([groups, taken(cloud.nodes, nodes)])
+    of_patches, edge_ends = places_of(lists, wetted)
+    functions = consistent_functions(cloud, lists, places, of_patches, edge_ends)
+    numbers = [of_patches[0][patches] for patches in lists.patches]
+    blocks = tuple(SolventBlock(own, *values) for own, values in zip(numbers, functions, strict=True))
+    edges, part_of_edge, group_of_edge, wet_groups, group_parts = _wetted_sides(lists, wetted)
+    ends = taken(cloud.vertices, lists.contour.ends[edges])
+    along = ends[:, 1] - ends[:, 0]
+    xp = jnp if is_traced(along) else np
+    sides = along[:, :, None] * along[:, None] / xp.linalg.norm(along, axis=1)[:, None, None]
+    total = xp.zeros((len(wet_groups), 2, 2))
+    if xp is np:
+        np.add.at(total, group_of_edge, sides)
+    else:
+        total = total.at[group_of_edge].add(sides)
+    return Solvent(blocks, Wetting(parts, wet_groups, group_parts, total))
+
+
+@once_per_owner
+def _wetted_nodes(lists, wetted):
+    """Numbers (w,) of the wetted nodes, ascending, and the part of each; a node of two has the one that comes first."""
+    all_parts = wetted_parts(lists)
+    found = {}
+    for number, part in enumerate(wetted):
+        for node in all_parts[part].tolist():
+            found.setdefault(node, number)
+    if len(found) == 1:
+        raise ValueError("bath: one node alone is wetted, it needs two at least; use a smaller spacing")
+    nodes = np.array(sorted(found), dtype=int)
+    return nodes, np.array([found[node] for node in nodes.tolist()], dtype=int)
+
+
+@once_per_owner
+def places_of(
+    lists: Connectivity, wetted: tuple[str | int, ...]
+) -> tuple[tuple[Int[np.ndarray, "c b"], Float[np.ndarray, "c b"]], Int[np.ndarray, "e 2"]]:
+    """Lists (patches, b) of places and their supports, and of each contour edge along a straight wetted edge the two places between which
+    the trace is linear, as positions in the lists; -1 for others.
+    """
+    topology = lists.topology
+    nodes, _ = _wetted_nodes(lists, wetted)
+    groups, first = reference_groups(lists)
+    carries = np.zeros(len(groups), dtype=bool)
+    carries[_carrying_of(first, lists.linear)] = True
+    places = np.concatenate([groups, topology.nodes[nodes]])
+    spacing = topology.node_spacing[cKDTree(topology.nodes).query(places)[1]]
+    support = np.where(np.concatenate([carries, np.ones(len(nodes), bool)]), SUPPORT * spacing, 0.0)
+    part, contour = topology.partition, lists.contour
+    points = np.concatenate([topology.quadrature.points(part.vertices), contour.points(part.vertices).reshape(-1, 2)])
+    owner = np.concatenate([lists.owner, np.repeat(contour.owner, 2)])
+    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(places), support.max(), output_type="ndarray")
+    pairs = pairs[pairs["v"] < support[pairs["j"]]]
+    few = np.bincount(pairs["i"], minlength=len(points)) < FEWEST
+    if few.any():
+        x, y = points[np.argmax(few)]
+        raise Inadmissible(f"spacing: the cloud is too coarse for the gradient of mu at ({x:.4g}, {y:.4g}); use a smaller spacing")
+    straight = _straight_ends(topology, contour.ends, nodes)
+    at = np.flatnonzero(straight[:, 0] >= 0)
+    also = np.repeat(contour.owner[at], 2), len(groups) + straight[at].ravel()
+    key = np.unique(np.concatenate([owner[pairs["i"]] * len(places) + pairs["j"], also[0] * len(places) + also[1]]))
+    listed, reach = pad_nodes(key % len(places), np.bincount(key // len(places), minlength=len(lists.linear)), support)
+    edge_ends = np.full(contour.ends.shape, -1)
+    for end in range(2):
+        edge_ends[at, end] = (listed[contour.owner[at]] == (len(groups) + straight[at, end])[:, None]).argmax(axis=1)
+    return (listed, reach), edge_ends
+
+
+def _straight_ends(topology, edges, wetted):
+    """The two of the ``wetted`` nodes, as numbers in their list, between which each edge along a free edge of the plate lies; -1 for others."""
+    vertices, ends = topology.partition.vertices, np.full(edges.shape, -1)
+    number = np.full(len(topology.node_vertices), -1)
+    number[wetted] = np.arange(len(wetted))
+    for edge, (axis, coordinate) in edge_lines(topology.plate).items():
+        on_edge = topology.edge_nodes[edge]
+        if topology.plate.edges[edge] != "free" or (number[on_edge] < 0).any():
+            continue
+        on = (np.abs(vertices[edges][:, :, axis] - coordinate) < ON_LINE * topology.spacing).all(axis=1)
+        middle = vertices[edges[on]][:, :, 1 - axis].mean(axis=1)
+        k = np.clip(np.searchsorted(topology.nodes[on_edge, 1 - axis], middle) - 1, 0, len(on_edge) - 2)
+        ends[on] = number[np.stack([on_edge[k], on_edge[k + 1]], axis=1)]
+    return ends
+
+
+@once_per_owner
+def _wetted_sides(lists, wetted):
+    """Wetted contour edges (k,), the part of each, the place of its volume group in the list of those with wetted sides, that list (e,) of
+    groups, and the part (e,) of each.
+    """
+    names, (_, edges, owner) = list(wetted_parts(lists)), _boundary(lists)
+    number = np.array([wetted.index(name) if name in wetted else -1 for name in names], dtype=int)[owner]
+    edges, part = edges[number >= 0], number[number >= 0]
+    groups, first = reference_groups(lists)
+    vertices, contour = lists.topology.partition.vertices, lists.contour
+    middle, patch = vertices[contour.ends[edges]].mean(axis=1), contour.owner[edges]
+    candidates = first[patch, None] + np.arange(len(MOMENTS)) * lists.linear[patch, None]  # the first alone if the pressure is constant
+    group = candidates[np.arange(len(patch)), np.linalg.norm(groups[candidates] - middle[:, None], axis=2).argmin(axis=1)]
+    wet_groups, place = np.unique(group, return_inverse=True)
+    length = np.linalg.norm(np.diff(vertices[contour.ends[edges]], axis=1)[:, 0], axis=1)
+    shares = np.zeros((len(wet_groups), len(wetted)))
+    np.add.at(shares, (place, part), length)
+    return edges, part, place, wet_groups, shares.argmax(axis=1) if len(wetted) else np.zeros(0, int)
+
+
+def _carrying_of(first, linear):
+    """The groups that carry volume, of patches with these ``first`` groups."""
+    return np.unique(first[:, None] + np.arange(len(MOMENTS)) * linear[:, None])

@@ -1,0 +1,1 @@
+"""Time: transient swelling."""
