@@ -1,8 +1,6 @@
-"""The entry point ``jaxgel``: parse, check what is given, prepare the process, then import and run the command.
+"""The entry point ``jaxgel``: parse, prepare the process, then import and run the command.
 
-Help texts, lists and refusals of unusable input come before the packages are imported, so they answer soon. The exit codes are in
-`environment`.
-What a run has finished is in its folder, however the command ends.
+The exit codes are in `environment`. What a run has finished is in its folder, however the command ends.
 """
 
 import functools
@@ -12,7 +10,6 @@ import sys
 import warnings
 
 from .environment import STOPPED, UNREAD, UNUSABLE, check_jaxlib, collect_seldom, prepare_environment
-from .inputs import check_inputs
 from .parser import parse
 
 
@@ -31,7 +28,6 @@ def _exit_code(argv):
         try:
             args = parse(sys.argv[1:] if argv is None else list(argv))
             check_jaxlib()
-            check_inputs(args)
             if argv is None:
                 prepare_environment(getattr(args, "cache", None))
             name, command = args.command.split(".")
