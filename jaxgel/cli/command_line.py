@@ -9,6 +9,7 @@ import os
 import sys
 import warnings
 
+from ..continuation import SweepFailed
 from .environment import STOPPED, UNREAD, UNUSABLE, check_jaxlib, collect_seldom, prepare_environment
 from .parser import parse
 
@@ -40,14 +41,9 @@ def _exit_code(argv):
     except ValueError as problem:
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return UNUSABLE
-    except (
-        ArithmeticError,
-        OSError,
-    ) as problem:  # a sweep without a state; a full disk, a lost folder, a closed pipe
+    except (SweepFailed, OSError) as problem:  # a sweep without a state; a full disk, a lost folder, a closed pipe
         if isinstance(problem, BrokenPipeError) and _output_is_closed():
             return UNREAD
-        if isinstance(problem, ArithmeticError) and not _is_failed_sweep(problem):
-            raise
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return STOPPED
 
@@ -58,12 +54,6 @@ def _show_warning(show_others, message, category, *where, **options):
         print(f"jaxgel: warning: {message}", file=sys.stderr)
     else:
         show_others(message, category, *where, **options)
-
-
-def _is_failed_sweep(problem):
-    from ..continuation import SweepFailed
-
-    return isinstance(problem, SweepFailed)
 
 
 def _output_is_closed():
