@@ -15,7 +15,7 @@ from .._threads import few_threads
 from .._tracing import is_traced
 from ..controls import Control, check_values
 from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents, with_derivatives_of
-from ..linalg import remember
+from ..linalg import RECENT_FACTORS
 from ..mechanics import Problem, shared_tangents, state_pressure, total_energy
 from .follow import Followed, Following
 from .options import check_sweep
@@ -96,7 +96,8 @@ def _states(search, floats, rest):
     problem = problem.prepared
     with few_threads(2 * problem.model.n_nodes):
         followed = Followed(problem, search.ends or values.tolist(), search.options)
-        states = followed.light_states(lambda state: remember(state.factor, state.x))
+        lists, keep = problem.model.lists, RECENT_FACTORS.add
+        states = followed.light_states(lambda state: keep(state.factor, lists, state.x, state.pressure))
     if not states:
         raise first_state_failed(control, values[0], followed.stop)
     path = Path.from_states(problem, states)

@@ -13,18 +13,16 @@ import scipy.sparse as sp
 
 from .._types import Array, Float
 from ..equilibrium import Stability, State, acting_problem, linearised, with_own_factor
-from ..linalg import factor, network_matrix
+from ..linalg import BlockFactor, Diagonal, factor, network_matrix
 from ..mechanics import (
     Problem,
     restrict,
     scatter,
     tangent,
-    tangent_pattern,
     unknowns,
     with_free_values,
 )
 from ..symmetry import NAMES, Region, bases, region, symmetries_of, symmetries_of_field, symmetries_of_state
-from .blocks import BlockFactor, Diagonal
 from .predictor import rate_of_change
 from .stability import StabilityAnalysis, stability_of_factor
 
@@ -227,15 +225,14 @@ class RegionFrame(_Conditions):
         whole, (problem, now) = acting_problem(self._whole, state), linearised(self.problem, state)
         own_bases, pairs = self._bases_of(whole), np.asarray(tangent(problem, state.x, state.pressure, now))
         factors = tuple(factor(basis.pattern, pairs) for basis in own_bases)
-        pressure = self._region.spread @ np.asarray(state.pressure)
-        made = BlockFactor(functools.partial(tangent_pattern, *whole.pattern_key), own_bases, factors, pressure)
+        made = BlockFactor(tuple(basis.fields for basis in own_bases), factors)
         return dataclasses.replace(state, factor=made)
 
     def check(self, state: State, modes: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
         """See `Frame`: all blocks together are one matrix of their coordinates."""
         state = self.factorised(state)
         blocks = Diagonal(state.factor.factors, self._cuts)
-        found = stability_of_factor(blocks, self._stiffness, blocks.product, None if modes is None else self._in_all_blocks(modes))
+        found = stability_of_factor(blocks, self._stiffness, None if modes is None else self._in_all_blocks(modes))
         inside = np.add.reduceat(found.vectors**2, self._cuts[:-1], axis=0)
         own = np.argmax(inside, axis=0)  # what else a mode has is round-off, or of a mode of another block with the same eigenvalue
         vectors = np.where(np.repeat(np.arange(len(self._bases)), np.diff(self._cuts))[:, None] == own, found.vectors, 0.0)
