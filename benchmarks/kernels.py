@@ -19,13 +19,13 @@ from scipy.sparse.linalg import splu
 
 import jaxgel
 from jaxgel import Problem
-from jaxgel.continuation.frames import WholeFrame
+from jaxgel.continuation.frames import Frame
 from jaxgel.equilibrium import newton
 from jaxgel.linalg import Factor, factor
 from jaxgel.mechanics import linearise, tangent
 
 MU = np.linspace(-4.9678, -0.9178, 30)  # kT
-STABILITY = ((WholeFrame, "factorised"), (WholeFrame, "check"))
+STABILITY = ((Frame, "factorised"), (Frame, "check"))
 KERNELS = (
     *STABILITY,
     *((newton, name) for name in ("linearise", "condensed_rhs", "_stepped", "factorised_tangent", "touches")),

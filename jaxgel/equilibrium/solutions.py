@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._compiled import tangents as tangents_of
 from .._primitives import primitive
 from .._threads import few_threads
 from ..discretisation import Body
 from ..linalg import RECENT_FACTORS, SingularTangent
 from ..mechanics import factorised_tangent, gather, hessian_product, linearise, scatter
-from .derivatives import Tangent, remade
 
 STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
 BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill
@@ -45,16 +45,15 @@ class _Products:
         def of_all(v):
             return lax.map(product, (v, x, pressure, values), batch_size=states_together(len(x), problem.model))
 
-        return of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)
+        return [of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)]
 
 
 def _solutions_jvp(primals, tangents, *, structure):
     """K x = b gives K dx = db - dK x, the latter by the energy, whose arguments the leaves are."""
     (rhs, *leaves), (change, *dots) = primals, tangents
     solution = solutions.bind(rhs, *leaves, structure=structure)
-    moving = tuple(i + 1 for i, dot in enumerate(dots) if dot is not None)
-    if moving:
-        moved = remade(Tangent(_Products(structure), moving), solution, *leaves, *(dots[i - 1] for i in moving))
+    if any(dot is not None for dot in dots):
+        (moved,) = tangents_of(_Products(structure), [solution, *leaves], [None, *dots], [solution])
         change = -moved if change is None else change - moved
     return solution, change if change is None else solutions.bind(change, *leaves, structure=structure)
 
