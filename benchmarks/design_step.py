@@ -45,7 +45,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 import jaxgel
-from jaxgel.continuation.frames import RegionFrame, WholeFrame
+from jaxgel.continuation.frames import Frame, RegionFrame
 
 SPACINGS = (22 / 56, 0.55)  # mm
 ELEMENTS = (Row(5, 4, 2.5), Row(4, 2, 1.5))  # 0.12 % and 0.35 %: the fastest that were found within 0.35 % are quartic and quintic
@@ -80,7 +80,7 @@ def main():
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
     os.environ["NPROC"] = "1"  # XLA's threads
     ng.SetNumThreads(1)
-    for frame in (RegionFrame, WholeFrame):
+    for frame in (RegionFrame, Frame):
         frame.check, frame.factorised = _timed(frame.check), _timed(frame.factorised)
     for number in options.parameters[:1] if options.quick else options.parameters:
         compare(PROBLEMS[number](), SPACINGS[1:] if options.quick else SPACINGS, 1 if options.quick else options.repeats)

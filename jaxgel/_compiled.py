@@ -148,7 +148,9 @@ def _loaded(function, shapes):
 
 
 def _name(function):
-    return function.function.__name__ if isinstance(function, _Call) else f"{_name(function.function)}{function.suffix}"
+    if isinstance(function, _Derivative):
+        return f"{_name(function.function)}{function.suffix}"
+    return function.function.__name__ if isinstance(function, _Call) else type(function).__name__
 
 
 def _made(name, function, shapes):
@@ -216,6 +218,17 @@ def _of_some(function, args, which):
     return values, tuple(args[i] for i in which)
 
 
+def tangents(function: Callable[..., Any], args: Any, dots: Any, values: Any) -> list:
+    """Tangents of the results of floating type of a ``function`` of flat arrays, which are ``values``.
+
+    Found by a program of their own. The ``function`` is hashable and returns a list; None stands for
+    tangents ``dots`` of its ``args`` that are 0.
+    """
+    which = tuple(i for i, dot in enumerate(dots) if dot is not None)
+    shapes = tuple(jax.ShapeDtypeStruct(value.shape, value.dtype) for value in values)
+    return _results(_Tangent(function, which), [*args, *(dots[i] for i in which)], shapes) if shapes else []
+
+
 def _is_floating(value):
     return jnp.issubdtype(value.dtype, jnp.inexact)
 
@@ -242,11 +255,8 @@ def _shapes(*_, function, inputs, shapes):
 
 
 def _jvp(args, dots, *, function, **_):
-    values, which = _results(function, args), tuple(i for i, dot in enumerate(dots) if dot is not None)
-    shapes = tuple(jax.ShapeDtypeStruct(value.shape, value.dtype) for value in values if _is_floating(value))
-    if not shapes:
-        return values, [None] * len(values)
-    changes = iter(_results(_Tangent(function, which), [*args, *(dots[i] for i in which)], shapes))
+    values = _results(function, args)
+    changes = iter(tangents(function, args, dots, filter(_is_floating, values)))
     return values, [next(changes) if _is_floating(value) else None for value in values]
 
 

@@ -25,9 +25,3 @@ def _thread_pools():
 def usable_cores() -> int:
     """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def usable_threads() -> int:
-    """Number of threads that this process may compute with: XLA's, which the environment variable NPROC sets if it is a number."""
-    number = os.environ.get("NPROC", "")
-    return max(1, int(number)) if number.isdecimal() else usable_cores()

@@ -111,8 +111,6 @@ def not_both(names: Iterable[str]) -> dict:
 
 
 PAIR = listed(NUMBER, 2, 2)
-GONE = {"discretisation.method": "mixed", "discretisation.quadrature": "conforming", "plate.cells": None}
-"""Entries that earlier files have, and the value that every case has now; None for any."""
 
 
 def check(value: object, rule: dict, where: str) -> None:
@@ -149,8 +147,6 @@ def _message(error, where):
         where = "".join(f".{part}" if str(part).isidentifier() else f"[{part!r}]" for part in path).removeprefix(".")
     if error.validator == "additionalProperties":
         unknown = next(key for key in value if key not in rule["properties"])
-        if f"{where}.{unknown}" in GONE:
-            return f"{where}.{unknown}: is no entry any more; delete it (the paper's own scheme is in jaxgel.paper)"
         return f"{where}: unknown entry {unknown!r}; {did_you_mean(unknown, rule['properties'])}"
     if error.validator in ("required", "dependentRequired"):
         needed = error.validator_value

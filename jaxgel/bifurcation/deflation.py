@@ -7,11 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float, Scalar
-from ..equilibrium import NEWTON, State, advanced, dry_state, iterate, starting
+from ..equilibrium import NEWTON, Correction, State, advanced, dry_state, iterate, starting
 from ..mechanics import Problem, condensed_rhs, factorised_tangent, restrict, state_pressure
 from .critical import check_untraced
 
-MAX_ITERATIONS = 60
 FAR = 1e3  # widths of the plate: an iterate whose nodes lie farther out has diverged
 
 
@@ -42,22 +41,19 @@ def find_states_by_deflation(
 
 
 @dataclasses.dataclass
-class _Deflated:
+class _Deflated(Correction):
     """Newton's corrections, stretched by the deflation of known states."""
 
     known: list
-    factor: object = None
+    most = 60
 
     def assess(self, problem: Problem, state: State):
         size, solved = NEWTON.assess(state)
         return size if np.abs(np.asarray(state.x)).max() < FAR * problem.model.cloud.plate.width else np.nan, solved
 
-    def exhausted(self, state):
-        return state.newton_iterations >= MAX_ITERATIONS
-
     def __call__(self, problem, state):
-        self.factor = factorised_tangent(problem, state.x, state.pressure, state.linearisation)
-        step, _ = self.factor.solve(np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation)), refine=False)
+        made = factorised_tangent(problem, state.x, state.pressure, state.linearisation)
+        step, _ = made.solve(np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation)), refine=False)
         weight = 1 / (state.x.shape[0] * problem.model.cloud.spacing**2)
         slope = 0.0  # of log prod_i (1 + 1 / d_i) along the step, d_i the squared distance
         for other in self.known:
@@ -67,6 +63,3 @@ class _Deflated:
         most = problem.model.cloud.spacing / np.abs(step).max()
         stretch = np.clip(1 / (1 - slope) if slope != 1 else most, -most, most)
         return advanced(problem, state, step, state.linearisation, share=float(stretch), limited=False)
-
-    def finish(self, problem, state):
-        return dataclasses.replace(state, factor=factorised_tangent(problem, state.x, state.pressure, state.linearisation))

@@ -269,6 +269,6 @@ def fold_next_to(shared: Shared, before: State, last: State) -> list[CriticalPoi
             mode = dx[:, None] / np.sqrt(dx @ (shared.stiffness @ dx))
             force = control_force(problem, state)
             local = Expansion(-float(mode[:, 0] @ force), 0.0, float("nan"), np.zeros(len(free)))
-            eigenvalue = [float(mode[:, 0] @ shared.analysis.product(state)(mode)[:, 0])]
+            eigenvalue = [float(mode[:, 0] @ state.factor.product(mode)[:, 0])]
             return [_point(shared, state, state.value, mode, eigenvalue, local, np.zeros(1), last.negative_pivots, kind="fold")]
     return []

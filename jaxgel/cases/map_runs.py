@@ -6,16 +6,7 @@ them. All points share the cloud of the study's own plate, placed on their holes
 middle of its parameters' range. A point too far away for that, where outlines move by more than about a third of the spacing, gets a cloud
 of its own, and costs its compilation and about 0.2 GB of memory for programs.
 
-A cluster under MPI (mpi4py) runs a map by ``mpiexec -n 65 python -m mpi4py.futures script.py`` with the script
-
-    from mpi4py.futures import MPIPoolExecutor
-    from jaxgel.cases import load_map, run_map
-
-    if __name__ == "__main__":
-        with MPIPoolExecutor() as executor:
-            run_map(load_map("study.toml"), "out/study", executor)
-
-Its processes, and those of Dask, must see the folder; let each use one thread (OMP_NUM_THREADS=1, NPROC=1; a
+Processes of a cluster, of MPI or Dask, must see the folder; let each use one thread (OMP_NUM_THREADS=1, NPROC=1; a
 gradient would need two).
 """
 

@@ -10,12 +10,12 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
 
 import dataclasses
 import itertools
-import json
 from pathlib import Path as File
 
 import numpy as np
 
 from .._validation import listed, tabled, whole, word
+from ..io import one_line, read_record
 from ..materials import check_gel
 from .case import Case
 from .parameters import FIELDS, PARAMETER, VALUE, all_different, gel_of, numbers, parameter, plate_of, sobol, study_case, study_table
@@ -73,14 +73,12 @@ def load_map(file: File | str) -> MapStudy:
 def resumed_map(folder: File | str) -> MapStudy:
     """The `MapStudy` whose map.json lies in a folder; ValueError where there is none or it is damaged."""
     file = File(folder) / MAP
+    record = read_record(file, FORMAT) or {}
     try:
-        record = json.loads(file.read_bytes())
-        if record["format"] != FORMAT:
-            raise ValueError(f"format {record['format']}, this version reads {FORMAT}")
         study = map_from_table(record["study"], str(record["name"]))
         return dataclasses.replace(study, points=list(record["points"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
-        raise ValueError(f"folder: {str(file)!r} is missing, damaged or not written by jaxgel: {' '.join(str(problem).split())}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as problem:
+        raise ValueError(f"folder: {str(file)!r} is missing, damaged or not of this version of jaxgel: {one_line(problem)}") from None
 
 
 def map_from_table(table: dict, name: str) -> MapStudy:

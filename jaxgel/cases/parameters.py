@@ -10,6 +10,7 @@ numbers or a grey picture {file, low, high}, for modes also their coefficients),
 """
 
 import math
+import reprlib
 from collections.abc import Callable
 from pathlib import Path as File
 from typing import Any
@@ -79,13 +80,14 @@ def study_case(table: dict, name: str, sections: dict) -> Case:
 
 
 def numbers(where: str, value: Any, shape: tuple = ()) -> Float[np.ndarray, "..."]:
-    """``value`` as a float array of ``shape``, a single number filling it; ValueError unless it is finite."""
+    """``value`` as a float array of ``shape``, a single number filling it; ValueError, one short line, unless it is finite."""
+    wanted = "a finite number" + (f", or {' x '.join(map(str, shape))} of them" if shape else "")
     try:
-        array = np.broadcast_to(np.asarray(value, dtype=float), shape)
+        array = np.broadcast_to(np.array(value, dtype=float), shape)
     except (TypeError, ValueError, OverflowError):
-        array = np.array([np.nan])
+        array = np.array(np.nan)
     if not np.all(np.isfinite(array)) or isinstance(value, bool):
-        raise ValueError(f"{where}: {value!r} is not a finite number" + (f", or {' x '.join(map(str, shape))} of them" if shape else ""))
+        raise ValueError(f"{where}: {reprlib.repr(value)} is not {wanted}")
     return array
 
 
@@ -146,7 +148,7 @@ def field_parameter(where: str, entry: dict, case: Case) -> dict:
         mask_values({"values": np.zeros(pixels)}, (w, h), f"{where}.pixels")
     elif np.any(np.array(modes) > pixels):
         raise ValueError(f"{where}.modes: {list(modes)} is more than the {pixels[0]} x {pixels[1]} pixels of the plate")
-    lower, upper = (_pixels(f"{where}.{key}", entry[key], pixels if modes is None else ()) for key in ("lower", "upper"))
+    lower, upper = (numbers(f"{where}.{key}", entry[key], pixels if modes is None else ()) for key in ("lower", "upper"))
     if np.any(lower >= upper):
         raise ValueError(f"{where}.upper: {_short(upper)} is not above lower = {_short(lower)}")
     for key, end in (("lower", lower.min()), ("upper", upper.max())):
@@ -178,24 +180,12 @@ def _field_start(where, start, field):
     if isinstance(start, dict):
         if field.modes is not None:
             raise ValueError(f"{where}: a picture is not accepted for modes; give a number")
-        start = mask_values(mask_table(start, ".", where), field.size, where)
+        start = mask_values(mask_table(start, ".", where), field.size, where).tolist()
     if isinstance(start, float | int):
         if not field.lower <= start <= field.upper and field.modes is not None:
             raise ValueError(f"{where}: {start:g} is not between lower = {field.lower:g} and upper = {field.upper:g}")
         return field.constant(float(start))
-    return _pixels(where, start, field.shape)
-
-
-def _pixels(where, value, shape):
-    """``value`` as an array of ``shape``, one number filling it; ValueError, one line however large it is."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{where}: it is neither a number nor rows of equally many numbers") from None
-    if array.shape not in ((), shape):
-        wanted = f"one number or {shape[0]} rows of {shape[1]} numbers" if shape else "one number"
-        raise ValueError(f"{where}: numbers of shape {array.shape} do not fit, give {wanted}")
-    return np.broadcast_to(array, shape)
+    return numbers(where, start, field.shape)
 
 
 def _short(array):

@@ -201,8 +201,7 @@ def _verified(study, design, folder):
         start=start,
         best=best,
     )
-    encoded = json.dumps(verified, indent=1).encode()
-    write_atomically(folder / VERIFIED, lambda stream: stream.write(encoded))
+    write_json(folder / VERIFIED, verified)
     if study.case.output.figures:
         from ..plotting import draw_study
 

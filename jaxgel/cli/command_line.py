@@ -1,8 +1,6 @@
-"""The entry point ``jaxgel``: parse, check what is given, prepare the process, then import and run the command.
+"""The entry point ``jaxgel``: parse, prepare the process, then import and run the command.
 
-Help texts, lists and refusals of unusable input come before the packages are imported, so they answer soon. The exit codes are in
-`environment`.
-What a run has finished is in its folder, however the command ends.
+The exit codes are in `environment`. What a run has finished is in its folder, however the command ends.
 """
 
 import functools
@@ -11,8 +9,8 @@ import os
 import sys
 import warnings
 
+from ..continuation import SweepFailed
 from .environment import STOPPED, UNREAD, UNUSABLE, check_jaxlib, collect_seldom, prepare_environment
-from .inputs import check_inputs
 from .parser import parse
 
 
@@ -31,7 +29,6 @@ def _exit_code(argv):
         try:
             args = parse(sys.argv[1:] if argv is None else list(argv))
             check_jaxlib()
-            check_inputs(args)
             if argv is None:
                 prepare_environment(getattr(args, "cache", None))
             name, command = args.command.split(".")
@@ -44,14 +41,9 @@ def _exit_code(argv):
     except ValueError as problem:
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return UNUSABLE
-    except (
-        ArithmeticError,
-        OSError,
-    ) as problem:  # a sweep without a state; a full disk, a lost folder, a closed pipe
+    except (SweepFailed, OSError) as problem:  # a sweep without a state; a full disk, a lost folder, a closed pipe
         if isinstance(problem, BrokenPipeError) and _output_is_closed():
             return UNREAD
-        if isinstance(problem, ArithmeticError) and not _is_failed_sweep(problem):
-            raise
         print(f"jaxgel: error: {problem}", file=sys.stderr)
         return STOPPED
 
@@ -62,12 +54,6 @@ def _show_warning(show_others, message, category, *where, **options):
         print(f"jaxgel: warning: {message}", file=sys.stderr)
     else:
         show_others(message, category, *where, **options)
-
-
-def _is_failed_sweep(problem):
-    from ..continuation import SweepFailed
-
-    return isinstance(problem, SweepFailed)
 
 
 def _output_is_closed():

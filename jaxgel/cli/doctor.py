@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_info
 
 from .._kept import KEPT, PROGRAM, WAITING, start_trial
 from .._threads import usable_cores
-from ..cases import sample
+from ..cases import sample, sample_names
 from ..cloud import make_cloud
 from ..continuation import sweep
 from ..discretisation import discretise
@@ -23,7 +23,6 @@ from ..materials import Gel, free_swelling
 from ..mechanics import Problem
 from ..observables import history, rotation_angle
 from .environment import DONE, STOPPED
-from .starting import sample_names
 
 POINTS = 16_385
 FIRST_MU = -4.0  # kT: of the state for whose sake programs are compiled

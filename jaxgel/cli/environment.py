@@ -24,9 +24,9 @@ REFUSED = {
 CACHE = "JAXGEL_CACHE"  # variable with the folder of compiled programs, or off
 
 
-def check_jaxlib(found: str | None = None) -> None:
-    """Raise ValueError, one line, where the jaxlib ``found`` (by default the installed one) is known to compute wrongly or too slowly."""
-    found = version("jaxlib") if found is None else found
+def check_jaxlib() -> None:
+    """Raise ValueError, one line, for an installed jaxlib that is known to compute wrongly or too slowly."""
+    found = version("jaxlib")
     if found in REFUSED:
         excluded = ",".join(f"!={bad}" for bad in REFUSED)
         raise ValueError(f"jaxlib: {found} {REFUSED[found]}; pip install 'jax>=0.10.1,{excluded},<0.13' 'jaxlib>=0.10.1,{excluded},<0.13'")

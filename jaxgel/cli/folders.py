@@ -1,9 +1,10 @@
 """Commands on a folder of results: plot, resume, outline, export and view."""
 
+import math
 from argparse import Namespace
 from pathlib import Path as File
 
-from .._validation import one_of
+from .._validation import one_of, read_toml
 from ..cases import OutputOptions, from_table, load_case, load_path, other_versions, resumed, resumed_map, resumed_study, write_page
 from ..geometry import frame_of, reference_plate
 from ..io import FORMATS, dry_gel, dry_regions, load_run, open_folder, swollen_gel, write_mask, write_outline
@@ -11,9 +12,10 @@ from ..io import export as write_netcdf
 from ..materials import WithHoles
 from ..observables import state_at
 from .environment import DONE
-from .inputs import DESIGN, MAP, STARTS, kind_of_folder
 from .runs import draw, printer, run_recorded
 from .studies import run_design, run_points
+
+RUN, DESIGN, STARTS, MAP = "summary.json", "design.json", "starts.json", "map.json"
 
 
 def plot(args: Namespace) -> int:
@@ -31,13 +33,15 @@ def plot(args: Namespace) -> int:
 
 def resume(args: Namespace) -> int:
     """``jaxgel resume``: continue what was interrupted in a folder, a run, a design or a map by the file that it holds."""
-    kind = kind_of_folder(args.folder)
+    known = (DESIGN, STARTS, MAP, RUN)
+    kind = next((name for name in known if (File(args.folder) / name).is_file()), None)
+    if kind is None:
+        text = f"holds none of {', '.join(known)}; expected a folder written by jaxgel run, design or map"
+        raise ValueError(f"folder: {args.folder!r} {text}")
     if kind in (DESIGN, STARTS):
         return run_design(resumed_study(args.folder), args.folder, args, resume=True)
-    return run_points(resumed_map(args.folder), args.folder, args, resume=True) if kind == MAP else _resume_run(args)
-
-
-def _resume_run(args):
+    if kind == MAP:
+        return run_points(resumed_map(args.folder), args.folder, args, resume=True)
     say, warning, recorder = printer(args), other_versions(args.folder), resumed(args.folder)
     say(f"{recorder.case.name}: goes on after {len(recorder.steps)} states")
     if warning:
@@ -51,19 +55,49 @@ def outline(args: Namespace) -> int:
     ValueError for a value beyond the ends of the run. Beside a dry outline it writes the masks of a printed gel.
     """
     one_of("--format", args.format, FORMATS)
+    for name, value in (("--height", args.height), ("--pixels-per-mm", args.pixels_per_mm)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name}: {value:g} is not a finite number above 0")
+    if args.mu is not None and not math.isfinite(args.mu):
+        raise ValueError(f"--mu/--at: {args.mu:g} is not a finite number")
     case, regions = None, []
     if args.mu is not None:
+        if not File(args.source).is_dir():
+            raise ValueError(f"--mu/--at: {args.source!r} is a case; the states at some mu are in a run's folder")
         path = load_path(args.source)
         name, gel = File(args.source).name, swollen_gel(path, state_at(path, args.mu))
     else:
         summary = load_run(args.source).summary if File(args.source).is_dir() else None
         case = from_table(summary["options"], summary["case"]) if summary else load_case(args.source)
         name, gel, regions = case.name, dry_gel(case.plate), dry_regions(case.plate)
-    file = write_outline(gel, args.out or f"{name}.{args.format}", args.height, args.pixels_per_mm, regions)
-    print(file)
+    file = File(args.out or f"{name}.{args.format}")
+    if case is not None and File(args.source).is_file():
+        _check_inputs_kept(File(args.source), [file, *(_beside(file, name) for name in case.pictures())])
+    print(write_outline(gel, file, args.height, args.pixels_per_mm, regions))
     for mask in _masks(case, file, args.pixels_per_mm) if case else ():
         print(mask)
     return DONE
+
+
+def _check_inputs_kept(source, written):
+    """Refuse an outline or mask that would take the place of a picture or drawing that the case file ``source`` reads."""
+    read = {(source.parent / name).resolve() for name in _files_in(read_toml(source, "case"))}
+    replaced = next((file for file in written if file.resolve() in read), None)
+    if replaced is not None:
+        raise ValueError(f"--out: {str(replaced)!r} is a file that the case reads; give another name")
+
+
+def _files_in(entry):
+    """The names of files in a table, also in its lists and tables."""
+    if isinstance(entry, dict) and isinstance(entry.get("file"), str):
+        return [entry["file"]]
+    parts = entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ()
+    return [name for part in parts for name in _files_in(part)]
+
+
+def _beside(file, name):
+    """The mask of the gel's parameter ``name`` beside an outline."""
+    return file.with_name(f"{file.stem}-{name}.png")
 
 
 def _masks(case, file, pixels_per_mm):
@@ -73,8 +107,8 @@ def _masks(case, file, pixels_per_mm):
     cloud = case.cloud().at(plate) if follows else None
     for name, (field, low, high) in pictures.items():
         frame = frame_of(reference_plate(plate))  # that of the drawing
-        size, beside = (plate.width, plate.height), file.with_name(f"{file.stem}-{name}.png")
-        yield write_mask(field, size, beside, low=low, high=high, pixels_per_mm=pixels_per_mm, cloud=cloud, frame=frame)
+        options = {"low": low, "high": high, "pixels_per_mm": pixels_per_mm, "cloud": cloud, "frame": frame}
+        yield write_mask(field, (plate.width, plate.height), _beside(file, name), **options)
 
 
 def export(args: Namespace) -> int:

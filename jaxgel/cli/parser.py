@@ -1,14 +1,23 @@
-"""The commands and options of the command line, as argparse reads them and prints their help; no JAX."""
+"""The commands and options of the command line, as argparse reads them and prints their help."""
 
 import argparse
 import functools
 from importlib.metadata import version
 
 from .._validation import did_you_mean, is_number
+from ..cases import case_schema
 from .environment import CACHE
-from .generated import choices
 
 DIGITS = 30  # read of a whole number, far beyond all that are accepted
+COUNTS = {"divisions": 64, "most": 100, "states": 1000, "workers": 1024}
+"""Options that are no entries of a case -> most that is accepted."""
+OPTIONS = {
+    "sweep": (
+        *("control", "mu_start", "mu_end", "from", "to", "back", "values", "at_mu", "direction"),
+        *("steps", "branch", "imperfection", "contact", "eigenvalues"),
+    ),
+    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "solver"),
+}  # sections of a case file and their entries that are options of commands
 
 
 def parse(argv: list[str]) -> argparse.Namespace:
@@ -20,7 +29,18 @@ def parse(argv: list[str]) -> argparse.Namespace:
     if unknown:
         options = sorted(known[argv[0]]._option_string_actions)  # noqa: SLF001
         raise ValueError(f"{unknown[0]!r} is not an option of {argv[0]}; {did_you_mean(unknown[0].split('=')[0], options)}")
+    for name, most in COUNTS.items():
+        value = getattr(args, name, None)
+        if value is not None and not 1 <= value <= most:
+            raise ValueError(f"{name}: {value} is not accepted, it must be at least 1 and at most {most}")
     return args
+
+
+def changes(args: argparse.Namespace) -> dict:
+    """Sections and entries of a case that the options replace."""
+    given = vars(args)
+    changed = {section: {key: given[key] for key in keys if given.get(key) is not None} for section, keys in OPTIONS.items()}
+    return changed | ({"output": {"figures": False, "animation": False}} if given.get("no_plots") else {})
 
 
 class _Parser(argparse.ArgumentParser):
@@ -126,7 +146,6 @@ def _folder_commands(add):
     p = _worker_options(add("folders.resume", "resume", "continue an interrupted run, design or map, to the same result"))
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run, design or map")
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation of a run")
-    p.set_defaults(resumes=True)
 
     p = _cache_option(
         add("folders.outline", "outline", "write the outline of a case or a run as DXF, SVG, STL or PNG, and the masks of a printed gel")
@@ -182,7 +201,8 @@ def _cache_option(p):
 
 def _choice(p, section, key, text):
     """An option that is one of the words of an entry of a case file."""
-    p.add_argument(f"--{key}", metavar="|".join(choices(section, key)), help=text)
+    words = case_schema()["properties"][section]["properties"][key]["enum"]
+    p.add_argument(f"--{key}", metavar="|".join(words), help=text)
 
 
 def _branch_option(p):

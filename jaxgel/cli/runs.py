@@ -18,7 +18,7 @@ from ..materials import varies
 from ..observables import OF_POSITIONS, events
 from ..symmetry import NAMES
 from .environment import DONE, INTERRUPTED, STOPPED
-from .inputs import changes
+from .parser import changes
 
 ROWS_MAX = 9  # of the printed table of states
 

@@ -1,8 +1,8 @@
 """Taylor test of a case's gradients, along one random direction d of each family of parameters.
 
-What is left of f(x + h d) - f(x) - h f'(x) d must fall as h^2 from one step h to its half; if it is too small for that, the difference
-quotient (f(x + h d) - f(x - h d)) / 2h must agree with f'(x) d. The states are solved anew for every h, by Newton's method from those of
-the start: a sweep of a symmetric plate may end on either mirror image. The gradient is the one that reverse mode gives to every optimiser.
+The remainder f(x + h d) - f(x) - h f'(x) d must fall as h^2 from one step h to its half; if it is too small for that, the
+difference quotient must agree with f'(x) d. Moved states are solved from those of the start, as a sweep of a symmetric plate may
+end on either mirror image. The gradient is that of reverse mode, as for every optimiser.
 """
 
 import dataclasses
@@ -32,21 +32,20 @@ OBJECTIVES = {
     "area reduction": lambda path: area_reduction(path)[-1],
     "whole curve": lambda path: jnp.mean(rotation_angle(path) ** 2) / 100 + jnp.mean(area_reduction(path)),
 }
-"""What is differentiated: three quantities at the last mu, degrees or 1, and a mean over all states of the path."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """The Taylor test of one objective, by name, along a direction of one family of parameters, of all holes, regions or materials."""
+    """The test of one objective along a direction d of one family of parameters."""
 
     objective: str
     family: str
     slope: float
-    """Derivative along the direction, over its first step."""
+    """f'(x) d."""
     difference: float
-    """Difference quotient at half that step."""
+    """f(x + d / 2) - f(x - d / 2)."""
     remainders: tuple[float, float]
-    """|f(x + h d) - f(x) - h f'(x) d| at the first step, h = 1, and at half of it."""
+    """Those at h = 1 and h = 1/2."""
     round_off: float
     """Remainder that may be round-off."""
 
@@ -65,9 +64,9 @@ class Row:
 def check_gradient(case: Case, *, states: int | None = None, quiet: bool = True) -> list[Row]:
     """List of `Row`: every objective that has a value, by every family of parameters of a `Case`.
 
-    The sweep has ``states`` equally spaced values of its control between the case's ends; None takes those that the case lists, or
-    ``STATES``. The values of the control, and the mu at which another one is driven, are families too. The load of an imperfection stays
-    constant. Raises ValueError for a case that cannot be used and ``ArithmeticError`` if its states are not found.
+    A family is all parameters of one name, of holes, regions and materials; the values of the control, by its name; or the mu at
+    which another one is driven. The sweep has ``states`` equally spaced values; None takes those that the case lists, or
+    ``STATES``. The load of an imperfection stays constant. Raises ArithmeticError if the states are not found.
     """
     cloud, options, model = case.discretisation.cloud(case.plate), case.sweep, case.discretisation.model
     values = np.array(options.numbers) if states is None and options.listed else np.linspace(*options.ends, states or STATES)
@@ -76,7 +75,7 @@ def check_gradient(case: Case, *, states: int | None = None, quiet: bool = True)
     entries, structure = jax.tree_util.tree_flatten_with_path(jax.tree.map(lambda value: jnp.asarray(value, dtype=float), point))
     leaves, families = [leaf for _, leaf in entries], [_family(keys, options.control) for keys, _ in entries]
     sizes = [LENGTH * cloud.spacing if keys[0].key in ("holes", "regions") else SHARE * np.abs(leaf) for keys, leaf in entries]
-    sizes = [STEPS.get(family.rpartition(" ")[2], size) for family, size in zip(families, sizes, strict=True)]
+    sizes = [STEPS.get(family, size) for family, size in zip(families, sizes, strict=True)]
     push = case.problem(model(cloud)).loads - case.problem(model(cloud), imperfect=False).loads
 
     def problem_of(point):
@@ -122,12 +121,10 @@ def differentiable(path: Path) -> tuple[str, ...]:
 
 
 def _family(keys, driven):
-    """Name of the family of the leaf of a point at the ``keys`` of its path; "" for a parameter that is driven: it has no effect."""
-    section, *names = [getattr(key, "key", getattr(key, "name", getattr(key, "idx", None))) for key in keys]
-    if section != "gel":
-        return {"holes": "", "regions": "regions: "}[section] + names[1] if names else driven if section == "values" else section
-    prefix, name = ("materials: ", names[2]) if names[0] == "regions" else ("", names[names[0] == "matrix"])
-    return "" if name == driven else prefix + name
+    """Name of the parameter at the ``keys`` of a leaf; empty for the one that is driven, which has no effect."""
+    names = [getattr(key, "key", getattr(key, "name", "")) for key in keys]
+    name = next(name for name in names if name not in ("", "holes", "regions", "gel", "matrix"))
+    return {"values": driven, driven: ""}.get(name, name)
 
 
 def _beside(start, problem, values):

@@ -10,7 +10,7 @@ from ..materials import varies
 from ..mechanics import Problem
 from ..waves import lattice_onset, primitive_cell
 from .environment import DONE
-from .inputs import changes
+from .parser import changes
 from .runs import printer
 
 

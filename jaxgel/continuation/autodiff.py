@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
-from .._compiled import compiled
+from .._compiled import tangents as tangents_of
 from .._programs import fitted
 from .._threads import few_threads
 from .._tracing import is_traced
 from ..controls import Control, check_values
-from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents, with_derivatives_of
-from ..linalg import remember
+from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents
+from ..linalg import RECENT_FACTORS
 from ..mechanics import Problem, shared_tangents, state_pressure, total_energy
 from .follow import Followed, Following
 from .options import check_sweep
@@ -96,7 +96,8 @@ def _states(search, floats, rest):
     problem = problem.prepared
     with few_threads(2 * problem.model.n_nodes):
         followed = Followed(problem, search.ends or values.tolist(), search.options)
-        states = followed.light_states(lambda state: remember(state.factor, state.x))
+        lists, keep = problem.model.lists, RECENT_FACTORS.add
+        states = followed.light_states(lambda state: keep(state.factor, lists, state.x, state.pressure))
     if not states:
         raise first_state_failed(control, values[0], followed.stop)
     path = Path.from_states(problem, states)
@@ -124,8 +125,9 @@ def _states_jvp(search, primals, tangents):
     shared, shared_dot = shared_tangents(problem, problem_dot)
     x_dot = state_tangents(x, report["pressure"], problem, values, shared, shared_dot, values_dot)
     found = tuple(fitted(report[name], axes, shared.lengths) for name, axes in OF_STATES.items())
-    at = fitted(x, "kn", shared.lengths), shared, values
-    dots = jax.jvp(functools.partial(with_derivatives_of, _of_states, found), at, (x_dot, shared_dot, values_dot))[1]
+    leaves, structure = jax.tree.flatten((fitted(x, "kn", shared.lengths), shared, values))
+    dots = [None if dot.dtype == jax.dtypes.float0 else dot for dot in jax.tree.leaves((x_dot, shared_dot, values_dot))]
+    dots = tangents_of(_OfStates(structure), leaves, dots, found)
     x_dot = fitted(x_dot, "kn", problem.lengths)
     report_dot = jax.tree.map(SymbolicZero.from_primal_value, report)
     report_dot |= {name: fitted(dot, axes, problem.lengths) for dot, (name, axes) in zip(dots, OF_STATES.items(), strict=True)}
@@ -138,12 +140,21 @@ def first_state_failed(control: Control, value: float, status: Status) -> SweepF
     return SweepFailed(f"sweep: no equilibrium at {control.name} = {value:.6g}: {status.text}{remedy(status, control.name)}")
 
 
-@compiled()
-@functools.partial(jax.vmap, in_axes=(0, None, 0))
-def _of_states(x, problem, value):
-    """Total energy (k,), pressures (k, g) and mu (k,) of the states ``x`` (k, n, 2) at ``value`` (k,), in one program."""
-    now, mu = problem.at(value)
-    return total_energy(x, now.model, now.gel, mu, now.loads), state_pressure(x, now.model, now.gel, mu), mu
+@dataclasses.dataclass(frozen=True)
+class _OfStates:
+    """Total energy (k,), pressures (k, g) and mu (k,) of states, of the leaves of (x (k, n, 2), problem, values (k,))."""
+
+    structure: object
+    """Tree structure of the leaves."""
+
+    def __call__(self, *leaves):
+        x, problem, values = jax.tree.unflatten(self.structure, leaves)
+
+        def of_state(x, value):
+            now, mu = problem.at(value)
+            return [total_energy(x, now.model, now.gel, mu, now.loads), state_pressure(x, now.model, now.gel, mu), mu]
+
+        return jax.vmap(of_state)(x, values)
 
 
 def _columns(problem, path, touching, stop, values):

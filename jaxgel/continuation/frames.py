@@ -6,167 +6,81 @@ stability is that of the whole plate either way, of a region block by block.
 
 import dataclasses
 import functools
-from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
 from .._types import Array, Float
 from ..equilibrium import Stability, State, acting_problem, linearised, with_own_factor
-from ..linalg import factor, network_matrix
+from ..linalg import BlockFactor, Diagonal, factor, network_matrix
 from ..mechanics import (
     Problem,
     restrict,
     scatter,
     tangent,
-    tangent_pattern,
     unknowns,
     with_free_values,
 )
 from ..symmetry import NAMES, Region, bases, region, symmetries_of, symmetries_of_field, symmetries_of_state
-from .blocks import BlockFactor, Diagonal
 from .predictor import rate_of_change
 from .stability import StabilityAnalysis, stability_of_factor
 
 ROUND_OFF = 1e-6  # part of a mode's size, squared, in a block to which it does not belong
 
 
-class Frame(Protocol):
-    """A problem with the way from and to states of the whole plate."""
+class Frame(StabilityAnalysis):
+    """A problem with the way from and to states of the whole plate: here the problem of the whole plate itself."""
 
-    group: tuple[str, ...]
+    group: tuple[str, ...] = ()
     """The symmetries that its states have."""
-    problem: Problem
-    """What its states solve."""
 
-    @property
-    def stiffness(self) -> sp.csr_matrix:
-        """Stiffness (f, f) of the network on its unknowns, see `stability`."""
-        ...
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem.prepared)
 
     def part(self, state: State) -> State:
         """Of a whole state what the problem needs; its modes stay those of the whole plate."""
-        ...
+        return state
 
     def whole(self, state: State) -> State:
         """The whole state."""
-        ...
+        return dataclasses.replace(state, symmetry=NAMES[()])
 
-    def onto(self, x: Float[Array, "n 2"], value: float) -> Float[Array, "n 2"]:
+    def onto(self, x: Float[Array, "n 2"], value: float) -> Float[np.ndarray, "n 2"]:
         """Nodal positions next to ``x`` (n, 2) that satisfy the conditions at a ``value`` of the control and have all symmetries.
 
         Extrapolation lets the round-off that states have in common grow like a power of their number.
         """
-        ...
-
-    def along(self, mode: Float[np.ndarray, " f"]) -> Float[np.ndarray, " b"]:
-        """A mode (f,) of the whole plate on the unknowns of the problem; 0 where the mode has not its symmetries."""
-        ...
-
-    def factorised(self, state: State) -> State:
-        """A state found, with a factor of its own tangent, which counts its negative eigenvalues; raises `linalg.SingularTangent`."""
-        ...
-
-    def check(self, state: State, modes: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
-        """`Stability` of a state found, with its lowest eigenvalues and modes, and the state `factorised`; ``modes`` (f, m) are those of a
-        nearby state.
-        """
-        ...
-
-    def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
-        """dx/dvalue, mm over the control's unit, at a state that was checked."""
-        ...
-
-
-class Frames:
-    """The frames of a problem, one for each group that a state of it may have; no symmetry is used where a control moves edges or loads."""
-
-    def __init__(self, problem: Problem, *, symmetry: bool) -> None:
-        own = symmetry and not (problem.changes.edges or problem.changes.loads)
-        self.problem, self.group = problem, symmetries_of(problem) if own else ()
-        self._known: dict[tuple[str, ...], Frame] = {}
-
-    def of(self, group: tuple[str, ...]) -> Frame:
-        """The frame of the states with these symmetries."""
-        if group not in self._known:
-            self._known[group] = RegionFrame(region(self.problem, group), self.problem) if group else WholeFrame(self.problem)
-        return self._known[group]
-
-    def of_state(self, x: Float[Array, "n 2"]) -> Frame:
-        """The frame of states next to the nodal positions ``x`` (n, 2)."""
-        return self.of(symmetries_of_state(x, self.problem.model, self.group))
-
-    def along_mode(self, state: State, mode: Float[np.ndarray, " f"]) -> Frame:
-        """The frame of the branches that leave a whole state along a ``mode`` (f,)."""
-        field = scatter(mode, unknowns(self.problem.model.lists))
-        return self.of(symmetries_of_field(field, self.problem.model, self.of_state(state.x).group))
-
-
-class _Conditions:
-    """What the frames share: the conditions that all states of a ``problem`` satisfy."""
-
-    problem: Problem
+        free = self.problem.free
+        dry = np.asarray(self.problem.dry_positions(value)) if self.problem.moves_edges else self._at_rest
+        return np.asarray(with_free_values(restrict(np.asarray(x), free), dry, free))
 
     @functools.cached_property
     def _at_rest(self):
         """The dry positions that satisfy the conditions where the control moves no edges."""
         return np.asarray(self.problem.dry_positions(0.0))
 
-    def onto(self, x: Float[Array, "n 2"], value: float) -> Float[np.ndarray, "n 2"]:
-        """See `Frame`."""
-        free = self.problem.free
-        dry = np.asarray(self.problem.dry_positions(value)) if self.problem.moves_edges else self._at_rest
-        return np.asarray(with_free_values(restrict(np.asarray(x), free), dry, free))
-
-
-class WholeFrame(_Conditions):
-    """The `Frame` of states without symmetry."""
-
-    group: tuple[str, ...] = ()
-
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem.prepared
-        self._analysis = StabilityAnalysis(self.problem)
-
-    @property
-    def stiffness(self) -> sp.csr_matrix:
-        """See `Frame`."""
-        return self._analysis.stiffness
-
-    def part(self, state: State) -> State:
-        """See `Frame`."""
-        return state
-
-    def whole(self, state: State) -> State:
-        """See `Frame`."""
-        return dataclasses.replace(state, symmetry=NAMES[()])
-
     def along(self, mode: Float[np.ndarray, " f"]) -> Float[np.ndarray, " b"]:
-        """See `Frame`."""
+        """A mode (f,) of the whole plate on the unknowns of the problem; 0 where the mode has not its symmetries."""
         return mode
 
     def factorised(self, state: State) -> State:
-        """See `Frame`."""
+        """A state found, with a factor of its own tangent, which counts its negative eigenvalues; raises `linalg.SingularTangent`."""
         return with_own_factor(self.problem, state)
 
-    def check(self, state: State, modes: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
-        """See `Frame`."""
-        return self._analysis.check(state, modes)
-
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
-        """See `Frame`."""
+        """dx/dvalue, mm over the control's unit, at a state that was checked."""
         return rate_of_change(self.problem, state)
 
 
-class RegionFrame(_Conditions):
+class RegionFrame(Frame):
     """The `Frame` of states with a group of symmetries."""
 
     def __init__(self, reduced: Region, whole: Problem) -> None:
         self.group, self.problem, self._region, self._whole = reduced.group, reduced.problem, reduced, whole
 
-    @property
+    @functools.cached_property
     def stiffness(self) -> sp.csr_matrix:
-        """See `Frame`."""
+        """That of the network on the symmetric fields."""
         return self._stiffnesses[0]
 
     @functools.cached_property
@@ -206,16 +120,13 @@ class RegionFrame(_Conditions):
         return np.cumsum([0, *(basis.fields[0].shape[1] for basis in self._bases)])
 
     def part(self, state: State) -> State:
-        """See `Frame`."""
         return dataclasses.replace(state.light, pressure=np.asarray(state.pressure)[self._region.own])
 
     def whole(self, state: State) -> State:
-        """See `Frame`."""
         pressure = self._region.spread @ np.asarray(state.pressure)
         return dataclasses.replace(state, pressure=pressure, linearisation=None, symmetry=NAMES[self.group])
 
     def along(self, mode: Float[np.ndarray, " f"]) -> Float[np.ndarray, " b"]:
-        """See `Frame`."""
         found = self._projection @ mode
         own = np.argmax(np.add.reduceat(found**2, self._cuts[:-1])) == 0
         return found[: self._cuts[1]] * own
@@ -227,15 +138,14 @@ class RegionFrame(_Conditions):
         whole, (problem, now) = acting_problem(self._whole, state), linearised(self.problem, state)
         own_bases, pairs = self._bases_of(whole), np.asarray(tangent(problem, state.x, state.pressure, now))
         factors = tuple(factor(basis.pattern, pairs) for basis in own_bases)
-        pressure = self._region.spread @ np.asarray(state.pressure)
-        made = BlockFactor(functools.partial(tangent_pattern, *whole.pattern_key), own_bases, factors, pressure)
+        made = BlockFactor(tuple(basis.fields for basis in own_bases), factors)
         return dataclasses.replace(state, factor=made)
 
     def check(self, state: State, modes: Float[np.ndarray, "f m"] | None = None) -> tuple[Stability, State]:
         """See `Frame`: all blocks together are one matrix of their coordinates."""
         state = self.factorised(state)
         blocks = Diagonal(state.factor.factors, self._cuts)
-        found = stability_of_factor(blocks, self._stiffness, blocks.product, None if modes is None else self._in_all_blocks(modes))
+        found = stability_of_factor(blocks, self._stiffness, None if modes is None else self._in_all_blocks(modes))
         inside = np.add.reduceat(found.vectors**2, self._cuts[:-1], axis=0)
         own = np.argmax(inside, axis=0)  # what else a mode has is round-off, or of a mode of another block with the same eigenvalue
         vectors = np.where(np.repeat(np.arange(len(self._bases)), np.diff(self._cuts))[:, None] == own, found.vectors, 0.0)
@@ -253,5 +163,28 @@ class RegionFrame(_Conditions):
         return np.concatenate([start, some], axis=1)
 
     def rate(self, state: State) -> Float[np.ndarray, "n 2"]:
-        """See `Frame`."""
         return rate_of_change(self.problem, dataclasses.replace(state, factor=state.factor.factors[0]))
+
+
+class Frames:
+    """The frames of a problem, one for each group that a state of it may have; no symmetry is used where a control moves edges or loads."""
+
+    def __init__(self, problem: Problem, *, symmetry: bool) -> None:
+        own = symmetry and not (problem.changes.edges or problem.changes.loads)
+        self.problem, self.group = problem, symmetries_of(problem) if own else ()
+        self._known: dict[tuple[str, ...], Frame] = {}
+
+    def of(self, group: tuple[str, ...]) -> Frame:
+        """The frame of the states with these symmetries."""
+        if group not in self._known:
+            self._known[group] = RegionFrame(region(self.problem, group), self.problem) if group else Frame(self.problem)
+        return self._known[group]
+
+    def of_state(self, x: Float[Array, "n 2"]) -> Frame:
+        """The frame of states next to the nodal positions ``x`` (n, 2)."""
+        return self.of(symmetries_of_state(x, self.problem.model, self.group))
+
+    def along_mode(self, state: State, mode: Float[np.ndarray, " f"]) -> Frame:
+        """The frame of the branches that leave a whole state along a ``mode`` (f,)."""
+        field = scatter(mode, unknowns(self.problem.model.lists))
+        return self.of(symmetries_of_field(field, self.problem.model, self.of_state(state.x).group))

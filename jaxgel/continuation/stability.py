@@ -6,16 +6,15 @@ neutral state 0. Modes have v . N v = 1.
 """
 
 import functools
-from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
 from .._types import Float
-from ..equilibrium import Stability, State, linearised, with_own_factor
+from ..equilibrium import Stability, State, with_own_factor
 from ..linalg import Factorised, columnwise, inverse_iteration, lowest_of_factor, network_matrix, rayleigh_ritz
-from ..mechanics import Problem, gather, tangent_product
+from ..mechanics import Problem, gather
 
 TRACKED = 2  # modes whose eigenvalues are made accurate where all may be unstable: both of a double eigenvalue
 ACCURACY = 1e-3  # of the lowest eigenvalue, relative; up to 8e-3 is seen after large steps of mu and next to a crease
@@ -41,21 +40,15 @@ class StabilityAnalysis:
         Davidson's iteration, from modes ``start`` (f, m) of a nearby state. Raises `linalg.SingularTangent`.
         """
         state = with_own_factor(self.problem, state)
-        return stability_of_factor(state.factor, self.stiffness, self.product(state), start), state
-
-    def product(self, state: State) -> Callable[[Float[np.ndarray, "f m"]], Float[np.ndarray, "f m"]]:
-        """Function that multiplies vectors (f, m) with the tangent of a state."""
-        problem, now = linearised(self.problem, state)
-        return lambda vectors: np.stack([tangent_product(problem, state.x, state.pressure, now, v) for v in vectors.T], axis=1)
+        return stability_of_factor(state.factor, self.stiffness, start), state
 
 
 def stability_of_factor(
     factor: Factorised,
     stiffness: sp.csr_matrix,
-    product: Callable[[Float[np.ndarray, "f m"]], Float[np.ndarray, "f m"]],
     start: Float[np.ndarray, "f m"] | None = None,
 ) -> Stability:
-    """`Stability` of a tangent with its lowest eigenvalues, by its own ``factor`` and its ``product`` with vectors.
+    """`Stability` of a tangent with its lowest eigenvalues, by its own ``factor``.
 
     ``start`` are modes (f, m) of one nearby.
     """
@@ -63,26 +56,26 @@ def stability_of_factor(
         m = min(factor.negative_pivots + 1, TRACKED)
         if factor.negative_pivots >= TRACKED:  # the lowest ones are far from those that an inverse iteration finds first
             start, _ = inverse_iteration(factor, stiffness, start)
-        found = _from_modes(factor, stiffness, product, start, m)
+        found = _from_modes(factor, stiffness, start, m)
         if int(np.sum(found.eigenvalues < 0)) == min(found.negative, m):
             return found  # otherwise an unstable mode is none of those that were followed
     followed, _ = inverse_iteration(factor, stiffness, lowest_of_factor(factor, stiffness))
-    return _from_modes(factor, stiffness, product, followed, TRACKED)
+    return _from_modes(factor, stiffness, followed, TRACKED)
 
 
-def _from_modes(factor, stiffness, product, start, m):
+def _from_modes(factor, stiffness, start, m):
     """`Stability` from the vectors ``start`` (f, w), of which the lowest ``m`` eigenvalues are made accurate."""
     followed, weights = inverse_iteration(factor, stiffness, start)
-    eigenvalues, vectors = _davidson(factor, stiffness, product, followed[:, :m], weights[:, :m])
+    eigenvalues, vectors = _davidson(factor, stiffness, followed[:, :m], weights[:, :m])
     return Stability(factor.negative_pivots, eigenvalues, np.concatenate([vectors, followed[:, m:]], axis=1))
 
 
-def _davidson(factor, stiffness, product, vectors, weights):
+def _davidson(factor, stiffness, vectors, weights):
     """The lowest eigenvalues (m,) of a tangent K and their vectors (f, m).
 
     Corrections are d = K^-1 r of the eigen-residual r = K v - lambda N v, so that K d is r.
     """
-    images = product(vectors)
+    images = factor.product(vectors)
     eigenvalues, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
     for _ in range(ITERATIONS):
         vectors, weights, images = vectors @ turn, weights @ turn, images @ turn

@@ -23,7 +23,7 @@ from ..continuation import Path
 from ..discretisation import SPENT, cell_sizes
 from ..equilibrium import StateNotFound, Status
 from ..geometry import check_plate
-from ..io import open_folder, write_atomically
+from ..io import open_folder, read_record, write_atomically
 from ..materials import check_gel
 from ..observables import min_gap
 from .lagrangian import Exhausted, Invalid
@@ -283,12 +283,9 @@ def check_reported(reported: dict[str, float]) -> None:
 def read_log(folder: pathlib.Path | str) -> dict[str, Any]:
     """The log of a design's folder as a dict; ValueError for a folder without one, or a damaged one."""
     file = open_folder(folder) / LOG
-    try:
-        log = json.loads(file.read_bytes())
-        if log["format"] != FORMAT or not isinstance(log["evaluations"], list) or not isinstance(log["record"], dict):
-            raise ValueError(f"format {log['format']}, this version reads {FORMAT}")
-    except (OSError, ValueError, KeyError, TypeError) as problem:
-        raise ValueError(f"folder: {str(file)!r} is missing, damaged or not written by jaxgel: {' '.join(str(problem).split())}") from None
+    log = read_record(file, FORMAT) or {}
+    if not (isinstance(log.get("evaluations"), list) and isinstance(log.get("record"), dict)):
+        raise ValueError(f"folder: {str(file)!r} is missing, damaged or not written by this version of jaxgel")
     return log
 
 

@@ -1,9 +1,9 @@
 """Equilibrium: one state at one value of the control, its status, and its derivative."""
 
 from .bordered_newton import Conditions, solve_bordered, solve_pinned
-from .derivatives import first_order_only, no_tangents, with_derivatives_of, without_derivatives
+from .derivatives import first_order_only, no_tangents, without_derivatives
 from .implicit import state_tangents
-from .newton import NEWTON, Newton, advanced, iterate, solve, starting, with_own_factor
+from .newton import NEWTON, Correction, Newton, advanced, iterate, solve, starting, with_own_factor
 from .observer import UNOBSERVED, Observer
 from .relaxation import relax, relax_along
 from .state import Stability, State, accepted, acting_problem, as_number, control_force, dry_state, linearised, pressure_rate
@@ -15,6 +15,7 @@ __all__ = [
     "UNOBSERVED",
     "Change",
     "Conditions",
+    "Correction",
     "Newton",
     "Observer",
     "Stability",
@@ -42,7 +43,6 @@ __all__ = [
     "solve_pinned",
     "starting",
     "state_tangents",
-    "with_derivatives_of",
     "with_own_factor",
     "without_derivatives",
 ]

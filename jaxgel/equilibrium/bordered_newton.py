@@ -12,15 +12,11 @@ import numpy as np
 
 from .._types import Array, Float, Scalar
 from ..linalg import Bordered
-from ..mechanics import Problem, condensed_rhs, factorised_tangent, gather, restrict, tangent
-from .newton import NEWTON, advanced, iterate, starting
+from ..mechanics import Problem, condensed_rhs, gather, restrict, tangent
+from .newton import NEWTON, Correction, advanced, iterate, starting
 from .state import State, control_force
 
-MAX_ITERATIONS = 15
-MISS = 1e-10  # largest error of a condition, relative to its target
-ROUND_OFF = 1e-13  # and relative to the positions
-MAX_PINNED_ITERATIONS = 30
-PINNED_MISS = 1e-9  # largest error of a held amplitude, relative to it
+ROUND_OFF = 1e-13  # error of a condition, relative to the positions
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,22 +64,17 @@ def solve_pinned(
 
     One condition by two solves with the factor of the tangent itself, which may be indefinite but must not be singular.
     """
-    correction = _Pinned(mode, restrict(np.asarray(origin), problem.free), amplitude)
-    now, mu = problem.at(value)
-    found = iterate(now, starting(now, mu, problem.placed(x, value), pressure), correction)
-    return dataclasses.replace(found, value=float(value)), correction.force
-
-
-def _norm_with(forces, problem, state):
-    """Relative norm of the residual with additional forces (f,); nan where a part of the iterate is not finite."""
-    linearisation = state.linearisation
-    with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
-        size = float(np.linalg.norm(gather(np.asarray(linearisation.rhs), problem.free) + forces) * float(linearisation.per_force))
-    return size if np.isfinite(float(linearisation.violation)) else np.nan
+    conditions = Conditions(mode[:, None], np.zeros(1), origin, float(value), np.array([amplitude]))
+    correction = _Pinned(mode[:, None], conditions, restrict(np.asarray(origin), problem.free), np.zeros(1))
+    found = iterate(problem, starting(problem, value, x, pressure), correction)
+    return found, float(correction.forces[0])
 
 
 @dataclasses.dataclass
-class _Bordered:
+class _Bordered(Correction):
+    most = 15
+    miss_most = 1e-10  # largest error of a condition, relative to its target
+
     columns: np.ndarray
     conditions: Conditions
     origin: np.ndarray
@@ -92,15 +83,16 @@ class _Bordered:
 
     def assess(self, problem, state):
         conditions, at = self.conditions, restrict(np.asarray(state.x), problem.free)
-        size = _norm_with(self.columns @ self.forces, problem, state)
+        linearisation, forces = state.linearisation, self.columns @ self.forces
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
+            missing = np.linalg.norm(gather(np.asarray(linearisation.rhs), problem.free) + forces)
+        violation = float(linearisation.violation)
+        size = float(missing * float(linearisation.per_force)) if np.isfinite(violation) else np.nan
         change = (at - self.origin) @ conditions.rows + conditions.slopes * (state.value - conditions.value_origin)
         self.miss = conditions.targets - change
-        allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(at) + MISS * np.abs(conditions.targets)
-        solved = size < NEWTON.tolerance and float(state.linearisation.violation) < NEWTON.constraint_tolerance
+        allowed = ROUND_OFF * np.linalg.norm(conditions.rows, axis=0) * np.linalg.norm(at) + self.miss_most * np.abs(conditions.targets)
+        solved = size < NEWTON.tolerance and violation < NEWTON.constraint_tolerance
         return size, solved and bool(np.all(np.abs(self.miss) <= allowed))
-
-    def exhausted(self, state):
-        return state.newton_iterations >= MAX_ITERATIONS
 
     def __call__(self, problem, state):
         (b, m), slopes = (self.conditions.rows.shape[1], self.columns.shape[1]), self.conditions.slopes
@@ -116,36 +108,23 @@ class _Bordered:
         return advanced(problem, state, dx, state.linearisation, step=float(change[m:].sum()), limited=False)
 
     def finish(self, problem, state):
-        now, _ = problem.at(state.value)
-        return dataclasses.replace(state, factor=factorised_tangent(now, state.x, state.pressure, state.linearisation))
+        return super().finish(problem.at(state.value)[0], state)
 
 
-@dataclasses.dataclass
-class _Pinned:
-    mode: np.ndarray
-    origin: np.ndarray
-    amplitude: float
-    force: float = 0.0
-    miss: float = 0.0
-    factor: object = None
+class _Pinned(_Bordered):
+    """The same with the factor of the tangent itself."""
 
-    def assess(self, problem, state):
-        self.miss = self.amplitude - self.mode @ (restrict(np.asarray(state.x), problem.free) - self.origin)
-        size = _norm_with(self.force * self.mode, problem, state)
-        solved = size < NEWTON.tolerance and float(state.linearisation.violation) < NEWTON.constraint_tolerance
-        return size, solved and abs(self.miss) < PINNED_MISS * abs(self.amplitude)
-
-    def exhausted(self, state):
-        return state.newton_iterations >= MAX_PINNED_ITERATIONS
+    most = 30
+    miss_most = 1e-9
 
     def __call__(self, problem, state):
-        self.factor = None
-        self.factor = factorised_tangent(problem, state.x, state.pressure, state.linearisation)
-        rhs = np.asarray(condensed_rhs(problem, state.linearisation, state.linearisation)) + self.force * self.mode
-        both, _ = self.factor.solve(np.stack([rhs, self.mode], axis=1))
-        more = (self.miss - self.mode @ both[:, 0]) / (self.mode @ both[:, 1])
-        self.force += more
+        mode, made = self.columns[:, 0], super().finish(problem, state).factor
+        now, _ = problem.at(state.value)
+        rhs = np.asarray(condensed_rhs(now, state.linearisation, state.linearisation)) + self.forces * mode
+        both, _ = made.solve(np.stack([rhs, mode], axis=1))
+        more = (self.miss - mode @ both[:, 0]) / (mode @ both[:, 1])
+        self.forces = self.forces + more
         return advanced(problem, state, both[:, 0] + more * both[:, 1], state.linearisation)
 
     def finish(self, problem, state):  # noqa: ARG002
-        return dataclasses.replace(state, factor=self.factor)
+        return state

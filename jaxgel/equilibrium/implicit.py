@@ -13,13 +13,13 @@ import numpy as np
 from jax import lax
 
 from .._compiled import compiled
+from .._compiled import tangents as tangents_of
 from .._primitives import primitive
 from .._programs import fitted
 from .._sizes import padded, rung
 from .._tracing import is_traced
 from .._types import Array, Float
 from ..mechanics import Equations, Problem, gather, residual, total_energy
-from .derivatives import Tangent, remade
 from .motions import Motions, edge_cotangents, edge_motions, moved
 from .solutions import solutions, states_together
 
@@ -247,9 +247,9 @@ def _jvp(args, tangents, *, map_):
     if any(dot is not None for dot in dots):
         dots = [jnp.zeros_like(arg) if dot is None else dot for arg, dot in zip(linear, dots, strict=True)]
         parts.append(changes.bind(*dots, *others, map_=map_))
-    moving = tuple(i for i in range(len(linear), len(args)) if tangents[i] is not None)
-    if moving:
-        parts.append(remade(Tangent(map_, moving), *args, *(tangents[i] for i in moving)))
+    moving = [None] * len(linear) + list(map_.split(tangents)[1])
+    if any(dot is not None for dot in moving):
+        parts.append(tangents_of(map_, args, moving, found))
     return found, [sum(of) if of else None for of in zip(*parts, strict=True)] if parts else [None] * len(found)
 
 

@@ -5,7 +5,6 @@ changes along a sweep traced.
 """
 
 import dataclasses
-from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -30,9 +29,6 @@ from .status import Status, of_iterate, of_outlines
 SLOW = 0.1  # a step that leaves more than this of the error makes a new factor worth its cost
 LARGEST_RISE = 3.0  # of the error in an iteration with contact: a larger rise means a point pair was pushed far into the contact barrier
 MAX_HALVINGS = 6  # of such a correction
-
-
-P = TypeVar("P", contravariant=True)  # a problem of one formulation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,32 +56,32 @@ class Newton:
 NEWTON = Newton()
 
 
-class Correction(Protocol[P]):
+class Correction:
     """One kind of Newton correction, used for one solve."""
 
-    def assess(self, problem: P, state: State) -> tuple[float, bool]:
+    most = NEWTON.max_iterations
+    """Iterations after which it ends without a solution."""
+
+    def assess(self, problem: Problem, state: State) -> tuple[float, bool]:  # noqa: ARG002
         """Residual norm of the iterate, nan or inf where a part is not finite, and whether it solves all equations."""
-        ...
+        return NEWTON.assess(state)
 
-    def exhausted(self, state: State) -> bool:
-        """Whether the iteration ends here without a solution."""
-        ...
-
-    def __call__(self, problem: P, state: State) -> State:
+    def __call__(self, problem: Problem, state: State) -> State:
         """The next iterate; raises `linalg.SingularTangent`."""
-        ...
+        raise NotImplementedError
 
-    def finish(self, problem: P, state: State) -> State:
-        """The solution with its factor; raises `linalg.SingularTangent`."""
-        ...
+    def finish(self, problem: Problem, state: State) -> State:
+        """The solution, here with a factor of its own tangent; raises `linalg.SingularTangent`."""
+        made = factorised_tangent(problem, state.x, state.pressure, state.linearisation)
+        return dataclasses.replace(state, factor=made)
 
 
-def iterate(problem: P, state: State, correction: Correction[P], observer: Observer = UNOBSERVED) -> State:
+def iterate(problem: Problem, state: State, correction: Correction, observer: Observer = UNOBSERVED) -> State:
     """The `State` in which the iteration from ``state`` with a kind of ``correction`` ends; its status says how."""
     while True:
         observer.iteration(state)
         residual, solved = correction.assess(problem, state)
-        status = of_iterate(residual, solved, correction.exhausted(state))
+        status = of_iterate(residual, solved, state.newton_iterations >= correction.most)
         try:
             if status is Status.CONVERGED:
                 return correction.finish(problem, dataclasses.replace(state, status=status, residual=residual))
@@ -97,7 +93,7 @@ def iterate(problem: P, state: State, correction: Correction[P], observer: Obser
 
 
 @dataclasses.dataclass
-class Chord:
+class Chord(Correction):
     """Newton's corrections with a factor that is kept for as long as each leaves less than ``SLOW`` of the error.
 
     With ``own_factor`` every correction gets its own factor, and so does the solution, which has none otherwise. The factor is kept here
@@ -114,9 +110,10 @@ class Chord:
         """See `Correction`."""
         return self.newton.assess(state)
 
-    def exhausted(self, state: State) -> bool:
+    @property
+    def most(self) -> int:
         """See `Correction`."""
-        return state.newton_iterations >= self.newton.max_iterations
+        return self.newton.max_iterations
 
     def __call__(self, problem: Problem, state: State) -> State:
         """The next iterate, damped where contact multiplies the error."""
@@ -137,8 +134,7 @@ class Chord:
     def finish(self, problem: Problem, state: State) -> State:
         """The solution, with a factor of its own tangent where that was asked for."""
         self.factor = None
-        own = factorised_tangent(problem, state.x, state.pressure, state.linearisation) if self.own_factor else None
-        return dataclasses.replace(state, factor=own)
+        return super().finish(problem, state) if self.own_factor else dataclasses.replace(state, factor=None)
 
 
 def starting(problem: Problem, value: Chemical, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:

@@ -12,7 +12,7 @@ import numpy as np
 from .._types import Array, Chemical, Float
 from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import Problem, condensed_rhs, scatter, tangent
-from .newton import NEWTON, advanced, iterate, starting
+from .newton import NEWTON, Correction, advanced, iterate, starting
 from .state import State
 from .status import of_outlines
 
@@ -39,12 +39,13 @@ def relax_along(problem: Problem, state: State, mode: Float[np.ndarray, " f"]) -
 
 
 @dataclasses.dataclass
-class Damped:
+class Damped(Correction):
     """Newton's corrections with the damped tangent K + alpha N, positive definite."""
 
     damping: float = FIRST_DAMPING
     factor: Factor | None = None
     size_before: float | None = None
+    most = MAX_ITERATIONS
 
     def assess(self, problem: Problem, state: State) -> tuple[float, bool]:  # noqa: ARG002
         """See `newton.Correction`; the damping follows the residual."""
@@ -53,10 +54,6 @@ class Damped:
             self.damping *= np.clip(size / self.size_before, 0.2, 0.9)
         self.size_before = size
         return size, solved and self.factor is not None
-
-    def exhausted(self, state: State) -> bool:
-        """See `newton.Correction`."""
-        return state.newton_iterations >= MAX_ITERATIONS
 
     def __call__(self, problem: Problem, state: State) -> State:
         """The next iterate."""

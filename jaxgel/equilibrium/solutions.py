@@ -1,24 +1,22 @@
 """Solutions of K dx = b with the tangents K of many states, one JAX primitive and its rules.
 
-They are found on the host, with the factors that the sweep left behind (`linalg.solve_near`), by products or one compiled assembly per
-state. They lie between compiled programs, not in one.
+They are found on the host, with the factors that the sweep left behind: between compiled programs, not
+in one.
 """
 
 import dataclasses
-import functools
-from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._compiled import tangents as tangents_of
 from .._primitives import primitive
-from .._threads import ONE_THREAD, few_threads, usable_threads
+from .._threads import few_threads
 from ..discretisation import Body
-from ..linalg import RECENT_FACTORS, SingularTangent, solve_near
-from ..mechanics import TangentOperator, gather, hessian_product, is_sparse, linearise, scatter, tangent
-from .derivatives import Tangent, remade
+from ..linalg import RECENT_FACTORS, SingularTangent
+from ..mechanics import factorised_tangent, gather, hessian_product, linearise, scatter
 
 STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
 BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill
@@ -47,23 +45,15 @@ class _Products:
         def of_all(v):
             return lax.map(product, (v, x, pressure, values), batch_size=states_together(len(x), problem.model))
 
-        return of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)
-
-
-def _pairs(problem, x, pressure, value):
-    """The tangent (p, 2, 2) at the state ``x`` (n, 2) with ``pressure`` (g,), by the programs of the sweep."""
-    problem, mu = problem.at(value)
-    now = linearise(problem, x, pressure, mu)
-    return tangent(problem, x, pressure, now)
+        return [of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)]
 
 
 def _solutions_jvp(primals, tangents, *, structure):
     """K x = b gives K dx = db - dK x, the latter by the energy, whose arguments the leaves are."""
     (rhs, *leaves), (change, *dots) = primals, tangents
     solution = solutions.bind(rhs, *leaves, structure=structure)
-    moving = tuple(i + 1 for i, dot in enumerate(dots) if dot is not None)
-    if moving:
-        moved = remade(Tangent(_Products(structure), moving), solution, *leaves, *(dots[i - 1] for i in moving))
+    if any(dot is not None for dot in dots):
+        (moved,) = tangents_of(_Products(structure), [solution, *leaves], [None, *dots], [solution])
         change = -moved if change is None else change - moved
     return solution, change if change is None else solutions.bind(change, *leaves, structure=structure)
 
@@ -75,55 +65,34 @@ def _solutions_transpose(cotangent, args, *, structure):
 
 
 def _solved(rhs, *leaves, structure):
-    """On the host, with values; 0 for 0 at no cost.
-
-    Where the sweep has left factors of these very states they solve. Tangents with sparse products are not assembled, unless no recent
-    factor will do; other small ones are solved side by side in threads.
-    """
+    """On the host, with values; 0 for 0 at no cost, nan where a tangent is singular."""
     x, pressure, values, problem = jax.tree.unflatten(structure, leaves)
-    pattern = problem.pattern
     rhs, x, pressure, values = map(np.asarray, (rhs, x, pressure, values))
-    wanted, solutions = np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))), np.zeros(rhs.shape)
-    wanted = np.array([k for k in wanted if not _solved_exactly(solutions, k, pattern, x[k], pressure[k], rhs[k])], dtype=int)
-
-    def solve(k, product=None):
-        pairs = functools.cache(lambda: _pairs(problem, x[k], pressure[k], values[k]))
-        solutions[k] = _solve_columns(pattern, x[k], rhs[k], product or pattern.matrix(pairs()).__matmul__, pairs)
-
-    with few_threads(pattern.size):
-        if is_sparse(problem) and len(wanted):
-            products = TangentOperator(problem).at(x[wanted], pressure[wanted], values[wanted])
-            for k, product in zip(wanted, products, strict=True):
-                solve(k, product)
-        else:
-            with ThreadPoolExecutor(usable_threads() if pattern.size <= ONE_THREAD else 1) as pool:
-                list(pool.map(solve, wanted))
-    return jax.device_put(solutions)
+    found = np.zeros(rhs.shape)
+    with few_threads(len(problem.free)):
+        for k in np.flatnonzero(np.any(rhs != 0, axis=tuple(range(1, rhs.ndim)))):
+            try:
+                solve = _factor(problem, x[k], pressure[k], values[k]).accurate
+                columns = rhs[k].reshape(len(rhs[k]), -1).T
+                found[k] = np.stack([solve(b) for b in columns], axis=1).reshape(rhs[k].shape)
+            except SingularTangent:
+                found[k] = np.nan
+    return jax.device_put(found)
 
 
-def _solved_exactly(solutions, k, pattern, x, pressure, rhs):
-    """Whether the sweep has left the factor of this very tangent and it has solved: then ``solutions[k]`` are set."""
-    made = RECENT_FACTORS.exact(pattern, x, pressure)
-    try:
-        solutions[k] = rhs if made is None else _columnwise(made.inverse, rhs)
-    except SingularTangent:
-        return False
-    return made is not None
+def _factor(problem, x, pressure, value):
+    """Factor of the tangent at a state, the one that the sweep has left if it is kept."""
+    lists = problem.model.lists
+    made = RECENT_FACTORS.find(lists, x, pressure)
+    if made is None:
+        now, mu = problem.at(value)
+        made = factorised_tangent(now, x, pressure, linearise(now, x, pressure, mu))
+        RECENT_FACTORS.add(made, lists, x, pressure)
+    return made
 
 
 def _refuse(*_, **__):
     raise ValueError("derivatives of a sweep: are not available inside jax.jit; take them outside")
-
-
-def _solve_columns(pattern, x, rhs, product, pairs):
-    """Solutions as the right-hand sides (f,) or (f, r) by `solve_near`, each as accurate as if it were alone; 0 for 0."""
-    return _columnwise(lambda b: solve_near(pattern, x, b, product, pairs), np.asarray(rhs))
-
-
-def _columnwise(solve, rhs):
-    """Solutions as the right-hand sides (f,) or (f, r), one by one; 0 for 0."""
-    columns = rhs.reshape(len(rhs), -1).T
-    return np.stack([solve(b) if np.any(b != 0) else b for b in columns], axis=1).reshape(rhs.shape)
 
 
 def _solved_batch(args, axes, *, structure):

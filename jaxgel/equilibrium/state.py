@@ -8,7 +8,7 @@ import numpy as np
 
 from .._programs import program
 from .._types import Array, Chemical, Float
-from ..linalg import Factor, Kept
+from ..linalg import BlockFactor, Factor
 from ..materials import gel_in_groups
 from ..mechanics import (
     Equations,
@@ -69,7 +69,7 @@ class State:
     """Name of the group of symmetries with which it was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
     rate: Float[Array, "n 2"] | None = None
     """dx/dvalue, mm over the control's unit, from which a sweep's second state is predicted; of its first state only."""
-    factor: Factor | Kept | None = None
+    factor: Factor | BlockFactor | None = None
     """Factor of the state's own tangent, by blocks where it was found on a region; None where there was no need of one, once a sweep goes
     on, and for a state read from a file."""
     linearisation: Linearisation | None = None

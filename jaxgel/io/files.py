@@ -83,23 +83,23 @@ def failure(problem: Exception, folder: File) -> str:
     return one_line(problem)
 
 
-def guarded(file: File, read: Callable[[bytes, int], Any], max_bytes: int = MAX_BYTES) -> Any:
-    """``read(bytes, max_bytes)`` of a file; ValueError, one line, for one that cannot be read, is too large or damaged."""
+def guarded(file: File, read: Callable[[bytes], Any]) -> Any:
+    """``read(bytes)`` of a file; ValueError, one line, for one that cannot be read, is too large or damaged."""
     try:
-        if file.stat().st_size > max_bytes:
-            raise ValueError(f"it has {file.stat().st_size} bytes, more than the {max_bytes} allowed")
-        return read(file.read_bytes(), max_bytes)
+        if file.stat().st_size > MAX_BYTES:
+            raise ValueError(f"it has {file.stat().st_size} bytes, more than the {MAX_BYTES} allowed")
+        return read(file.read_bytes())
     except (OSError, ValueError, RecursionError, csv.Error) as problem:
         raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {one_line(problem)[:200]}") from None
 
 
-def read_arrays(content: bytes, max_bytes: int = MAX_BYTES) -> dict[str, np.ndarray]:
+def read_arrays(content: bytes) -> dict[str, np.ndarray]:
     """Name -> array of the bytes of an .npz file, whose size is checked before they are read; ValueError for objects."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             size = sum(member.file_size for member in archive.infolist())
-        if size > max_bytes:
-            raise ValueError(f"its arrays take {size} bytes, more than the {max_bytes} allowed")
+        if size > MAX_BYTES:
+            raise ValueError(f"its arrays take {size} bytes, more than the {MAX_BYTES} allowed")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return {name: np.asarray(arrays[name]) for name in arrays.files}
     except Exception as problem:  # zipfile, zlib and numpy raise many kinds for damaged bytes

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import functools
 import json
 from pathlib import Path as File
 from typing import Any
@@ -10,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from .._types import Float
-from .._validation import GONE
 from ..continuation import SCALARS
 from ..equilibrium import Status
 from ..observables import BY_COLUMN, COLUMNS, OF_CELLS
-from .files import MAX_BYTES, guarded, read_arrays
+from .files import guarded, read_arrays
 
 FORMAT = 3  # raised when the meaning of a file changes
 STEP_ARRAYS = tuple(name for name in (*SCALARS, "x", "pressure") if name != "status")  # whose names are stored
@@ -77,20 +75,21 @@ class Run:
         return [self.states[f"outline_{i}"] for i in range(len(self.states)) if f"outline_{i}" in self.states]
 
 
-def load_run(folder: str | File, *, max_bytes: int = MAX_BYTES) -> Run:
+def load_run(folder: str | File) -> Run:
     """The `Run` in a folder written by `Recorder`, finished or not; nothing in it is executed or unpickled.
 
-    Raises ValueError for a folder without a run, a damaged or foreign file, and one with more than ``max_bytes`` in a file.
+    Raises ValueError for a folder without a run, and a file that is damaged, foreign or too large.
     """
     folder = File(folder)
-    summary = read_summary(folder, max_bytes)
-    table = guarded(folder / "history.csv", functools.partial(_read_history, control_in(summary)[0]), max_bytes)
+    summary = read_summary(folder)
+    control = control_in(summary)[0]
+    table = guarded(folder / "history.csv", lambda content: _read_history(content, control))
     states = folder / "states.npz"
-    states = guarded(states, _read_states, max_bytes) if table["mu"].size and states.is_file() else None
+    states = guarded(states, _read_states) if table["mu"].size and states.is_file() else None
     if states is None:
         raise ValueError(f"folder: {str(folder)!r} holds no accepted state; its run ended as {summary['status']!r}: {summary['reason']}")
     k = min(len(states["mu"]), len(table["mu"]))  # a run killed between two files leaves one row more in history.csv
-    for name, column in (("mu", "mu"), ("value", control_in(summary)[0])):
+    for name, column in (("mu", "mu"), ("value", control)):
         if not np.array_equal(states[name][:k], table[column][:k]):
             raise ValueError(f"folder: history.csv and states.npz in {str(folder)!r} are of different runs: their {column} differ")
     states = {name: a if name == "nodes" else a[:k] for name, a in states.items()}
@@ -102,14 +101,14 @@ def control_in(summary: dict[str, Any]) -> tuple[str, str]:
     return summary["control"]["name"], summary["control"]["unit"]
 
 
-def read_summary(folder: str | File, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
+def read_summary(folder: str | File) -> dict[str, Any]:
     """Content of the ``summary.json`` of a run's folder, a dict; ValueError as for `load_run`."""
     if not (File(folder) / "summary.json").is_file():
         raise ValueError(f"folder: {str(folder)!r} holds no summary.json; expected a folder written by jaxgel run")
-    return guarded(File(folder) / "summary.json", _read_summary, max_bytes)
+    return guarded(File(folder) / "summary.json", _read_summary)
 
 
-def _read_summary(content: bytes, _: int) -> dict[str, Any]:
+def _read_summary(content: bytes) -> dict[str, Any]:
     summary = json.loads(content)
     if not isinstance(summary, dict) or summary.get("format") != FORMAT:
         found = summary.get("format") if isinstance(summary, dict) else None
@@ -121,15 +120,10 @@ def _read_summary(content: bytes, _: int) -> dict[str, Any]:
         raise ValueError("control has no name or unit")
     if summary["stop"] not in Status.__members__:
         raise ValueError(f"stop {summary['stop']!r} is no status")
-    for name, now in GONE.items():
-        section, entry = name.split(".")
-        had = summary["options"].get(section, {}).pop(entry, now)
-        if had != now and now is not None:
-            raise ValueError(f"{name} {had!r} is not in this version; run the case again")
     return summary
 
 
-def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
+def _read_history(content: bytes, control: str) -> dict[str, Any]:
     lines = content.decode().splitlines(keepends=True)
     complete = [line for line in lines if line.endswith("\n")]  # the last row may have been cut off with the machine
     header, *rows = csv.reader(complete) if complete else [[]]
@@ -146,9 +140,8 @@ def _read_history(control: str, content: bytes, _: int) -> dict[str, Any]:
     return {name: c if kinds[name] is str else np.array(c, dtype=float).astype(kinds[name]) for name, c in table.items()}
 
 
-def _read_states(content: bytes, max_bytes: int) -> dict[str, np.ndarray]:
-    arrays = read_arrays(content, max_bytes)
-    arrays = {"value": arrays["mu"]} | arrays if "mu" in arrays else arrays  # earlier versions wrote the values of other controls only
+def _read_states(content: bytes) -> dict[str, np.ndarray]:
+    arrays = read_arrays(content)
     missing = [name for name in (*STEP_ARRAYS, "status", "symmetry", "nodes") if name not in arrays]
     if missing or arrays["x"].ndim != 3 or arrays["pressure"].ndim != 2:
         raise ValueError(f"it has no {missing[0]}" if missing else "x or pressure is no array of states")

@@ -1,20 +1,22 @@
 """Sparse symmetric matrices: patterns, multifrontal factors, solutions, eigenvalues."""
 
+from .blocks import BlockFactor, Diagonal
 from .dissection import dissect
-from .eigen import Factorised, columnwise, inverse_iteration, lowest_mode, lowest_of_factor, nearest_modes, network_matrix, rayleigh_ritz
-from .factors import Bordered, Factor, SingularTangent, factor, solve_near_factor
-from .kept_factors import RECENT_FACTORS, FactorCache, Kept, remember, solve_near
+from .eigen import Factorised, inverse_iteration, lowest_mode, lowest_of_factor, nearest_modes, network_matrix, rayleigh_ritz
+from .factors import Bordered, Factor, SingularTangent, columnwise, factor
+from .kept_factors import RECENT_FACTORS, FactorCache
 from .multifrontal import factorise
 from .pattern import SOLVERS, Pattern, analyse
 
 __all__ = [
     "RECENT_FACTORS",
     "SOLVERS",
+    "BlockFactor",
     "Bordered",
+    "Diagonal",
     "Factor",
     "FactorCache",
     "Factorised",
-    "Kept",
     "Pattern",
     "SingularTangent",
     "analyse",
@@ -28,7 +30,4 @@ __all__ = [
     "nearest_modes",
     "network_matrix",
     "rayleigh_ritz",
-    "remember",
-    "solve_near",
-    "solve_near_factor",
 ]

@@ -1,15 +1,13 @@
 """Eigenvalues of a factorised tangent against the stiffness of the network: shift-invert Lanczos, Rayleigh-Ritz."""
 
-from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
-
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
 from .._types import Array, Float
-from .factors import Columns
+from .blocks import Diagonal
+from .factors import Factor, columnwise
 from .pattern import Pattern
 
 FOLLOWED = 4  # modes that are carried along a sweep, any of which may become the lowest
@@ -18,31 +16,7 @@ FIRST_ITERATIONS = 4  # inverse iterations for modes of which nothing is known
 MOST_NEGATIVE = 30  # negative eigenvalues among which the lowest is looked for where nothing is known
 
 
-@runtime_checkable
-class Factorised(Protocol):
-    """What eigenvalues need of a factorised matrix (f, f): a `Factor` has it."""
-
-    @property
-    def matrix(self) -> sp.csc_matrix:
-        """The matrix itself."""
-        ...
-
-    @property
-    def negative_pivots(self) -> int:
-        """Number of its negative eigenvalues."""
-        ...
-
-    def product(self, vectors: Float[np.ndarray, "f m"]) -> Float[np.ndarray, "f m"]:
-        """Products of the factorised matrix with vectors: of ``matrix`` and what is condensed in it."""
-        ...
-
-    def apply(self, rhs: Columns) -> Columns:
-        """Solution (f,) or (f, r) for the right-hand side, without refinement."""
-        ...
-
-    def inverse(self, rhs: Columns) -> Columns:
-        """Solution (f,) or (f, r) as accurate as that of a factor in double precision."""
-        ...
+Factorised = Factor | Diagonal
 
 
 def network_matrix(pattern: Pattern, laplacian: Float[Array, " p"]) -> sp.csr_matrix:
@@ -69,7 +43,7 @@ def inverse_iteration(
     if sizes.min() > SAME * sizes.max():
         images = scipy.linalg.solve_triangular(r, before.T, trans="T", check_finite=False).T
     else:
-        images = columnwise(factor.product, vectors)
+        images = factor.product(vectors)
     _, turn = scipy.linalg.eigh(vectors.T @ images, vectors.T @ weights, check_finite=False)
     return vectors @ turn, weights @ turn
 
@@ -108,14 +82,6 @@ def nearest_modes(
         modes = modes * np.where(np.sum(modes * (stiffness @ before), axis=0) < 0, -1.0, 1.0)
     rank = np.argsort(values)
     return values[rank], modes[:, rank]
-
-
-def columnwise(function: Callable[[np.ndarray], Any], vectors: Columns) -> Float[np.ndarray, " g"] | Float[np.ndarray, "g m"]:
-    """Values (g,) or (g, m) of a linear ``function`` of a vector for each column of ``vectors`` (f,) or (f, m).
-
-    For products of sparse matrices that takes half as long as SciPy's with all columns at once.
-    """
-    return function(vectors) if vectors.ndim == 1 else np.stack([function(vector) for vector in vectors.T], axis=1)
 
 
 def rayleigh_ritz(

@@ -13,6 +13,7 @@ LU factors.
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,8 +28,6 @@ Columns = Float[Array, " f"] | Float[Array, "f r"]
 
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
-NEGLIGIBLE = 1e-13  # relative error of the solutions of a matrix near a factorised one
-SLOWEST = 0.3  # refactorise where one iteration leaves more than this share of the error: a new factor costs less
 ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement: that of a factor in double precision
 PIVOTING = 1e-3  # of a bordered matrix: a pivot below this share of its column's largest entry leaves the order of least fill
 COLUMNS_TOGETHER = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
@@ -56,11 +55,7 @@ class Factor:
 
     def product(self, vectors: Columns) -> Columns:
         """Products (f,) or (f, r) of the tangent with vectors."""
-        return self.matrix @ vectors
-
-    def is_of(self, pressure: Float[Array, " g"]) -> bool:  # noqa: ARG002
-        """Whether it is known to be of the very tangent of a state with this ``pressure``; no, it may be of one nearby."""
-        return False
+        return columnwise(self.matrix.dot, vectors)
 
     def apply(self, rhs: Columns) -> Columns:
         """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""
@@ -70,6 +65,10 @@ class Factor:
     def inverse(self, rhs: Columns) -> Columns:
         """Solution (f,) or (f, r) as accurate as that of a factor in double precision; not checked where the factor is one."""
         return self.apply(rhs) if self.pattern.precision is np.float64 else self.solve(rhs)[0]
+
+    def accurate(self, rhs: Columns) -> Columns:
+        """Solution of `solve`; raises ``SingularTangent``."""
+        return self.solve(rhs)[0]
 
     def solve(self, rhs: Columns, *, refine: bool = True) -> tuple[Columns, float]:
         """Solution (f,) or (f, r) for the right-hand side, and its backward error |b - K x| / (|K| |x| + |b|).
@@ -98,11 +97,6 @@ class Factor:
             raise SingularTangent(f"the linear solve left a backward error of {error:.1e}")
         return solution, error
 
-    def solve_other(self, rhs: Float[np.ndarray, " f"], product: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, " f"] | None:
-        """Solution (f,) for another matrix, see `solve_near_factor`."""
-        with few_threads(len(rhs)):
-            return solve_near_factor(rhs, product, self.fronts.solve)
-
     @functools.cached_property
     def size(self) -> int:
         """Bytes it fills: the fronts and the matrix."""
@@ -118,32 +112,12 @@ class Factor:
         return float(max(sums))
 
 
-def solve_near_factor(
-    rhs: Float[np.ndarray, " f"], product: Callable[[np.ndarray], np.ndarray], apply: Callable[[np.ndarray], np.ndarray]
-) -> Float[np.ndarray, " f"] | None:
-    """Solution (f,) for a matrix, by its ``product`` with vectors (f,) and what ``apply`` solves: None where these are far apart.
+def columnwise(function: Callable[[np.ndarray], Any], vectors: Columns) -> Float[np.ndarray, " g"] | Float[np.ndarray, "g m"]:
+    """Values (g,) or (g, m) of a linear ``function`` of a vector for each column of ``vectors`` (f,) or (f, m).
 
-    Conjugate gradients with a factor as preconditioner: where the two matrices differ by a share s, an iteration leaves about s / 2
-    of the error. That is measured in the norm of the factorised matrix, in which stiff and soft directions count alike. The last
-    step is a plain correction, which needs no product and leaves the share s, at most twice what the slowest iteration left: at most
-    ``NEGLIGIBLE`` of the solution remains. Of an indefinite matrix the norm may happen to vanish: then None as well.
+    For products of sparse matrices that takes half as long as SciPy's with all columns at once.
     """
-    solution, residual, slowest = np.zeros(len(rhs)), rhs, 0.0
-    with np.errstate(all="ignore"):  # a far matrix ends as None
-        direction = z = apply(rhs)
-        size = residual @ z
-        left, enough = np.inf, NEGLIGIBLE**2 * abs(size)
-        while not left <= enough or not enough:
-            image = product(direction)
-            step = size / (direction @ image)
-            solution, residual = solution + step * direction, residual - step * image
-            z = apply(residual)
-            size, last = residual @ z, size
-            slowest = max(abs(size / last), slowest)  # nan if that is
-            if not slowest < SLOWEST**2:
-                return None
-            direction, left = z + size / last * direction, 4 * slowest * abs(size)
-    return solution + z
+    return function(vectors) if vectors.ndim == 1 else np.stack([function(vector) for vector in vectors.T], axis=1)
 
 
 def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"]) -> Factor:

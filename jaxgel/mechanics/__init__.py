@@ -1,6 +1,6 @@
 """Mechanics: the energy of a swollen gel, its contact and loads, its degrees of freedom, and its tangent."""
 
-from .assembly import STATES_TOGETHER, TangentOperator, factorised_tangent, is_sparse, tangent, tangent_product
+from .assembly import factorised_tangent, tangent
 from .conditions import Free, constrained_part, gather, restrict, scatter, with_free_values
 from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, touches, with_contact
 from .dofs import (
@@ -72,7 +72,6 @@ __all__ = [
     "RANGE",
     "ROUND_OFF",
     "SOFT",
-    "STATES_TOGETHER",
     "STIFFNESS",
     "Equations",
     "Free",
@@ -80,7 +79,6 @@ __all__ = [
     "Loads",
     "Operators",
     "Problem",
-    "TangentOperator",
     "all_volumes",
     "at_points",
     "axial_stretch",
@@ -112,7 +110,6 @@ __all__ = [
     "group_positions",
     "hessian_product",
     "holes_of_loops",
-    "is_sparse",
     "linearise",
     "linearised_about",
     "load_vector",
@@ -139,7 +136,6 @@ __all__ = [
     "stiffness_at",
     "tangent",
     "tangent_pattern",
-    "tangent_product",
     "total_energy",
     "touches",
     "unknowns",

@@ -99,12 +99,8 @@ class Problem(Equations):
     @property
     def pattern(self) -> Pattern:
         """Pattern of the tangent; with contact it couples all nodes near a hole."""
-        return tangent_pattern(*self.pattern_key)
-
-    @property
-    def pattern_key(self) -> tuple[Connectivity, str, float | None]:
-        """What the pattern depends on: the arguments of `tangent_pattern`."""
-        return self.model.lists, self.model.solver, self.model.dmax if self.has_contact else None
+        model = self.model
+        return tangent_pattern(model.lists, model.solver, model.dmax if self.has_contact else None)
 
 
 def _shared(problem, body, constraints):

@@ -15,12 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 
-from .._types import Array, Float, Inexact
+from .._types import Array, Float, Inexact, Scalar
 from ..equilibrium import NEWTON, Stability, State, Status
 from ..linalg import SingularTangent
 from ..materials import Gel, free_swelling
 from .matrices import assembled, negative_eigenvalues, solved
-from .scheme import Scheme, deformation_gradients, scheme_energy, volume_ratios
+from .scheme import Cells, Scheme, deformation_gradients, scheme_energy, volume_ratios
 from .stress import paper_stress, paper_tangent, voigt
 
 MARGIN = 0.2  # share of the least swelling J - 1 that an increment leaves
@@ -62,7 +62,7 @@ def _incremented(scheme, gel, mu, u, share) -> tuple[State, sp.csr_array | None]
     held, matrix, iteration, status = np.setdiff1d(np.arange(dry.size), free), None, 0, None
     target, least = share * (1 - stretch) * dry.ravel()[held], _least_swelling(u, stretch, scheme)
     while True:
-        matrices, force, network = _matrices(jnp.asarray(u), stretch, mu, scheme.cells, gel)
+        matrices, force, network = cell_matrices(jnp.asarray(u), stretch, mu, scheme.cells, gel)
         residual, missing = -np.asarray(force).ravel(), target - u.ravel()[held]
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging iterate ends as a status
             size = float(np.linalg.norm(residual[free]) / float(network))
@@ -93,7 +93,9 @@ def _least_swelling(u, stretch, scheme):
 
 
 @jax.jit
-def _matrices(u, stretch, mu, cells, gel):
+def cell_matrices(
+    u: Float[Array, "n 2"], stretch: Scalar, mu: Scalar, cells: Cells, gel: Gel
+) -> tuple[Float[Array, "c A A"], Float[Array, "n 2"], Float[Array, ""]]:
     """Matrices K_L0 + K_L1 + K_NL (c, 2 a, 2 a) of all cells, f_2 (n, 2), and the norm of the network's part of it."""
     phi, weight = cells.dphi / stretch, cells.weight * stretch**2  # in C_mu
     L = deformation_gradients(u, cells) / stretch  # L_ij = du'_i / dX_j

@@ -127,11 +127,6 @@ WRONG = [
     (PLATE + "edges = { top = 3 }\n", r"plate\.edges\.top: 3 is unknown; accepted: roller"),
     (PLATE + "core = [1.0]\n", r"plate\.core: \[1\.0\] is not a list of 2 finite numbers"),
     (PLATE + "deformation = [[1.0], [0.0, 1.0]]\n", r"plate\.deformation\[0\]: \[1\.0\] is not a list of 2 finite numbers"),
-    (
-        PLATE + "cells = 8\n",
-        r"^plate\.cells: is no entry any more; delete it \(the paper's .* jaxgel\.paper\)$",
-    ),
-    (PLATE + '[discretisation]\nmethod = "mixed"\n', r"^discretisation\.method: is no entry any more; delete it"),
     (PLATE + "[discretisation]\nspacing = 1" + 400 * "0" + "\n", r"spacing: 10+ is not a finite number above 0"),
     (PLATE + "[gel]\nchi = 2.0\n", r"gel\.chi: 2\.0 is not a finite number below 2"),
     (PLATE + "[output]\nfigures = 1\n", r"output\.figures: 1 is neither true nor false"),

@@ -125,11 +125,11 @@ def test_wrong_entries_are_refused(tmp_path, refused):
         load_study(tmp_path / "small.toml")
 
     refused(load, [
-        (ENTRY + "start = [[1e-3, 2e-3]]", "start: numbers of shape (1, 2) do not fit, give one number or 9 rows of 9 numbers"),
-        (ENTRY + "start = [[1e-3, 2e-3], [1e-3]]", "start: it is neither a number nor rows of equally many numbers"),
+        (ENTRY + "start = [[1e-3, 2e-3]]", "start: [[0.001, 0.002]] is not a finite number, or 9 x 9 of them"),
+        (ENTRY + "start = [[1e-3, 2e-3], [1e-3]]", "start: [[0.001, 0.002], [0.001]] is not a finite number, or 9 x 9 of them"),
         (ENTRY + "start = 6e-3", "start: 0.006 is not between lower = 0.0005 and upper = 0.005"),
         (ENTRY + 'start = { file = "colour.png", low = 1e-3, high = 2e-3 }', "colour.png' is a picture of mode RGB, it must be black and"),
-        (ENTRY + 'start = { file = "small.png", low = 1e-3, high = 2e-3 }', "start: numbers of shape (3, 3) do not fit, give one number"),
+        (ENTRY + 'start = { file = "small.png", low = 1e-3, high = 2e-3 }', "0.001]] is not a finite number, or 9 x 9 of them"),
         (ENTRY + 'start = { file = "none.png", low = 1e-3, high = 2e-3 }', "none.png' cannot be read as a picture: "),
         (ENTRY + "filtre = 2.0", "parameters[1]: unknown entry 'filtre'; did you mean 'filter'?"),
         (ENTRY + 'link = "turned"', "parameters[1]: unknown entry 'link'"),

@@ -19,7 +19,7 @@ from studies import TINY
 import jaxgel
 from jaxgel.cases import POINT, TABLE, load_map, load_path, map_runs, parameter_map, resumed_map, run_map
 from jaxgel.cli import command_line as cli
-from jaxgel.io import TRIES, Workers, load_run
+from jaxgel.io import TRIES, InThisProcess, Workers, load_run
 
 SQUARE = """
 case = "square"
@@ -36,7 +36,7 @@ HOLE = TINY + '[sweep]\nsteps = 2\nmu_start = -4.0\ncontact = "off"\n'
 RADII = '[[parameters]]\nof = "radius"\nvalues = [1.15, 1.55, 2.5]\n[[parameters]]\nof = "mu_end"\nvalues = [-2.0]\n'
 
 
-class Inline(concurrent.futures.Executor):
+class Inline(InThisProcess):
     """Runs a call where it is submitted; ``lost`` maps the names of points to how often their process dies."""
 
     def __init__(self, **lost):
@@ -44,13 +44,13 @@ class Inline(concurrent.futures.Executor):
 
     def submit(self, function, /, *args):
         self.calls += 1
-        future, name = concurrent.futures.Future(), f"point_{Path(args[-1]).name}"
+        name = f"point_{Path(args[-1]).name}"
         self.lost[name] = self.lost.get(name, 0) - 1
-        if self.lost[name] >= 0:
-            future.set_exception(concurrent.futures.BrokenExecutor("its process died"))
-        else:
-            future.set_result(function(*args))
-        return future
+        return super().submit(died if self.lost[name] >= 0 else function, *args)
+
+
+def died(*_):
+    raise concurrent.futures.BrokenExecutor("its process died")
 
 
 def study(tmp_path, text):

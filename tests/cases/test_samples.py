@@ -4,21 +4,10 @@ import shapely
 
 from jaxgel.cases import sample, sample_names
 from jaxgel.geometry import Ellipse, arcs, check_plate, equal_arc_length, inside_holes
+from jaxgel.paper.curves import PRINTED
 
-# nodes of Deng et al. (2020), Table 1 and section 5.3
-COUNTS = {
-    "sample-1": 1009,
-    "sample-2": 1213,
-    "sample-3": 1417,
-    "sample-4": 989,
-    "sample-5": 1225,
-    "sample-6": 1437,
-    "sample-7": 941,
-    "sample-8": 1165,
-    "sample-9": 1441,
-    "lattice": 840,
-    "square": 49,
-}
+COUNTS = {name: nodes for name, (nodes, _) in PRINTED.items()} | {"square": 49}
+"""Nodes of Deng et al. (2020), Table 1 and section 5.3."""
 
 
 def grid(ticks):

@@ -268,16 +268,6 @@ def test_holes_of_a_study_take_the_place_of_those_of_its_case(tmp_path):
         load_study(tmp_path / "study.toml")
 
 
-def test_missing_files_and_folders_are_one_line(tmp_path, capsys):
-    for arguments, message in (
-        (["design", "nowhere.toml"], "cannot read 'nowhere.toml'"),
-        (["resume", str(tmp_path)], "holds none of design.json, starts.json, map.json, summary.json"),
-    ):
-        assert cli.main(arguments) == 2
-        error = capsys.readouterr().err
-        assert message in error and error.count("\n") == 1
-
-
 def test_every_quantity_has_a_label_in_the_figure():
     assert all(QUANTITIES[name].differentiable and QUANTITIES[name].axis_label() for name in CURVES)
 

@@ -123,21 +123,6 @@ def test_terms_constraints_and_reports_take_their_numbers_from_one_loop_for_each
 
 
 @pytest.mark.slow
-def test_terms_and_constraints_are_those_of_the_loop_between_the_ends_of_the_sweep_which_runs_once(strip, monkeypatch):
-    path, _, loop = strip
-    calls, found = [], switches.loop
-    monkeypatch.setattr(switches, "loop", lambda *args, **options: calls.append(args[1]) or found(*args, **options))
-    problem = problem_of()
-    up, down, width = float(loop.fold_up.value), float(loop.fold_down.value), float(loop.width)
-    assert float(problem.objective(path)) == pytest.approx((up - 0.2) ** 2 + 2 * (down + 0.15) ** 2, rel=1e-6)
-    (constraint,) = problem.constraints
-    assert constraint.name == "loop_width >= 0.1" and float(constraint.function(path)) == pytest.approx(width - 0.1, abs=1e-8)
-    reported = {name: float(function(path)) for name, function in problem.reported.items()}
-    assert reported == pytest.approx({"fold_up": up, "fold_down": down, "loop_width": width}, abs=1e-8)
-    assert calls == [(-0.3, 0.3)]
-
-
-@pytest.mark.slow
 def test_a_barrier_is_that_of_the_state_on_the_way_up(strip):
     path, control, loop = strip
     problem = problem_of((FOLD, BARRIER))

@@ -1,4 +1,4 @@
-"""Texts, lists and refusals come without the packages; JAX's numbers have 64 bits in every order of imports; no variable is set."""
+"""JAX's numbers have 64 bits in every order of imports; no variable is set."""
 
 import json
 import os
@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import jaxgel
-from jaxgel.cli import environment, generated
+from jaxgel.cli import environment
 
 UNSET = ("JAX_COMPILATION_CACHE_DIR", "JAX_PLATFORMS", "NPROC", "XLA_FLAGS")
 
@@ -18,46 +18,6 @@ def python(code, *arguments, folder=None, **variables):
     own = {name: value for name, value in os.environ.items() if name not in UNSET}
     command = [sys.executable, "-c", code, *map(str, arguments)]
     return subprocess.run(command, env=own | variables, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
-
-
-ALONE = """
-import contextlib, io, sys
-from jaxgel.cli import main
-for line in sys.argv[1:]:
-    with contextlib.redirect_stdout(io.StringIO()):
-        try:
-            code = main(line.split())
-        except SystemExit as end:
-            code = end.code
-    print(code, sorted({"jaxgel.cases", "jaxgel.cloud", "matplotlib", "shapely"} & sys.modules.keys()), line)
-"""
-LINES = {
-    "--help": 0,
-    "run --help": 0,
-    "--version": 0,
-    "samples": 0,
-    "schema": 0,
-    "init case": 0,
-    "init --from lattice": 0,
-    "run smaple-1": 2,
-    "run sample-1 --spacing -1": 2,
-    "run sample-1 --mu-start -1 --mu-end -1": 2,
-    "run missing.toml": 2,
-    "design missing.toml": 2,
-    "plot nowhere": 2,
-    "resume nowhere": 2,
-}
-
-
-def test_the_command_line_answers_without_the_packages(tmp_path):
-    """One line after the other in one process: the first that imports a package is named."""
-    assert python(ALONE, *LINES, folder=tmp_path).splitlines() == [f"{code} [] {line}" for line, code in LINES.items()]
-
-
-def test_package_data_is_what_the_code_makes():
-    """If not: python -c "from jaxgel.cli import generated; generated.write()"."""
-    for name, text in generated.make().items():
-        assert json.loads(generated.file(name).read_text(encoding="utf-8")) == json.loads(text), name
 
 
 @pytest.mark.parametrize(

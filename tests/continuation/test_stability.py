@@ -12,9 +12,9 @@ import scipy.linalg
 import jaxgel
 from jaxgel import Problem
 from jaxgel.continuation import ACCURACY, StabilityAnalysis, lowest_eigenvalue, oriented
-from jaxgel.equilibrium import State, solve
+from jaxgel.equilibrium import solve
 from jaxgel.linalg import nearest_modes
-from jaxgel.mechanics import gather, residual, scatter, state_pressure, total_energy
+from jaxgel.mechanics import total_energy
 
 MU = np.linspace(-4.9678, -0.9178, 10)
 
@@ -128,30 +128,6 @@ def test_a_mode_points_the_same_way_whatever_the_sign_it_comes_with(tiny_path):
     problem = Problem(tiny_path.model, tiny_path.gel, contact=False).prepared
     vectors = np.random.default_rng(1).normal(size=(len(problem.pattern.free), 3))
     np.testing.assert_array_equal(oriented(vectors, problem), oriented(-vectors, problem))
-
-
-def stiffening(F, gel):
-    """A network whose tangent depends on F."""
-    return 0.5 * gel.Nv * jax.numpy.sum(F**2) * (1 + 0.1 * jax.numpy.sum(F**2))
-
-
-@pytest.mark.parametrize("network", [None, stiffening])
-def test_products_of_the_tangent_are_those_of_the_energys_hessian(square_model, network):
-    """At any positions, equilibrium or not, with the pressures that belong to them; for contact see test_contact."""
-    model = square_model
-    gel = jaxgel.Gel() if network is None else jaxgel.Gel(network=network)
-    x = model.cloud.nodes * jax.numpy.array([1.2, 1.3]) + 0.02 * jax.numpy.sin(model.cloud.nodes[:, ::-1])
-    problem, mu = Problem(model, gel, contact=False).prepared, -1.0
-    state = State(mu, mu, x, state_pressure(x, model, gel, mu))
-    vectors = np.random.default_rng(3).normal(size=(len(problem.free), 2))
-
-    def force(v):
-        return gather(residual(scatter(v, problem.free) + x, model, problem.gel, mu, problem.loads), problem.free)
-
-    _, product = jax.linearize(jax.jit(force), np.zeros(len(problem.free)))
-    expected = np.stack([product(v) for v in vectors.T], axis=1)
-    found = StabilityAnalysis(problem).product(state)(vectors)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_a_state_that_was_not_reached_has_no_lowest_eigenvalue(tiny_path):

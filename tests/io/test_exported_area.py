@@ -1,4 +1,4 @@
-"""Facts about exported drawings: the area of what a file holds is that of the gel, its dry area times the mean volume ratio."""
+"""Facts about exported gels: their area is that of the gel, its dry area times the mean volume ratio; files are in test_drawings."""
 
 import functools
 from types import SimpleNamespace
@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import shapely
 from PIL import Image
 
 import jaxgel
@@ -57,19 +56,6 @@ def swollen(name):
     return states, float(np.asarray(cell_volumes(model)) @ np.asarray(jaxgel.volume_ratio(states))[0])
 
 
-def area_of_drawing(file):
-    """Outer line less the holes, by the even-odd rule."""
-    parts = [shapely.Polygon(line) for line in jaxgel.io.read_outlines(file)]
-    return functools.reduce(shapely.symmetric_difference, parts).area
-
-
-def area_of_solid(file, height):
-    records = np.frombuffer(file.read_bytes()[84:], dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    corners = records["corners"].astype(float)
-    assert np.ptp(corners[..., 2]) == pytest.approx(height)
-    return np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6 / height
-
-
 def area_of_picture(file, gel):
     grey = np.asarray(Image.open(file), dtype=float) / 255
     left, low, right, high = gel.bounds
@@ -94,18 +80,6 @@ def test_triangles_of_paraview_files_have_the_area_of_the_cells(name):
     vertices, triangles = np.asarray(deformed_vertices(states))[0], np.asarray(states.model.cloud.triangles)
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
     assert np.sum(np.linalg.det(np.stack([b - a, c - a], axis=1))) / 2 == pytest.approx(area, rel=1e-3)
-
-
-@pytest.mark.parametrize("kind", ["svg", "dxf"])
-def test_drawings_hold_the_area_of_the_gel(kind, tmp_path):
-    states, area = swollen("free, edge")
-    file = write_outline(swollen_gel(states, 0), tmp_path / f"wet.{kind}")
-    assert area_of_drawing(file) == pytest.approx(area, rel=1e-4)
-
-
-def test_solids_hold_the_area_of_the_gel(tmp_path):
-    states, area = swollen("periodic")
-    assert area_of_solid(write_outline(swollen_gel(states, 0), tmp_path / "wet.stl", 0.7), 0.7) == pytest.approx(area, rel=1e-4)
 
 
 def test_pictures_hold_the_area_of_the_gel(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from jaxgel.cases import case as cases
 from jaxgel.cases import load_path
 from jaxgel.io import Recorder, load_run, write_atomically
-from jaxgel.observables import BY_COLUMN, COLUMNS, SELF_CONTACT, area_reduction, events, history, min_gap, outlines, rotation_angle
+from jaxgel.observables import BY_COLUMN, COLUMNS, SELF_CONTACT, events, history, outlines
 
 INTERFACE = (
     "mu, free_stretch, status, switched, newton_iterations, residual, energy, J_min, J_max, J_mean, area_reduction, rotation_deg, "
@@ -75,27 +75,6 @@ def test_mean_volume_ratio_and_area_reduction_obey_the_rigid_box(run_folder, pat
     expected = (run.history["J_mean"] - 1) * (1 - porosity) / porosity
     # 5e-4 is required of the default cloud; this one has twice its spacing, and the error is of second order
     np.testing.assert_allclose(run.history["area_reduction"], expected, rtol=4 * 5e-4)
-
-
-def test_a_path_read_back_gives_the_same_observables(run_folder, path):
-    again = load_path(run_folder)
-    np.testing.assert_array_equal(rotation_angle(again), rotation_angle(path))
-    np.testing.assert_array_equal(area_reduction(again), area_reduction(path))
-    np.testing.assert_array_equal(again.status, path.status)
-
-
-def test_an_earlier_run_is_read_if_its_method_is_there_still(copy):
-    summary = json.loads((copy / "summary.json").read_text())
-    options = summary["options"]
-    before = {"plate": options["plate"] | {"cells": 40}, "discretisation": options["discretisation"] | {"quadrature": "conforming"}}
-    for method in ("mixed", "cells"):
-        before["discretisation"]["method"] = method
-        (copy / "summary.json").write_text(json.dumps(summary | {"options": options | before}))
-        if method == "mixed":
-            assert load_run(copy).summary == summary
-            continue
-        with pytest.raises(ValueError, match=r"discretisation\.method 'cells' is not in this version; run the case again"):
-            load_run(copy)
 
 
 def test_summary_names_case_options_versions_and_outcome(run_folder):
@@ -253,26 +232,6 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     assert file.read_text() == "old"
 
 
-@pytest.mark.parametrize("name", ["summary.json", "history.csv", "states.npz"])
-def test_a_damaged_file_loads_or_raises_one_line_of_value_error(copy, name):
-    rng = np.random.default_rng(7)
-    original = (copy / name).read_bytes()
-    refused = []
-    for _ in range(150):
-        content = bytearray(original)
-        for position in rng.integers(len(content), size=rng.integers(1, 20)):
-            content[position] = rng.integers(256)
-        if rng.random() < 0.3:
-            del content[rng.integers(len(content)) :]
-        (copy / name).write_bytes(content)
-        try:
-            load_run(copy)
-        except ValueError as problem:
-            refused.append(str(problem))
-    assert refused
-    assert all(message.startswith("folder: ") and "\n" not in message for message in refused)
-
-
 def test_pickled_arrays_are_refused(copy):
     arrays = dict(np.load(copy / "states.npz"))
     np.savez(copy / "states.npz", **(arrays | {"mu": np.array([{"a": 1}], dtype=object)}))
@@ -280,9 +239,10 @@ def test_pickled_arrays_are_refused(copy):
         load_run(copy)
 
 
-def test_files_above_the_size_limit_are_not_read(copy):
+def test_files_above_the_size_limit_are_not_read(copy, monkeypatch):
+    monkeypatch.setattr("jaxgel.io.files.MAX_BYTES", 1000)
     with pytest.raises(ValueError, match="bytes"):
-        load_run(copy, max_bytes=1000)
+        load_run(copy)
 
 
 def test_an_array_that_claims_more_than_its_bytes_is_refused(copy):
@@ -310,8 +270,3 @@ def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="out: cannot write in"):
         Recorder(tmp_path / "file" / "run", cases.load_case("sample-1"), path.problem)
-
-
-def test_smallest_gap_of_the_run_is_a_length_inside_a_hole(path):
-    plate = path.model.cloud.plate
-    assert np.all((np.asarray(min_gap(path)) > 0) & (np.asarray(min_gap(path)) < plate.width))

@@ -5,11 +5,10 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-import scipy.linalg
 from threadpoolctl import threadpool_info
 
 from jaxgel import Gel, Problem, sweep
-from jaxgel.linalg import RECENT_FACTORS, Bordered, FactorCache, SingularTangent, analyse, factor, factors, remember, solve_near
+from jaxgel.linalg import RECENT_FACTORS, Bordered, FactorCache, SingularTangent, analyse, factor
 from jaxgel.linalg import pattern as pattern_module
 from jaxgel.mechanics import free_dofs, node_pairs
 
@@ -139,75 +138,9 @@ def test_zero_right_hand_side_has_the_zero_solution(pattern):
     assert np.all(solution == 0)
 
 
-@pytest.mark.parametrize("shift", [0.0, 30.0])
-@pytest.mark.parametrize("solver", ["direct", "iterative"])
-def test_factor_solves_for_a_nearby_matrix(solver, shift, pattern):
-    """Definite and indefinite, with the factor kept in either precision."""
-    pattern, blocks = dataclasses.replace(pattern, solver=solver), random_pairs(pattern, 4, shift)
-    near = blocks + 1e-3 * random_pairs(pattern, 5)
-    rhs = np.random.default_rng(6).normal(size=len(pattern.free))
-    solution, exact = factor(pattern, blocks).solve_other(rhs, pattern.matrix(near).__matmul__), np.linalg.solve(dense(pattern, near), rhs)
-    assert np.linalg.norm(solution - exact) < 1e-10 * np.linalg.norm(exact)
-
-
-def test_iterations_converge_as_those_of_conjugate_gradients(pattern):
-    """After m of them 2 (s / 2)^m of the error is left where the other matrix differs by s, here less than 2e-2; then a correction."""
-    blocks, calls = random_pairs(pattern, 4, shift=30.0), []
-    near = pattern.matrix(blocks + 1e-2 * random_pairs(pattern, 5))
-    lowest, highest = scipy.linalg.eigh(near.toarray(), dense(pattern, blocks), eigvals_only=True)[[0, -1]]
-    assert max(1 - lowest, highest - 1) < 2e-2
-
-    def product(v):
-        calls.append(v)
-        return near @ v
-
-    factor(pattern, blocks).solve_other(np.ones(len(pattern.free)), product)
-    assert len(calls) <= np.ceil(np.log(factors.NEGLIGIBLE / 2 / 2e-2) / np.log(1e-2))
-
-
-def test_factor_refuses_a_matrix_that_is_not_near(pattern):
-    made = factor(pattern, random_pairs(pattern, 7, shift=30.0))
-    assert made.solve_other(np.ones(len(pattern.free)), pattern.matrix(random_pairs(pattern, 8)).__matmul__) is None
-
-
 def at(number):
     """Positions by which a factor is remembered."""
     return np.full((2, 2), float(number))
-
-
-def test_solve_near_does_not_depend_on_what_is_remembered(lists):
-    fresh, experienced = analyse(*arguments(lists)), analyse(*arguments(lists))
-    blocks = random_pairs(fresh, 9, shift=30.0)
-    rhs, product = np.random.default_rng(10).normal(size=len(fresh.free)), fresh.matrix(blocks).__matmul__
-    direct = solve_near(fresh, at(0), rhs, product, lambda: blocks)
-    for seed in range(3):
-        remember(factor(experienced, blocks + 1e-4 * random_pairs(fresh, 20 + seed)), at(seed))
-    near = solve_near(experienced, at(0), rhs, product, lambda: pytest.fail("a kept factor serves"))
-    np.testing.assert_allclose(near, direct, atol=1e-11 * np.abs(direct).max())
-    remember(factor(experienced, random_pairs(fresh, 23)), at(0))  # as near, and later, but it will not do
-    again = solve_near(experienced, at(0), rhs, product, lambda: blocks)
-    np.testing.assert_allclose(again, direct, atol=1e-11 * np.abs(direct).max())
-
-
-def test_solve_near_does_not_need_the_norm_of_an_indefinite_matrix(lists):
-    """A right-hand side b with b . K^-1 b = 0, of two eigenvectors: what ``solve_other`` measures errors by vanishes."""
-    pattern = analyse(*arguments(lists))
-    blocks = random_pairs(pattern, 40)
-    values, modes = np.linalg.eigh(dense(pattern, blocks))
-    rhs = modes[:, [0, -1]] @ np.sqrt(np.abs(values[[0, -1]]))
-    made, product = factor(pattern, blocks), pattern.matrix(blocks).__matmul__
-    assert abs(rhs @ made.apply(rhs)) < 1e-12 * np.linalg.norm(rhs) * np.linalg.norm(made.apply(rhs))
-    exact = modes[:, [0, -1]] @ (np.sqrt(np.abs(values[[0, -1]])) / values[[0, -1]])
-    np.testing.assert_allclose(solve_near(pattern, at(0), rhs, product, lambda: blocks), exact, rtol=0, atol=1e-11 * np.abs(exact).max())
-
-
-def test_nearest_positions_choose_the_factor(lists):
-    pattern = analyse(*arguments(lists))
-    made = [factor(pattern, random_pairs(pattern, 30 + k, shift=30.0)) for k in range(3)]
-    for k, one in enumerate(made):
-        remember(one, at(k))
-    assert [RECENT_FACTORS.nearest(pattern, at(x)) for x in (0.4, 0.6, 9)] == made
-    assert RECENT_FACTORS.nearest(analyse(*arguments(lists)), at(0)) is None  # of another pattern
 
 
 def test_remembered_factors_fill_bounded_memory(pattern):
@@ -216,10 +149,13 @@ def test_remembered_factors_fill_bounded_memory(pattern):
     cache, none = FactorCache(3.5 * size), FactorCache(0)
     for seed in range(6):
         made = factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed))
-        cache.add(made, at(seed))
-        none.add(made, at(seed))
-    assert [x[0, 0] for _, x in cache.contents()] == [3, 4, 5]
-    assert [x[0, 0] for _, x in none.contents()] == [5]  # the latest stays, however large
+        cache.add(made, pattern, at(seed), np.ones(3))
+        none.add(made, pattern, at(seed), np.ones(3))
+    assert [kept[2][0, 0] for kept in cache.contents()] == [3, 4, 5]
+    assert [kept[2][0, 0] for kept in none.contents()] == [5]  # the latest stays, however large
+    assert cache.find(pattern, at(5), np.ones(3)) is made
+    others = (object(), at(5), np.ones(3)), (pattern, at(2), np.ones(3)), (pattern, at(5), np.zeros(3))
+    assert all(cache.find(*other) is None for other in others)
 
 
 def no_stiffness_along_one_component(pattern):
@@ -239,16 +175,14 @@ def test_singular_matrices_are_detected(make, pattern):
     rhs = np.random.default_rng(12).normal(size=len(pattern.free))
     with pytest.raises(SingularTangent):
         factor(pattern, make(pattern)).solve(rhs)
-    product = pattern.matrix(make(pattern)).__matmul__
-    assert np.all(np.isnan(solve_near(pattern, at(0), rhs, product, lambda: make(pattern))))
 
 
 @pytest.mark.parametrize("unit", [1e-120, 1 / 3, 1e120])
 def test_a_singular_matrix_is_singular_in_every_unit(unit, pattern):
     """Pivots of round-off have the unit of the matrix."""
     rhs, blocks = np.random.default_rng(12).normal(size=len(pattern.free)), unit * rank_one(pattern)
-    product = pattern.matrix(blocks).__matmul__
-    assert np.all(np.isnan(solve_near(pattern, at(0), rhs, product, lambda: blocks)))
+    with pytest.raises(SingularTangent):
+        factor(pattern, blocks).solve(rhs)
 
 
 def test_a_bordered_matrix_is_solved(pattern):

@@ -15,15 +15,12 @@ from jaxgel.equilibrium import Status
 from jaxgel.mechanics import (
     contact,
     contact_pairs,
-    gather,
     linearise,
     node_pairs,
     overlaps,
     pair_energy,
-    scatter,
     state_pressure,
     tangent,
-    tangent_product,
     touches,
     with_contact,
 )
@@ -101,19 +98,6 @@ def test_tangent_with_contact_is_the_hessian_of_the_energy(squeezed):
     np.add.at(product, j[other], np.einsum("plk,pl->pk", blocks[other], direction[i[other]]))
     _, expected = jax.jvp(lambda x: contact_force(x, model), (x,), (jnp.asarray(direction),))
     np.testing.assert_allclose(product, expected, atol=1e-9 * np.abs(expected).max())  # the gel's own tangent cancels
-
-
-def test_products_of_the_tangent_include_contact(closed):
-    """Those with contact less those without, of a state whose sides touch."""
-    model, x = closed.model, jnp.asarray(closed.x[-1])
-    problem, state = Problem(model, GEL).prepared, (closed.x[-1], closed.pressure[-1])
-    vectors = np.random.default_rng(2).normal(size=(len(problem.free), 2))
-    both = problem, problem.without_contact
-    with_it, without = (np.stack([tangent_product(p, *state, linearise(p, *state, closed.mu[-1]), v) for v in vectors.T]) for p in both)
-    directions = [scatter(v, problem.free) for v in vectors.T]
-    expected = np.stack([gather(jax.jvp(lambda x: contact_force(x, model), (x,), (d,))[1], problem.free) for d in directions])
-    assert np.abs(expected).max() > 0
-    np.testing.assert_allclose(with_it - without, expected, rtol=0, atol=1e-11 * np.abs(without).max())  # the gel's own tangent cancels
 
 
 @pytest.mark.slow

@@ -9,10 +9,7 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 import jaxgel
-from jaxgel import Problem
-from jaxgel.equilibrium import State, control_force
 from jaxgel.materials import Gent, VolumeLaw, isotropic_swelling
-from jaxgel.mechanics import curvature, gather, linearise, residual, scatter, state_pressure, tangent, tangent_product
 from jaxgel.observables import history, membrane_stress, thickness_stretch
 
 GEL = jaxgel.Gel(1e-3, 0.1)
@@ -106,28 +103,8 @@ def test_a_film_held_along_both_axes_swells_by_eq_59_through_its_thickness():
     assert np.all(path.negative_pivots == 0)
 
 
-def test_tangent_residual_and_products_are_derivatives_of_the_energy(film_model):
-    """At a rough state: the assembled tangent, its product, the force of mu, and the curvature, by differentiating the total energy."""
-    random, mu = np.random.default_rng(2), -1.0
-    nodes = np.asarray(film_model.cloud.nodes)
-    problem = Problem(film_model, GEL, contact=False).prepared
-    x = jnp.asarray(1.1 * nodes + 0.02 * random.normal(size=nodes.shape))
-    p = state_pressure(x, film_model, GEL, mu)
-    now, v = linearise(problem, x, p, mu), jnp.asarray(random.normal(size=len(problem.free)))
-    field = scatter(v, problem.free)
-
-    def force(x, mu):
-        return jax.jit(residual)(x, film_model, problem.gel, mu, problem.loads)
-
-    exact = gather(jax.jvp(lambda x: force(x, mu), (x,), (field,))[1], problem.free)
-    np.testing.assert_allclose(gather(-now.rhs, problem.free), gather(force(x, mu), problem.free), atol=1e-14)
-    for product in (tangent_product(problem, x, p, now, v), problem.pattern.matrix(tangent(problem, x, p, now)) @ v):
-        assert np.linalg.norm(product - exact) < 1e-11 * np.linalg.norm(exact)
-    by_mu = gather(jax.jvp(lambda mu: force(x, mu), (mu,), (1.0,))[1], problem.free)
-    assert np.linalg.norm(
-        control_force(problem, State(mu, mu, x, state_pressure(x, film_model, problem.gel, mu))) - by_mu
-    ) < 1e-11 * np.linalg.norm(by_mu)
-    assert float(jax.jit(curvature)(x, field, film_model, GEL, mu, problem.loads)) == pytest.approx(float(v @ exact), rel=1e-11)
+def test_derivatives_are_those_of_the_energy(film_model, check_derivatives):
+    check_derivatives(film_model, GEL)
 
 
 @pytest.mark.slow

@@ -9,20 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxgel
-from jaxgel import Problem
-from jaxgel.equilibrium import State, control_force
 from jaxgel.materials import ArrudaBoyce, Gent, free_swelling, isotropic_swelling
-from jaxgel.mechanics import (
-    curvature,
-    energy_at,
-    gather,
-    linearise,
-    residual,
-    scatter,
-    state_pressure,
-    tangent,
-    tangent_product,
-)
 from jaxgel.observables import free_stretch, history, thickness_stretch
 
 GEL = jaxgel.Gel(1e-3, 0.1)
@@ -108,33 +95,8 @@ def test_other_networks_swell_freely_as_their_energy_says(network):
 
 
 @pytest.mark.parametrize("network", [GEL.network, *(pytest.param(of, marks=pytest.mark.slow) for of in (Gent(30.0), ArrudaBoyce(8.0)))])
-def test_tangent_residual_and_products_are_derivatives_of_the_energy(model, network):
-    """At a rough state: the assembled tangent, its product, the force of mu, and the curvature, by differentiating the total energy."""
-    gel, mu = dataclasses.replace(GEL, network=network), -1.0
-    random, nodes, problem = np.random.default_rng(2), np.asarray(model.cloud.nodes), Problem(model, gel, contact=False).prepared
-    x = jnp.asarray(1.1 * nodes + 0.02 * random.normal(size=nodes.shape))
-    p = state_pressure(x, model, gel, mu)
-    now, v = linearise(problem, x, p, mu), jnp.asarray(random.normal(size=len(problem.free)))
-    field = scatter(v, problem.free)
-
-    def force(x, mu):
-        return jax.jit(residual)(x, model, problem.gel, mu, problem.loads)
-
-    exact = gather(jax.jvp(lambda x: force(x, mu), (x,), (field,))[1], problem.free)
-    np.testing.assert_allclose(gather(-now.rhs, problem.free), gather(force(x, mu), problem.free), atol=1e-13)
-    assembled = problem.pattern.matrix(tangent(problem, x, p, now)) @ np.asarray(v)
-    for product in (tangent_product(problem, x, p, now, v), assembled):
-        assert np.linalg.norm(product - exact) < 1e-11 * np.linalg.norm(exact)
-    by_mu = gather(jax.jvp(lambda mu: force(x, mu), (mu,), (1.0,))[1], problem.free)
-    assert np.linalg.norm(
-        control_force(problem, State(mu, mu, x, state_pressure(x, model, problem.gel, mu))) - by_mu
-    ) < 1e-11 * np.linalg.norm(by_mu)
-    assert float(jax.jit(curvature)(x, field, model, gel, mu, problem.loads)) == pytest.approx(float(v @ exact), rel=1e-11)
-
-    def energy(h):
-        return float(energy_at(x + h * field, model, problem.gel, mu, problem.loads))
-
-    assert (energy(1e-5) - energy(-1e-5)) / 2e-5 == pytest.approx(float(jnp.sum(force(x, mu) * field)), rel=1e-6)
+def test_derivatives_are_those_of_the_energy(model, network, check_derivatives):
+    check_derivatives(model, dataclasses.replace(GEL, network=network))
 
 
 def _rates(function, slope, steps):

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from random_cases import faults, random_table
+from random_cases import faults
 
 import jaxgel
-from jaxgel.cases import case as cases
 from jaxgel.continuation import SweepFailed
 
 GELS = st.builds(lambda power, chi: jaxgel.Gel(10**power, chi), st.floats(-5, -1), st.floats(1e-9, 1.2))
@@ -68,15 +67,3 @@ def test_the_faults_of_a_broken_path_are_found(path):
     hair[3, 150] += 1e-6
     (fault, *_) = faults(dataclasses.replace(path, x=hair))
     assert fault.startswith(f"mu = {path.mu[3]:.4g}: imbalance")
-
-
-def test_a_random_table_is_a_case_or_one_line():
-    for number in range(0, 300, 10):
-        line = ""
-        try:
-            case = cases.from_table(random_table(np.random.default_rng(number)), "random")
-        except ValueError as problem:
-            line = str(problem)
-        else:
-            assert cases.from_table(case.table(), "again").table() == case.table(), number
-        assert "\n" not in line, number
