@@ -3,17 +3,24 @@
 A stage prints how many programs it compiled or loaded, and its seconds: in all, of tracing, of lowering, and of compiling (or loading from
 a compilation cache, where JAX_COMPILATION_CACHE_DIR names one); then the functions whose programs took longest. The two plates have four
 holes each and nearly as many nodes. ``--quick`` takes a wide spacing.
+
+With ``--plates N`` that many different plates are swept and differentiated instead. Every tenth line
+has programs compiled so far, memory mappings and memory.
 """
 
 import argparse
 import collections
+import os
+import pathlib
 import time
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import monitoring
 
 import jaxgel
+from jaxgel._programs import mappings
 
 KINDS = {"jaxpr_trace_duration": "tracing", "jaxpr_to_mlir_module_duration": "lowering", "backend_compile_duration": "compiling"}
 GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
@@ -67,9 +74,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--functions", type=int, default=6, help="functions named for each stage (6)")
     parser.add_argument("--quick", action="store_true", help="a wide spacing")
+    parser.add_argument("--plates", type=int, help="number of plates, whose holes differ by 5 %%")
     options = parser.parse_args()
     spacing = 3.0 if options.quick else 1.4
     programs = Programs()
+    if options.plates:
+        many(options.plates, spacing, programs)
+        return
     print(f"{'stage':<34} {'programs':>8} {'seconds':>8} {'tracing':>8} {'lowering':>8} {'compiling':>9}  nodes")
     clouds = {}
     for name, axes in {"first": (6.0, 4.5), "second": (5.7, 4.9)}.items():
@@ -93,6 +104,20 @@ def main():
         return jax.value_and_grad(rotation(moved, jaxgel.make_cloud(moved)))(jnp.array([6.2, 4.4]))
 
     stage("a cloud made anew: gradient", again, programs, options.functions)
+
+
+def many(count, spacing, programs):
+    """Sweep and differentiate ``count`` plates; print what the process has taken by every tenth one."""
+    print("plate  programs  mappings  GiB")
+    compiled = 0
+    for k, factors in enumerate(np.random.default_rng(1).uniform(0.95, 1.05, (count, 2))):
+        axes = np.array([6.0, 4.5]) * factors
+        made = plate(tuple(axes), spacing)
+        jax.block_until_ready(jax.value_and_grad(rotation(made, jaxgel.make_cloud(made)))(jnp.array(axes)))
+        compiled += len(programs.taken()["compiling"])
+        if k % 10 in (0, 9):
+            pages = int(pathlib.Path("/proc/self/statm").read_text().split()[1])
+            print(f"{k + 1:5} {compiled:9} {mappings()[0]:9} {pages * os.sysconf('SC_PAGE_SIZE') / 2**30:4.2f}", flush=True)
 
 
 def stage(name, run, programs, count, cloud=None):

@@ -73,7 +73,12 @@ def mappings() -> tuple[int, int]:
 
 
 def release_programs_if_crowded() -> None:
-    """Release all compiled programs if the process has used more than ``CROWDED`` of its mappings; they are compiled again when needed."""
+    """Release all compiled programs if the process has used more than ``CROWDED`` of its mappings; they are compiled again when needed.
+
+    Plates of similar size share their programs. Sixteen plates with one to four holes, whose sizes
+    differ by 30 % and spacings by 70 %, swept and differentiated, take all 65530 mappings that Linux
+    allows, and LLVM then ends the process.
+    """
     used, limit = mappings()
     if used > CROWDED * limit:
         PROGRAMS.release()

@@ -64,13 +64,16 @@ def run_point(text: str, values: dict, folder: str) -> dict:
     ``text`` is JSON with the study's name and table, ``values`` a point. For an executor's processes.
     """
     study, cloud = _prepared(text)
-    began, recorder, place = time.perf_counter(), None, open_folder(folder)
+    began, recorder, steps, place = time.perf_counter(), None, [], open_folder(folder)
     (place / POINT).unlink(missing_ok=True)
     try:
         case = study.at(values)
         model = case.model(cloud)
-        recorder = Recorder(place, case, case.problem(model), durable=False)
-        path = path_of(recorder, Observer(accepted=recorder))
+        recorder = Recorder(place, case, case.problem(model))
+        try:
+            path = path_of(recorder, Observer(accepted=steps.append))
+        finally:
+            recorder.begin(steps)
         status, reason = "complete" if path.stop.ok else "stopped", path.stop_text
     except (OSError, MemoryError):
         raise  # not the point's fault

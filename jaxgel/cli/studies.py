@@ -17,7 +17,7 @@ from ..io import Workers, dask_executor, open_folder
 from .environment import DONE, INTERRUPTED, STOPPED, prepare_worker
 from .runs import printer
 
-POINTS_EACH = 50  # points of a map in one process, as those with a cloud of their own leave programs in its memory
+CALLS_EACH = 50  # points of a map, or searches, in one process: the memory of a process grows with the number of its plates
 GRADIENT_THREADS = 2  # of XLA: a host callback waits on one for its arguments, which another one copies
 SHOWN = ("start", "start_value", "best_value", "feasible", "outcome", "evaluations", "distance", "reason")  # columns of starts.csv
 
@@ -31,7 +31,7 @@ def design(args: Namespace) -> int:
 def run_design(study: Study, folder: File | str, args: Namespace, resume: bool = False) -> int:
     """Search, verify and report a study; the exit code."""
     say, resume = printer(args), resume or getattr(args, "resume", False)
-    workers = _workers(args, GRADIENT_THREADS, calls_each=1) if study.starts > 1 else contextlib.nullcontext()
+    workers = _workers(args, GRADIENT_THREADS) if study.starts > 1 else contextlib.nullcontext()
     try:
         with workers as executor:
             found, verified = run_study(study, open_folder(folder), executor=executor, resume=resume, quiet=args.quiet)
@@ -86,17 +86,17 @@ def map_points(args: Namespace) -> int:
     return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)
 
 
-def _workers(args, threads, calls_each):
-    """Context with the executor that the options ask for; ``threads`` and ``calls_each`` are of processes on this machine."""
+def _workers(args, threads):
+    """Context with the executor that the options ask for; ``threads`` are those of a process on this machine."""
     if args.scheduler:
         return dask_executor(args.scheduler)
-    return Workers(args.workers or usable_cores(), functools.partial(prepare_worker, threads, KEPT.root), calls_each)
+    return Workers(args.workers or usable_cores(), functools.partial(prepare_worker, threads, KEPT.root), CALLS_EACH)
 
 
 def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> int:
     """Run the points of a map and report; the exit code."""
     try:
-        with _workers(args, 1, POINTS_EACH) as executor:
+        with _workers(args, 1) as executor:
             rows = run_map(study, folder, executor, resume=resume, quiet=args.quiet)
     except KeyboardInterrupt:
         print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)

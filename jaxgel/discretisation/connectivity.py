@@ -134,6 +134,7 @@ def make_connectivity(topology: Topology, basis: str, dmax: float) -> Connectivi
         on_interfaces=(on_interfaces, trace_weights) if topology.interfaces else None,
     )
     numbers = _rows_of(patch_of_cell[quadrature.owner], len(linear), groups)
+    topology = dataclasses.replace(topology)  # the cloud's own keeps these lists: neither waits for Python's collector
     return Connectivity(topology, nodes, supports, patch_of_cell, linear, quadrature.owner, numbers, groups, contour)
 
 

@@ -20,7 +20,7 @@ from .moving_least_squares import shape_functions, shape_functions_and_gradients
 BATCH = 64  # points whose shape functions are evaluated together
 GROUP = 1024  # points of one call of the program that evaluates them: one size, so that it serves every cloud
 FINE = 2  # sizes to a doubling of the number of groups: each group costs time
-WIDTHS = (64, 96, 128, 192)  # room for neighbours in the program that evaluates them: few, and few programs
+WIDTHS = (72, 96, 128, 192)  # room for neighbours in the program that evaluates them: few, and few programs
 
 
 @jax.tree_util.register_dataclass

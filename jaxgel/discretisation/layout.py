@@ -54,7 +54,7 @@ def layout_of(lists: Connectivity) -> Layout:
     return Layout(
         padded(topology.node_vertices, count),
         _quadrature(topology.quadrature),
-        padded(lists.patch_of_cell, room(len(lists.patch_of_cell))),
+        padded(lists.patch_of_cell, room(max(len(lists.patch_of_cell), count), NODES)),
         nodes,
         support,
         _contour(lists.contour, tuple(edges)),

@@ -30,17 +30,13 @@ def open_folder(folder: str | File) -> File:
     return folder
 
 
-def write_atomically(file: File, write: Callable[[BinaryIO], Any], *, durable: bool = True) -> None:
-    """Call ``write(stream)`` on a file beside ``file`` and move it there once it is on disk, so that no reader sees half of it.
-
-    Without ``durable`` the file is not flushed to the disk: it outlives this process, but perhaps not a loss of power.
-    """
+def write_atomically(file: File, write: Callable[[BinaryIO], Any]) -> None:
+    """Call ``write(stream)`` on a file beside ``file`` and move it there once it is on disk, so that no reader sees half of it."""
     part = file.with_name(file.name + ".part")
     with part.open("wb") as stream:
         write(stream)
         stream.flush()
-        if durable:
-            os.fsync(stream.fileno())
+        os.fsync(stream.fileno())
     part.replace(file)
 
 

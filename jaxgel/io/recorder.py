@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from .._sizes import rung
 from ..bifurcation import CriticalPoint
 from ..continuation import Path
 from ..equilibrium import State, Status
@@ -44,23 +45,15 @@ FILES = (
 class Recorder:
     """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; `Observer(accepted=recorder)`.
 
-    ``problem`` is that of the ``case``, a `cases.Case`. With ``durable`` each step is flushed to the
-    disk, otherwise only `finish` does so. The files are begun by `begin`, or by the first step. Raises ValueError if the folder cannot be
-    written.
+    ``problem`` is that of the ``case``, a `cases.Case`. Each step is flushed to the disk. The files are begun by `begin`, or by the first
+    step. Raises ValueError if the folder cannot be written.
     """
 
-    def __init__(
-        self,
-        folder: str | File,
-        case: Any,
-        problem: Problem,
-        *,
-        durable: bool = True,
-    ) -> None:
+    def __init__(self, folder: str | File, case: Any, problem: Problem) -> None:
         self.folder, self.case, self.problem, self.model, self.control = open_folder(folder), case, problem, problem.model, problem.control
         self.records = []  # (step, row, outlines) of each accepted state
         self.stored = 0  # states that are on disk for good
-        self.started, self.durable, self.begun = time.perf_counter(), durable, False
+        self.started, self.begun = time.perf_counter(), False
 
     def begin(self, before: Sequence[State] = ()) -> None:
         """Begin the files, with the states ``before`` of a run that was interrupted.
@@ -70,8 +63,8 @@ class Recorder:
         self.begun = True
         if not before:
             _clear(self.folder)
-        for step in before:
-            self._take(step)
+        if before:
+            self.add(before)
         self.finish("running", "the sweep has not ended")
 
     @property
@@ -93,36 +86,37 @@ class Recorder:
         """Write one accepted step: first its row, then all states, so that there are never more states than rows."""
         if not self.begun:
             self.begin()
-        row = self._take(step)
+        self.add([step])
         with (self.folder / "history.csv").open("a", newline="") as stream:
-            csv.writer(stream, lineterminator="\n").writerow(_csv_row(row))
+            csv.writer(stream, lineterminator="\n").writerow(_csv_row(self.records[-1][1]))
             stream.flush()
-            if self.durable:
-                os.fsync(stream.fileno())
-        self._write_states(durable=self.durable)
-        self._write_summary("running", "the sweep has not ended", Status.INTERRUPTED, durable=self.durable)
+            os.fsync(stream.fileno())
+        self._write_states()
+        self._write_summary("running", "the sweep has not ended", Status.INTERRUPTED)
 
-    def _take(self, step: State) -> dict[str, Any]:
-        """The row of a step, which is added to the records."""
-        one = Path.from_states(self.problem, [step], stop=step.status)
-        row = {name: column[0] for name, column in history(one).items()}
-        if self.records and self.records[-1][1]["status"] == SELF_CONTACT:
-            row["status"] = SELF_CONTACT
-        self.records.append((step, row, [np.asarray(loop)[0] for loop in outlines(one)]))
-        return row
+    def add(self, steps: Sequence[State]) -> None:
+        """Add accepted steps to the records; those of a sweep that has ended take much less time together than one by one."""
+        alike = [*steps, *[steps[-1]] * (rung(len(steps)) - len(steps))]  # of a number whose programs other sweeps share
+        path = Path.from_states(self.problem, alike)
+        table, loops = history(path), [np.asarray(loop) for loop in outlines(path)]
+        for k, step in enumerate(steps):
+            row = {name: column[k] for name, column in table.items()}
+            if self.records and self.records[-1][1]["status"] == SELF_CONTACT:
+                row["status"] = SELF_CONTACT
+            self.records.append((step, row, [loop[k] for loop in loops]))
 
     def finish(self, status: str, text: str, stop: Status = Status.INTERRUPTED) -> None:
         """Complete the files with ``status`` "complete", "stopped", "interrupted" or "failed", the reason as ``text``, and its `Status`."""
         if not self.begun:
             self.begin()
         if len(self.records) > self.stored:  # Ctrl-C may have come between the row and its states
-            self._write_states(durable=True)
+            self._write_states()
         self._write_history()
         self._write_summary(status, text, stop)
 
-    def _write_states(self, *, durable: bool) -> None:
-        write_atomically(self.folder / "states.npz", lambda stream: np.savez(stream, **self._states()), durable=durable)
-        self.stored = len(self.records) if durable else 0
+    def _write_states(self) -> None:
+        write_atomically(self.folder / "states.npz", lambda stream: np.savez(stream, **self._states()))
+        self.stored = len(self.records)
 
     def _states(self) -> dict[str, np.ndarray]:
         steps = self.steps
@@ -137,7 +131,7 @@ class Recorder:
     def _write_history(self) -> None:
         write_csv(self.folder / "history.csv", self.columns, [_csv_row(row) for _, row, _ in self.records])
 
-    def _write_summary(self, status: str, text: str, stop: Status, *, durable: bool = True) -> None:
+    def _write_summary(self, status: str, text: str, stop: Status) -> None:
         table = self.table
         summary = {
             "format": FORMAT,
@@ -160,7 +154,7 @@ class Recorder:
             "events": events(table),
         }
         encoded = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False).encode()
-        write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded), durable=durable)
+        write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded))
 
 
 def _clear(folder: File) -> None:

@@ -55,7 +55,7 @@ def precomputed_operators(model: Model, gel: LocalGel) -> Operators:
     contact_slots, contact_room = (), 0
     if model.contact is not None:
         more, contact_slots = contact_pairs(model.lists, model.dmax)
-        contact_room = room(len(more))
+        contact_room = sum(some.size for some in contact_slots)  # a slot each: no size of its own for programs to depend on
         contact_slots = tuple(_moved_slots(some, count, size, count + len(more), size + contact_room) for some in contact_slots)
     network, area_forms = _integrated(np.zeros(size), model, gel, slots)
     host = jax.device_put((np.asarray(count, np.int32), resized(pairs, (size, 2)), slots, contact_slots))

@@ -151,9 +151,8 @@ def test_rows_from_the_first_self_contact_on_are_invalid(path, tmp_path, monkeyp
     assert {"event": "self-contact", "mu": path.mu[1]}.items() <= load_run(tmp_path).summary["events"][0].items()
 
 
-@pytest.mark.parametrize("durable", [True, False])
-def test_after_every_step_the_folder_can_be_read(path, tmp_path, monkeypatch, durable):
-    recorder, synced = Recorder(tmp_path, cases.load_case("sample-1"), path.problem, durable=durable), []
+def test_after_every_step_the_folder_can_be_read(path, tmp_path, monkeypatch):
+    recorder, synced = Recorder(tmp_path, cases.load_case("sample-1"), path.problem), []
     recorder.begin()
     monkeypatch.setattr("os.fsync", synced.append)
     with pytest.raises(ValueError, match="no accepted state"):
@@ -163,10 +162,23 @@ def test_after_every_step_the_folder_can_be_read(path, tmp_path, monkeypatch, du
         run = load_run(tmp_path)
         assert run.summary["status"] == "running"
         np.testing.assert_array_equal(run.mu, path.mu[:k])
-    assert len(synced) == (3 * len(path.mu) if durable else 0)
+    assert len(synced) == 3 * len(path.mu)
     recorder.finish("complete", "")
-    assert len(synced) == (3 * len(path.mu) + 2 if durable else 3)  # the states, too, where they have not been
+    assert len(synced) == 3 * len(path.mu) + 2
     assert not list(tmp_path.glob("*.part"))
+
+
+def test_states_recorded_together_have_the_rows_and_outlines_of_those_recorded_one_by_one(path, tmp_path):
+    together, singly = (Recorder(tmp_path, None, path.problem) for _ in range(2))
+    steps = [*steps_of(path), steps_of(path)[-1]]  # of 5 states, to which 1 is added
+    together.add(steps)
+    for step in steps:
+        singly.add([step])
+    for (_, row, loops), (_, other, others) in zip(together.records, singly.records, strict=True):
+        assert {k: v for k, v in row.items() if isinstance(v, str)} == {k: v for k, v in other.items() if isinstance(v, str)}
+        numbers = [k for k, v in row.items() if not isinstance(v, str)]
+        np.testing.assert_allclose([row[k] for k in numbers], [other[k] for k in numbers], rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(loops, others)
 
 
 def test_ctrl_c_between_a_row_and_its_states_loses_neither(path, tmp_path, monkeypatch):
