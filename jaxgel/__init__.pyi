@@ -17,6 +17,7 @@ from . import observables as observables
 from . import paper as paper
 from . import plotting as plotting
 from . import symmetry as symmetry
+from . import transient as transient
 from . import waves as waves
 from ._kept import keep_programs as keep_programs
 from .bifurcation import Barrier as Barrier
@@ -99,6 +100,9 @@ from .observables import surface_stability as surface_stability
 from .observables import volume_ratio as volume_ratio
 from .paper import paper_stress as paper_stress
 from .paper import paper_tangent as paper_tangent
+from .transient import Bath as Bath
+from .transient import TimeSteps as TimeSteps
+from .transient import swell as swell
 from .waves import LatticeOnset as LatticeOnset
 from .waves import lattice_onset as lattice_onset
 from .waves import primitive_cell as primitive_cell

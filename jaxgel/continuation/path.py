@@ -23,7 +23,7 @@ SCALARS = ("value", "mu", "status", "newton_iterations", "residual", "energy", "
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=["problem", *SCALARS, "derivative", "x", "pressure"],
+    data_fields=["problem", *SCALARS, "derivative", "x", "pressure", "t", "potential", "supplied"],
     meta_fields=["symmetry", "stop", "stop_text"],
 )
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -60,6 +60,12 @@ class Path:
     """Why a state does not continue the states before it, a `Change`; 0 where it does."""
     derivative: Int[Array, " k"]
     """Whether the derivatives of a state are well posed, a `Status`: ``CONVERGED`` if so, ``NOT_EXAMINED`` without its eigenvalue."""
+    t: Float[Array, " k"] | None = None
+    """Times of the states of transient swelling, whose ``mu`` is that of the bath; None for states of equilibrium."""
+    potential: Float[Array, "k g"] | None = None
+    """Chemical potential of the solvent in each volume group, kT, of transient swelling; None where it is ``mu`` everywhere."""
+    supplied: Float[Array, "k b"] | None = None
+    """Solvent, mm^2 of the plate, that has come in through each wetted part since time 0, of transient swelling."""
     symmetry: tuple[str, ...] = ()
     """Group of symmetries with which each state was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
     stop: Status = Status.CONVERGED
@@ -125,7 +131,7 @@ class Path:
         lowest = float(self.lowest_eigenvalue[i])
         return State(
             value=float(self.value[i]),
-            mu=float(self.mu[i]),
+            mu=float(self.mu[i]) if self.potential is None else self.potential[i],
             x=self.x[i],
             pressure=self.pressure[i],
             status=Status(int(self.status[i])),
@@ -139,6 +145,7 @@ class Path:
 
     def _of_states(self, numbers):
         columns = {name: getattr(self, name)[numbers] for name in ("x", "pressure", "derivative", *SCALARS)}
+        columns |= {name: getattr(self, name)[numbers] for name in ("t", "potential", "supplied") if getattr(self, name) is not None}
         return dataclasses.replace(self, symmetry=tuple(self.symmetry[k] for k in numbers) if self.symmetry else (), **columns)
 
     def __repr__(self) -> str:
@@ -150,6 +157,8 @@ class Path:
         unstable = int(np.sum(np.asarray(self.negative_pivots) > 0))
         ended, unit = self.stop_text or self.stop.text, f" {self.control.unit}".rstrip()
         between = f"{self.control.name} = {float(self.value[0]):.4f} ... {float(self.value[-1]):.4f}{unit}"
+        if self.t is not None:
+            between = f"t = {float(self.t[0]):.4g} ... {float(self.t[-1]):.4g}"
         return f"Path of {len(self)} states of {self.model.n_nodes} nodes, {between}, {unstable} unstable: {ended}"
 
 

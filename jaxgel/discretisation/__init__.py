@@ -1,8 +1,8 @@
 """Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
 from .body import Body, PatchBlock, numbered
-from .consistency import consistent_functions
 from .connectivity import Connectivity, plate_edge_ends
+from .consistency import consistent_functions
 from .interpolation import Interpolation
 from .ladder import MANY, NODES, PAIRS, room
 from .model import Model, discretise

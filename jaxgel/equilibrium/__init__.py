@@ -7,7 +7,7 @@ from .newton import NEWTON, Correction, Newton, advanced, iterate, solve, starti
 from .observer import UNOBSERVED, Observer
 from .relaxation import relax, relax_along
 from .state import Stability, State, accepted, acting_problem, as_number, control_force, dry_state, linearised, pressure_rate
-from .status import NEARLY_SINGULAR, Change, StateNotFound, Status, for_derivatives, of_outlines, remedy
+from .status import NEARLY_SINGULAR, Change, StateNotFound, Status, for_derivatives, of_iterate, of_outlines, remedy
 
 __all__ = [
     "NEARLY_SINGULAR",
@@ -33,6 +33,7 @@ __all__ = [
     "iterate",
     "linearised",
     "no_tangents",
+    "of_iterate",
     "of_outlines",
     "pressure_rate",
     "relax",

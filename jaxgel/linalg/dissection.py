@@ -49,13 +49,19 @@ class Tree:
 
 
 def dissect(
-    pairs: Int[np.ndarray, "p 2"], unknowns: Int[np.ndarray, "n 2"], points: Float[np.ndarray, "n 2"], *, last: int = 0, late: Bool[np.ndarray, " n"] | None = None
+    pairs: Int[np.ndarray, "p 2"],
+    unknowns: Int[np.ndarray, "n 2"],
+    points: Float[np.ndarray, "n 2"],
+    *,
+    last: int = 0,
+    late: Bool[np.ndarray, " n"] | None = None,
 ) -> Tree:
     """``Tree`` for a symmetric matrix given by 2 x 2 blocks of node pairs (p, 2), i <= j, flattened.
 
     ``unknowns`` (n, 2) numbers the two components of each node, -1 for those that are not part of the matrix; ``points`` (n, 2) are
     positions, which decide where the nodes are divided. Of the ``last`` nodes, which may be coupled to any others, there are few: they are
-    eliminated at the end. In each front the ``late`` nodes, those with the negative pivots of a quasi-definite matrix, come after the others.
+    eliminated at the end.
+    In each front the ``late`` nodes, those with the negative pivots of a quasi-definite matrix, come after the others.
     """
     n = len(points)
     late = np.zeros(n, dtype=bool) if late is None else late

@@ -93,7 +93,13 @@ def analyse(
     structure = _sources(pair_nodes, len(points))[masters][:, masters]
     structure.sort_indices()
     nodes = np.unique(pair_nodes)
-    tree = dissect(np.searchsorted(nodes, pair_nodes), local.reshape(-1, 2)[nodes], points[nodes], last=len(points) - n, late=None if late is None else nodes >= late)
+    tree = dissect(
+        np.searchsorted(nodes, pair_nodes),
+        local.reshape(-1, 2)[nodes],
+        points[nodes],
+        last=len(points) - n,
+        late=None if late is None else nodes >= late,
+    )
     return Pattern(n_pairs, masters, structure.T, tree, joined, solver=solver)
 
 

@@ -7,7 +7,7 @@ time. Between a surface and the gel below it, which holds it sideways, a layer s
     mu = [dnetwork/dn + (dphi/dn)] / (t l3),      J = n t l3,      diffusivity  D (J - 1) / n^2  dmu/dJ
 
 with the stretch t along the surface and l3 out of plane. After a jump of mu at its surface a half-space takes up 2 dJ sqrt(D_m time / pi),
-where D_m is a mean of the diffusivity between both states, weighted towards the surface (Crank, The Mathematics of Diffusion, 1975, ch. 10).
+where D_m is a mean of the diffusivity between both states, weighted towards the surface (Crank, The Mathematics of Diffusion, 1975).
 """
 
 from typing import Any

@@ -15,7 +15,6 @@ from .dofs import (
 )
 from .energy import curvature, energy_at, hessian_product, network_energy, residual, total_energy
 from .equations import Equations
-from .flow import Bath, flow, layer_conductance, layer_flow, moments, place_matrices, places, potentials
 from .loads import Loads, load_vector
 from .local_gel import check_model, group_positions, localised, mean_stiffness
 from .mixed import (
@@ -30,10 +29,24 @@ from .mixed import (
 )
 from .operators import Operators, add_matrices, precomputed_operators
 from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
-from .patchwise import added_over_patches, over_patches
 from .pairs import contact_pairs, node_pairs, tangent_pattern
+from .patchwise import added_over_patches, over_patches
 from .problem import Problem, check_driven, constraints_of, shared_tangents
 from .solvent import MOMENTS, Solvent, places_of, reference_groups, solvent_of, wetted_parts
+from .solvent_flow import (
+    Bath,
+    Carried,
+    along_sides,
+    carried,
+    flow,
+    flow_change,
+    in_wet_groups,
+    layer_flow,
+    moments,
+    place_matrices,
+    places,
+    potentials,
+)
 from .volumes import (
     SOFT,
     all_volumes,
@@ -53,36 +66,27 @@ from .volumes import (
 
 __all__ = [
     "MOMENTS",
-    "add_matrices",
-    "added_over_patches",
-    "over_patches",
-    "places_of",
-    "reference_groups",
-    "Bath",
-    "Solvent",
-    "flow",
-    "layer_conductance",
-    "place_matrices",
-    "places",
-    "layer_flow",
-    "moments",
-    "potentials",
-    "solvent_of",
-    "wetted_parts",
     "RANGE",
     "ROUND_OFF",
     "SOFT",
     "STIFFNESS",
+    "Bath",
+    "Carried",
     "Equations",
     "Free",
     "Linearisation",
     "Loads",
     "Operators",
     "Problem",
+    "Solvent",
+    "add_matrices",
+    "added_over_patches",
     "all_volumes",
+    "along_sides",
     "at_points",
     "axial_stretch",
     "by_block",
+    "carried",
     "check_driven",
     "check_edges",
     "check_model",
@@ -103,34 +107,46 @@ __all__ = [
     "edges_of",
     "energy_at",
     "factorised_tangent",
+    "flow",
+    "flow_change",
     "free_dofs",
     "gather",
     "gradients_by_block",
-    "held_dofs",
     "group_positions",
+    "held_dofs",
     "hessian_product",
     "holes_of_loops",
+    "in_wet_groups",
+    "layer_flow",
     "linearise",
     "linearised_about",
     "load_vector",
     "localised",
     "mean_stiffness",
+    "moments",
     "network_energy",
     "node_pairs",
     "outline_arcs",
     "outline_loops",
+    "over_patches",
     "overlaps",
     "pair_energy",
     "periodic_images",
+    "place_matrices",
+    "places",
+    "places_of",
+    "potentials",
     "precomputed_operators",
     "pressure_at",
     "pressure_change",
     "pressure_step",
     "ratio_at",
+    "reference_groups",
     "residual",
     "restrict",
     "scatter",
     "shared_tangents",
+    "solvent_of",
     "state_pressure",
     "step_limit",
     "stiffness_at",
@@ -141,6 +157,7 @@ __all__ = [
     "unknowns",
     "volume_law",
     "volume_ratios",
+    "wetted_parts",
     "with_contact",
     "with_free_values",
 ]

@@ -20,13 +20,14 @@ from scipy.spatial import cKDTree
 from .._memo import once_per_owner
 from .._sizes import resized, step, taken
 from .._tracing import is_traced
-from .._types import Array, Float, Int
+from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
 from ..cloud import opposite_edges
 from ..discretisation import Body, Connectivity, Model, consistent_functions, pad_nodes, room
 from ..geometry import edge_lines
 from .local_gel import group_positions, reference_groups
 
+ROOM = 128  # times a power of 2 there is room for wetted nodes and for groups with wetted sides
 SUPPORT = 2.4  # radius of a place's weight function over the spacing of the nodes around it
 FEWEST = 4  # places that must reach a point: one more than a linear basis has monomials
 WIDTHS = (24, 32, 48, 64, 96, 128)  # room for places of a patch
@@ -58,8 +59,14 @@ class Wetting:
     """The volume groups with wetted sides; one that no model has for padding."""
     group_parts: Int[Array, " e"]
     """Part of the longest wetted side of each."""
-    sides: Float[Array, "e 2 2"]
-    """Sum of l t t^T over the wetted sides of each, dry lengths l, mm, and unit tangents t; 0 for padding."""
+    linear: Bool[Array, " e"]
+    """Whether the pressure of their patch is linear."""
+    length: Float[Array, " e"]
+    """Dry length of the wetted sides of each, mm; 0 for padding."""
+    directions: Float[Array, "e 2 2"]
+    """Mean of t t^T over them with their unit tangents t."""
+    depth: Float[Array, " e"]
+    """Mean distance of the group from them, mm."""
 
 
 @jax.tree_util.register_dataclass
@@ -87,16 +94,10 @@ class Solvent:
         groups = room(len(wet.groups), ROOM)
         numbers = np.full(groups, last + room(len(wet.node_parts), ROOM))
         numbers[: len(wet.groups)] = wet.groups
-        wetting = Wetting(
-            resized(wet.node_parts, (room(len(wet.node_parts), ROOM),)),
-            numbers,
-            resized(wet.group_parts, (groups,)),
-            resized(wet.sides, (groups, 2, 2)),
-        )
+        rest = (getattr(wet, name) for name in ("group_parts", "linear", "length", "directions", "depth"))
+        rest = (resized(values, (groups, *values.shape[1:])) for values in rest)
+        wetting = Wetting(resized(wet.node_parts, (room(len(wet.node_parts), ROOM),)), numbers, *rest)
         return Solvent(tuple(map(padded, self.blocks, body.blocks)), wetting)
-
-
-ROOM = 128  # times a power of 2 there is room for wetted nodes and sides
 
 
 def wetted_parts(lists: Connectivity) -> dict[str | int, Int[np.ndarray, " _"]]:
@@ -146,17 +147,27 @@ def solvent_of(model: Model, wetted: tuple[str | int, ...]) -> Solvent:
     functions = consistent_functions(cloud, lists, places, of_patches, edge_ends)
     numbers = [of_patches[0][patches] for patches in lists.patches]
     blocks = tuple(SolventBlock(own, *values) for own, values in zip(numbers, functions, strict=True))
-    edges, part_of_edge, group_of_edge, wet_groups, group_parts = _wetted_sides(lists, wetted)
+    edges, owner, wet_groups, linear, group_parts = _wetted_sides(lists, wetted)
     ends = taken(cloud.vertices, lists.contour.ends[edges])
-    along = ends[:, 1] - ends[:, 0]
-    xp = jnp if is_traced(along) else np
-    sides = along[:, :, None] * along[:, None] / xp.linalg.norm(along, axis=1)[:, None, None]
-    total = xp.zeros((len(wet_groups), 2, 2))
+    sides = _measured(ends, taken(groups, wet_groups[owner]), owner, len(wet_groups))
+    return Solvent(blocks, Wetting(parts, wet_groups, group_parts, linear, *sides))
+
+
+def _measured(ends, groups, owner, count):
+    """Length (e,), directions (e, 2, 2) and depth (e,) of ``Wetting`` from sides (k, 2, 2) that belong to their ``owner``."""
+    along, away = ends[:, 1] - ends[:, 0], groups - (ends[:, 0] + ends[:, 1]) / 2
+    xp = jnp if is_traced(along, away) else np
+    length = xp.linalg.norm(along, axis=1)
+    inward = along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]  # times the length; the gel is on the left
+    parts = xp.concatenate(
+        [length[:, None], (along[:, :, None] * along[:, None]).reshape(-1, 4) / length[:, None], inward[:, None]], axis=1
+    )
+    total = np.zeros((count, 6))
     if xp is np:
-        np.add.at(total, group_of_edge, sides)
+        np.add.at(total, owner, parts)
     else:
-        total = total.at[group_of_edge].add(sides)
-    return Solvent(blocks, Wetting(parts, wet_groups, group_parts, total))
+        total = jnp.asarray(total).at[owner].add(parts)
+    return total[:, 0], (total[:, 1:5] / total[:, :1]).reshape(-1, 2, 2), total[:, 5] / total[:, 0]
 
 
 @once_per_owner
@@ -209,7 +220,7 @@ def places_of(
 
 
 def _straight_ends(topology, edges, wetted):
-    """The two of the ``wetted`` nodes, as numbers in their list, between which each edge along a free edge of the plate lies; -1 for others."""
+    """The two ``wetted`` nodes, numbers in their list, between which each edge along a free edge of the plate lies; -1 for others."""
     vertices, ends = topology.partition.vertices, np.full(edges.shape, -1)
     number = np.full(len(topology.node_vertices), -1)
     number[wetted] = np.arange(len(wetted))
@@ -226,22 +237,27 @@ def _straight_ends(topology, edges, wetted):
 
 @once_per_owner
 def _wetted_sides(lists, wetted):
-    """Wetted contour edges (k,), the part of each, the place of its volume group in the list of those with wetted sides, that list (e,) of
-    groups, and the part (e,) of each.
+    """Wetted contour edges (k,), the place of the group of each in the list of groups with wetted sides, that list (e,), whether each has a
+    linear pressure, and its part.
+
+    The group is the one nearest the point half a spacing below the edge: behind a cell that is thinner it is the next one.
     """
+    topology, contour = lists.topology, lists.contour
     names, (_, edges, owner) = list(wetted_parts(lists)), _boundary(lists)
     number = np.array([wetted.index(name) if name in wetted else -1 for name in names], dtype=int)[owner]
     edges, part = edges[number >= 0], number[number >= 0]
     groups, first = reference_groups(lists)
-    vertices, contour = lists.topology.partition.vertices, lists.contour
-    middle, patch = vertices[contour.ends[edges]].mean(axis=1), contour.owner[edges]
-    candidates = first[patch, None] + np.arange(len(MOMENTS)) * lists.linear[patch, None]  # the first alone if the pressure is constant
-    group = candidates[np.arange(len(patch)), np.linalg.norm(groups[candidates] - middle[:, None], axis=2).argmin(axis=1)]
+    carrying = _carrying_of(first, lists.linear)
+    first_end, last_end = (topology.partition.vertices[contour.ends[edges, end]] for end in range(2))
+    length, middle = np.linalg.norm(last_end - first_end, axis=1), (first_end + last_end) / 2
+    inward = (last_end - first_end)[:, ::-1] * [-1.0, 1.0] / length[:, None]
+    spacing = topology.node_spacing[cKDTree(topology.nodes).query(middle)[1]]
+    group = carrying[cKDTree(groups[carrying]).query(middle + inward * spacing[:, None] / 2)[1]]
     wet_groups, place = np.unique(group, return_inverse=True)
-    length = np.linalg.norm(np.diff(vertices[contour.ends[edges]], axis=1)[:, 0], axis=1)
     shares = np.zeros((len(wet_groups), len(wetted)))
     np.add.at(shares, (place, part), length)
-    return edges, part, place, wet_groups, shares.argmax(axis=1) if len(wetted) else np.zeros(0, int)
+    linear = np.isin(wet_groups, _carrying_of(first[lists.linear], np.ones(int(lists.linear.sum()), dtype=bool)))
+    return edges, place, wet_groups, linear, shares.argmax(axis=1)
 
 
 def _carrying_of(first, linear):

@@ -1,1 +1,6 @@
-"""Time: transient swelling."""
+"""Time: a gel in a bath swells as fast as the solvent moves."""
+
+from .bath import Bath
+from .swelling import TimeSteps, swell
+
+__all__ = ["Bath", "TimeSteps", "swell"]

@@ -44,7 +44,7 @@ class Transport:
         problem = self.problem.shared
         return Transport(problem, self.solvent.shared(problem.model, self.model), np.asarray(self.D, float), ())
 
-    @property
+    @functools.cached_property
     def saddle(self) -> "Saddle":
         """The pattern of the matrix of a Newton step."""
         return saddle(self.problem.model.lists, self.wetted, tuple(block.places.shape for block in self.shared.solvent.blocks))

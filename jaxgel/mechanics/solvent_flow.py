@@ -1,0 +1,211 @@
+"""The flow of solvent through a gel.
+
+Solvent moves down the gradient of mu, see ``materials.transport``. A virtual potential with the values v at places, see `solvent`, gives
+
+    sum_a v_a flow_a = integral of grad v . M grad mu,
+
+so that flow_a is what leaves place a for the others, and the sum over all places vanishes. Where mu jumps from one place to the next the
+mobility changes by a multiple. So the gradient is not that of mu but of what mu moves: along the normal of a layer that is held sideways
+the stretch is proportional to the areal stretch A, M to (J - 1) / A^2, and
+
+    M grad mu = D A^2 F^-1 F^-T grad w,      w = integral of (J - 1) / A^2 dmu,
+
+with the values of w at the places, and A and F at the quadrature point. In a smooth state both are the same.
+
+After mu of a bath has changed it has changed in a layer below the surface that is thinner than the cells, and a gradient between the
+surface and the first group is too small. So a group at the distance d from wetted sides of length l takes up
+
+    l dJ D_m / d (c - 1),      c = sqrt(1 + d^2 / (pi D_m t)),  of a group with a linear pressure  (1 + (d^2 / (pi D_m t))^2)^(1/4),
+
+besides: what a half-space takes up at the time t after the change, see ``materials.layer_uptake``, over what goes through a layer of that
+thickness. It falls as 1 / t at least, and the finer the cells the sooner.
+"""
+
+import dataclasses
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._types import Array, Float, Scalar
+from ..discretisation import Body
+from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, layer_uptake
+from .operators import add_matrices
+from .patchwise import added_over_patches, over_patches
+from .solvent import MOMENTS, Solvent
+from .volumes import axial_stretch, bare, by_block, cofactors, deformation_gradients, of_groups, volume_law
+
+POINTS = 4  # of an integral over mu
+
+
+class Bath(NamedTuple):
+    """What the wetted parts of the boundary see; a pytree."""
+
+    mu: Float[Array, " b"]
+    """Chemical potential of each part, kT."""
+    rate: Float[Array, " b"]
+    """Mean of 1 / sqrt(t) over the changes of mu a time t ago, 0 if it has never changed."""
+
+
+def potentials(m: Float[Array, " g"], model: Body) -> Float[Array, " g"]:
+    """Mu (g,) of the volume groups, kT, from its unknowns ``m`` (g,), see `solvent`; of held groups the mean of their patch."""
+    parts = []
+    for block, own in zip(model.blocks, by_block(m, model), strict=True):
+        held = jnp.broadcast_to(own[:, :1], (len(own), block.n_groups - block.carrying))
+        carrying = own[:, : MOMENTS.shape[1]] @ MOMENTS.T if block.carrying > 1 else own[:, :1]
+        parts.append(jnp.concatenate([carrying, held], axis=1))
+    return of_groups(parts, model)
+
+
+def moments(values: Float[Array, " g"], model: Body) -> Float[Array, " g"]:
+    """Sums (g,) of ``values`` (g,) of the carrying groups that work on the unknowns of mu: the transpose of `potentials`."""
+    parts = []
+    for block, own in zip(model.blocks, by_block(values, model), strict=True):
+        sums = own[:, : block.carrying] @ (MOMENTS if block.carrying > 1 else MOMENTS[:1, :1])
+        parts.append(jnp.pad(sums, ((0, 0), (0, block.n_groups - sums.shape[1]))))
+    return of_groups(parts, model)
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["work", "slopes"], meta_fields=[])
+@dataclasses.dataclass(frozen=True, eq=False)
+class Carried:
+    """What mu at the places of each patch moves: per block (c, b), see `carried`."""
+
+    work: tuple
+    """w, kT."""
+    slopes: tuple
+    """dw/dmu."""
+
+
+def carried(p: Float[Array, " g"], values: Float[Array, " v"], model: Body, gel: LocalGel, solvent: Solvent) -> Carried:
+    """`Carried` at the pressures ``p`` (g,) and mu ``values`` (v,) at places; a patch has its mean pressure and the gel of its first point.
+
+    w is the integral of (J - 1) / A^2 dmu up to each place at the patch's pressure, with A = J over the axial stretch, but for a constant.
+    """
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
+
+    def of_patches(p, gel, values):
+        law = volume_law(model, gel, values)
+        A = law.areal_stretch(p)
+        start = jnp.mean(A, axis=1, keepdims=True)
+        at = [start + (A - start) * (1 + point) / 2 for point in points]
+        parts = [weight / 2 * law.swelling(one) / one**2 * law.stiffness(one) for weight, one in zip(weights, at, strict=True)]
+        return (A - start) * sum(parts) / axial_stretch(model), law.swelling(A) / A**2
+
+    found = []
+    for number, (block, on_block, pressure) in enumerate(zip(model.blocks, solvent.blocks, by_block(p, model), strict=True)):
+        mean = jnp.mean(pressure[:, : block.carrying], axis=1, keepdims=True)
+        there = jax.tree.map(lambda v, block=block: jnp.broadcast_to(v, block.weight.shape)[:, :1], gel_at_points(gel, number))
+        found.append(over_patches(of_patches, (mean, there, values[on_block.places]), block.count, reverse=False))
+    return Carried(*zip(*found, strict=True))
+
+
+def flow(x: Float[Array, "n 2"], carried: Carried, model: Body, solvent: Solvent, D: Scalar) -> Float[Array, " v"]:
+    """Flow (v,) out of every place, mm^2 per unit of time, that of a layer thinner than the cells left out; linear in ``carried.work``."""
+
+    def leaving(block, on_block, work):
+        flux = jnp.einsum("cqij,cqj->cqi", _metric(x, block, D), jnp.einsum("cqbi,cb->cqi", on_block.dpsi, work))
+        return jnp.einsum("cqbi,cqi->cb", on_block.dpsi, flux)
+
+    total = jnp.zeros(len(model.carries) + len(solvent.wetting.node_parts))
+    for block, on_block, work in zip(model.blocks, solvent.blocks, carried.work, strict=True):
+        total = total.at[on_block.places].add(over_patches(leaving, (bare(block), on_block, work), block.count, reverse=False))
+    return total
+
+
+def flow_change(
+    x: Float[Array, "n 2"],
+    dx: Float[Array, "n 2"],
+    dp: Float[Array, " g"],
+    dmu: Float[Array, " v"],
+    carried: Carried,
+    model: Body,
+    solvent: Solvent,
+    D: Scalar,
+) -> Float[Array, " v"]:
+    """Change (v,) of the `flow` with the positions by ``dx``, the pressures by ``dp`` and mu at places by ``dmu``."""
+    parts = []
+    for block, on_block, slope, change in zip(model.blocks, solvent.blocks, carried.slopes, by_block(dp, model), strict=True):
+        parts.append(slope * (dmu[on_block.places] + jnp.mean(change[:, : block.carrying], axis=1, keepdims=True)))
+
+    def moved(x, work):
+        return flow(x, Carried(work, carried.slopes), model, solvent, D)
+
+    return jax.jvp(moved, (x, carried.work), (dx, tuple(parts)))[1]
+
+
+def place_matrices(
+    total: Float[Array, " s"], x: Float[Array, "n 2"], carried: Carried, model: Body, solvent: Solvent, D: Scalar, slots: tuple
+) -> Float[Array, " s"]:
+    """``total`` (s,) plus a symmetric matrix near the derivative of the `flow` by mu, the upper entries of each patch at their ``slots``
+    (c, t).
+    """
+
+    def add(total, block, on_block, slope, slot):
+        dpsi = on_block.dpsi * jnp.sqrt(slope)[:, None, :, None]
+        return add_matrices(total, jnp.einsum("cqai,cqij,cqbj->cab", dpsi, _metric(x, block, D), dpsi), slot)
+
+    for block, on_block, slope, slot in zip(model.blocks, solvent.blocks, carried.slopes, slots, strict=True):
+        total = added_over_patches(total, add, (bare(block), on_block, slope, slot), block.count)
+    return total
+
+
+def _metric(x, block, D):
+    """D A^2 F^-1 F^-T (c, q, 2, 2) at the quadrature points times their weights, with the areal stretch A = det F."""
+    turned = cofactors(deformation_gradients(x, block))
+    return block.weight[:, :, None, None] * D * jnp.einsum("cqki,cqkj->cqij", turned, turned)
+
+
+def places(m: Float[Array, " g"], bath: Float[Array, " b"], model: Body, solvent: Solvent) -> Float[Array, " v"]:
+    """Mu (v,) at all places, kT, from its unknowns and the ``bath`` (b,)."""
+    return jnp.concatenate([potentials(m, model), bath[solvent.wetting.node_parts]])
+
+
+def layer_flow(
+    square: Float[Array, " e"], mu: Float[Array, " e"], model: Body, gel: LocalGel, solvent: Solvent, bath: Bath, D: Scalar
+) -> Float[Array, " e"]:
+    """What layers thinner than the cells bring into the groups with wetted sides (e,), mm^2 per unit of time, besides `flow`.
+
+    ``square`` (e,) is the square of the stretch along the sides, see `along_sides`, ``mu`` (e,) that of the groups.
+    """
+    wet = solvent.wetting
+    real = wet.length > 0
+    bath_mu, along = jnp.where(real, bath.mu[wet.group_parts], -1.0), jnp.sqrt(jnp.where(real, square, 1.0))
+
+    def uptake(mu, bath, along, gel):
+        return jnp.stack(layer_uptake(mu, bath, along, gel, model.axial_stretch, D))
+
+    local = jax.tree.map(lambda v: in_wet_groups(v, solvent, 1.0) if jnp.ndim(v) else v, gel_in_groups(gel))
+    change, D_m = elementwise(uptake, jnp.where(real, mu, -1.0), bath_mu, along, local, signature="()->(k)").T
+    depth = jnp.where(real, wet.depth, 1.0)
+    square = (depth * bath.rate[wet.group_parts]) ** 2 / (jnp.pi * D_m)
+    excess = jnp.where(wet.linear, _over(jnp.sqrt(1 + square**2)), _over(1 + square))
+    return jnp.where(real, wet.length * change * D_m / depth * excess, 0.0)
+
+
+def _over(square):
+    """How much the root of ``square`` is above 1."""
+    return (square - 1) / (1 + jnp.sqrt(square))
+
+
+def in_wet_groups(values: Float[Array, "g ..."], solvent: Solvent, fill: float) -> Float[Array, "e ..."]:
+    """Values (e, ...) of the groups with wetted sides; ``fill`` for padding."""
+    return values.at[solvent.wetting.groups].get(mode="fill", fill_value=fill)
+
+
+def along_sides(x: Float[Array, "n 2"], model: Body, solvent: Solvent) -> Float[Array, " e"]:
+    """Mean square (e,) of the stretch along the wetted sides of each group that has some; 1 for padding."""
+    blocks = [jnp.broadcast_to(_squares(x, block)[:, None], (*block.groups.shape, 2, 2)) for block in model.blocks]
+    wet = solvent.wetting
+    found = jnp.einsum("eij,eij->e", in_wet_groups(of_groups(blocks, model), solvent, 1.0), wet.directions)
+    return jnp.where(wet.length > 0, found, 1.0)
+
+
+def _squares(x, block):
+    """Mean of F^T F (c, 2, 2) over each patch."""
+    F = deformation_gradients(x, block)
+    volume = jnp.sum(block.weight, axis=1)
+    mean = jnp.einsum("cq,cqki,cqkj->cij", block.weight, F, F)
+    return mean / jnp.where(volume > 0, volume, 1.0)[:, None, None]

@@ -1,0 +1,82 @@
+"""Steps in time: SDIRK2, two stages of one kind of equation.
+
+The method of Alexander (1977) with gamma = 1 - 1/sqrt 2 is of second order, L-stable, and ends with its second stage. Both stages take up
+solvent over gamma dt, from the volume ratios
+
+    stage 1   J_n                                               bath at t_n + gamma dt
+    stage 2   J_n + (1 - gamma) / gamma (J_1 - J_n)             bath at t_n + dt
+
+so that volume ratios are all that a step hands to the next one; positions, pressures and mu are values to start from.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from .._types import Float
+from ..equilibrium import Newton, Status
+from ..mechanics import Bath
+from .problem import Transport
+from .stage import Stage, solve_stage
+
+GAMMA = 1 - 1 / np.sqrt(2)
+MAX_HALVINGS = 14  # of a step at which Newton's method fails
+Instant = Callable[[float], Bath]  # what wetted parts see at a time
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Moment:
+    """What is known at one time."""
+
+    t: float
+    """Time."""
+    stage: Stage
+    """The state."""
+    supplied: Float[np.ndarray, " b"]
+    """Solvent that has come in through each wetted part since the start, mm^2."""
+    iterations: int = 0
+    """Corrections of Newton's method since the moment before, those of refused steps included."""
+
+
+def advance(transport: Transport, before: Moment | None, now: Moment, end: float, bath: Instant, newton: Newton) -> Moment:
+    """The `Moment` at ``end``, in one step or, if Newton's method fails, in steps that are halved and doubled again.
+
+    The step that the moment ``before`` led to says where to start. The status of its stage says if no step was short enough, or if the
+    matrix is singular there.
+    """
+    step, spent, halvings, last = end - now.t, 0, 0, None
+    while now.t < end:
+        last = _step(transport, before, now, min(now.t + step, end), bath, newton)
+        spent += last.iterations
+        if last.stage.status.ok:
+            before, now = now, last
+            step, halvings = 2 * step, max(halvings - 1, 0)
+        elif halvings == MAX_HALVINGS:
+            return dataclasses.replace(last, iterations=spent)
+        else:
+            step, halvings = step / 2, halvings + 1
+    return dataclasses.replace(now, iterations=spent)
+
+
+def _step(transport, before, now, end, bath, newton):
+    """The moment at ``end`` by one step of two stages; of a stage that fails the iterate."""
+    dt, old = end - now.t, now.stage.ratios
+    middle = now.t + GAMMA * dt
+    start = now.stage if before is None else _extrapolated(before, now, middle)
+    first = solve_stage(transport, start, old, GAMMA * dt, bath(middle), newton=newton)
+    if not first.status.ok:
+        return Moment(middle, first, now.supplied, first.iterations)
+    target = old + (1 - GAMMA) / GAMMA * (first.ratios - old)
+    start = _extrapolated(now, Moment(middle, first, now.supplied), end)
+    second = solve_stage(transport, start, target, GAMMA * dt, bath(end), newton=newton)
+    supplied = now.supplied + dt * ((1 - GAMMA) * first.inflow + GAMMA * second.inflow) if second.status.ok else now.supplied
+    return Moment(end, second, supplied, first.iterations + second.iterations)
+
+
+def _extrapolated(before, now, t):
+    """A stage to start from at the time ``t``, linear in the root of time through two moments."""
+    share = (np.sqrt(t) - np.sqrt(now.t)) / (np.sqrt(now.t) - np.sqrt(before.t))
+    columns = {name: getattr(now.stage, name) for name in ("x", "pressure", "m")}
+    columns = {name: value + share * (value - getattr(before.stage, name)) for name, value in columns.items()}
+    return Stage(**columns, ratios=now.stage.ratios, status=Status.NOT_CONVERGED)

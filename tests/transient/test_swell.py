@@ -1,0 +1,177 @@
+"""Transient swelling: films with known uptake, balances, limits, and what is refused."""
+
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.mechanics import all_volumes, volume_ratios
+
+GOOD = jaxgel.Gel(1e-3, 0.1)
+TIMES = [1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0]
+# chemical potentials before and after, and the uptake at TIMES over that at the end, of a film of thickness 1 that is held sideways, sealed
+# below and wetted above: finite volumes along the thickness, 3,200 graded cells (drying 1,200), all digits converged
+FILMS = {
+    "small jump": (GOOD, -0.5, -0.4999, [0.01797, 0.05683, 0.09844, 0.17972, 0.31129, 0.56622, 0.87604]),
+    "swelling": (GOOD, -1.0, -0.1, [0.01013, 0.03204, 0.05549, 0.10131, 0.17548, 0.31880, 0.52152]),
+    "from the dry state": (jaxgel.Gel(1e-3, 1e-4), -4.9678, -0.9178, [0.02793, 0.08833, 0.15300, 0.27933, 0.48236, 0.80008, 0.98145]),
+    "drying": (GOOD, -0.1, -1.0, [0.01528, 0.04832, 0.08369, 0.15280, 0.26466, 0.48320, 0.83323]),
+}
+
+
+def film(spacing, **options):
+    """A film of thickness 1 that is free above, two squares of a patch wide and more."""
+    plate = jaxgel.Plate(8 * spacing, 1.0, edges={"top": "free"}, **options)
+    return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    """A film of ten squares."""
+    return film(0.1)
+
+
+def volumes(model):
+    """Dry volumes of the groups that carry solvent, mm^2."""
+    return np.where(np.asarray(model.carries), np.asarray(all_volumes(model)), 0.0)
+
+
+def contents(path):
+    """Solvent and network in the plate, mm^2, at each state."""
+    return np.array([volumes(path.model) @ np.asarray(volume_ratios(x, path.model)) for x in path.x])
+
+
+def uptake(problem, start, bath, times):
+    """Path, and the uptake at its states over that in equilibrium."""
+    path = jaxgel.swell(problem, bath, times, start=start)
+    end = contents(jaxgel.sweep(problem, [bath]))[0]
+    amounts = contents(path)
+    return path, (amounts - amounts[0]) / (end - amounts[0])
+
+
+@pytest.mark.parametrize("name", ["swelling", "drying"])
+def test_the_uptake_of_a_film_is_that_of_finite_volumes(name, coarse):
+    """From 0.1 on, when the layer is as thick as four squares; in a film that dries as thick as one to two."""
+    gel, start, bath, expected = FILMS[name]
+    times = sorted({*jaxgel.TimeSteps(3.0, first=1e-5, per_decade=5).values(0.1, 1.0), *TIMES})
+    path, share = uptake(jaxgel.Problem(coarse, gel, contact=False), start, bath, times)
+    errors = np.interp(TIMES, path.t, share) / expected - 1
+    assert path.stop.ok and not path.negative_pivots.any()
+    assert np.abs(errors[:3]).max() < 0.1  # the layer is thinner than a square: -0.9 to -0.5 without its own term at 1e-3
+    assert np.abs(errors[3:]).max() < 0.05  # drying 4.7 %, the other 0.3 %
+    assert np.abs(errors[5:]).max() < 0.01  # at most 0.5 %, a fifth of it by five steps to a decade
+    supplied = contents(path) - contents(path)[0] - path.supplied[:, 0]
+    assert np.abs(supplied).max() < 1e-10 * contents(path).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FILMS)
+def test_the_uptake_converges_with_the_spacing(name):
+    """Errors at 0.1 and later fall to a third or less, those of a boundary layer at 0.03, too."""
+    gel, start, bath, expected = FILMS[name]
+    errors = []
+    for spacing in (0.1, 0.025):
+        times = sorted({*jaxgel.TimeSteps(3.0, first=1e-6).values(spacing, 1.0), *TIMES})
+        path, share = uptake(jaxgel.Problem(film(spacing), gel, contact=False), start, bath, times)
+        errors.append(np.abs(np.interp(TIMES, path.t, share) / expected - 1))
+    assert errors[1][2:].max() < 0.005 and errors[1][0] < 0.1
+    assert errors[1][3:].max() < max(errors[0][3:].max() / 3, 1e-3)
+
+
+def test_a_small_jump_is_linear_diffusion(coarse):
+    """U = 1 - sum 8 / ((2j + 1)^2 pi^2) exp(-(2j + 1)^2 pi^2 D_eff t / 4); time counts times D alone."""
+    problem, odd = jaxgel.Problem(coarse, GOOD, contact=False), 2 * np.arange(200) + 1
+    times = np.array(sorted({*jaxgel.TimeSteps(8.0, first=1e-4).values(0.1, 1.0), 1.0, 3.0}))
+    path, share = uptake(problem, -0.5, -0.49999, times)
+    D = jaxgel.materials.layer_diffusivity(jaxgel.materials.layer_stretch(-0.5, 1.0, GOOD), 1.0, GOOD, None, 1.0)
+    series = [1 - np.sum(8 / (odd * np.pi) ** 2 * np.exp(-((odd * np.pi) ** 2) * float(D) * t / 4)) for t in (1.0, 3.0)]
+    assert np.interp([1.0, 3.0], path.t, share) == pytest.approx(series, rel=5e-3)
+    faster = jaxgel.swell(problem, -0.49999, times[:20] / 7, start=-0.5, D=7.0)
+    assert np.abs(faster.x - path.x[:21]).max() < 1e-12
+
+
+def test_a_plate_swells_to_the_equilibrium_of_its_bath():
+    """Also with a network of finite chains, a printed field, a load and a sealed hole; the way there is another."""
+    holes = jaxgel.Circle((-0.5, 0.0), 0.25), jaxgel.Circle((0.5, 0.0), 0.25)
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2.0, 1.2, holes, edges={"top": "free"}), spacing=0.2))
+    gel = jaxgel.Gel(lambda X: 2e-3 + 5e-4 * X[0], 0.1, network=jaxgel.Gent(20.0))
+    problem = jaxgel.Problem(model, gel, loads=jaxgel.load_vector(model, traction={"top": (0.0, 2e-4)}), contact=False)
+    equilibrium = jaxgel.sweep(problem, [-0.9, -0.3])
+    path = jaxgel.swell(problem, {0: -0.3, "top": -0.3}, jaxgel.TimeSteps(1e3, first=1e-2, per_decade=4), start=equilibrium[0])
+    assert path.stop.ok and np.ptp(path.potential[-1][np.asarray(model.carries)]) < 1e-9
+    assert np.abs(path.x[-1] - equilibrium.x[1]).max() < 1e-7
+    half = len(path) // 2
+    assert path[half:].t.tolist() == path.t[half:].tolist() and path[half].mu.tolist() == path.potential[half].tolist()
+    on = jaxgel.swell(problem, {0: -0.3, "top": -0.3}, path.t[half + 1 :] - path.t[half], start=path[half])
+    assert np.abs(on.x[-1] - path.x[-1]).max() < 1e-7  # from the state of another run
+
+
+def test_two_baths_drive_a_steady_flow(coarse):
+    """What one side supplies the other takes, and mu in between is neither of both."""
+    plate = jaxgel.Plate(0.4, 1.0, edges={"top": "free", "bottom": "free", "left": "fixed"})
+    problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.1)), GOOD, contact=False)
+    path = jaxgel.swell(problem, {"top": -0.5, "bottom": -0.6}, [0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 200.0, 300.0], start=-0.6)
+    rates = np.diff(path.supplied[-2:], axis=0)[0] / 100
+    assert rates[0] > 0 and rates.sum() == pytest.approx(0.0, abs=1e-9 * rates[0])
+    assert -0.6 < path.potential[-1][np.asarray(problem.model.carries)].mean() < -0.5
+
+
+def test_loads_alone_move_no_solvent_at_once(coarse):
+    """At the least times the gel deforms and every group keeps its volume ratio."""
+    loads = jaxgel.load_vector(coarse, traction={"top": (0.0, 1e-4)})
+    free = jaxgel.Problem(coarse, GOOD, contact=False)
+    before = jaxgel.sweep(free, [-0.5])[0]
+    path = jaxgel.swell(jaxgel.Problem(coarse, GOOD, loads=loads, contact=False), -0.5, [1e-13], start=before)
+    carries = np.asarray(coarse.carries)
+    J = [np.asarray(volume_ratios(x, coarse))[carries] for x in path.x]
+    assert np.abs(J[1] - J[0]).max() < 1e-8 and np.abs(path.potential[1] - path.potential[0])[carries].max() > 1e-5
+
+
+def test_a_gel_in_the_bath_of_its_equilibrium_rests(coarse):
+    """No solvent moves."""
+    path = jaxgel.swell(jaxgel.Problem(coarse, GOOD, contact=False), -0.5, [0.1, 1.0], start=-0.5)
+    assert np.abs(path.x - path.x[0]).max() < 1e-10 and np.abs(path.supplied).max() < 1e-11
+
+
+def test_steps_in_time_are_of_second_order():
+    """A ramp, whose end is a step: differences of 4, 8 and 16 steps fall by more than 2^1.8."""
+    problem = jaxgel.Problem(film(0.2), GOOD, contact=False)
+    bath = jaxgel.Bath([-1.0, -0.4], times=[0.0, 0.4])
+    ends = [contents(jaxgel.swell(problem, bath, np.linspace(0, 0.8, 2 * n + 1)[1:], start=-1.0))[-1] for n in (4, 8, 16)]
+    assert (ends[0] - ends[1]) / (ends[1] - ends[2]) > 2**1.8
+
+
+def test_a_bath_is_linear_between_its_times_and_ages():
+    """The mean of 1 / sqrt(t) over its changes: of a jump, of a ramp, and of both."""
+    jump, ramp = jaxgel.Bath(-0.1), jaxgel.Bath([-1.0, -0.5, -0.5], times=[0.0, 1.0, 5.0])
+    assert jump.at(3.0) == -0.1 and jump.kinks == () and jump.inverse_root_age(4.0, -1.0) == 0.5
+    assert ramp.at(0.5) == -0.75 and ramp.kinks == (1.0, 5.0)
+    assert ramp.inverse_root_age(1.0, -1.0) == pytest.approx(2.0)
+    assert ramp.inverse_root_age(4.0, -1.0) == pytest.approx(2 * (2 - np.sqrt(3)))
+    assert ramp.inverse_root_age(1.0, -1.5) == pytest.approx((1 + 2) / 2) and jump.inverse_root_age(1.0, -0.1) == 0.0
+
+
+def test_what_time_does_not_cover_is_refused_in_one_line(coarse):
+    """Each message names the field."""
+    problem, sealed = jaxgel.Problem(coarse, GOOD, contact=False), jaxgel.Plate(1.0, 1.0, edges={"top": "free"}, kinematics="plane stress")
+    cell = jaxgel.Plate(1.0, 1.0, [jaxgel.Circle((0.0, 0.0), 0.2)], edges="periodic")
+    poor = jaxgel.Gel(1e-3, 0.9)
+    models = {plate: jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25)) for plate in (sealed, cell)}
+    cases = {
+        "contact": (jaxgel.Problem(models[cell], GOOD), -0.5, [1.0]),
+        "control": (jaxgel.Problem(coarse, GOOD, control=jaxgel.controls.chi(mu=-1.0), contact=False), -0.5, [1.0]),
+        "kinematics": (jaxgel.Problem(models[sealed], GOOD, contact=False), -0.5, [1.0]),
+        "edges": (jaxgel.Problem(models[cell], GOOD, contact=False), -0.5, [1.0]),
+        "gel": (jaxgel.Problem(coarse, poor, contact=False), -0.5, [1.0]),
+        "bath: there is no 'topp'": (problem, {"topp": -0.5}, [1.0]),
+        "bath: there is no 3": (problem, {3: -0.5}, [1.0]),
+        "bath: nothing is wetted": (problem, {"top": None}, [1.0]),
+        "bath.times": (problem, jaxgel.Bath, [1.0]),
+        "times: 0 is": (problem, -0.5, [0.0, 1.0]),
+        "times: 2 is followed by 1": (problem, -0.5, [2.0, 1.0]),
+    }
+    for field, (one, bath, times) in cases.items():
+        with pytest.raises(ValueError, match=f"^{field.split(':')[0]}") as error:
+            jaxgel.swell(one, jaxgel.Bath([-1.0, -0.5], times=[1.0, 0.5]) if bath is jaxgel.Bath else bath, times, start=-0.6)
+        assert str(error.value).startswith(field) and "\n" not in str(error.value)
+    with pytest.raises(ValueError, match=r"^D: 0"):
+        jaxgel.swell(problem, -0.5, [1.0], start=-0.6, D=0.0)
