@@ -96,8 +96,7 @@ def _states(search, floats, rest):
     problem = problem.prepared
     with few_threads(2 * problem.model.n_nodes):
         followed = Followed(problem, search.ends or values.tolist(), search.options)
-        lists, keep = problem.model.lists, RECENT_FACTORS.add
-        states = followed.light_states(lambda state: keep(state.factor, lists, state.x, state.pressure))
+        states = followed.light_states(lambda state: _keep_factor(problem, state))
     if not states:
         raise first_state_failed(control, values[0], followed.stop)
     path = Path.from_states(problem, states)
@@ -105,6 +104,11 @@ def _states(search, floats, rest):
     search.found.update(symmetry=path.symmetry, stop=followed.stop, stop_text=ended or followed.stop.text)
     touching = np.array([state.contact_active is not False for state in states])
     return _columns(problem, path, touching, followed.stop, path.value if search.ends else values)
+
+
+def _keep_factor(problem, state):
+    gel = problem.at(state.value)[0].gel  # two networks may have the same positions and pressures
+    RECENT_FACTORS.add(state.factor, problem.model.lists, (state.x, state.pressure, gel))
 
 
 @functools.partial(_states.defjvp, symbolic_zeros=True)

@@ -82,12 +82,11 @@ def _solved(rhs, *leaves, structure):
 
 def _factor(problem, x, pressure, value):
     """Factor of the tangent at a state, the one that the sweep has left if it is kept."""
-    lists = problem.model.lists
-    made = RECENT_FACTORS.find(lists, x, pressure)
+    lists, (now, mu) = problem.model.lists, problem.at(value)
+    made = RECENT_FACTORS.find(lists, (x, pressure, now.gel))
     if made is None:
-        now, mu = problem.at(value)
         made = factorised_tangent(now, x, pressure, linearise(now, x, pressure, mu))
-        RECENT_FACTORS.add(made, lists, x, pressure)
+        RECENT_FACTORS.add(made, lists, (x, pressure, now.gel))
     return made
 
 

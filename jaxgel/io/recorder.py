@@ -61,10 +61,10 @@ class Recorder:
         Without states the results of an earlier run are removed from the folder; other files stay.
         """
         self.begun = True
-        if not before:
-            _clear(self.folder)
         if before:
             self.add(before)
+        else:
+            _clear(self.folder)
         self.finish("running", "the sweep has not ended")
 
     @property

@@ -2,10 +2,11 @@
 
 import collections
 import threading
+from typing import Any
 
+import jax
 import numpy as np
 
-from .._types import Array, Float
 from .blocks import BlockFactor
 from .factors import Factor
 
@@ -13,7 +14,7 @@ REMEMBERED_BYTES = 2**29  # most that the kept factors of all plates may fill to
 
 
 class FactorCache:
-    """The latest factors, each with the discretisation, the positions and the pressures of its state.
+    """The latest factors, each with the discretisation and the numbers on which its tangent depends.
 
     Together they fill at most ``bytes``, the latest one excepted: it stays however large it is. When a
     factor is added, the oldest ones are dropped until the rest fits. A factor that was dropped costs
@@ -25,22 +26,24 @@ class FactorCache:
         self._lock = threading.Lock()
         self._kept: collections.deque[tuple] = collections.deque()  # newest last
 
-    def contents(self) -> list[tuple[Factor | BlockFactor, object, np.ndarray, np.ndarray]]:
-        """The factors kept and the states of their tangents, oldest first."""
+    def contents(self) -> list[tuple[Factor | BlockFactor, object, list[np.ndarray], object]]:
+        """The factors kept, their owners, and the leaves and tree structures of their states, oldest first."""
         with self._lock:
             return list(self._kept)
 
-    def add(self, made: Factor | BlockFactor, owner: object, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> None:
-        """Keep the factor of the tangent at ``x`` and ``pressure``; ``owner`` is compared by identity."""
+    def add(self, made: Factor | BlockFactor, owner: object, state: Any) -> None:
+        """Keep the factor of the tangent at a ``state``, a pytree; ``owner`` is compared by identity."""
+        leaves, structure = jax.tree.flatten(state)
         with self._lock:
-            self._kept.append((made, owner, np.asarray(x), np.asarray(pressure)))
+            self._kept.append((made, owner, [np.asarray(leaf) for leaf in leaves], structure))
             while len(self._kept) > 1 and sum(kept.size for kept, *_ in self._kept) > self.bytes:
                 self._kept.popleft()
 
-    def find(self, owner: object, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> Factor | BlockFactor | None:
+    def find(self, owner: object, state: Any) -> Factor | BlockFactor | None:
         """The factor of this state's tangent; None if it is not kept."""
-        for made, of, *state in reversed(self.contents()):
-            if of is owner and all(map(np.array_equal, state, (x, pressure))):
+        leaves, structure = jax.tree.flatten(state)
+        for made, of, kept, kept_structure in reversed(self.contents()):
+            if of is owner and kept_structure == structure and all(map(np.array_equal, kept, leaves)):
                 return made
         return None
 

@@ -15,7 +15,7 @@ from jaxgel.continuation.predictor import predict
 from jaxgel.equilibrium import State, Status
 from jaxgel.linalg import factors as linear_solve
 from jaxgel.linalg import multifrontal
-from jaxgel.materials import Gel, limits_of_stability
+from jaxgel.materials import Gel, Gent, limits_of_stability, neo_hookean
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +61,27 @@ def test_slices_and_arrays_of_numbers_are_paths_of_these_states(given):
     assert path[-1].mu == path[np.int64(9)].mu == path.mu[9]
     with pytest.raises(IndexError, match=r"^path: has no state 10; it has 10"):
         path[10]
+
+
+def test_the_derivative_of_a_sweep_is_that_of_its_network_after_a_sweep_with_another():
+    """Held edges without holes: positions and pressures are those of all networks, the tangents differ."""
+    plate = jaxgel.Plate(1.0, 1.0, [], edges="fixed", deformation=((1.3, 0.0), (0.0, 1.3)))
+    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25))
+    force, row = np.zeros((model.n_nodes, 2)), np.argmin(np.sum(np.asarray(model.cloud.nodes) ** 2, axis=1))
+    force[row, 1] = 1e-3
+
+    def deflection(network):
+        gel = Gel(0.1, 0.1, network=network)
+
+        def of(load):
+            return jaxgel.sweep(jaxgel.Problem(model, gel, loads=load * force), [-1.0]).x[0, row, 1]
+
+        return jax.vjp(of, 0.0)[1]
+
+    (alone,) = deflection(neo_hookean)(1.0)
+    first, second = deflection(neo_hookean), deflection(Gent(3.0))
+    np.testing.assert_allclose(first(1.0)[0], alone, rtol=1e-9)
+    assert second(1.0)[0] < 0.9 * alone  # the other network is stiffer
 
 
 def test_a_part_of_a_path_has_the_derivatives_of_the_whole(tiny_model):

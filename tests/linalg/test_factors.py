@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from jaxgel import Gel, Problem, sweep
+from jaxgel import Gel, Gent, Problem, sweep
 from jaxgel.linalg import RECENT_FACTORS, Bordered, FactorCache, SingularTangent, analyse, factor
 from jaxgel.linalg import pattern as pattern_module
 from jaxgel.mechanics import free_dofs, node_pairs
@@ -149,12 +149,14 @@ def test_remembered_factors_fill_bounded_memory(pattern):
     cache, none = FactorCache(3.5 * size), FactorCache(0)
     for seed in range(6):
         made = factor(pattern, blocks + 1e-4 * random_pairs(pattern, seed))
-        cache.add(made, pattern, at(seed), np.ones(3))
-        none.add(made, pattern, at(seed), np.ones(3))
-    assert [kept[2][0, 0] for kept in cache.contents()] == [3, 4, 5]
-    assert [kept[2][0, 0] for kept in none.contents()] == [5]  # the latest stays, however large
-    assert cache.find(pattern, at(5), np.ones(3)) is made
-    others = (object(), at(5), np.ones(3)), (pattern, at(2), np.ones(3)), (pattern, at(5), np.zeros(3))
+        cache.add(made, pattern, (at(seed), Gel(1e-3, 0.2)))
+        none.add(made, pattern, (at(seed), Gel(1e-3, 0.2)))
+    assert [kept[2][0][0, 0] for kept in cache.contents()] == [3, 4, 5]
+    assert [kept[2][0][0, 0] for kept in none.contents()] == [5]  # the latest stays, however large
+    assert cache.find(pattern, (at(5), Gel(1e-3, 0.2))) is made
+    gels = Gel(1e-3, 0.3), Gel(1e-3, 0.2, network=Gent(30.0))
+    others = (object(), (at(5), Gel(1e-3, 0.2))), (pattern, (at(2), Gel(1e-3, 0.2)))
+    others += tuple((pattern, (at(5), gel)) for gel in gels)
     assert all(cache.find(*other) is None for other in others)
 
 
