@@ -24,9 +24,11 @@ def lowest_eigenvalue(path: Path) -> Float[Array, " k"]:
     It is that of `stability`, dimensionless, to the accuracy of Lanczos' iteration. v . K v / v . N v is stationary in the mode v, so that
     no derivative of v is needed: d lambda = v . (dK - lambda dN) v for v . N v = 1, by way of the state as well. Where two modes share the
     eigenvalue it has no derivative, and gets that of one of them. nan for a state that was not reached. ValueError inside ``jax.jit`` and
-    ``jax.vmap``, and where a second derivative is asked for.
+    ``jax.vmap``, where a second derivative is asked for, and for transient swelling, whose states have a chemical potential in every group.
     """
     check_is_path(path)
+    if path.potential is not None:
+        raise ValueError("lowest_eigenvalue: is of states of equilibrium; path.negative_pivots says whether a transient one is stable")
     leaves, structure = jax.tree.flatten((path.x, path.pressure, path.problem, jnp.asarray(path.value)))
     return _lowest(structure, leaves)[0]
 

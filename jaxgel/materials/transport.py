@@ -28,7 +28,7 @@ HALVINGS = 60  # of the range of ln(J - 1) in which the stretch of a layer is lo
 RANGE = (-40.0, 12.0)  # of ln(J - 1)
 
 
-def mobility(F: Float[Array, "2 2"], swelling: Float[Array, ""], D: Scalar) -> Float[Array, "2 2"]:
+def mobility(F: Float[Array, "2 2"], swelling: Scalar, D: Scalar) -> Float[Array, "2 2"]:
     """Mobility M (2, 2) of the solvent, D over kT, at the deformation gradient ``F`` (2, 2) and the solvent J - 1 per dry volume.
 
     >>> mobility(jnp.diag(jnp.array([1.0, 2.0])), 1.0, 3.0)

@@ -36,7 +36,7 @@ from ..materials import (
     takes_solvent,
     with_parameters,
 )
-from .volumes import all_volumes, contour_shares, group_volumes
+from .volumes import all_volumes
 
 
 def check_model(model: Model, gel: AnyGel) -> None:
@@ -194,22 +194,23 @@ def reference_groups(lists: Connectivity) -> tuple[Float[np.ndarray, "g 2"], Int
     """Positions (g, 2), mm, of the volume groups before holes moved, those of held groups too, and the first group (c,) of each patch."""
     parts, count, first, found = _reference_quadrature(lists)[0], 0, np.zeros(len(lists.linear), dtype=int), []
     for own, patches in zip(parts, lists.patches, strict=True):
-        nothing = np.zeros((len(patches), 0))
-        block = PatchBlock(patches, nothing, nothing, dphi=nothing, contour=nothing, carrying=n_carrying(lists.linear[patches[0]]), **own)
-        first[patches] = count + block.n_groups * np.arange(len(patches))
-        count += block.n_groups * len(patches)
-        found.append(np.asarray(group_positions(block)).reshape(-1, 2))
+        at = _at_groups(own["position"], own["weight"], own["group_weight"], n_carrying(bool(lists.linear[patches[0]])))
+        first[patches] = count + at.shape[1] * np.arange(len(patches))
+        count += at.shape[1] * len(patches)
+        found.append(np.asarray(at).reshape(-1, 2))
     return np.concatenate(found), first
 
 
 def group_positions(block: PatchBlock) -> Float[Array, "c g 2"]:
     """Positions (c, g, 2), mm, of the volume groups of a block."""
-    X = block.position
-    total = jnp.einsum("cq,cqi->ci", block.weight, X)[:, None]
-    volume = jnp.sum(block.weight, axis=1)[:, None, None]
-    shares = contour_shares(block)[:, None]
-    own = total * shares + jnp.einsum("cq,cqg,cqi->cgi", block.weight, block.group_weight, X)
-    return jnp.where(shares > 0, own / group_volumes(block)[..., None], total / volume)
+    return _at_groups(block.position, block.weight, block.group_weight, block.carrying)
+
+
+def _at_groups(X, weight, group_weight, carrying):
+    carries = np.arange(group_weight.shape[2]) < carrying
+    total, volume = jnp.einsum("cq,cqi->ci", weight, X)[:, None], jnp.sum(weight, axis=1)[:, None, None]
+    own = total * carries[:, None] / carrying + jnp.einsum("cq,cqg,cqi->cgi", weight, group_weight, X)
+    return jnp.where(carries[:, None], own * carrying, total) / volume
 
 
 def _evaluated(name, field, places):

@@ -75,7 +75,7 @@ def by_block(values: Float[Array, " g"], model: Body) -> list[Array]:
     return [values.at[block.groups].get(mode="fill", fill_value=0) for block in model.blocks]
 
 
-def of_groups(parts: list[Array], model: Body) -> Float[Array, " g"]:
+def of_groups(parts: list[Array], model: Body) -> Float[Array, "g ..."]:
     """The values (g, ...) of all volume groups from arrays (c, g, ...) per block."""
     total = jnp.zeros((len(model.carries), *parts[0].shape[2:]))
     for block, part in zip(model.blocks, parts, strict=True):

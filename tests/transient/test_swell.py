@@ -1,5 +1,6 @@
 """Transient swelling: films with known uptake, balances, limits, and what is refused."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -173,5 +174,10 @@ def test_what_time_does_not_cover_is_refused_in_one_line(coarse):
         with pytest.raises(ValueError, match=f"^{field.split(':')[0]}") as error:
             jaxgel.swell(one, jaxgel.Bath([-1.0, -0.5], times=[1.0, 0.5]) if bath is jaxgel.Bath else bath, times, start=-0.6)
         assert str(error.value).startswith(field) and "\n" not in str(error.value)
+    rested = jaxgel.swell(problem, -0.5, [1.0], start=-0.5)
+    with pytest.raises(ValueError, match=r"^lowest_eigenvalue: is of states of equilibrium"):
+        jaxgel.continuation.lowest_eigenvalue(rested)
+    with pytest.raises(ValueError, match=r"^swell: is not differentiated yet"):
+        jax.grad(lambda mu: jaxgel.swell(problem, -0.5, [1.0], start=mu).x.sum())(-0.5)
     with pytest.raises(ValueError, match=r"^D: 0"):
         jaxgel.swell(problem, -0.5, [1.0], start=-0.6, D=0.0)
