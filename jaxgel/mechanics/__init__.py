@@ -27,10 +27,9 @@ from .mixed import (
     pressure_step,
     state_pressure,
 )
-from .operators import Operators, add_matrices, precomputed_operators
+from .operators import Operators, precomputed_operators
 from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
-from .patchwise import added_over_patches, over_patches
 from .problem import Problem, check_driven, constraints_of, shared_tangents
 from .solvent import MOMENTS, Solvent, places_of, reference_groups, solvent_of, wetted_parts
 from .solvent_flow import (
@@ -79,8 +78,6 @@ __all__ = [
     "Operators",
     "Problem",
     "Solvent",
-    "add_matrices",
-    "added_over_patches",
     "all_volumes",
     "along_sides",
     "at_points",
@@ -128,7 +125,6 @@ __all__ = [
     "node_pairs",
     "outline_arcs",
     "outline_loops",
-    "over_patches",
     "overlaps",
     "pair_energy",
     "periodic_images",

@@ -137,7 +137,7 @@ def flow_change(
 
 
 def place_matrices(
-    total: Float[Array, " s"], x: Float[Array, "n 2"], carried: Carried, model: Body, solvent: Solvent, D: Scalar, slots: tuple
+    total: Float[Array, " s"], x: Float[Array, "n 2"], carried: Carried, model: Body, solvent: Solvent, D: Scalar, slots: tuple[Array, ...]
 ) -> Float[Array, " s"]:
     """``total`` (s,) plus a symmetric matrix near the derivative of the `flow` by mu, the upper entries of each patch at their ``slots``
     (c, t).

@@ -9,8 +9,6 @@ from .._types import Float, Scalar
 from .._validation import finite_numbers
 from ..controls import check_values
 
-INSTANTANEOUS = 0.0  # time at which a bath of one value changes
-
 
 @dataclasses.dataclass(frozen=True)
 class Bath:
@@ -29,7 +27,7 @@ class Bath:
     """Times of the values, rising from 0 or later, in the unit of time of D; None for one value."""
 
     def __post_init__(self) -> None:
-        times = [INSTANTANEOUS] if self.times is None else self.times
+        times = [0.0] if self.times is None else self.times
         times = check_values(times, "bath.times", "time", rising=True)
         mu = finite_numbers(np.atleast_1d(np.asarray(self.mu, dtype=float)), (len(times),), "bath.mu")
         if times[0] < 0:
@@ -40,7 +38,8 @@ class Bath:
     @property
     def kinks(self) -> tuple[float, ...]:
         """Times above 0 at which its slope changes."""
-        return tuple(time for time in self.times if time > 0) if len(self.times) > 1 else ()
+        times = np.atleast_1d(self.times)
+        return tuple(times[times > 0].tolist()) if len(times) > 1 else ()
 
     def at(self, t: float) -> float:
         """Chemical potential, kT, at the time ``t``."""
