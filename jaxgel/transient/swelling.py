@@ -9,7 +9,7 @@ from .._threads import few_threads
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from .._validation import Inadmissible, check_kind, did_you_mean
-from ..continuation import Path, check_sweep, sweep
+from ..continuation import Adaptive, Path, SweepFailed, check_sweep, sweep
 from ..controls import ChemicalPotential, check_values
 from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, Stability, State, Status
 from ..linalg import SingularTangent
@@ -22,6 +22,7 @@ from .march import Moment, advance
 from .problem import transport
 from .stage import Stage, acting_potential, acting_problem
 
+DRIER = 3.0  # kT below the start at which a sweep to it begins, if it must
 Baths = Scalar | Bath | Mapping[str | int, Scalar | Bath | None]
 
 
@@ -106,8 +107,19 @@ def swell(
     problem = problem.prepared
     with few_threads(2 * problem.model.n_nodes):
         if not isinstance(start, State):
-            start = sweep(problem, [start], newton=newton, observer=observer)[0]
+            start = _equilibrium(problem, float(start), newton, observer)
         return _marched(transport(problem, tuple(baths), D), list(baths.values()), start, numbers, kinks, newton, observer)
+
+
+def _equilibrium(problem, mu, newton, observer):
+    """The `State` at this chemical potential, by way of drier ones if it is not found at once."""
+    try:
+        return sweep(problem, [mu], newton=newton, observer=observer)[0]
+    except SweepFailed:
+        path = sweep(problem, Adaptive(mu - DRIER, mu), newton=newton, observer=observer)
+        if not path.stop.ok:
+            raise ValueError(f"start: {mu:g} kT is not reached: {path.stop_text}") from None
+        return path[-1]
 
 
 def _check_problem(problem):
