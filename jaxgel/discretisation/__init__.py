@@ -1,8 +1,8 @@
 """Shape functions on a cloud and the ``Model``: what is needed to integrate an energy over the gel."""
 
-from .body import Body, PatchBlock, numbered
+from .body import NONE, Body, PatchBlock, numbered
 from .connectivity import Connectivity, plate_edge_ends
-from .consistency import consistent_functions
+from .consistency import consistent_gradients
 from .interpolation import Interpolation
 from .ladder import MANY, NODES, PAIRS, room
 from .model import Model, discretise
@@ -10,7 +10,7 @@ from .moving_least_squares import BASES, KINDS, n_monomials, shape_functions, sh
 from .neighbours import pad_nodes, reaching_nodes
 from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
-from .pressures import group_weights, n_carrying
+from .pressures import SIGNS, group_weights, n_carrying
 from .probes import MIDLINE_POINTS, NodalField, core_probe, make_probe, midline_points, midline_probe
 from .weights import cubic_spline_weight, singular_weight
 
@@ -20,7 +20,9 @@ __all__ = [
     "MANY",
     "MIDLINE_POINTS",
     "NODES",
+    "NONE",
     "PAIRS",
+    "SIGNS",
     "SPENT",
     "Body",
     "Connectivity",
@@ -31,7 +33,7 @@ __all__ = [
     "PatchBlock",
     "Quality",
     "cell_sizes",
-    "consistent_functions",
+    "consistent_gradients",
     "core_probe",
     "cubic_spline_weight",
     "discretise",

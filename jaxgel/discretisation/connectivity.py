@@ -167,12 +167,12 @@ def _groups_of_similar_size(linear, owner, patch_of_cell):
     return tuple(group for group in map(np.flatnonzero, kinds) if len(group))
 
 
-def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, "e 2"]:
-    """The two nodes between which each contour edge on an edge of the plate lies; -1 for free edges and inside the plate."""
+def plate_edge_ends(topology: Topology, edges: Int[np.ndarray, "e 2"], *, free: bool = False) -> Int[np.ndarray, "e 2"]:
+    """The two nodes between which each contour edge on a held edge of the plate, or on a ``free`` one, lies; -1 for others."""
     plate, nodes, vertices = topology.plate, topology.nodes, topology.partition.vertices
     ends = np.full((len(edges), 2), -1)
     for edge, (axis, coordinate) in edge_lines(plate).items():
-        if plate.edges[edge] == "free":
+        if (plate.edges[edge] == "free") != free:
             continue
         on = (np.abs(vertices[edges][:, :, axis] - coordinate) < 1e-9 * topology.spacing).all(axis=1)
         on_edge = topology.edge_nodes[edge]

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._compiled import compiled
-from .._sizes import padded, resized, taken
+from .._sizes import padded, resized
 from .._types import Array, Float, Int
 from ..cloud import Cloud
 from .connectivity import Connectivity
@@ -41,15 +41,15 @@ def consistent_patches(cloud: Cloud, lists: Connectivity, basis: str) -> list[tu
     return cut
 
 
-def consistent_functions(
+def consistent_gradients(
     cloud: Cloud,
     lists: Connectivity,
     places: Float[Array, "v 2"],
     of_patches: tuple[Int[np.ndarray, "l b"], Float[np.ndarray, "l b"]],
     edge_ends: Int[np.ndarray, "e 2"],
-) -> list[tuple[Array, Array]]:
-    """Per block of patches the shape functions (c, q, b) of other ``places`` than the nodes at the quadrature points, with a linear basis,
-    and their gradients (c, q, b, 2), corrected as in `consistent_patches`.
+) -> list[Array]:
+    """Per block of patches the gradients (c, q, b, 2) of shape functions of other ``places`` than the nodes, with a linear basis, at the
+    quadrature points, corrected as in `consistent_patches`.
 
     ``of_patches`` are the lists of places of each patch and their supports; the contour edges with ``edge_ends``, positions in these lists,
     carry the linear trace between two places, -1 for the others.
@@ -62,16 +62,12 @@ def consistent_functions(
     contour = dataclasses.replace(layout.contour, edge_ends=ends, on_interfaces=None)
     layout = layout._replace(nodes=nodes, support=supports, contour=contour)
     places, owners = padded(places, room(len(places))), (layout.patch[layout.quadrature.owner], np.repeat(contour.owner, 2))
-    psi, dpsi = evaluate_groups(places, points, nodes, supports, owners[0], n_points, basis="linear")
+    _, gradients = evaluate_groups(places, points, nodes, supports, owners[0], n_points, basis="linear")
     (trace,) = evaluate_groups(places, on_contour, nodes, supports, owners[1], 2 * n_edges, basis="linear", gradients=False)
     linear = tuple(bool(lists.linear[patches[0]]) for patches in lists.patches)
-    blocks = _consistent(places, points, weight, on_contour, trace, dpsi, layout, linear=linear)
-    found = []
-    for numbers, of_block, values in zip(lists.points, layout.points_of, blocks, strict=True):
-        shape = (*numbers.shape, of_patches[0].shape[1])
-        here = taken(psi, np.where(of_block >= 0, of_block, of_block[:, :1]))
-        found.append((resized(here, shape), resized(values[1], (*shape, 2))))
-    return found
+    blocks = _consistent(places, points, weight, on_contour, trace, gradients, layout, linear=linear)
+    wide = of_patches[0].shape[1]
+    return [resized(values[1], (*numbers.shape, wide, 2)) for numbers, values in zip(lists.points, blocks, strict=True)]
 
 
 @compiled()

@@ -43,7 +43,7 @@ from .swelling import (
     uniaxial_swelling,
     volume_ratio_at,
 )
-from .transport import layer_diffusivity, layer_potential, layer_stretch, layer_uptake, mobility
+from .transport import layer_diffusivity, layer_potential, layer_stretch, layer_uptake
 
 __all__ = [
     "ACCEPTED",
@@ -93,7 +93,6 @@ __all__ = [
     "layer_uptake",
     "limits_of_stability",
     "matrix_of",
-    "mobility",
     "named_parameters",
     "neo_hookean",
     "network_at",

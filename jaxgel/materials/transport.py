@@ -28,17 +28,6 @@ HALVINGS = 60  # of the range of ln(J - 1) in which the stretch of a layer is lo
 RANGE = (-40.0, 12.0)  # of ln(J - 1)
 
 
-def mobility(F: Float[Array, "2 2"], swelling: Scalar, D: Scalar) -> Float[Array, "2 2"]:
-    """Mobility M (2, 2) of the solvent, D over kT, at the deformation gradient ``F`` (2, 2) and the solvent J - 1 per dry volume.
-
-    >>> mobility(jnp.diag(jnp.array([1.0, 2.0])), 1.0, 3.0)
-    Array([[3.  , 0.  ],
-           [0.  , 0.75]], dtype=float64)
-    """
-    inverse = jnp.linalg.inv(F)
-    return D * swelling * inverse @ inverse.T
-
-
 def layer_potential(normal: Scalar, along: Scalar, gel: Any, axial: Scalar | None = None) -> Float[Array, ""]:
     """Chemical potential (), kT, of a layer with the stretches ``normal`` to a free surface and ``along`` it; ``axial`` out of plane."""
     network, law, held = network_at(gel, axial), VolumeLaw(gel, 0.0, axial), 1.0 if axial is None else axial

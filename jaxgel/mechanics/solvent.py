@@ -23,7 +23,7 @@ from .._tracing import is_traced
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
 from ..cloud import opposite_edges
-from ..discretisation import Body, Connectivity, Model, consistent_functions, pad_nodes, room
+from ..discretisation import NONE, SIGNS, Body, Connectivity, Model, consistent_gradients, pad_nodes, plate_edge_ends, room
 from ..geometry import edge_lines
 from .local_gel import group_positions, reference_groups
 
@@ -32,7 +32,7 @@ SUPPORT = 2.4  # radius of a place's weight function over the spacing of the nod
 FEWEST = 4  # places that must reach a point: one more than a linear basis has monomials
 WIDTHS = (24, 32, 48, 64, 96, 128)  # room for places of a patch
 ON_LINE = 1e-9  # of the spacing: distance from an edge of the plate of what lies on it
-MOMENTS = np.array([[1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])  # m to the mu of a linear patch's groups
+MOMENTS = np.insert(SIGNS, 0, 1.0, axis=1)  # m to the mu of a linear patch's groups
 
 
 @jax.tree_util.register_dataclass
@@ -41,11 +41,9 @@ class SolventBlock:
     """The chemical potential on the patches of a block; a pytree."""
 
     places: Int[Array, "c b"]
-    """Numbers of the places on which mu in a patch depends; padding has shape functions 0."""
-    psi: Float[Array, "c q b"]
-    """Shape functions at the quadrature points."""
+    """Numbers of the places on which mu in a patch depends; padding has gradients 0."""
     dpsi: Float[Array, "c q b 2"]
-    """Their gradients, 1/mm."""
+    """Gradients of their shape functions at the quadrature points, 1/mm."""
 
 
 @jax.tree_util.register_dataclass
@@ -85,14 +83,12 @@ class Solvent:
 
         def padded(block, patches):
             c, b = len(patches.nodes), step(block.places.shape[1], WIDTHS)
-            points = patches.weight.shape[1]
             places = np.where(block.places < first, block.places, block.places - first + last)
-            arrays = places, *(resized(values, (*values.shape[:2], b, *values.shape[3:])) for values in (block.psi, block.dpsi))
-            shapes = (c, b), (c, points, b), (c, points, b, 2)
-            return SolventBlock(*(resized(values, shape, edge=True) for values, shape in zip(arrays, shapes, strict=True)))
+            dpsi = resized(block.dpsi, (*block.dpsi.shape[:2], b, 2))
+            return SolventBlock(resized(places, (c, b), edge=True), resized(dpsi, (c, patches.weight.shape[1], b, 2), edge=True))
 
         groups = room(len(wet.groups), ROOM)
-        numbers = np.full(groups, last + room(len(wet.node_parts), ROOM))
+        numbers = np.full(groups, NONE)
         numbers[: len(wet.groups)] = wet.groups
         rest = (getattr(wet, name) for name in ("group_parts", "linear", "length", "directions", "depth"))
         rest = (resized(values, (groups, *values.shape[1:])) for values in rest)
@@ -144,9 +140,8 @@ def solvent_of(model: Model, wetted: tuple[str | int, ...]) -> Solvent:
     groups = np.concatenate([np.asarray(g) for g in groups]) if host else jnp.concatenate(groups)
     places = (np if host else jnp).concatenate([groups, taken(cloud.nodes, nodes)])
     of_patches, edge_ends = places_of(lists, wetted)
-    functions = consistent_functions(cloud, lists, places, of_patches, edge_ends)
-    numbers = [of_patches[0][patches] for patches in lists.patches]
-    blocks = tuple(SolventBlock(own, *values) for own, values in zip(numbers, functions, strict=True))
+    gradients = consistent_gradients(cloud, lists, places, of_patches, edge_ends)
+    blocks = tuple(SolventBlock(of_patches[0][patches], dpsi) for patches, dpsi in zip(lists.patches, gradients, strict=True))
     edges, owner, wet_groups, linear, group_parts = _wetted_sides(lists, wetted)
     ends = taken(cloud.vertices, lists.contour.ends[edges])
     sides = _measured(ends, taken(groups, wet_groups[owner]), owner, len(wet_groups))
@@ -208,7 +203,10 @@ def places_of(
     if few.any():
         x, y = points[np.argmax(few)]
         raise Inadmissible(f"spacing: the cloud is too coarse for the gradient of mu at ({x:.4g}, {y:.4g}); use a smaller spacing")
-    straight = _straight_ends(topology, contour.ends, nodes)
+    number = np.full(len(topology.node_vertices) + 1, -1)  # the last one stands for none
+    number[nodes] = np.arange(len(nodes))
+    straight = number[plate_edge_ends(topology, contour.ends, free=True)]
+    straight[(straight < 0).any(axis=1)] = -1
     at = np.flatnonzero(straight[:, 0] >= 0)
     also = np.repeat(contour.owner[at], 2), len(groups) + straight[at].ravel()
     key = np.unique(np.concatenate([owner[pairs["i"]] * len(places) + pairs["j"], also[0] * len(places) + also[1]]))
@@ -217,22 +215,6 @@ def places_of(
     for end in range(2):
         edge_ends[at, end] = (listed[contour.owner[at]] == (len(groups) + straight[at, end])[:, None]).argmax(axis=1)
     return (listed, reach), edge_ends
-
-
-def _straight_ends(topology, edges, wetted):
-    """The two ``wetted`` nodes, numbers in their list, between which each edge along a free edge of the plate lies; -1 for others."""
-    vertices, ends = topology.partition.vertices, np.full(edges.shape, -1)
-    number = np.full(len(topology.node_vertices), -1)
-    number[wetted] = np.arange(len(wetted))
-    for edge, (axis, coordinate) in edge_lines(topology.plate).items():
-        on_edge = topology.edge_nodes[edge]
-        if topology.plate.edges[edge] != "free" or (number[on_edge] < 0).any():
-            continue
-        on = (np.abs(vertices[edges][:, :, axis] - coordinate) < ON_LINE * topology.spacing).all(axis=1)
-        middle = vertices[edges[on]][:, :, 1 - axis].mean(axis=1)
-        k = np.clip(np.searchsorted(topology.nodes[on_edge, 1 - axis], middle) - 1, 0, len(on_edge) - 2)
-        ends[on] = number[np.stack([on_edge[k], on_edge[k + 1]], axis=1)]
-    return ends
 
 
 @once_per_owner

@@ -22,6 +22,7 @@ from .stage import Stage, solve_stage
 
 GAMMA = 1 - 1 / np.sqrt(2)
 MAX_HALVINGS = 14  # of a step at which Newton's method fails
+FARTHEST = 10.0  # times the step before, in the root of time, up to which a state is extrapolated
 Instant = Callable[[float], Bath]  # what wetted parts see at a time
 
 
@@ -55,7 +56,7 @@ def advance(transport: Transport, before: Moment | None, now: Moment, end: float
         elif halvings == MAX_HALVINGS:
             return dataclasses.replace(last, iterations=spent)
         else:
-            step, halvings = step / 2, halvings + 1
+            before, step, halvings = None, step / 2, halvings + 1
     return dataclasses.replace(now, iterations=spent)
 
 
@@ -75,8 +76,11 @@ def _step(transport, before, now, end, bath, newton):
 
 
 def _extrapolated(before, now, t):
-    """A stage to start from at the time ``t``, linear in the root of time through two moments."""
-    share = (np.sqrt(t) - np.sqrt(now.t)) / (np.sqrt(now.t) - np.sqrt(before.t))
+    """A stage to start from at the time ``t``, linear in the root of time through two moments; the last one if these are close together."""
+    step, last = np.sqrt(t) - np.sqrt(now.t), np.sqrt(now.t) - np.sqrt(before.t)
+    if step > FARTHEST * last:
+        return now.stage
+    share = step / last
     columns = {name: getattr(now.stage, name) for name in ("x", "pressure", "m")}
     columns = {name: value + share * (value - getattr(before.stage, name)) for name, value in columns.items()}
     return Stage(**columns, ratios=now.stage.ratios, status=Status.NOT_CONVERGED)

@@ -72,15 +72,8 @@ class Saddle:
     """Room for pairs of places; the slot of those that are none."""
     pairs: Int[np.ndarray, "s 2"]
     """Pairs i <= j of groups that are places of one patch."""
-    moments: sp.csr_array
-    """Matrix (g, u) from the unknowns of mu to its values in the groups that carry volume, see ``mechanics.solvent``."""
     groups: Int[np.ndarray, " u"]
     """Groups in which the unknowns of mu are kept."""
-
-    @property
-    def n_unknowns(self) -> int:
-        """Number u of the unknowns of mu."""
-        return len(self.groups)
 
 
 @once_per_owner
@@ -102,7 +95,7 @@ def saddle(lists: Connectivity, wetted: tuple[str | int, ...], shapes: tuple[tup
     masters = np.concatenate([np.asarray(free.masters), 2 * (n + groups)])
     every = np.concatenate([node_pairs(lists)[0], *couplings, n + pairs])
     pattern = analyse(every, np.concatenate([nodes, positions]), masters, [fields], late=n)
-    return Saddle(pattern, real, slots, size, pairs, moments, groups)
+    return Saddle(pattern, real, slots, size, pairs, groups)
 
 
 def _count(lists, patches):
@@ -111,7 +104,7 @@ def _count(lists, patches):
 
 
 def _moments(lists, first, size):
-    """The matrix ``Saddle.moments``, and the groups of its unknowns."""
+    """Matrix (g, u) from the unknowns of mu to its values in the groups that carry volume, and the groups in which they are kept."""
     linear, alone = first[lists.linear], first[~lists.linear]
     kept = np.sort(np.concatenate([(linear[:, None] + np.arange(MOMENTS.shape[1])).ravel(), alone]))
     column = np.searchsorted(kept, linear)[:, None, None] + np.arange(MOMENTS.shape[1])

@@ -15,7 +15,7 @@ from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, Stability, State
 from ..linalg import SingularTangent
 from ..materials import Filled, gel_in_groups, rises_always
 from ..mechanics import Bath as Instant
-from ..mechanics import Problem, factorised_tangent, linearise, volume_ratios, wetted_parts
+from ..mechanics import Problem, factorised_tangent, linearise, overlaps, volume_ratios, wetted_parts
 from ..mechanics import moments as of_unknowns
 from .bath import Bath, values_of
 from .march import Moment, advance
@@ -76,8 +76,10 @@ def swell(
     The path has ``t`` (k,), the mean chemical potential of the wetted boundary as ``mu`` (k,), that of the solvent in every volume
     group as ``potential`` (k, g), and ``supplied`` (k, b), the solvent that has come in through each wetted part, mm^2.
     ``negative_pivots`` are those of the tangent at this potential. If Newton's method fails a step is halved, up to 14 times; if that
-    does not help the path ends early, with the reason in ``path.stop`` and ``path.stop_text``. Until the layer below a surface is as
-    thick as its cells the uptake is that of a half-space, good to about 10 % in films and 20 % along holes, see docs/theory.md.
+    does not help, or if an outline meets itself, the path ends early, with the reason in ``path.stop`` and ``path.stop_text``.
+
+    Until the layer below a surface is as thick as its cells the uptake is that of a half-space, good to about 10 % in films and 20 % along
+    holes, see docs/theory.md. The bath counts as changed at time 0, also if the ``start`` is a state on the way to it.
 
     Raises ValueError, one line, for a bath, times or a problem that cannot be used: films, periodic edges, contact, gels that can separate
     into phases, elastomers, and controls other than the chemical potential are not. It is not differentiated by JAX yet: traced inputs are
@@ -172,6 +174,9 @@ def _marched(transport, baths, start, times, kinks, newton, observer):
             observer.refused(state)
             stop = following.stage.status
             text = f"stopped after t = {now.t:.6g}: {stop.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
+            break
+        if overlaps(following.stage.x, problem.model):
+            stop, text = Status.SELF_CONTACT, f"stopped after t = {now.t:.6g}: {Status.SELF_CONTACT.text}"
             break
         before, now = (None if t in kinks else now), following
         if t in times:

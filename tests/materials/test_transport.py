@@ -1,19 +1,11 @@
 """Solvent in one material point, and layers that are held sideways."""
 
 import jax.numpy as jnp
-import numpy as np
 import pytest
 
-from jaxgel.materials import Gel, Gent, layer_diffusivity, layer_potential, layer_stretch, layer_uptake, mobility
+from jaxgel.materials import Gel, Gent, layer_diffusivity, layer_potential, layer_stretch, layer_uptake
 
 GEL = Gel(1e-3, 0.1)
-
-
-def test_the_mobility_is_that_of_the_current_area_and_length():
-    """Stretched twofold along y and turned, a gel conducts a quarter along the dry y axis."""
-    turn = jnp.array([[0.0, -1.0], [1.0, 0.0]])
-    M = mobility(turn @ jnp.diag(jnp.array([1.0, 2.0])), 0.5, 3.0)
-    assert np.abs(np.asarray(M) - np.diag([1.5, 0.375])).max() < 1e-12
 
 
 @pytest.mark.parametrize("gel", [GEL, Gel(1e-3, 0.1, network=Gent(30.0))])

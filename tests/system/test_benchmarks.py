@@ -19,6 +19,7 @@ SMALL = {
     "programs": ["--quick"],
     "scale": ["--nodes", "500", "--out", "scale.json"],
     "solvers": ["--nodes", "800"],
+    "swelling": ["--quick"],
     "symmetry": ["--cases", "sample-1", "--spacing", "1.5", "--runs", "1"],
 }
 LONG = {"first", "howto", "kill", "lattice", "waves"}  # minutes at their only setting

@@ -116,6 +116,14 @@ def test_two_baths_drive_a_steady_flow(coarse):
     assert -0.6 < path.potential[-1][np.asarray(problem.model.carries)].mean() < -0.5
 
 
+def test_a_hole_that_closes_ends_the_path():
+    """There is no contact in time; the states before are kept."""
+    slit = jaxgel.Plate(1.2, 1.2, [jaxgel.Ellipse((0.0, 0.0), (0.4, 0.05))])
+    model = jaxgel.discretise(jaxgel.make_cloud(slit, spacing=0.15, nodes_per_hole=24))
+    path = jaxgel.swell(jaxgel.Problem(model, GOOD, contact=False), -1.0, [1e-3, 1e-2, 0.1, 1.0], start=-4.0)
+    assert path.stop is jaxgel.Status.SELF_CONTACT and 1 < len(path) < 5 and path.ok.all() and "touch or overlap" in path.stop_text
+
+
 def test_loads_alone_move_no_solvent_at_once(coarse):
     """At the least times the gel deforms and every group keeps its volume ratio."""
     loads = jaxgel.load_vector(coarse, traction={"top": (0.0, 1e-4)})
@@ -125,6 +133,14 @@ def test_loads_alone_move_no_solvent_at_once(coarse):
     carries = np.asarray(coarse.carries)
     J = [np.asarray(volume_ratios(x, coarse))[carries] for x in path.x]
     assert np.abs(J[1] - J[0]).max() < 1e-8 and np.abs(path.potential[1] - path.potential[0])[carries].max() > 1e-5
+
+
+def test_times_that_differ_by_round_off_are_one_step_and_none(coarse):
+    """The second state is the first; the steps after it are as without it."""
+    problem, close = jaxgel.Problem(coarse, GOOD, contact=False), 0.01 * (1 + 4e-16)
+    path = jaxgel.swell(problem, -0.3, [0.001, 0.01, close, 0.03], start=-0.5)
+    without = jaxgel.swell(problem, -0.3, [0.001, 0.01, 0.03], start=-0.5)
+    assert path.stop.ok and close > 0.01 and np.abs(path.x[[1, 2, 4]] - without.x[1:]).max() < 1e-10
 
 
 def test_a_gel_in_the_bath_of_its_equilibrium_rests(coarse):

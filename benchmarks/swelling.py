@@ -1,0 +1,110 @@
+"""Uptake of solvent in time: a film beside finite volumes, and sample 1 beside the law of the square root of time.
+
+    python benchmarks/swelling.py [--rows film sample-1] [--spacings 0.1 0.05] [--quick]
+
+``film``: error of the uptake in % at some times, of a film of thickness 1 held sideways, sealed below and wetted above, in four baths; with and
+without the term for layers thinner than the cells; Newton's corrections per step. The uptakes are those of one-dimensional finite volumes.
+
+``sample-1``: mean volume ratio less that at the start over 0.08513 sqrt(t), what its outlines take up as half-spaces, less 1 in %; the core's
+rotation; the time of half the rotation; the distance of the last state from equilibrium; seconds of a warm step over those of a state of
+a sweep. Both with and without that term.
+"""  # fmt: skip
+
+import argparse
+import time
+
+import numpy as np
+
+import jaxgel
+from jaxgel.mechanics import all_volumes, volume_ratios
+from jaxgel.observables import core_rotation
+
+TIMES = (1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+GOOD = jaxgel.Gel(1e-3, 0.1)
+FILMS = {  # gel, mu before and after, uptake at TIMES over that at the end
+    "small jump": (GOOD, -0.5, -0.4999, (0.01797, 0.05683, 0.09844, 0.17972, 0.31129, 0.56622, 0.87604)),
+    "swelling": (GOOD, -1.0, -0.1, (0.01013, 0.03204, 0.05549, 0.10131, 0.17548, 0.31880, 0.52152)),
+    "dry": (jaxgel.Gel(1e-3, 1e-4), -4.9678, -0.9178, (0.02793, 0.08833, 0.15300, 0.27933, 0.48236, 0.80008, 0.98145)),
+    "drying": (GOOD, -0.1, -1.0, (0.01528, 0.04832, 0.08369, 0.15280, 0.26466, 0.48320, 0.83323)),
+}
+START, BATH, HALF_SPACES = -4.9678, -0.9678, 0.08513  # of sample 1: kT; uptake over the root of time
+
+
+class WithoutLayers(jaxgel.Bath):
+    """A bath whose changes are so old that no layer is thinner than a cell."""
+
+    def inverse_root_age(self, t, start):  # noqa: ARG002
+        return 0.0
+
+
+BATHS = {"with": jaxgel.Bath, "without": WithoutLayers}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rows", nargs="*", default=["film", "sample-1"], choices=["film", "sample-1"])
+    parser.add_argument("--spacings", nargs="*", type=float, default=[0.1, 0.05])
+    parser.add_argument("--quick", action="store_true", help="coarse clouds and few steps")
+    given = parser.parse_args()
+    if "film" in given.rows:
+        for spacing in [0.2] if given.quick else given.spacings:
+            films(spacing, 3 if given.quick else 10)
+    if "sample-1" in given.rows:
+        sample_1(2.2 if given.quick else None, 3 if given.quick else 10)
+
+
+def mean_ratio(path):
+    """Mean volume ratio (k,) of a path."""
+    model = path.model
+    volumes = np.where(np.asarray(model.carries), np.asarray(all_volumes(model)), 0.0)
+    return np.array([volumes @ np.asarray(volume_ratios(x, model)) for x in path.x]) / volumes.sum()
+
+
+def films(spacing, per_decade):
+    print(f"film, spacing {spacing}: error of the uptake in % at t =", *TIMES, "; Newton's corrections per step")
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(8 * spacing, 1.0, edges={"top": "free"}), spacing=spacing))
+    times = sorted({*jaxgel.TimeSteps(3.0, first=1e-6, per_decade=per_decade).values(spacing, 1.0), *TIMES})
+    for name, (gel, start, end, expected) in FILMS.items():
+        problem = jaxgel.Problem(model, gel, contact=False)
+        last = mean_ratio(jaxgel.sweep(problem, [end]))[0]
+        for term, kind in BATHS.items():
+            path = jaxgel.swell(problem, kind(end), times, start=start)
+            ratio = mean_ratio(path)
+            errors = 100 * (np.interp(TIMES, path.t, (ratio - ratio[0]) / (last - ratio[0])) / expected - 1)
+            print(
+                f"{name:12}{term:8}",
+                *(f"{error:+7.2f}" for error in errors),
+                f"; {path.newton_iterations.sum() / len(times):.1f}; {path.stop.text}",
+            )
+
+
+def sample_1(spacing, per_decade):
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("sample-1"), spacing=spacing))
+    problem = jaxgel.Problem(model, jaxgel.Gel(1e-3, 1e-4), contact=False)
+    values = np.linspace(START, BATH, 30)
+    of_sweep = [seconds(lambda: jaxgel.sweep(problem, values)) for _ in range(2)][1][0] / len(values)
+    end = jaxgel.sweep(problem, [BATH])
+    times = sorted({*jaxgel.TimeSteps(100.0, first=3e-4, per_decade=per_decade).values(1.0, 1.0), *TIMES[1:]})
+    for term, kind in BATHS.items():
+        run = [seconds(lambda kind=kind: jaxgel.swell(problem, kind(BATH), times, start=START)) for _ in range(2)][1]
+        spent, path = run
+        ratio, angle = mean_ratio(path), np.degrees(np.asarray(core_rotation(path)))
+        uptake = 100 * (np.interp(TIMES[1:4], path.t, ratio - ratio[0]) / (HALF_SPACES * np.sqrt(TIMES[1:4])) - 1)
+        half = np.exp(np.interp(angle[-1] / 2, angle[1:], np.log(path.t[1:])))
+        step, errors = spent / len(times), " ".join(f"{error:+.1f}" for error in uptake)
+        print(f"sample 1, {model.n_nodes} nodes, {term} the term: uptake over the law less 1, in %, at {TIMES[1:4]}: {errors}")
+        print(f"  half the rotation at t = {half:.3f}; from equilibrium {np.abs(path.x[-1] - end.x[0]).max():.1e} mm; {path.stop.text}")
+        print(
+            f"  {path.newton_iterations.sum() / len(times):.1f} corrections, {step:.2f} s a step, {step / of_sweep:.0f} states of a sweep"
+        )
+
+
+def seconds(function):
+    """Seconds of a call, and its result."""
+    first = time.perf_counter()
+    result = function()
+    return time.perf_counter() - first, result
+
+
+if __name__ == "__main__":
+    main()
