@@ -2,12 +2,13 @@
 
     python benchmarks/swelling.py [--rows film sample-1] [--spacings 0.1 0.05] [--quick]
 
-``film``: error of the uptake in % at some times, of a film of thickness 1 held sideways, sealed below and wetted above, in four baths; with and
-without the term for layers thinner than the cells; Newton's corrections per step. The uptakes are those of one-dimensional finite volumes.
+``film``: error of the uptake in % at some times, of a film of thickness 1 held sideways, sealed below and wetted above, in four baths; with
+and without the term for layers thinner than the cells; Newton's corrections per step. The uptakes beside it are those of one-dimensional
+finite volumes.
 
-``sample-1``: mean volume ratio less that at the start over 0.08513 sqrt(t), what its outlines take up as half-spaces, less 1 in %; the core's
-rotation; the time of half the rotation; the distance of the last state from equilibrium; seconds of a warm step over those of a state of
-a sweep. Both with and without that term.
+``sample-1``: mean volume ratio less that at the start over 0.08513 sqrt(t), what its outlines take up as half-spaces, less 1 in %; the
+core's rotation; the time of half the rotation; the distance of the last state from equilibrium; seconds of a warm step over those of a
+state of a sweep. With and without that term.
 """  # fmt: skip
 
 import argparse
@@ -92,11 +93,10 @@ def sample_1(spacing, per_decade):
         uptake = 100 * (np.interp(TIMES[1:4], path.t, ratio - ratio[0]) / (HALF_SPACES * np.sqrt(TIMES[1:4])) - 1)
         half = np.exp(np.interp(angle[-1] / 2, angle[1:], np.log(path.t[1:])))
         step, errors = spent / len(times), " ".join(f"{error:+.1f}" for error in uptake)
+        off, corrections = np.abs(path.x[-1] - end.x[0]).max(), path.newton_iterations.sum() / len(times)
         print(f"sample 1, {model.n_nodes} nodes, {term} the term: uptake over the law less 1, in %, at {TIMES[1:4]}: {errors}")
-        print(f"  half the rotation at t = {half:.3f}; from equilibrium {np.abs(path.x[-1] - end.x[0]).max():.1e} mm; {path.stop.text}")
-        print(
-            f"  {path.newton_iterations.sum() / len(times):.1f} corrections, {step:.2f} s a step, {step / of_sweep:.0f} states of a sweep"
-        )
+        print(f"  half the rotation at t = {half:.3f}; from equilibrium {off:.1e} mm; {path.stop.text}")
+        print(f"  {corrections:.1f} corrections, {step:.2f} s a step, {step / of_sweep:.0f} states of a sweep")
 
 
 def seconds(function):
