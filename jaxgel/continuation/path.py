@@ -19,11 +19,13 @@ from ..mechanics import Problem, overlaps
 
 SCALARS = ("value", "mu", "status", "newton_iterations", "residual", "energy", "negative_pivots", "lowest_eigenvalue", "switched")
 """Numbers of a `State` that a path has as columns, and a run's folder as arrays."""
+OF_SOLVENT = "potential", "supplied"
+"""Arrays of a `State` of transient swelling."""
 
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=["problem", *SCALARS, "derivative", "x", "pressure", "t", "potential", "supplied"],
+    data_fields=["problem", *SCALARS, "derivative", "x", "pressure", "potential", "supplied"],
     meta_fields=["symmetry", "stop", "stop_text"],
 )
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,9 +38,9 @@ class Path:
     problem: Problem
     """What the states solve; it has no precomputed operators."""
     value: Float[Array, " k"]
-    """Values of the control."""
+    """Values of the control; the times of transient swelling."""
     mu: Float[Array, " k"]
-    """Chemical potentials, kT."""
+    """Chemical potentials, kT; in transient swelling the mean of those at wetted boundary."""
     x: Float[Array, "k n 2"]
     """Nodal positions, mm."""
     pressure: Float[Array, "k g"]
@@ -60,8 +62,6 @@ class Path:
     """Why a state does not continue the states before it, a `Change`; 0 where it does."""
     derivative: Int[Array, " k"]
     """Whether the derivatives of a state are well posed, a `Status`: ``CONVERGED`` if so, ``NOT_EXAMINED`` without its eigenvalue."""
-    t: Float[Array, " k"] | None = None
-    """Times of the states of transient swelling, whose ``mu`` is that of the bath; None for states of equilibrium."""
     potential: Float[Array, "k g"] | None = None
     """Chemical potential of the solvent in each volume group, kT, of transient swelling; None where it is ``mu`` everywhere."""
     supplied: Float[Array, "k b"] | None = None
@@ -88,6 +88,7 @@ class Path:
             pressure=np.stack([state.pressure for state in states]),
             derivative=derivative,
             symmetry=tuple(state.symmetry for state in states),
+            **{name: np.stack([getattr(state, name) for state in states]) for name in OF_SOLVENT if getattr(states[0], name) is not None},
             stop=stop,
             stop_text=stop_text or stop.text,
             **columns,
@@ -107,6 +108,11 @@ class Path:
     def control(self) -> Control:
         """What drove the sweep."""
         return self.problem.control
+
+    @property
+    def t(self) -> Float[Array, " k"] | None:
+        """Times of the states of transient swelling; None for states of equilibrium."""
+        return None if self.potential is None else self.value
 
     @property
     def ok(self) -> Bool[Array, " k"]:
@@ -131,7 +137,7 @@ class Path:
         lowest = float(self.lowest_eigenvalue[i])
         return State(
             value=float(self.value[i]),
-            mu=float(self.mu[i]) if self.potential is None else self.potential[i],
+            mu=float(self.mu[i]),
             x=self.x[i],
             pressure=self.pressure[i],
             status=Status(int(self.status[i])),
@@ -141,11 +147,13 @@ class Path:
             stability=Stability(int(self.negative_pivots[i]), None if np.isnan(lowest) else np.array([lowest])),
             switched=Change(int(self.switched[i])),
             symmetry=self.symmetry[i] if self.symmetry else "",
+            potential=None if self.potential is None else self.potential[i],
+            supplied=None if self.supplied is None else self.supplied[i],
         )
 
     def _of_states(self, numbers):
         columns = {name: getattr(self, name)[numbers] for name in ("x", "pressure", "derivative", *SCALARS)}
-        columns |= {name: getattr(self, name)[numbers] for name in ("t", "potential", "supplied") if getattr(self, name) is not None}
+        columns |= {name: getattr(self, name)[numbers] for name in OF_SOLVENT if getattr(self, name) is not None}
         return dataclasses.replace(self, symmetry=tuple(self.symmetry[k] for k in numbers) if self.symmetry else (), **columns)
 
     def __repr__(self) -> str:
@@ -156,9 +164,8 @@ class Path:
             return f"Path of no states of {self.model.n_nodes} nodes"
         unstable = int(np.sum(np.asarray(self.negative_pivots) > 0))
         ended, unit = self.stop_text or self.stop.text, f" {self.control.unit}".rstrip()
-        between = f"{self.control.name} = {float(self.value[0]):.4f} ... {float(self.value[-1]):.4f}{unit}"
-        if self.t is not None:
-            between = f"t = {float(self.t[0]):.4g} ... {float(self.t[-1]):.4g}"
+        digits = ".4f" if self.t is None else ".4g"
+        between = f"{self.control.name} = {float(self.value[0]):{digits}} ... {float(self.value[-1]):{digits}}{unit}"
         return f"Path of {len(self)} states of {self.model.n_nodes} nodes, {between}, {unstable} unstable: {ended}"
 
 

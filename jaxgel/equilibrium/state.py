@@ -46,7 +46,7 @@ class State:
     value: float | Float[np.ndarray, " g"]
     """Value of the control."""
     mu: float | Float[np.ndarray, " g"]
-    """Chemical potential, kT, of all volume groups or of each."""
+    """Chemical potential, kT, of all volume groups or of each; of the bath in transient swelling."""
     x: Float[Array, "n 2"]
     """Nodal positions, mm."""
     pressure: Float[Array, " g"]
@@ -74,6 +74,11 @@ class State:
     on, and for a state read from a file."""
     linearisation: Linearisation | None = None
     """The mixed form about the state; None where it was not computed or kept."""
+    potential: Float[Array, " g"] | None = None
+    """Chemical potential of the solvent in each volume group, kT, in transient swelling, where ``mu`` is that of the bath; None where it is
+    ``mu`` everywhere."""
+    supplied: Float[Array, " b"] | None = None
+    """Solvent, mm^2 of the plate, that has come in through each wetted part since time 0, in transient swelling."""
 
     def __repr__(self) -> str:
         """Where the state is, and how it stands."""
@@ -123,7 +128,9 @@ def linearised(problem: Problem, state: State) -> tuple[Problem, Linearisation]:
     acting = acting_problem(problem, state)
     if state.linearisation is not None:
         return acting, state.linearisation
-    return acting, linearise(acting, state.x, state.pressure, np.asarray(state.mu, dtype=float))
+    return acting, linearise(
+        acting, state.x, state.pressure, np.asarray(state.mu if state.potential is None else state.potential, dtype=float)
+    )
 
 
 def as_number(mu: Chemical) -> float | Float[np.ndarray, " g"]:

@@ -2,12 +2,15 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any, ClassVar
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from .._types import Float, Scalar
+from .._types import Array, Chemical, Float, Scalar
 from .._validation import finite_numbers
-from ..controls import check_values
+from ..controls import Setting, check_values
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,3 +65,28 @@ def values_of(baths: Sequence[Bath], start: Float[np.ndarray, " b"], t: float) -
     """Chemical potentials (b,), kT, of several baths at the time ``t``, and their `inverse_root_age`."""
     mu = np.array([bath.at(t) for bath in baths])
     return mu, np.array([bath.inverse_root_age(t, first) for bath, first in zip(baths, start, strict=True)])
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Time:
+    """Time as what drives a path: the control of the states of transient swelling."""
+
+    times: Float[Array, " j"]
+    """Times between which the mean chemical potential of all baths is linear."""
+    mu: Float[Array, " j"]
+    """Its values, kT."""
+    unit: str = dataclasses.field(default="", metadata={"static": True})
+    """Of the times; empty for one that D defines."""
+    name: ClassVar[str] = "t"
+    scale: ClassVar[float] = 1.0
+
+    def __call__(self, value: Chemical, gel: Any) -> Setting:
+        """The gel at rest in the mean bath at a time ``value``."""
+        return Setting(jnp.interp(value, self.times, self.mu), gel)
+
+
+def time_in(baths: Sequence[Bath]) -> Time:
+    """`Time` of several baths."""
+    times = np.unique(np.concatenate([bath.times for bath in baths]))
+    return Time(times, np.mean([np.interp(times, bath.times, bath.mu) for bath in baths], axis=0))

@@ -17,7 +17,7 @@ from ..materials import Filled, gel_in_groups, rises_always
 from ..mechanics import Bath as Instant
 from ..mechanics import Problem, factorised_tangent, linearise, overlaps, volume_ratios, wetted_parts
 from ..mechanics import moments as of_unknowns
-from .bath import Bath, values_of
+from .bath import Bath, time_in, values_of
 from .march import Moment, advance
 from .problem import transport
 from .stage import Stage, acting_potential, acting_problem
@@ -73,10 +73,10 @@ def swell(
     holes and free edges. Or a mapping from the numbers of holes and the names of free edges to baths; what it leaves out, or gives as None,
     is sealed. ``times`` are those of the states, and of the steps between them, or `TimeSteps`.
 
-    The path has ``t`` (k,), the mean chemical potential of the wetted boundary as ``mu`` (k,), that of the solvent in every volume
-    group as ``potential`` (k, g), and ``supplied`` (k, b), the solvent that has come in through each wetted part, mm^2.
-    ``negative_pivots`` are those of the tangent at this potential. If Newton's method fails a step is halved, up to 14 times; if that
-    does not help, or if an outline meets itself, the path ends early, with the reason in ``path.stop`` and ``path.stop_text``.
+    The path has the times as ``t`` (k,), which are its ``value``, the mean chemical potential of the wetted boundary as ``mu`` (k,), that
+    of the solvent in every volume group as ``potential`` (k, g), and ``supplied`` (k, b), the solvent that has come in through each wetted
+    part, mm^2. ``negative_pivots`` are those of the tangent at this potential. If Newton's method fails a step is halved, up to 14 times;
+    if that does not help, or if an outline meets itself, the path ends early, with the reason in ``path.stop`` and ``path.stop_text``.
 
     Until the layer below a surface is as thick as its cells the uptake is that of a half-space, good to about 10 % in films and 20 % along
     holes, see docs/theory.md. The bath counts as changed at time 0, also if the ``start`` is a state on the way to it.
@@ -164,7 +164,7 @@ def _marched(transport, baths, start, times, kinks, newton, observer):
         return Instant(*values_of(baths, at_start, t))
 
     before, now = None, Moment(0.0, first, np.zeros(len(baths)))
-    found = [(now, _state(transport, now, float(at_start[0])))]
+    states = [_state(transport, now, float(at_start[0]))]
     stop, text = Status.CONVERGED, ""
     for t in sorted({*times.tolist(), *(kink for kink in kinks if kink < times[-1])}):
         following = advance(transport, before, now, t, instant, newton)
@@ -181,12 +181,8 @@ def _marched(transport, baths, start, times, kinks, newton, observer):
         before, now = (None if t in kinks else now), following
         if t in times:
             observer.accepted(state)
-            found.append((now, state))
-    moments, states = zip(*found, strict=True)
-    path = Path.from_states(problem, states, stop=stop, stop_text=text)
-    potential = np.stack([acting_potential(transport, moment.stage.m) for moment in moments])
-    times, supplied = (np.array([getattr(moment, name) for moment in moments]) for name in ("t", "supplied"))
-    return dataclasses.replace(path, t=times, potential=potential, supplied=supplied)
+            states.append(state)
+    return Path.from_states(problem.replace(control=time_in(baths)), states, stop=stop, stop_text=text)
 
 
 def _first(transport, start):
@@ -194,7 +190,7 @@ def _first(transport, start):
     problem, model = transport.problem, transport.problem.model
     if start.x.shape != model.nodes.shape:
         raise ValueError(f"start: is a state of {len(start.x)} nodes, the model has {len(model.nodes)}")
-    mu = np.broadcast_to(np.asarray(start.mu, dtype=float), model.carries.shape)
+    mu = np.broadcast_to(np.asarray(start.mu if start.potential is None else start.potential, dtype=float), model.carries.shape)
     sums = np.asarray(of_unknowns(np.where(model.carries, mu, 0.0), model))
     counts = np.concatenate([np.full(block.groups.size, block.carrying) for block in model.blocks])
     J = np.asarray(volume_ratios(start.x, model))
@@ -204,15 +200,15 @@ def _first(transport, start):
 def _state(transport, moment, mu):
     """The `State` of a moment, with the negative pivots of its own tangent."""
     stage, stability = moment.stage, None
-    acting = acting_problem(transport, stage.m)
-    now = stage.linearisation or linearise(acting, stage.x, stage.pressure, acting_potential(transport, stage.m))
+    acting, potential = acting_problem(transport, stage.m), acting_potential(transport, stage.m)
+    now = stage.linearisation or linearise(acting, stage.x, stage.pressure, potential)
     if stage.status.ok:
         try:
             stability = Stability(factorised_tangent(acting, stage.x, stage.pressure, now).negative_pivots)
         except SingularTangent:
             stability = None
     return State(
-        mu,
+        moment.t,
         mu,
         stage.x,
         stage.pressure,
@@ -221,4 +217,6 @@ def _state(transport, moment, mu):
         residual=float(now.residual_norm),
         energy=float(now.energy),
         stability=stability,
+        potential=potential,
+        supplied=moment.supplied,
     )

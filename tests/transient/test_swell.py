@@ -101,7 +101,7 @@ def test_a_plate_swells_to_the_equilibrium_of_its_bath():
     assert path.stop.ok and np.ptp(path.potential[-1][np.asarray(model.carries)]) < 1e-9
     assert np.abs(path.x[-1] - equilibrium.x[1]).max() < 1e-7
     half = len(path) // 2
-    assert path[half:].t.tolist() == path.t[half:].tolist() and path[half].mu.tolist() == path.potential[half].tolist()
+    assert path[half:].t.tolist() == path.t[half:].tolist() and path[half].potential.tolist() == path.potential[half].tolist()
     on = jaxgel.swell(problem, {0: -0.3, "top": -0.3}, path.t[half + 1 :] - path.t[half], start=path[half])
     assert np.abs(on.x[-1] - path.x[-1]).max() < 1e-7  # from the state of another run
 
