@@ -135,15 +135,13 @@ class Path:
         if not -len(self) <= i < len(self):
             raise IndexError(f"path: has no state {i}; it has {len(self)}, counted from 0")
         lowest = float(self.lowest_eigenvalue[i])
+        numbers = {name: getattr(self, name)[i] for name in ("value", "mu", "residual", "energy")}
         return State(
-            value=float(self.value[i]),
-            mu=float(self.mu[i]),
+            **{name: number if is_traced(number) else float(number) for name, number in numbers.items()},
             x=self.x[i],
             pressure=self.pressure[i],
             status=Status(int(self.status[i])),
             newton_iterations=int(self.newton_iterations[i]),
-            residual=float(self.residual[i]),
-            energy=float(self.energy[i]),
             stability=Stability(int(self.negative_pivots[i]), None if np.isnan(lowest) else np.array([lowest])),
             switched=Change(int(self.switched[i])),
             symmetry=self.symmetry[i] if self.symmetry else "",

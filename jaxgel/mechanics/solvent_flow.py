@@ -136,7 +136,7 @@ class FlowRates(NamedTuple):
 
 
 def flow_rates(x: Float[Array, "n 2"], now: Linearisation, carried: Carried, model: Body, solvent: Solvent, D: Scalar) -> FlowRates:
-    """`FlowRates` of a state with the linearisation ``now``, at which p = dphi/dJ - mu."""
+    """`FlowRates` of a state with the linearisation ``now``, at which p = l3 (dphi/dJ - mu)."""
 
     def of_patches(block, on_block, work, slope, pressure):
         F, metric = deformation_gradients(x, block), _metric(x, block, D)
@@ -152,7 +152,7 @@ def flow_rates(x: Float[Array, "n 2"], now: Linearisation, carried: Carried, mod
     found = []
     pressures = pressure_rates(now, model)
     for block, on_block, work, slope, rates in zip(model.blocks, solvent.blocks, carried.work, carried.slopes, pressures, strict=True):
-        mean = jnp.mean(rates[:, : block.carrying], axis=1)
+        mean = jnp.mean(rates[:, : block.carrying], axis=1) / axial_stretch(model)
         found.append(over_patches(of_patches, (bare(block), on_block, work, slope, mean), block.count, reverse=False))
     return FlowRates(*zip(*found, strict=True))
 

@@ -2,11 +2,11 @@
 
 A stage of length tau takes up what has moved since volume ratios J_old,
 
-    force      loads - network' - G p = 0,                                     p_g = dphi_g/dJ - mu_g,  mu = P m
+    force      loads - network' - G p = 0,                                     p_g = l3 (dphi_g/dJ - mu_g),  mu = P m
     solvent    P^T [ V (J - J_old) + tau (A mu - layer) ] = 0
 
-with A the flow and layer that of thin layers, see ``mechanics.solvent_flow``. Every p is feasible, and is linearised as in
-``mechanics.mixed``. With the pressures eliminated a step solves
+where J is l3 times the areal stretch, with the axial stretch l3, A is the flow and layer that of thin layers, see
+``mechanics.solvent_flow``. Every p is feasible, and is linearised as in ``mechanics.mixed``. With the pressures eliminated a step solves
 
     [ K          -B^T            ] [dx]     [forces      ]
     [ -B - tau X -tau (A + A_M)  ] [dm]  =  [the balance ]
@@ -33,6 +33,7 @@ from ..mechanics import (
     Problem,
     all_volumes,
     along_sides,
+    axial_stretch,
     carried,
     condensed_rhs,
     flow,
@@ -162,7 +163,7 @@ def balance(
     leaving = flow(x, moving, model, solvent, D, reverse=reverse)
     brought = layer_flow(along_sides(x, model, solvent), in_wet_groups(mu, solvent, -1.0), model, equations.gel, solvent, bath, D)
     of_groups = leaving[: len(J)].at[wet.groups].add(-brought, mode="drop")
-    kept = jnp.where(model.carries, all_volumes(model) * (J - old), 0.0)
+    kept = jnp.where(model.carries, all_volumes(model) * axial_stretch(model) * (J - old), 0.0)
     inflow = jnp.zeros_like(bath.mu).at[wet.node_parts].add(leaving[len(J) :]).at[wet.group_parts].add(brought)
     return Balance(moments(kept + tau * jnp.where(model.carries, of_groups, 0.0), model), J, inflow, moving)
 
@@ -194,7 +195,7 @@ def balance_and_rates(
 def solvent_in(problem: Transport, J: Float[Array, " g"]) -> Float[Array, ""]:
     """Solvent in the gel, mm^2, at the volume ratios ``J`` (g,)."""
     model = problem.model
-    return jnp.sum(jnp.where(model.carries, all_volumes(model) * (J - 1), 0.0))
+    return jnp.sum(jnp.where(model.carries, all_volumes(model) * (axial_stretch(model) * J - 1), 0.0))
 
 
 @program(x="n", p="g", m="g", dx="f", dm="g", returns=("n", "g", "g"))
@@ -202,5 +203,5 @@ def _stepped(problem, x, p, m, dx, dm, now, at):
     """Positions, pressures and unknowns of mu after a correction."""
     equations = problem.problem
     field = scatter(dx, equations.free)
-    change = jnp.where(equations.model.carries, potentials(dm, equations.model), 0.0)
+    change = axial_stretch(equations.model) * jnp.where(equations.model.carries, potentials(dm, equations.model), 0.0)
     return x + field, p + pressure_step(field, now, at, equations.model) - change, m + dm

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -15,7 +16,7 @@ from ..continuation import Path, SweepFailed, sweep
 from ..controls import check_values
 from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, State
 from ..mechanics import Problem, wetted_parts
-from .autodiff import traced_swell
+from .autodiff import INSIDE_JIT, traced_swell
 from .bath import Bath
 from .problem import transport
 from .run import Start, check_run, run
@@ -94,6 +95,9 @@ def swell(
     """
     check_kind("problem", problem, Problem, "a Problem, as Problem(model, gel, contact=False) makes it")
     found = _baths(problem, bath)
+    inputs = jax.tree.leaves((problem, D, start, [(one.mu, one.times) for one in found.values()]))
+    if is_traced([differentiated_value(leaf) for leaf in inputs]):
+        raise ValueError(INSIDE_JIT)
     parts, baths = tuple(found), list(found.values())
     check_run(problem, baths, D)
     kinks = sorted({kink for bath in baths for kink in bath.kinks})

@@ -18,7 +18,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from .._programs import program
 from .._types import Array, Float
 from ..linalg import Factor, factor
-from ..mechanics import Carried, FlowRates, Linearisation, Problem, flow_rates, tangent
+from ..mechanics import Carried, FlowRates, Linearisation, Problem, axial_stretch, flow_rates, tangent
 from .problem import Transport
 
 MAX_ITERATIONS = 40  # of GMRES
@@ -130,7 +130,7 @@ def factorised(
         c, a = real.shape
         part = np.asarray(G)[:c, : block.carrying, :, :a]  # (c, g, 2, a)
         B.append(part.swapaxes(2, 3)[np.broadcast_to(real[:, None], (c, block.carrying, a))])
-    B = np.concatenate(B)
+    B = float(axial_stretch(transport.model)) * np.concatenate(B)
     pairs = np.zeros((len(K) + len(B) + len(A), 2, 2))
     pairs[: len(K)] = K
     pairs[len(K) : len(K) + len(B), :, 0] = -B
