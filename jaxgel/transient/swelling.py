@@ -182,7 +182,7 @@ def _marched(transport, baths, start, times, kinks, newton, observer):
         if t in times:
             observer.accepted(state)
             states.append(state)
-    return Path.from_states(problem.replace(control=time_in(baths)), states, stop=stop, stop_text=text)
+    return Path.from_states(problem.replace(control=time_in(baths, transport.wetted, transport.D)), states, stop=stop, stop_text=text)
 
 
 def _first(transport, start):
