@@ -98,7 +98,7 @@ def interpolated(times: Float[Array, " k"], kinks: Float[Array, " j"], values: F
 def rates(times: Float[Array, " k"], kinks: Float[Array, " j"], values: Float[Array, "k ..."]) -> Array:
     """Derivatives (k, ...) by time at the states: those of the interval that ends there, of the first state those of the first interval.
 
-    nan at the start of a polynomial in the root of time, where that derivative is infinite, unless the values rest.
+    nan at the start of a polynomial in the root of time, where the derivative may be infinite.
     """
     polynomials = pieces(times, kinks)
 
@@ -107,8 +107,9 @@ def rates(times: Float[Array, " k"], kinks: Float[Array, " j"], values: Float[Ar
         s = _to_variable(t, since, variable)
         slopes = jax.jacfwd(_weights)(s, nodes, real)
         elapsed = jnp.where(t > since, t - since, 1.0)
-        speed = jnp.where(variable == LINEAR, 1.0, jnp.where(variable == ROOT, 0.5 / jnp.sqrt(elapsed), 1 / elapsed))
-        return jnp.tensordot(slopes, values[states], axes=1) * jnp.where((variable == LINEAR) | (t > since), speed, jnp.nan)
+        of_root = jnp.where(variable == ROOT, 0.5 / jnp.sqrt(elapsed), 1 / elapsed)
+        rate = jnp.tensordot(slopes, values[states], axes=1) * jnp.where(variable == LINEAR, 1.0, of_root)
+        return jnp.where((variable == LINEAR) | (t > since), rate, jnp.nan)
 
     return jax.vmap(at)(times, jnp.maximum(jnp.arange(len(times)) - 1, 0))
 
