@@ -24,7 +24,7 @@ from ..continuation import Path
 from ..controls import Control
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
-from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values, state_at
+from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values, state_at, uptake
 from .style import COLOURS, GEL, LINE, WALL, length_unit, state_text, styled
 
 PARAMETERS = {"Nv": "$Nv$", "chi": r"$\chi$", "bulk": "bulk modulus of elastomers (kT/v)"}
@@ -42,7 +42,7 @@ def plot_pattern(
     limits: tuple[float, float] | None = None,
     colorbar: bool = True,
 ) -> Axes:
-    """Axes with the deformed gel of state ``k``, filled by ``field``: "stretch" (largest principal), "J" or None for one colour.
+    """Axes with the deformed gel of state ``k``, filled by ``field``: "stretch" (largest principal), "J", "mu" or None for one colour.
 
     ``limits`` (lowest, highest) fixes the colour scale, by default the range of this state. Raises ValueError for another field.
     """
@@ -59,8 +59,8 @@ def plot_pattern(
 def plot_patterns(path: Path, at: Any = None, *, axes: Any = None, field: str | None = "stretch") -> np.ndarray:
     """A row of axes with the patterns at the accepted states nearest to the values ``at`` of the control, one colour scale.
 
-    By default four states, evenly spaced; where the control comes back to a value the first state there. ValueError for a value beyond
-    the ends of the path.
+    By default four states, evenly spaced in the free swelling, or in the uptake if the path is one in time, whose values are times; where
+    the control comes back to a value the first state there. ValueError for a value beyond the ends of the path.
     """
     states = _nearest(path, at)
     if axes is None:
@@ -133,10 +133,13 @@ def plot_modes(model: Model, points: list[CriticalPoint], *, control: Control | 
 def _nearest(path: Path, at: Any) -> list[int]:
     """Numbers of the states nearest to the values ``at`` of the control, by default up to four, evenly spaced in the free stretch.
 
-    Where that is not known, or does not grow, they are evenly spaced along the way of the control.
+    Where that is not known, or does not grow, they are evenly spaced along the way of the control; in time along that of the uptake.
     """
     if at is not None:
         return list(dict.fromkeys(state_at(path, value) for value in at))
+    if path.t is not None:
+        way = np.cumsum(np.abs(np.diff(np.asarray(uptake(path)), prepend=0.0)))
+        return list(dict.fromkeys(int(np.abs(way - value).argmin()) for value in np.linspace(0.0, way[-1], 4)))
     x, stretch = np.asarray(path.value, dtype=float), np.asarray(free_stretch(path))
     x = stretch if np.all(np.diff(stretch) > 0) else np.cumsum(np.abs(np.diff(x, prepend=x[0])))
     return list(dict.fromkeys(int(np.abs(x - value).argmin()) for value in np.linspace(x[0], x[-1], 4)))
