@@ -24,7 +24,17 @@ from ..continuation import Path
 from ..controls import Control
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
-from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values, state_at, uptake
+from ..observables import (
+    FIELDS,
+    deformed_vertices,
+    field_on_triangles,
+    field_values,
+    free_stretch,
+    outlines,
+    parameter_values,
+    state_at,
+    uptake,
+)
 from .style import COLOURS, GEL, LINE, WALL, length_unit, state_text, styled
 
 PARAMETERS = {"Nv": "$Nv$", "chi": r"$\chi$", "bulk": "bulk modulus of elastomers (kT/v)"}
@@ -48,10 +58,10 @@ def plot_pattern(
     """
     ax = plt.subplots(figsize=(3.6, 3.3), layout="constrained")[1] if ax is None else ax
     (vertices,), (values,) = pictured_states(path, [k], field)
-    gel = Gel(ax, path.model.cloud, vertices, values, limits or colour_range([values]))
+    gel = Gel(ax, path.model.cloud, vertices, values, limits or colour_range([values], path, field))
     draw_frame(ax, path.model.cloud, [vertices], state_text(path.value[k], path.control))
     if colorbar and values is not None:
-        ax.figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
+        add_colorbar(gel, [ax], [values], field)
     return ax
 
 
@@ -67,13 +77,13 @@ def plot_patterns(path: Path, at: Any = None, *, axes: Any = None, field: str | 
         axes = plt.subplots(1, len(states), figsize=(2.1 * len(states) + 0.9, 2.55), sharey=True, layout="constrained")[1]
     axes = np.atleast_1d(axes)
     vertices, values = pictured_states(path, states, field)
-    limits = colour_range(values)
+    limits = colour_range(values, path, field)
     for ax, k, v, colours in zip(axes, states, vertices, values, strict=True):
         gel = Gel(ax, path.model.cloud, v, colours, limits)
         draw_frame(ax, path.model.cloud, vertices, state_text(path.value[k], path.control))
         ax.label_outer()
     if field is not None:
-        axes[0].figure.colorbar(gel.cells, ax=list(axes), label=FIELDS[field], shrink=0.85)
+        add_colorbar(gel, list(axes), values, field)
     return axes
 
 
@@ -153,9 +163,23 @@ def pictured_states(path: Path, states: Any, field: str | None) -> tuple[list, l
     return list(vertices), values
 
 
-def colour_range(values: list) -> tuple[float, float] | None:
-    """Lowest and highest of all values, or None without any."""
+def colour_range(values: list, path: Path, field: str | None) -> tuple[float, float] | None:
+    """Lowest and highest of all values, or None without any; of mu in transient swelling the range between the start and the baths.
+
+    Beside a boundary layer mu of a nearly dry gel, a logarithm, is below both by round-off of the little solvent there.
+    """
+    if field == "mu" and path.t is not None:
+        first = np.mean(field_values(path[:1], "mu"))
+        values = np.concatenate([[first], np.ravel(path.control.mu if path.control.parts is None else path.control.parts)])
     return None if values[0] is None else (float(np.min(values)), float(np.max(values)))
+
+
+def add_colorbar(gel: "Gel", axes: list[Axes], values: list, field: str) -> None:
+    """The colour bar of a field beside the axes, with a tip where values are beyond the colours."""
+    low, high = gel.scale.vmin, gel.scale.vmax
+    beyond = np.array([np.min(values) < low, np.max(values) > high]) & (np.ptp(values) > 0)
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[tuple(beyond.tolist())]
+    gel.ax.figure.colorbar(gel.cells, ax=axes, label=FIELDS[field], shrink=0.85, extend=extend)
 
 
 class Gel:
