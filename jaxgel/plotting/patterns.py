@@ -39,6 +39,7 @@ from .style import COLOURS, GEL, LINE, WALL, length_unit, state_text, styled
 
 PARAMETERS = {"Nv": "$Nv$", "chi": r"$\chi$", "bulk": "bulk modulus of elastomers (kT/v)"}
 MODE_SIZE = 0.05  # largest displacement of a mode that is drawn, over the plate's shorter side
+BEYOND = 1e-2  # of a colour scale: values beyond it by more are marked
 WIDE = 30.0  # ratio of the largest to the smallest value of a parameter above which its scale is logarithmic
 
 
@@ -177,7 +178,8 @@ def colour_range(values: list, path: Path, field: str | None) -> tuple[float, fl
 def add_colorbar(gel: "Gel", axes: list[Axes], values: list, field: str) -> None:
     """The colour bar of a field beside the axes, with a tip where values are beyond the colours."""
     low, high = gel.scale.vmin, gel.scale.vmax
-    beyond = np.array([np.min(values) < low, np.max(values) > high]) & (np.ptp(values) > 0)
+    margin = BEYOND * (high - low)
+    beyond = np.array([np.min(values) < low - margin, np.max(values) > high + margin])
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[tuple(beyond.tolist())]
     gel.ax.figure.colorbar(gel.cells, ax=axes, label=FIELDS[field], shrink=0.85, extend=extend)
 
