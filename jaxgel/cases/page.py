@@ -21,6 +21,7 @@ from ..observables import (
     events,
     field_values,
     history,
+    is_in_time,
     outlines,
     parameter_values,
 )
@@ -59,7 +60,7 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
 
     cloud = path.model.cloud
     deformed = np.asarray(deformed_vertices(path))
-    field = "stretch" if path.t is None else "J"
+    field = "J" if is_in_time(path) else "stretch"
     values = field_values(path, field)
     low, high = values.min(), values.max()
     shades = np.minimum((values - low) / max(high - low, 1e-12) * COLOURS, COLOURS - 1).astype(int)
@@ -68,12 +69,9 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
     return {
         "title": title,
         "about": f"{len(cloud.nodes)} nodes, {_parameters(path)}; open dots are unstable states",
-        "control": {
-            "label": driven.plain_label(),
-            "unit": "" if driven.unit == "1" else driven.unit,
-            "time": path.t is not None,
-            "logarithmic": path.t is not None and _decades(path.value) > DECADES,
-        },
+        "control": {"label": driven.plain_label(), "unit": "" if driven.unit == "1" else driven.unit},
+        "time": is_in_time(path),
+        "logarithmic": is_in_time(path) and _decades(path.value) > DECADES,
         "value": np.asarray(path.value).tolist(),
         "columns": {name: _column(QUANTITIES[name], table, cloud) for name in _viewed(table)},
         "unstable": (np.asarray(table["negative_pivots"]) > 0).tolist(),

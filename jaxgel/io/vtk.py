@@ -18,6 +18,7 @@ from ..observables import (
     cauchy_stress,
     field_values,
     history,
+    is_in_time,
     parameter_values,
     solvent_flux,
     solvent_potential,
@@ -43,7 +44,7 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
     fields, J = point_fields(path, used), np.asarray(field_values(path, "J"))
     cells = np.asarray(cloud.cell_of_triangle)
     dry_fields = {name: np.ascontiguousarray(np.asarray(values)[cells]) for name, values in parameter_values(path).items()}
-    solvent = {} if path.t is None else _solvent_fields(path, cells)
+    solvent = _solvent_fields(path, cells) if is_in_time(path) else {}
     thickness = None if cloud.plate.kinematics == "plane strain" else np.asarray(thickness_stretch(path))[:, cells]
     dry, deformed = np.asarray(cloud.vertices)[used], fields.pop("position")
     invalid = [text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]]

@@ -16,7 +16,7 @@ from .fields import (
 from .gaps import SELF_CONTACT, gap, min_gap
 from .quantities import BY_COLUMN, COLUMNS, CURVES, IN_TIME, OF_CELLS, OF_POSITIONS, QUANTITIES, Quantity, columns_of, control_quantity
 from .rotation import core_rotation, is_flat, rotation_angle
-from .solvent import flux_at, inflow, potential_at, solvent_flux, solvent_potential, uptake, uptake_fraction
+from .solvent import flux_at, inflow, is_in_time, potential_at, solvent_flux, solvent_potential, uptake, uptake_fraction
 from .states import States, state_at
 from .surface import CREASE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
 from .table import events, history
@@ -60,6 +60,7 @@ __all__ = [
     "history",
     "inflow",
     "is_flat",
+    "is_in_time",
     "macroscopic_deformation",
     "mean_surface_ratios",
     "mean_volume_ratio",

@@ -17,7 +17,7 @@ from .areas import area_reduction
 from .fields import free_stretch, host_volume_ratio, macroscopic_deformation, mean_volume_ratio
 from .gaps import gap, min_gap_once, status_texts
 from .rotation import core_rotation, rotation_angle
-from .solvent import uptake
+from .solvent import is_in_time, uptake
 from .surface import crease_indicator, surface_ratio
 from .wrinkling import surface_stability
 
@@ -106,7 +106,7 @@ def _macroscopic(i, j):
 
 def _uptake(path: Any) -> Shaped[Array, " k"]:
     """`uptake`; nan for a path without it."""
-    return np.full(len(path), np.nan) if path.t is None or path.supplied is None else uptake(path)
+    return uptake(path) if is_in_time(path) else np.full(len(path), np.nan)
 
 
 def reasons(path: Any) -> list[str]:

@@ -3,6 +3,8 @@
 Solvent is measured by the area, mm^2, by which the plate grows. All functions are differentiable in the arrays of the path.
 """
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -34,12 +36,18 @@ from .in_time import rates
 from .states import of_path
 
 SUPPORT = 2.4  # radius of the weight function of a place, over the node spacing around it, as in the flow
+Points = Float[Array, "p 2"] | Sequence[Sequence[float]]
 PLACES_MIN = 4  # places that must reach a point
+
+
+def is_in_time(path: Path) -> bool:
+    """Whether the states are those of transient swelling, with times as their values."""
+    return path.t is not None and isinstance(path.control, Time)
 
 
 def check_in_time(path: Path) -> None:
     """Raise ValueError, one line, for a path of equilibrium states."""
-    if path.t is None or not isinstance(path.control, Time):
+    if not is_in_time(path):
         raise ValueError("path: its states are in equilibrium; give a path in time, as swell(problem, bath, times, start=mu) returns it")
 
 
@@ -114,7 +122,7 @@ def solvent_potential(path: Path) -> Float[Array, "k c"]:
 
 
 @of_path
-def potential_at(path: Path, points: Float[Array, "p 2"]) -> Float[Array, "k p"]:
+def potential_at(path: Path, points: Points) -> Float[Array, "k p"]:
     """Chemical potential (k, p) of the solvent, kT, at material points of the dry plate, mm, which are numbers.
 
     It is interpolated as in the flow: moving least squares with a linear basis through the volume groups and the wetted nodes, which have
@@ -191,7 +199,7 @@ def _spacing_at(lists, points):
     return topology.node_spacing[cKDTree(topology.nodes).query(points)[1]]
 
 
-def _in_the_gel(model: Model, points: Float[Array, "p 2"]) -> Float[np.ndarray, "p 2"]:
+def _in_the_gel(model: Model, points: Points) -> Float[np.ndarray, "p 2"]:
     """The points as numbers; ValueError, one line, for one outside the dry gel."""
     if is_traced(points):
         raise ValueError("points: are traced; give numbers")
@@ -255,7 +263,7 @@ def _cell_flux(x, p, values, D, model, gel, solvent, *, deformed):
 
 
 @of_path
-def flux_at(path: Path, points: Float[Array, "p 2"]) -> Float[Array, "k p 2"]:
+def flux_at(path: Path, points: Points) -> Float[Array, "k p 2"]:
     """Flux (k, p, 2) of the solvent through the dry area at material points of the dry plate, mm per unit of time.
 
     It is interpolated between the means of the cells, `solvent_flux`, at their centroids, by moving least squares with a linear basis.

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from .._types import Array, Bool, Float
 from .._validation import one_of
 from ..continuation import Path
-from ..observables import CREASE_RATIO, QUANTITIES, SELF_CONTACT, events, history
+from ..observables import CREASE_RATIO, QUANTITIES, SELF_CONTACT, events, history, is_in_time
 from ..transient import Time
 from .style import COLOURS, LINE, SHADE, WALL, length_unit, quantity_of, styled
 
@@ -55,7 +55,7 @@ def plot_curve(
     driven = quantity_of(path.control)
     axis = {name: QUANTITIES[name] for name in AGAINST} | {driven.name: driven}
     against = driven.name if against is None else against
-    figures = CURVES if path.t is None else CURVES | IN_TIME
+    figures = CURVES | IN_TIME if is_in_time(path) else CURVES
     one_of("quantity", quantity, figures)
     one_of("against", against, axis)
     scale = _checked_scale(scale, path, against)
@@ -97,8 +97,8 @@ def plot_curves(path: Path, *, axes: Any = None, scale: str | None = None, table
     saves computing `history` again.
     """
     table = history(path) if table is None else table
-    columns, figures = [quantity_of(path.control).name], CURVES if path.t is None else CURVES | IN_TIME
-    if path.t is None and _stretch_changes(table):
+    columns, figures = [quantity_of(path.control).name], CURVES | IN_TIME if is_in_time(path) else CURVES
+    if not is_in_time(path) and _stretch_changes(table):
         columns.append("free_stretch")
     if axes is None:
         size = (3.45 * len(columns), 10.4 / len(CURVES) * len(figures))
@@ -133,7 +133,7 @@ def _stretch_changes(table: dict[str, Any]) -> bool:
 
 def _checked_scale(scale: str | None, path: Path, against: str) -> str:
     """The scale of the abscissa; ValueError for one that the quantity ``against`` does not have."""
-    of_time = against == Time.name and path.t is not None
+    of_time = against == Time.name and is_in_time(path)
     if scale is None:
         return "log" if of_time else "linear"
     one_of("scale", scale, SCALES if of_time else SCALES[:1])

@@ -30,6 +30,7 @@ from ..observables import (
     field_on_triangles,
     field_values,
     free_stretch,
+    is_in_time,
     outlines,
     parameter_values,
     state_at,
@@ -148,7 +149,7 @@ def _nearest(path: Path, at: Any) -> list[int]:
     """
     if at is not None:
         return list(dict.fromkeys(state_at(path, value) for value in at))
-    if path.t is not None:
+    if is_in_time(path):
         way = np.cumsum(np.abs(np.diff(np.asarray(uptake(path)), prepend=0.0)))
         return list(dict.fromkeys(int(np.abs(way - value).argmin()) for value in np.linspace(0.0, way[-1], 4)))
     x, stretch = np.asarray(path.value, dtype=float), np.asarray(free_stretch(path))
@@ -169,9 +170,9 @@ def colour_range(values: list, path: Path, field: str | None) -> tuple[float, fl
 
     Beside a boundary layer mu of a nearly dry gel, a logarithm, is below both by round-off of the little solvent there.
     """
-    if field == "mu" and path.t is not None:
-        first = np.mean(field_values(path[:1], "mu"))
-        values = np.concatenate([[first], np.ravel(path.control.mu if path.control.parts is None else path.control.parts)])
+    if field == "mu" and is_in_time(path):
+        baths = path.control.mu if path.control.parts is None else path.control.parts
+        values = [np.mean(field_values(path[:1], "mu")), *np.ravel(baths)]
     return None if values[0] is None else (float(np.min(values)), float(np.max(values)))
 
 

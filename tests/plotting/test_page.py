@@ -37,7 +37,7 @@ def test_names_cannot_end_the_data_of_a_page(path):
 
 def test_the_page_of_a_path_in_time_has_its_times_the_uptake_and_a_logarithmic_axis(in_time):
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', view.page(in_time)).group(1))
-    assert data["control"] == {"label": "time t", "unit": "", "time": True, "logarithmic": True}
+    assert data["control"] == {"label": "time t", "unit": ""} and data["time"] and data["logarithmic"]
     assert data["value"] == in_time.t.tolist()
     assert data["columns"]["uptake"]["values"] == pytest.approx(np.asarray(jaxgel.uptake(in_time)).tolist())
     assert data["field"]["label"] == "volume ratio J"
