@@ -78,7 +78,10 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
 
 def _solvent_fields(path: Path, cells: Int[np.ndarray, " t"]) -> dict[str, np.ndarray]:
     """Name -> values (k, t), or (k, t, 2), on the triangles of the ``cells``."""
-    return {"mu": np.asarray(solvent_potential(path))[:, cells], "flux": np.asarray(solvent_flux(path, deformed=True))[:, cells]}
+    fields = {"mu": np.asarray(solvent_potential(path))[:, cells]}
+    if path.control.wetted:
+        fields["flux"] = np.asarray(solvent_flux(path, deformed=True))[:, cells]
+    return fields
 
 
 def _components(values: Float[np.ndarray, "t ..."]) -> Any:

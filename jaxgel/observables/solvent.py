@@ -240,6 +240,8 @@ def solvent_flux(path: Path, *, deformed: bool = False) -> Float[Array, "k c 2"]
     """
     check_in_time(path)
     model, control = path.model, path.control
+    if not control.wetted:
+        raise ValueError("path: its control does not name the wetted parts, which the flux needs")
     solvent = solvent_of(model, control.wetted)
     _, parts, nearest = _wetted_nodes(model.lists, control.wetted)
     values = _values_at_places(path, parts, nearest)
