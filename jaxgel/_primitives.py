@@ -1,5 +1,6 @@
 """Primitives of our own, and their rules for derivatives: the place that uses JAX's internals."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -7,6 +8,14 @@ import jax
 from jax.core import Tracer
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+
+try:
+    from jax._src import config, mesh
+
+    UNSET = config.config_ext.unset
+    MESH = (mesh if hasattr(mesh, "abstract_mesh_context_manager") else config).abstract_mesh_context_manager
+except (ImportError, AttributeError):  # a later version of JAX
+    MESH = UNSET = None
 
 
 def primitive(
@@ -21,7 +30,7 @@ def primitive(
     """
     made = Primitive(name)
     made.multiple_results = several
-    made.def_impl(value)
+    made.def_impl(_outside_of_reverse(value))
     made.def_abstract_eval(shapes)
 
     def tangents(primals: Any, dots: Any, **parameters: Any) -> tuple[Any, Any]:
@@ -39,6 +48,24 @@ def primitive(
     mlir.register_lowering(made, mlir.lower_fun(traced, multiple_results=several))
     batching.primitive_batchers[made] = batch
     return made
+
+
+def _outside_of_reverse(value):
+    """``value``, which uses the programs of plain calls in a reverse pass, too: there JAX (0.10 to 0.12) sets an empty mesh in place of
+    none, and ``jax.jit`` compiles again for another mesh.
+    """
+    if MESH is None:
+        return value
+
+    @functools.wraps(value)
+    def call(*args: Any, **parameters: Any) -> Any:
+        before = MESH.swap_local(UNSET)
+        try:
+            return value(*args, **parameters)
+        finally:
+            MESH.set_local(before)
+
+    return call
 
 
 def differentiated_value(leaf: Any) -> Any:

@@ -3,6 +3,7 @@
 from .bordered_newton import Conditions, solve_bordered, solve_pinned
 from .derivatives import first_order_only, no_tangents, without_derivatives
 from .implicit import state_tangents
+from .motions import Motions, moved
 from .newton import NEWTON, Correction, Newton, advanced, iterate, solve, starting, with_own_factor
 from .observer import UNOBSERVED, Observer
 from .relaxation import relax, relax_along
@@ -16,6 +17,7 @@ __all__ = [
     "Change",
     "Conditions",
     "Correction",
+    "Motions",
     "Newton",
     "Observer",
     "Stability",
@@ -32,6 +34,7 @@ __all__ = [
     "for_derivatives",
     "iterate",
     "linearised",
+    "moved",
     "no_tangents",
     "of_iterate",
     "of_outlines",

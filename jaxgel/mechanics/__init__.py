@@ -31,18 +31,18 @@ from .operators import Operators, precomputed_operators
 from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, check_driven, constraints_of, shared_tangents
-from .solvent import MOMENTS, Solvent, places_of, reference_groups, solvent_of, wetted_parts
+from .solvent import MOMENTS, Solvent, places_of, reference_groups, solvent_of, wetted_groups, wetted_parts
 from .solvent_flow import (
     Bath,
     Carried,
+    FlowRates,
     along_sides,
     carried,
     flow,
-    flow_change,
+    flow_rates,
     in_wet_groups,
     layer_flow,
     moments,
-    place_matrices,
     places,
     potentials,
 )
@@ -57,6 +57,7 @@ from .volumes import (
     deformation_gradients,
     gradients_by_block,
     linearised_about,
+    of_groups,
     pressure_at,
     ratio_at,
     stiffness_at,
@@ -73,6 +74,7 @@ __all__ = [
     "Bath",
     "Carried",
     "Equations",
+    "FlowRates",
     "Free",
     "Linearisation",
     "Loads",
@@ -107,7 +109,7 @@ __all__ = [
     "energy_at",
     "factorised_tangent",
     "flow",
-    "flow_change",
+    "flow_rates",
     "free_dofs",
     "gather",
     "gradients_by_block",
@@ -125,12 +127,12 @@ __all__ = [
     "moments",
     "network_energy",
     "node_pairs",
+    "of_groups",
     "outline_arcs",
     "outline_loops",
     "overlaps",
     "pair_energy",
     "periodic_images",
-    "place_matrices",
     "places",
     "places_of",
     "potentials",
@@ -155,6 +157,7 @@ __all__ = [
     "unknowns",
     "volume_law",
     "volume_ratios",
+    "wetted_groups",
     "wetted_parts",
     "with_contact",
     "with_free_values",

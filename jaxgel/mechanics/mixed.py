@@ -126,6 +126,13 @@ def pressure_change(dx: Float[Array, "n 2"], linearisation: Linearisation, model
     return linearisation.stiffness * of_groups(parts, model) / jnp.where(volumes > 0, volumes, 1.0)
 
 
+def pressure_rates(linearisation: Linearisation, model: Body) -> list[Float[Array, "c g 2 a"]]:
+    """Per block the derivatives (c, g, 2, a) of `pressure_change` by the positions of the patches' nodes."""
+    volumes = all_volumes(model)
+    rates = by_block(linearisation.stiffness / jnp.where(volumes > 0, volumes, 1.0), model)
+    return [rate[..., None, None] * G for rate, G in zip(rates, linearisation.gradients, strict=True)]
+
+
 def state_pressure(x: Float[Array, "n 2"], model: Body, gel: LocalGel, mu: Chemical) -> Float[Array, " g"]:
     """Pressure of the volume groups at their volume ratios, kT/v: the p of an equilibrium at ``x``."""
     return pressure_at(volume_ratios(x, model), model, gel, mu)

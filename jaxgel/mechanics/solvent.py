@@ -217,6 +217,11 @@ def places_of(
     return (listed, reach), edge_ends
 
 
+def wetted_groups(lists: Connectivity, wetted: tuple[str | int, ...]) -> Int[np.ndarray, " e"]:
+    """Numbers of the volume groups with sides in these ``wetted`` parts."""
+    return _wetted_sides(lists, wetted)[2]
+
+
 @once_per_owner
 def _wetted_sides(lists, wetted):
     """Wetted contour edges (k,), the place of the group of each in the list of groups with wetted sides, that list (e,), whether each has a

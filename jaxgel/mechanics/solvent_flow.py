@@ -32,8 +32,8 @@ import numpy as np
 from .._types import Array, Float, Scalar
 from ..discretisation import Body
 from ..materials import LocalGel, elementwise, gel_at_points, gel_in_groups, layer_uptake
-from .operators import add_matrices
-from .patchwise import added_over_patches, over_patches
+from .mixed import Linearisation, pressure_rates
+from .patchwise import over_patches
 from .solvent import MOMENTS, Solvent
 from .volumes import axial_stretch, bare, by_block, cofactors, deformation_gradients, of_groups, volume_law
 
@@ -79,7 +79,9 @@ class Carried:
     """dw/dmu."""
 
 
-def carried(p: Float[Array, " g"], values: Float[Array, " v"], model: Body, gel: LocalGel, solvent: Solvent) -> Carried:
+def carried(
+    p: Float[Array, " g"], values: Float[Array, " v"], model: Body, gel: LocalGel, solvent: Solvent, *, reverse: bool = False
+) -> Carried:
     """`Carried` at the pressures ``p`` (g,) and mu ``values`` (v,) at places; a patch has its mean pressure and the gel of its first point.
 
     w is the integral of (J - 1) / A^2 dmu up to each place at the patch's pressure, with A = J over the axial stretch, but for a constant.
@@ -98,12 +100,17 @@ def carried(p: Float[Array, " g"], values: Float[Array, " v"], model: Body, gel:
     for number, (block, on_block, pressure) in enumerate(zip(model.blocks, solvent.blocks, by_block(p, model), strict=True)):
         mean = jnp.mean(pressure[:, : block.carrying], axis=1, keepdims=True)
         there = jax.tree.map(lambda v, block=block: jnp.broadcast_to(v, block.weight.shape)[:, :1], gel_at_points(gel, number))
-        found.append(over_patches(of_patches, (mean, there, values[on_block.places]), block.count, reverse=False))
+        found.append(over_patches(of_patches, (mean, there, values[on_block.places]), block.count, reverse=reverse))
     return Carried(*zip(*found, strict=True))
 
 
-def flow(x: Float[Array, "n 2"], carried: Carried, model: Body, solvent: Solvent, D: Scalar) -> Float[Array, " v"]:
-    """Flow (v,) out of every place, mm^2 per unit of time, that of a layer thinner than the cells left out; linear in ``carried.work``."""
+def flow(
+    x: Float[Array, "n 2"], carried: Carried, model: Body, solvent: Solvent, D: Scalar, *, reverse: bool = False
+) -> Float[Array, " v"]:
+    """Flow (v,) out of every place, mm^2 per unit of time, that of a layer thinner than the cells left out; linear in ``carried.work``.
+
+    It has no ``reverse`` derivatives unless these are asked for, nor has what is ``carried``.
+    """
 
     def leaving(block, on_block, work):
         flux = jnp.einsum("cqij,cqj->cqi", _metric(x, block, D), jnp.einsum("cqbi,cb->cqi", on_block.dpsi, work))
@@ -111,45 +118,49 @@ def flow(x: Float[Array, "n 2"], carried: Carried, model: Body, solvent: Solvent
 
     total = jnp.zeros(len(model.carries) + len(solvent.wetting.node_parts))
     for block, on_block, work in zip(model.blocks, solvent.blocks, carried.work, strict=True):
-        total = total.at[on_block.places].add(over_patches(leaving, (bare(block), on_block, work), block.count, reverse=False))
+        total = total.at[on_block.places].add(over_patches(leaving, (bare(block), on_block, work), block.count, reverse=reverse))
     return total
 
 
-def flow_change(
-    x: Float[Array, "n 2"],
-    dx: Float[Array, "n 2"],
-    dp: Float[Array, " g"],
-    dmu: Float[Array, " v"],
-    carried: Carried,
-    model: Body,
-    solvent: Solvent,
-    D: Scalar,
-) -> Float[Array, " v"]:
-    """Change (v,) of the `flow` with the positions by ``dx``, the pressures by ``dp`` and mu at places by ``dmu``."""
-    parts = []
-    for block, on_block, slope, change in zip(model.blocks, solvent.blocks, carried.slopes, by_block(dp, model), strict=True):
-        parts.append(slope * (dmu[on_block.places] + jnp.mean(change[:, : block.carrying], axis=1, keepdims=True)))
+class FlowRates(NamedTuple):
+    """Derivatives of the `flow`, patch by patch; a pytree."""
 
-    def moved(x, work):
-        return flow(x, Carried(work, carried.slopes), model, solvent, D)
-
-    return jax.jvp(moved, (x, carried.work), (dx, tuple(parts)))[1]
+    by_mu: tuple
+    """Per block (c, b, b), of what leaves each place of a patch by mu at its places, at fixed pressures."""
+    by_position: tuple
+    """Per block (c, b, a, 2), by the positions of its nodes, with which the pressures change."""
+    by_mean: tuple
+    """Per block (c, b), by the mean mu of its volume groups, with which the pressures fall."""
+    squares: tuple
+    """Per block (c, a, 2, 2, 2), of the mean of F^T F over a patch by the positions of its nodes."""
 
 
-def place_matrices(
-    total: Float[Array, " s"], x: Float[Array, "n 2"], carried: Carried, model: Body, solvent: Solvent, D: Scalar, slots: tuple[Array, ...]
-) -> Float[Array, " s"]:
-    """``total`` (s,) plus a symmetric matrix near the derivative of the `flow` by mu, the upper entries of each patch at their ``slots``
-    (c, t).
-    """
+def flow_rates(x: Float[Array, "n 2"], now: Linearisation, carried: Carried, model: Body, solvent: Solvent, D: Scalar) -> FlowRates:
+    """`FlowRates` of a state with the linearisation ``now``, at which p = dphi/dJ - mu."""
 
-    def add(total, block, on_block, slope, slot):
-        dpsi = on_block.dpsi * jnp.sqrt(slope)[:, None, :, None]
-        return add_matrices(total, jnp.einsum("cqai,cqij,cqbj->cab", dpsi, _metric(x, block, D), dpsi), slot)
+    def of_patches(block, on_block, work, slope, pressure):
+        F, metric = deformation_gradients(x, block), _metric(x, block, D)
+        by_mu = jnp.einsum("cqai,cqij,cqbj->cab", on_block.dpsi, metric, on_block.dpsi) * slope[:, None]
+        gradient = jnp.einsum("cqbi,cb->cqi", on_block.dpsi, work)
+        change = D * block.weight[..., None, None, None] * jax.vmap(jax.vmap(jax.jacfwd(_turned)))(F, gradient)
+        by_position = jnp.einsum("cqbi,cqika->cbak", on_block.dpsi, jnp.einsum("cqikl,cqal->cqika", change, block.dphi))
+        by_pressure = jnp.sum(by_mu, axis=2)
+        by_position += by_pressure[:, :, None, None] * pressure.swapaxes(1, 2)[:, None]
+        half = jnp.einsum("cq,cqai,cqkj->cakij", block.weight, block.dphi, F) / _volumes(block)[..., None, None]
+        return by_mu, by_position, -by_pressure, half + half.swapaxes(3, 4)
 
-    for block, on_block, slope, slot in zip(model.blocks, solvent.blocks, carried.slopes, slots, strict=True):
-        total = added_over_patches(total, add, (bare(block), on_block, slope, slot), block.count)
-    return total
+    found = []
+    pressures = pressure_rates(now, model)
+    for block, on_block, work, slope, rates in zip(model.blocks, solvent.blocks, carried.work, carried.slopes, pressures, strict=True):
+        mean = jnp.mean(rates[:, : block.carrying], axis=1)
+        found.append(over_patches(of_patches, (bare(block), on_block, work, slope, mean), block.count, reverse=False))
+    return FlowRates(*zip(*found, strict=True))
+
+
+def _turned(F, gradient):
+    """A^2 F^-1 F^-T times a gradient (2,) at one point."""
+    turned = cofactors(F)
+    return turned.T @ (turned @ gradient)
 
 
 def _metric(x, block, D):
@@ -206,6 +217,10 @@ def along_sides(x: Float[Array, "n 2"], model: Body, solvent: Solvent) -> Float[
 def _squares(x, block):
     """Mean of F^T F (c, 2, 2) over each patch."""
     F = deformation_gradients(x, block)
+    return jnp.einsum("cq,cqki,cqkj->cij", block.weight, F, F) / _volumes(block)
+
+
+def _volumes(block):
+    """Volumes (c, 1, 1) of the patches; 1 for padding."""
     volume = jnp.sum(block.weight, axis=1)
-    mean = jnp.einsum("cq,cqki,cqkj->cij", block.weight, F, F)
-    return mean / jnp.where(volume > 0, volume, 1.0)[:, None, None]
+    return jnp.where(volume > 0, volume, 1.0)[:, None, None]

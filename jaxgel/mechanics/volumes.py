@@ -79,7 +79,7 @@ def of_groups(parts: list[Array], model: Body) -> Float[Array, "g ..."]:
     """The values (g, ...) of all volume groups from arrays (c, g, ...) per block."""
     total = jnp.zeros((len(model.carries), *parts[0].shape[2:]))
     for block, part in zip(model.blocks, parts, strict=True):
-        total = total.at[block.groups].set(part, mode="drop")
+        total = total.at[block.groups].add(part, mode="drop")  # set has no reverse derivatives
     return total
 
 

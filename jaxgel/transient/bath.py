@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._primitives import differentiated_value
+from .._tracing import is_traced
 from .._types import Array, Chemical, Float, Scalar
 from .._validation import finite_numbers
 from ..controls import Setting, check_values
@@ -18,6 +20,8 @@ class Bath:
     """A bath with the chemical potential ``mu``, kT, from time 0 on, or with values ``mu`` at ``times``, linear in between.
 
     Before its first time it has its first value; the step from what the gel has at the start to that is a jump at time 0.
+
+    JAX differentiates by both.
 
     >>> ramp = Bath([-1.0, -0.1], times=[0.0, 0.1])
     >>> [round(float(ramp.at(t)), 12) for t in (0.0, 0.05, 2.0)]
@@ -31,6 +35,10 @@ class Bath:
 
     def __post_init__(self) -> None:
         times = [0.0] if self.times is None else self.times
+        if is_traced((times, self.mu)):
+            object.__setattr__(self, "mu", jnp.atleast_1d(jnp.asarray(self.mu, dtype=float)))
+            object.__setattr__(self, "times", jnp.asarray(times, dtype=float))
+            return
         times = check_values(times, "bath.times", "time", rising=True)
         mu = finite_numbers(np.atleast_1d(np.asarray(self.mu, dtype=float)), (len(times),), "bath.mu")
         if times[0] < 0:
@@ -41,30 +49,48 @@ class Bath:
     @property
     def kinks(self) -> tuple[float, ...]:
         """Times above 0 at which its slope changes."""
-        times = np.atleast_1d(self.times)
+        times = self.numbers
         return tuple(times[times > 0].tolist()) if len(times) > 1 else ()
 
-    def at(self, t: float) -> float:
-        """Chemical potential, kT, at the time ``t``."""
-        return float(np.interp(t, self.times, self.mu))
+    @property
+    def numbers(self) -> Float[np.ndarray, " j"]:
+        """Its times, also if JAX differentiates by these."""
+        return np.asarray(differentiated_value(self.times))
 
-    def inverse_root_age(self, t: float, start: float) -> float:
-        """Mean of 1 / sqrt(t - s) over the changes at times s before ``t``, from the value at the ``start``, kT; 0 without changes."""
-        times, mu = (np.asarray(values) for values in (self.times, self.mu))
-        jump = abs(mu[0] - start)
-        rates, total = jump / np.sqrt(t), jump
-        for first, last, change in zip(times[:-1], times[1:], np.diff(mu), strict=True):
-            if t > first:
-                part = (min(t, last) - first) / (last - first)
-                total += abs(change) * part
-                rates += 2 * abs(change) / (last - first) * (np.sqrt(t - first) - np.sqrt(t - min(t, last)))
-        return float(rates / total) if total > 0 else 0.0
+    def at(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Chemical potentials (...), kT, at times ``t``."""
+        return _xp(t, self.times, self.mu).interp(t, self.times, self.mu)
+
+    def inverse_root_age(self, t: Float[Array, "..."], start: Scalar) -> Float[Array, "..."]:
+        """Means (...) of 1 / sqrt(t - s) over the changes at times s before ``t``, from the value at the ``start``, kT; 0 without
+        changes.
+        """
+        xp = _xp(t, self.times, self.mu, start)
+        jump = abs(self.mu[0] - start)
+        rates, total = jump / xp.sqrt(t), jump
+        for k in range(len(self.mu) - 1):
+            first, last, change = self.times[k], self.times[k + 1], abs(self.mu[k + 1] - self.mu[k])
+            total = total + change * xp.clip((t - first) / (last - first), 0.0, 1.0)
+            rates = rates + 2 * change / (last - first) * (_root(t - first, xp) - _root(t - last, xp))
+        return xp.where(total > 0, rates / xp.where(total > 0, total, 1.0), 0.0)
 
 
-def values_of(baths: Sequence[Bath], start: Float[np.ndarray, " b"], t: float) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]]:
-    """Chemical potentials (b,), kT, of several baths at the time ``t``, and their `inverse_root_age`."""
-    mu = np.array([bath.at(t) for bath in baths])
-    return mu, np.array([bath.inverse_root_age(t, first) for bath, first in zip(baths, start, strict=True)])
+def _root(values, xp):
+    """Square roots; 0 with derivatives 0 for what is not positive."""
+    return xp.where(values > 0, xp.sqrt(xp.where(values > 0, values, 1.0)), 0.0)
+
+
+def _xp(*values):
+    return jnp if is_traced(values) else np
+
+
+def values_of(
+    baths: Sequence[Bath], start: Sequence[Scalar], t: Float[Array, "..."]
+) -> tuple[Float[Array, "... b"], Float[Array, "... b"]]:
+    """Chemical potentials (..., b), kT, of several baths at times ``t``, and their `inverse_root_age`."""
+    mu, rates = [bath.at(t) for bath in baths], [bath.inverse_root_age(t, first) for bath, first in zip(baths, start, strict=True)]
+    xp = _xp(mu, rates)
+    return xp.stack(mu, axis=-1), xp.stack(rates, axis=-1)
 
 
 @jax.tree_util.register_dataclass
@@ -94,6 +120,16 @@ class Time:
 
 def time_in(baths: Sequence[Bath], wetted: tuple[str | int, ...] = (), D: Scalar = 1.0) -> Time:
     """`Time` of several baths, those of the parts ``wetted``, and the diffusivity ``D``."""
-    times = np.unique(np.concatenate([bath.times for bath in baths]))
-    parts = np.stack([np.interp(times, bath.times, bath.mu) for bath in baths])
-    return Time(times, parts.mean(axis=0), parts, D, wetted)
+    times = np.unique(np.concatenate([bath.numbers for bath in baths]))
+    mu = [bath.at(times) for bath in baths]
+    parts = _xp(mu).stack(mu)
+    return Time(times, _xp(mu).mean(parts, axis=0), parts, D, wetted)
+
+
+def moved_times(t: Float[np.ndarray, " k"], baths: Sequence[Bath], numbers: Sequence[Float[np.ndarray, " j"]]) -> Float[Array, " k"]:
+    """Times ``t`` (k,), of which those at kinks of the ``baths``, whose times are these ``numbers``, are the baths' own."""
+    moved = jnp.asarray(t)
+    for bath, own in zip(baths, numbers, strict=True):
+        for k, number in enumerate(own):
+            moved = jnp.where((t == number) & (t > 0), bath.times[k], moved)
+    return moved

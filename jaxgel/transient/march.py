@@ -11,6 +11,7 @@ so that volume ratios are all that a step hands to the next one; positions, pres
 
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,19 @@ FARTHEST = 10.0  # times the step before, in the root of time, up to which a sta
 Instant = Callable[[float], Bath]  # what wetted parts see at a time
 
 
+class Step(NamedTuple):
+    """One step, of two stages."""
+
+    start: float
+    """Time before."""
+    end: float
+    """Time after."""
+    first: Stage
+    """Its stage."""
+    second: Stage
+    """Its stage and end."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Moment:
     """What is known at one time."""
@@ -38,6 +52,8 @@ class Moment:
     """Solvent that has come in through each wetted part since the start, mm^2."""
     iterations: int = 0
     """Corrections of Newton's method since the moment before, those of refused steps included."""
+    steps: tuple[Step, ...] = ()
+    """The steps since the moment before."""
 
 
 def advance(transport: Transport, before: Moment | None, now: Moment, end: float, bath: Instant, newton: Newton) -> Moment:
@@ -46,18 +62,18 @@ def advance(transport: Transport, before: Moment | None, now: Moment, end: float
     The step that the moment ``before`` led to says where to start. The status of its stage says if no step was short enough, or if the
     matrix is singular there.
     """
-    step, spent, halvings, last = end - now.t, 0, 0, None
+    step, spent, halvings, last, steps = end - now.t, 0, 0, None, ()
     while now.t < end:
         last = _step(transport, before, now, min(now.t + step, end), bath, newton)
         spent += last.iterations
         if last.stage.status.ok:
-            before, now = now, last
+            before, now, steps = now, last, steps + last.steps
             step, halvings = 2 * step, max(halvings - 1, 0)
         elif halvings == MAX_HALVINGS:
             return dataclasses.replace(last, iterations=spent)
         else:
             before, step, halvings = None, step / 2, halvings + 1
-    return dataclasses.replace(now, iterations=spent)
+    return dataclasses.replace(now, iterations=spent, steps=steps)
 
 
 def _step(transport, before, now, end, bath, newton):
@@ -72,7 +88,7 @@ def _step(transport, before, now, end, bath, newton):
     start = _extrapolated(now, Moment(middle, first, now.supplied), end)
     second = solve_stage(transport, start, target, GAMMA * dt, bath(end), newton=newton)
     supplied = now.supplied + dt * ((1 - GAMMA) * first.inflow + GAMMA * second.inflow) if second.status.ok else now.supplied
-    return Moment(end, second, supplied, first.iterations + second.iterations)
+    return Moment(end, second, supplied, first.iterations + second.iterations, (Step(now.t, end, first.light, second.light),))
 
 
 def _extrapolated(before, now, t):

@@ -8,10 +8,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._memo import once_per_owner
+from .._tracing import is_traced
 from .._types import Bool, Int, Scalar
-from ..discretisation import Body, Connectivity, room
+from ..discretisation import Body, Connectivity
 from ..linalg import Pattern, analyse
-from ..mechanics import MOMENTS, Equations, Problem, Solvent, node_pairs, places_of, reference_groups, solvent_of, unknowns
+from ..mechanics import MOMENTS, Equations, Problem, Solvent, node_pairs, places_of, reference_groups, solvent_of, unknowns, wetted_groups
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["problem", "solvent", "D"], meta_fields=["wetted"])
@@ -42,12 +43,13 @@ class Transport:
     def shared(self) -> "Transport":
         """The same as the compiled programs take it."""
         problem = self.problem.shared
-        return Transport(problem, self.solvent.shared(problem.model, self.model), np.asarray(self.D, float), ())
+        D = self.D if is_traced(self.D) else np.asarray(self.D, float)
+        return Transport(problem, self.solvent.shared(problem.model, self.model), D, ())
 
     @functools.cached_property
     def saddle(self) -> "Saddle":
         """The pattern of the matrix of a Newton step."""
-        return saddle(self.problem.model.lists, self.wetted, tuple(block.places.shape for block in self.shared.solvent.blocks))
+        return saddle(self.problem.model.lists, self.wetted)
 
 
 def transport(problem: Problem, wetted: tuple[str | int, ...], D: Scalar = 1.0) -> Transport:
@@ -67,35 +69,47 @@ class Saddle:
     real: tuple[Bool[np.ndarray, "..."], ...]
     """Per block (c, a), which nodes of the patches' lists are no padding."""
     slots: tuple[Int[np.ndarray, "..."], ...]
-    """Per block (c, t) the pair of places of each entry a <= b of a patch's list, both in the sizes of the ``shared`` form."""
-    room: int
-    """Room for pairs of places; the slot of those that are none."""
+    """Per block (c, t) the pair of places of each entry a <= b of a patch's list."""
     pairs: Int[np.ndarray, "s 2"]
-    """Pairs i <= j of groups that are places of one patch."""
+    """Pairs i <= j of groups that are places of one patch; one more slot stands for those that are none."""
     groups: Int[np.ndarray, " u"]
     """Groups in which the unknowns of mu are kept."""
+    fields: sp.csr_matrix
+    """Matrix (2n, f) from the unknowns of the positions to nodal fields."""
+    values: sp.csr_array
+    """Matrix (g, u) from the unknowns of mu to its values in the groups."""
+    means: tuple[Int[np.ndarray, "..."], ...]
+    """Per block (c,) the unknown that is the mean of mu in each patch."""
+    sides: tuple[Int[np.ndarray, "3 _"], ...]
+    """Per block the groups with wetted sides: their numbers among those of ``Wetting``, their patches, their places in the lists."""
 
 
 @once_per_owner
-def saddle(lists: Connectivity, wetted: tuple[str | int, ...], shapes: tuple[tuple[int, int], ...]) -> Saddle:
-    """`Saddle` of a model with these ``lists``; ``shapes`` are those (c, b) of the lists of places in the shared form."""
+def saddle(lists: Connectivity, wetted: tuple[str | int, ...]) -> Saddle:
+    """`Saddle` of a model with these ``lists``, whose boundary is ``wetted`` in these parts."""
     positions, first = reference_groups(lists)
     nodes, n = lists.topology.partition.vertices[lists.topology.node_vertices], len(lists.topology.node_vertices)
-    moments, groups = _moments(lists, first, len(positions))
-    pairs, slots, size = _place_pairs(lists, wetted, len(positions), shapes)
+    values, groups = _values(lists, first, len(positions))
+    at, supports = places_of(lists, wetted)[0]
+    pairs, slots = _place_pairs(lists, at, supports, len(positions))
     real = tuple(lists.support[patches][:, : int((lists.support[patches] > 0).sum(axis=1).max())] > 0 for patches in lists.patches)
-    couplings = []
+    means, couplings, sides = [], [], []
+    wet = wetted_groups(lists, wetted)
     for patches, own in zip(lists.patches, real, strict=True):
         numbers = n + first[patches][:, None] + np.arange(_count(lists, patches))
         ends = np.broadcast_arrays(lists.nodes[patches][:, None, : own.shape[1]], numbers[:, :, None])
         couplings.append(np.stack(ends, axis=-1)[np.broadcast_to(own[:, None], ends[0].shape)])
+        means.append(np.searchsorted(groups, first[patches]))
+        inside = at[patches] - first[patches][:, None]  # a group of the patch itself
+        patch, place = np.nonzero((inside >= 0) & (inside < _count(lists, patches)) & (supports[patches] > 0) & np.isin(at[patches], wet))
+        sides.append(np.stack([np.searchsorted(wet, at[patches][patch, place]), patch, place]))
     free, each = unknowns(lists), np.arange(len(positions))
     first_components = sp.csr_array((np.ones(len(each)), (2 * each, each)), (2 * len(each), len(each)))
-    fields = sp.csr_matrix(sp.block_diag([free.matrix, first_components @ moments]))
+    fields = sp.csr_matrix(sp.block_diag([free.matrix, first_components @ values]))
     masters = np.concatenate([np.asarray(free.masters), 2 * (n + groups)])
     every = np.concatenate([node_pairs(lists)[0], *couplings, n + pairs])
     pattern = analyse(every, np.concatenate([nodes, positions]), masters, [fields], late=n)
-    return Saddle(pattern, real, slots, size, pairs, groups)
+    return Saddle(pattern, real, slots, pairs, groups, free.matrix, values, tuple(means), tuple(sides))
 
 
 def _count(lists, patches):
@@ -103,7 +117,7 @@ def _count(lists, patches):
     return len(MOMENTS) if lists.linear[patches[0]] else 1
 
 
-def _moments(lists, first, size):
+def _values(lists, first, size):
     """Matrix (g, u) from the unknowns of mu to its values in the groups that carry volume, and the groups in which they are kept."""
     linear, alone = first[lists.linear], first[~lists.linear]
     kept = np.sort(np.concatenate([(linear[:, None] + np.arange(MOMENTS.shape[1])).ravel(), alone]))
@@ -114,21 +128,13 @@ def _moments(lists, first, size):
     return sp.csr_array((np.concatenate([values, np.ones(len(alone))]), (rows, columns)), (size, len(kept))), kept
 
 
-def _place_pairs(lists, wetted, size, shapes):
-    """Pairs of places that are groups, their slots and room, see `Saddle`."""
-    (at, supports), _ = places_of(lists, wetted)
-    keys, numbers = [], []
-    for patches, (_, wide) in zip(lists.patches, shapes, strict=True):
-        a, b = np.triu_indices(at.shape[1])
-        own, real = at[patches], (supports[patches] > 0) & (at[patches] < size)
-        low, high = np.minimum(own[:, a], own[:, b]), np.maximum(own[:, a], own[:, b])
-        keys.append(np.where(real[:, a] & real[:, b], low.astype(np.int64) * size + high, size * size))
-        numbers.append(a * wide - a * (a - 1) // 2 + b - a)
-    unique = np.unique(np.concatenate([key.ravel() for key in keys]))
+def _place_pairs(lists, at, supports, size):
+    """Pairs of places that are groups, and their slots, see `Saddle`."""
+    a, b = np.triu_indices(at.shape[1])
+    low, high = np.minimum(at[:, a], at[:, b]), np.maximum(at[:, a], at[:, b])
+    real = (supports > 0) & (at < size)
+    keys = np.where(real[:, a] & real[:, b], low.astype(np.int64) * size + high, size * size)
+    unique = np.unique(keys)
     unique = unique[unique < size * size]
-    most, slots = room(len(unique)), []
-    for key, number, (c, wide) in zip(keys, numbers, shapes, strict=True):
-        found = np.full((c, wide * (wide + 1) // 2), most, np.int32)
-        found[: len(key), number] = np.where(key < size * size, np.searchsorted(unique, key), most)
-        slots.append(found)
-    return np.stack([unique // size, unique % size], axis=1), tuple(slots), most
+    slots = np.searchsorted(unique, keys).astype(np.int32)  # past the end for what is no pair
+    return np.stack([unique // size, unique % size], axis=1), tuple(slots[patches] for patches in lists.patches)

@@ -21,12 +21,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, gmres
 
 from .._programs import program
-from .._types import Array, Float
+from .._types import Array, Float, Scalar
 from ..equilibrium import NEWTON, Newton, Status, of_iterate
-from ..linalg import SingularTangent, factor
+from ..linalg import SingularTangent
 from ..mechanics import (
     Bath,
     Carried,
@@ -37,26 +36,22 @@ from ..mechanics import (
     carried,
     condensed_rhs,
     flow,
-    flow_change,
     in_wet_groups,
     layer_flow,
     linearise,
     moments,
-    place_matrices,
     places,
     potentials,
-    pressure_change,
     pressure_step,
     scatter,
-    tangent,
     volume_ratios,
 )
 from .problem import Transport
+from .tangent import FlowMatrices, Rates, Tangent, factorised
 
 BALANCE = 1e-12  # largest error of the balance of the solvent, over the solvent in the gel
 GMRES = 1e-3  # of the right-hand side, left by the iterations of one correction
 SLOW = 1e-3  # a correction that leaves more than this of the error makes a new factor worth its cost
-MAX_ITERATIONS = 40  # of GMRES
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,14 +79,20 @@ class Stage:
     linearisation: Linearisation | None = None
     """The mixed form about the iterate."""
 
+    @property
+    def light(self) -> "Stage":
+        """The stage without its linearisation, which is large."""
+        return dataclasses.replace(self, linearisation=None)
+
 
 def solve_stage(transport: Transport, start: Stage, old: Float[Array, " g"], tau: float, bath: Bath, *, newton: Newton = NEWTON) -> Stage:
     """The `Stage` of length ``tau`` from the volume ratios ``old`` (g,), with the ``bath`` at its end, from the iterate ``start``."""
     x, p, m, made, before, iterations = start.x, start.pressure, start.m, None, np.inf, 0
+    f = len(transport.problem.free)
     while True:
         acting = acting_problem(transport, m)
         now = linearise(acting, x, p, acting_potential(transport, m))
-        missing, J, inflow, rates = _balance(transport, x, p, m, old, tau, bath)
+        missing, J, inflow, rates = balance_and_rates(transport, x, p, m, old, tau, bath)
         missing, J, inflow = map(np.asarray, (missing, J, inflow))
         residual, violation = float(now.residual_norm), float(now.violation)
         balance = float(np.abs(missing).max() / solvent_in(transport, J))
@@ -100,14 +101,17 @@ def solve_stage(transport: Transport, start: Stage, old: Float[Array, " g"], tau
         found = Stage(x, p, m, J, Status.NOT_CONVERGED if status is None else status, iterations, residual, balance, inflow, now)
         if status is not None:
             return found
+        flow = FlowMatrices.of(transport, x, tau, now, rates)
         try:
             if made is None or error > SLOW * before:
-                made, at = _factorised(transport, acting, now, x, p, tau, rates), now
+                made, at = factorised(transport, acting, now, x, p, flow), now
         except SingularTangent:
             return dataclasses.replace(found, status=Status.SINGULAR)
         rhs = np.concatenate([np.asarray(condensed_rhs(acting, now, at)), missing[transport.saddle.groups]])
-        dx, dm = _correction(transport, made, rhs, x, tau, now, rates)
-        x, p, m = _stepped(transport, x, p, m, dx, dm, now, at)
+        change = Tangent(made, flow).solve(rhs, GMRES)
+        dm = np.zeros(len(m))
+        dm[transport.saddle.groups] = change[f:]
+        x, p, m = _stepped(transport, x, p, m, change[:f], dm, now, at)
         before, iterations = error, iterations + 1
 
 
@@ -121,83 +125,69 @@ def acting_problem(transport: Transport, m: Float[Array, " g"]) -> Problem:
     return transport.problem.at(acting_potential(transport, m))[0]
 
 
-def _correction(transport, made, rhs, x, tau, now, rates):
-    """Changes (f,) and (g,) of the unknowns by GMRES."""
-    f, groups = len(transport.problem.free), transport.saddle.groups
-    own, inner = np.zeros(len(transport.model.carries)), made.matrix[f:, f:]
-
-    def product(v):
-        whole = own.copy()
-        whole[groups] = v[f:]
-        more = np.asarray(_flow_change(transport, x, tau, now, rates, v[:f], whole))
-        result = made.product(v)
-        result[f:] -= more[groups] + inner @ v[f:]
-        return result
-
-    operator = LinearOperator((len(rhs), len(rhs)), matvec=product, dtype=float)
-    precond = LinearOperator((len(rhs), len(rhs)), matvec=made.apply, dtype=float)
-    scaled, _ = gmres(operator, rhs, M=precond, rtol=GMRES, atol=0.0, restart=MAX_ITERATIONS, maxiter=1)
-    own[groups] = scaled[f:]
-    return scaled[:f], own
-
-
-def _factorised(transport, acting, now, x, p, tau, rates):
-    """Factor of the symmetric part."""
-    saddle = transport.saddle
-    K = tangent(acting, x, p, now)
-    A, diagonal = map(np.asarray, _flow_matrix(transport, x, tau, rates, saddle.slots, np.zeros(saddle.room)))
-    A = A[: len(saddle.pairs)].copy()
-    same = saddle.pairs[:, 0] == saddle.pairs[:, 1]
-    A[same] += diagonal[saddle.pairs[same, 0]]
-    B = []
-    for G, real, block in zip(now.gradients, saddle.real, transport.model.blocks, strict=True):
-        c, a = real.shape
-        part = np.asarray(G)[:c, : block.carrying, :, :a]  # (c, g, 2, a)
-        B.append(part.swapaxes(2, 3)[np.broadcast_to(real[:, None], (c, block.carrying, a))])
-    B = np.concatenate(B)
-    pairs = np.zeros((len(K) + len(B) + len(A), 2, 2))
-    pairs[: len(K)] = K
-    pairs[len(K) : len(K) + len(B), :, 0] = -B
-    pairs[len(K) + len(B) :, 0, 0] = -A
-    return factor(saddle.pattern, pairs)
-
-
 @program(m="g", returns="g")
 def _potentials(problem, m):
     return potentials(m, problem.model)
 
 
-class Rates(NamedTuple):
-    """How the flow changes with the state, in the sizes of the ``shared`` form."""
+class Balance(NamedTuple):
+    """The balance of the solvent in a stage; a pytree."""
 
+    missing: Float[Array, " g"]
+    """What the unknowns of mu miss, mm^2."""
+    ratios: Float[Array, " g"]
+    """Volume ratios."""
+    inflow: Float[Array, " b"]
+    """What comes in through each wetted part, mm^2 per unit of time."""
     carried: Carried
-    """By mu and pressures."""
-    layer: Float[Array, " e"]
-    """That of thin layers by the mu of their groups."""
-    layer_by_square: Float[Array, " e"]
-    """By the square of the stretch along the surface."""
+    """What mu moves."""
 
 
-@program(x="n", p="g", m="g", old="g", returns=("g", "g", None, None))
-def _balance(problem, x, p, m, old, tau, bath):
-    """What the unknowns of mu miss in the balance of solvent (g,), the volume ratios (g,), the inflow (b,) of each part, and `Rates`."""
-    equations, solvent, D = problem.problem, problem.solvent, problem.D
+def balance(
+    transport: Transport,
+    x: Float[Array, "n 2"],
+    p: Float[Array, " g"],
+    m: Float[Array, " g"],
+    old: Float[Array, " g"],
+    tau: Scalar,
+    bath: Bath,
+    *,
+    reverse: bool = False,
+) -> Balance:
+    """`Balance` of a stage of length ``tau`` that began with the volume ratios ``old`` (g,); of transport in its ``shared`` form."""
+    equations, solvent, D = transport.problem, transport.solvent, transport.D
     model, wet, mu = equations.model, solvent.wetting, potentials(m, equations.model)
-    J, square = volume_ratios(x, model), along_sides(x, model, solvent)
-    moving = carried(p, places(m, bath.mu, model, solvent), model, equations.gel, solvent)
-    leaving = flow(x, moving, model, solvent, D)
-
-    def layer(square, mu):
-        return layer_flow(square, mu, model, equations.gel, solvent, bath, D)
-
-    at = square, in_wet_groups(mu, solvent, -1.0)
-    brought, by_mu = jax.jvp(lambda mu: layer(at[0], mu), at[1:], (jnp.ones_like(square),))
-    by_square = jax.jvp(lambda square: layer(square, at[1]), at[:1], (jnp.ones_like(square),))[1]
+    J = volume_ratios(x, model)
+    moving = carried(p, places(m, bath.mu, model, solvent), model, equations.gel, solvent, reverse=reverse)
+    leaving = flow(x, moving, model, solvent, D, reverse=reverse)
+    brought = layer_flow(along_sides(x, model, solvent), in_wet_groups(mu, solvent, -1.0), model, equations.gel, solvent, bath, D)
     of_groups = leaving[: len(J)].at[wet.groups].add(-brought, mode="drop")
     kept = jnp.where(model.carries, all_volumes(model) * (J - old), 0.0)
     inflow = jnp.zeros_like(bath.mu).at[wet.node_parts].add(leaving[len(J) :]).at[wet.group_parts].add(brought)
-    missing = moments(kept + tau * jnp.where(model.carries, of_groups, 0.0), model)
-    return missing, J, inflow, Rates(moving, by_mu, by_square)
+    return Balance(moments(kept + tau * jnp.where(model.carries, of_groups, 0.0), model), J, inflow, moving)
+
+
+@program(x="n", p="g", m="g", old="g", returns=("g", "g", None, None))
+def balance_and_rates(
+    problem: Transport,
+    x: Float[Array, "n 2"],
+    p: Float[Array, " g"],
+    m: Float[Array, " g"],
+    old: Float[Array, " g"],
+    tau: Scalar,
+    bath: Bath,
+) -> tuple[Float[Array, " g"], Float[Array, " g"], Float[Array, " b"], Rates]:
+    """The parts of the `Balance` and, in place of what mu moves, the `Rates` of the flow."""
+    equations, solvent = problem.problem, problem.solvent
+    found, model = balance(problem, x, p, m, old, tau, bath), equations.model
+
+    def layer(square, mu):
+        return layer_flow(square, mu, model, equations.gel, solvent, bath, problem.D)
+
+    square, mu = along_sides(x, model, solvent), in_wet_groups(potentials(m, model), solvent, -1.0)
+    by_mu = jax.jvp(lambda mu: layer(square, mu), (mu,), (jnp.ones_like(square),))[1]
+    by_square = jax.jvp(lambda square: layer(square, mu), (square,), (jnp.ones_like(square),))[1]
+    return found.missing, found.ratios, found.inflow, Rates(found.carried, by_mu, by_square)
 
 
 @program(J="g")
@@ -205,29 +195,6 @@ def solvent_in(problem: Transport, J: Float[Array, " g"]) -> Float[Array, ""]:
     """Solvent in the gel, mm^2, at the volume ratios ``J`` (g,)."""
     model = problem.model
     return jnp.sum(jnp.where(model.carries, all_volumes(model) * (J - 1), 0.0))
-
-
-@program(x="n", returns=(None, "g"))
-def _flow_matrix(problem, x, tau, rates, slots, zeros):
-    """Upper entries of tau A by pairs of places, and its diagonal (g,) for thin layers."""
-    solvent, model = problem.solvent, problem.model
-    A = place_matrices(zeros, x, rates.carried, model, solvent, problem.D, slots)
-    diagonal = jnp.zeros(len(model.carries)).at[solvent.wetting.groups].add(jnp.maximum(-rates.layer, 0.0), mode="drop")
-    return tau * A, tau * diagonal
-
-
-@program(x="n", dx="f", dm="g", returns="g")
-def _flow_change(problem, x, tau, now, rates, dx, dm):
-    """Change of the solvent (g,) that leaves in the time ``tau``, if the unknowns change by ``dx`` and ``dm``."""
-    solvent, model = problem.solvent, problem.model
-    field, mu = scatter(dx, problem.problem.free), potentials(dm, model)
-    dp = pressure_change(field, now, model) - jnp.where(model.carries, mu, 0.0)
-    dmu = places(dm, jnp.zeros(1), model, solvent)
-    change = flow_change(x, field, dp, dmu, rates.carried, model, solvent, problem.D)[: len(dm)]
-    square = jax.jvp(lambda x: along_sides(x, model, solvent), (x,), (field,))[1]
-    layer = rates.layer * in_wet_groups(mu, solvent, 0.0) + rates.layer_by_square * square
-    change = change.at[solvent.wetting.groups].add(-layer, mode="drop")
-    return tau * moments(jnp.where(model.carries, change, 0.0), model)
 
 
 @program(x="n", p="g", m="g", dx="f", dm="g", returns=("n", "g", "g"))

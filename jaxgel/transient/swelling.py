@@ -3,26 +3,24 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
+from .._primitives import differentiated_value
 from .._threads import few_threads
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
-from .._validation import Inadmissible, check_kind, did_you_mean
-from ..continuation import Adaptive, Path, SweepFailed, check_sweep, sweep
-from ..controls import ChemicalPotential, check_values
-from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, Stability, State, Status
-from ..linalg import SingularTangent
-from ..materials import Filled, gel_in_groups, rises_always
-from ..mechanics import Bath as Instant
-from ..mechanics import Problem, factorised_tangent, linearise, overlaps, volume_ratios, wetted_parts
-from ..mechanics import moments as of_unknowns
-from .bath import Bath, time_in, values_of
-from .march import Moment, advance
+from .._validation import check_kind, did_you_mean
+from ..continuation import Path, SweepFailed, sweep
+from ..controls import check_values
+from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, State
+from ..mechanics import Problem, wetted_parts
+from .autodiff import traced_swell
+from .bath import Bath
 from .problem import transport
-from .stage import Stage, acting_potential, acting_problem
+from .run import Start, check_run, run
 
-DRIER = 3.0  # kT below the start at which a sweep to it begins, if it must
+DRIER = 3.0, 2.0, 1.0, 0.0  # kT below the start, by way of which a sweep comes to it if it must
 Baths = Scalar | Bath | Mapping[str | int, Scalar | Bath | None]
 
 
@@ -82,8 +80,10 @@ def swell(
     holes, see docs/theory.md. The bath counts as changed at time 0, also if the ``start`` is a state on the way to it.
 
     Raises ValueError, one line, for a bath, times or a problem that cannot be used: films, periodic edges, contact, gels that can separate
-    into phases, elastomers, and controls other than the chemical potential are not. It is not differentiated by JAX yet: traced inputs are
-    refused. Hong, Zhao, Zhou & Suo (2008).
+    into phases, elastomers, and controls other than the chemical potential are not. Hong, Zhao, Zhou & Suo (2008).
+
+    JAX differentiates the path, once, by the problem, ``D``, the ``start``, and the values and times of the bath. Times of steps are held,
+    but for kinks of the bath. Inside ``jax.jit`` and ``jax.vmap`` it is refused.
 
     >>> import jaxgel
     >>> plate = jaxgel.Plate(0.8, 1.0, edges={"top": "free"})
@@ -93,52 +93,39 @@ def swell(
     ([0.0, 0.0001, 0.001, 0.01, 0.1], True)
     """
     check_kind("problem", problem, Problem, "a Problem, as Problem(model, gel, contact=False) makes it")
-    if is_traced((problem, start, D)):
-        raise ValueError("swell: is not differentiated yet, and is not available inside jax.jit or jax.vmap; call it with numbers")
-    _check_problem(problem)
-    if not (np.isfinite(D) and D > 0):
-        raise ValueError(f"D: {D} is not accepted, it must be a number > 0 (mm^2 per unit of time)")
-    baths = _baths(problem, bath)
-    check_sweep(problem, np.array([mu for bath in baths.values() for mu in np.atleast_1d(bath.mu)]))
-    kinks = sorted({kink for bath in baths.values() for kink in bath.kinks})
+    found = _baths(problem, bath)
+    parts, baths = tuple(found), list(found.values())
+    check_run(problem, baths, D)
+    kinks = sorted({kink for bath in baths for kink in bath.kinks})
     spacing = float(problem.model.lists.topology.node_spacing.min())
-    numbers = times.values(spacing, float(D), kinks) if isinstance(times, TimeSteps) else times
-    numbers = check_values(numbers, "times", "time", rising=True)
+    numbers = times.values(spacing, float(differentiated_value(D)), kinks) if isinstance(times, TimeSteps) else times
+    numbers = check_values(numbers, "times", "time", rising=True).tolist()
     if not numbers[0] > 0:
         raise ValueError(f"times: {numbers[0]:g} is not accepted, the first must be above 0, at which the start is")
+    first = _start(problem, start, newton, observer)
+    if is_traced((problem, D, first, [(bath.times, bath.mu) for bath in baths])):
+        return traced_swell(transport(problem, parts, D), baths, first, numbers, newton, observer)
     problem = problem.prepared
     with few_threads(2 * problem.model.n_nodes):
-        if not isinstance(start, State):
-            start = _equilibrium(problem, float(start), newton, observer)
-        return _marched(transport(problem, tuple(baths), D), list(baths.values()), start, numbers, kinks, newton, observer)
+        return run(transport(problem, parts, D), baths, first, numbers, newton, observer).path
 
 
-def _equilibrium(problem, mu, newton, observer):
-    """The `State` at this chemical potential, by way of drier ones if it is not found at once."""
-    try:
-        return sweep(problem, [mu], newton=newton, observer=observer)[0]
-    except SweepFailed:
-        path = sweep(problem, Adaptive(mu - DRIER, mu), newton=newton, observer=observer)
+def _start(problem, start, newton, observer):
+    """The `Start` that is a state, or the equilibrium at a chemical potential, by way of drier ones if it is not found at once."""
+    model = problem.model
+    if not isinstance(start, State):
+        try:
+            path = sweep(problem, [start], newton=newton, observer=observer)
+        except SweepFailed:
+            path = sweep(problem, [start - below for below in DRIER], newton=newton, observer=observer)
         if not path.stop.ok:
-            raise ValueError(f"start: {mu:g} kT is not reached: {path.stop_text}") from None
-        return path[-1]
-
-
-def _check_problem(problem):
-    """ValueError for what transient swelling does not cover."""
-    plate = problem.model.lists.topology.plate
-    if problem.has_contact:
-        raise Inadmissible("contact: is not part of transient swelling; give Problem(..., contact=False)")
-    if not isinstance(problem.control, ChemicalPotential):
-        raise Inadmissible(f"control: {problem.control.name} is not accepted, the bath drives transient swelling; leave the control out")
-    if problem.model.film:
-        raise Inadmissible("kinematics: a film drinks through its faces, too, which transient swelling does not cover")
-    if "periodic" in plate.edges.values():
-        raise Inadmissible("edges: periodic edges are not covered by transient swelling")
-    if isinstance(problem.gel, Filled):
-        raise Inadmissible("gel: a plate with elastomers is not covered by transient swelling")
-    if not np.all(rises_always(gel_in_groups(problem.gel))):
-        raise Inadmissible("gel: can separate into phases, or is not known not to, which transient swelling does not cover")
+            raise ValueError(f"start: {differentiated_value(start):g} kT is not reached: {path.stop_text}")
+        x, pressure, mu = (getattr(path, name)[-1] for name in ("x", "pressure", "mu"))
+    else:
+        x, pressure, mu = start.x, start.pressure, start.mu if start.potential is None else start.potential
+    if x.shape != model.nodes.shape:
+        raise ValueError(f"start: is a state of {len(x)} nodes, the model has {len(model.nodes)}")
+    return Start(x, pressure, (jnp if is_traced(mu) else np).broadcast_to(mu, model.carries.shape))
 
 
 def _baths(problem, bath):
@@ -153,70 +140,3 @@ def _baths(problem, bath):
     if not found:
         raise ValueError("bath: nothing is wetted; the plate needs a hole or a free edge that is")
     return found
-
-
-def _marched(transport, baths, start, times, kinks, newton, observer):
-    """The path of the states at these times."""
-    problem, first = transport.problem, _first(transport, start)
-    at_start = np.full(len(baths), np.mean(acting_potential(transport, first.m)[np.asarray(problem.model.carries)]))
-
-    def instant(t):
-        return Instant(*values_of(baths, at_start, t))
-
-    before, now = None, Moment(0.0, first, np.zeros(len(baths)))
-    states = [_state(transport, now, float(at_start[0]))]
-    stop, text = Status.CONVERGED, ""
-    for t in sorted({*times.tolist(), *(kink for kink in kinks if kink < times[-1])}):
-        following = advance(transport, before, now, t, instant, newton)
-        mu = float(np.mean(instant(t).mu))
-        state = _state(transport, following, mu)
-        if not following.stage.status.ok:
-            observer.refused(state)
-            stop = following.stage.status
-            text = f"stopped after t = {now.t:.6g}: {stop.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
-            break
-        if overlaps(following.stage.x, problem.model):
-            stop, text = Status.SELF_CONTACT, f"stopped after t = {now.t:.6g}: {Status.SELF_CONTACT.text}"
-            break
-        before, now = (None if t in kinks else now), following
-        if t in times:
-            observer.accepted(state)
-            states.append(state)
-    return Path.from_states(problem.replace(control=time_in(baths, transport.wetted, transport.D)), states, stop=stop, stop_text=text)
-
-
-def _first(transport, start):
-    """The stage of the state at time 0."""
-    problem, model = transport.problem, transport.problem.model
-    if start.x.shape != model.nodes.shape:
-        raise ValueError(f"start: is a state of {len(start.x)} nodes, the model has {len(model.nodes)}")
-    mu = np.broadcast_to(np.asarray(start.mu if start.potential is None else start.potential, dtype=float), model.carries.shape)
-    sums = np.asarray(of_unknowns(np.where(model.carries, mu, 0.0), model))
-    counts = np.concatenate([np.full(block.groups.size, block.carrying) for block in model.blocks])
-    J = np.asarray(volume_ratios(start.x, model))
-    return Stage(problem.placed(start.x, 0.0), start.pressure, sums / counts, J, Status.CONVERGED)
-
-
-def _state(transport, moment, mu):
-    """The `State` of a moment, with the negative pivots of its own tangent."""
-    stage, stability = moment.stage, None
-    acting, potential = acting_problem(transport, stage.m), acting_potential(transport, stage.m)
-    now = stage.linearisation or linearise(acting, stage.x, stage.pressure, potential)
-    if stage.status.ok:
-        try:
-            stability = Stability(factorised_tangent(acting, stage.x, stage.pressure, now).negative_pivots)
-        except SingularTangent:
-            stability = None
-    return State(
-        moment.t,
-        mu,
-        stage.x,
-        stage.pressure,
-        status=stage.status,
-        newton_iterations=moment.iterations,
-        residual=float(now.residual_norm),
-        energy=float(now.energy),
-        stability=stability,
-        potential=potential,
-        supplied=moment.supplied,
-    )

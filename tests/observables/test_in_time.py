@@ -201,3 +201,21 @@ def test_what_has_no_value_in_time_is_refused(in_time, end, refused):
         (lambda path: inflow(path[:1]), in_time, "path: has one state, a rate needs two at least"),
     ]
     refused(lambda function, path: function(path), rows, start=True)
+
+
+@pytest.mark.slow
+def test_the_time_to_an_uptake_is_differentiated_through_the_steps():
+    """By the diffusivity and the end of a ramp of the bath, with inflow, potential and flux; central differences."""
+    plate = jaxgel.Plate(0.8, 1.0, edges={"top": "free"})
+    problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.2)), GEL, contact=False)
+
+    def number(D, mu):
+        bath = jaxgel.Bath([-0.5, mu], times=[0.0, 0.1])
+        path = jaxgel.swell(problem, bath, [0.01, 0.03, 0.1, 0.3, 1.0], start=-0.5, D=D)
+        total = time_to(path, "uptake", 0.02) + time_to(path, "J_mean", 1.42) + 0.1 * jnp.sum(inflow(path)[1:])
+        return total + 0.1 * solvent_flux(path)[3, 2, 1] + potential_at(path, [[0.1, 0.3]])[3, 0]
+
+    slopes, point, h = jax.grad(number, (0, 1))(1.0, -0.4), (1.0, -0.4), 1e-4
+    for i, slope in enumerate(slopes):
+        ahead, behind = (float(number(*(p + sign * h * (i == k) for k, p in enumerate(point)))) for sign in (1, -1))
+        assert float(slope) == pytest.approx((ahead - behind) / (2 * h), rel=1e-5)

@@ -1,0 +1,146 @@
+"""Transient swelling as a function that JAX differentiates: the states are those of `run`, and their derivatives march on their own."""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_derivatives import SymbolicZero
+
+from .._compiled import compiled
+from .._programs import fitted
+from .._sizes import resized, taken
+from .._threads import few_threads
+from .._tracing import is_traced
+from ..continuation import OF_SOLVENT, SCALARS, Path
+from ..equilibrium import Newton, Observer, first_order_only, no_tangents
+from ..mechanics import Bath as Instant
+from .bath import Bath, moved_times, time_in, values_of
+from .derivatives import March, stage_tangents, stages_of
+from .march import GAMMA
+from .problem import Transport
+from .run import Start, check_run, run
+
+COLUMNS = {"x": "kn", "energy": "k", "pressure": "kg", "potential": "kg", "supplied": "kb"}
+"""What is a function of the states: its axes."""
+INSIDE_JIT = "swell: is not available inside jax.jit or jax.vmap, as it cuts its steps on the way; take jax.grad or jax.jvp outside of them"
+RESIDUAL = "path.residual: the residual of a converged state is round-off and has no derivative; use path.energy or path.x"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Search:
+    """What identifies a traced run besides its arrays, and what it leaves besides arrays; hashed by identity."""
+
+    structure: object
+    """Tree structure of the `Inputs`."""
+    floating: tuple
+    """Which leaves are floating-point arrays, that is differentiable."""
+    times: list[float]
+    """Times of the states."""
+    newton: Newton
+    """Tolerances."""
+    observer: Observer
+    """Is told of every state."""
+    found: dict = dataclasses.field(default_factory=dict)
+    """How the run ended, its `March`, the times of its steps and of the baths, and which stages are states of the path."""
+
+    def join(self, floats, rest):
+        """The inputs from the two kinds of leaves."""
+        floats, rest = iter(floats), iter(rest)
+        return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
+
+
+def traced_swell(
+    transport: Transport, baths: Sequence[Bath], start: Start, times: Sequence[float], newton: Newton, observer: Observer
+) -> Path:
+    """`swell` under differentiation; states that are not reached are nan, with the status of the run."""
+    problem = transport.problem.replace(operators=None)
+    inputs = dataclasses.replace(transport, problem=problem), [(bath.mu, bath.times) for bath in baths], start
+    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, inputs))
+    floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
+    search = _Search(structure, floating, list(times), newton, observer)
+    floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
+    report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
+    t = moved_times(np.array([0.0, *times]), baths, [bath.numbers for bath in baths])
+    at_start = start.mean(problem.model)
+    mu = jnp.append(at_start, jnp.mean(values_of(baths, [at_start] * len(baths), t[1:])[0], axis=1))
+    problem = problem.replace(control=time_in(baths, transport.wetted, transport.D))
+    return Path(problem=problem, value=t, mu=mu, **report, **search.found["end"])
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _states(search, floats, rest):
+    """The columns of a `Path`, a dict; nan for states that were not reached."""
+    inputs = search.join(floats, rest)
+    if is_traced(inputs):
+        raise ValueError(INSIDE_JIT)
+    transport, tables, start = inputs
+    baths = [Bath(*map(np.asarray, table)) for table in tables]
+    check_run(transport.problem, baths, transport.D)
+    transport = dataclasses.replace(transport, problem=transport.problem.prepared, D=float(transport.D))
+    with few_threads(2 * transport.model.n_nodes):
+        path, first, steps = run(transport, baths, Start(*map(np.asarray, start)), search.times, search.newton, search.observer)
+    before, after = (np.array([getattr(step, name) for step in steps]) for name in ("start", "end"))
+    times = before, after, [np.asarray(times) for _, times in tables]
+    march = March(transport, stages_of(first, steps, *_scheduled(*times, tables, start.mean(transport.model))))
+    end = {"symmetry": path.symmetry, "stop": path.stop, "stop_text": path.stop_text}
+    search.found.update(march=march, times=times, rows=2 * np.append(0, 1 + np.searchsorted(after, path.t[1:])), end=end)
+    return _columns(path, 1 + len(search.times) - len(path))
+
+
+@compiled()
+def _scheduled(before, after, numbers, tables, at_start):
+    """Lengths (S,) of the stages of steps between two times each, and the bath (S, b) at their ends, of (mu, times) of each bath."""
+    baths = [Bath(*map(jnp.asarray, table)) for table in tables]
+    before, after = (moved_times(t, baths, numbers) for t in (before, after))
+    dt = after - before
+    t = jnp.stack([before + GAMMA * dt, after], axis=1).ravel()
+    return jnp.repeat(GAMMA * dt, 2), Instant(*values_of(baths, [at_start] * len(baths), t))
+
+
+@functools.partial(_states.defjvp, symbolic_zeros=True)
+def _states_jvp(search, primals, tangents):
+    """By `stage_tangents` for all that has derivatives."""
+    floats, rest = primals
+    report = _states(search, floats, rest)
+    march, rows = search.found["march"], search.found["rows"]
+    inputs = search.join(first_order_only(floats, "swell"), rest)
+    zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
+    dots = [np.zeros(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
+    dots = search.join(dots, zeros)
+    shared, shared_dot = jax.jvp(lambda transport: _observed_by_none(transport).shared, inputs[:1], dots[:1])
+
+    model, stages, lengths = inputs[0].model, march.stages, shared.lengths
+    schedule = functools.partial(_scheduled, *search.found["times"])
+    tau_dot, bath_dot = jax.jvp(schedule, (inputs[1], inputs[2].mean(model)), (dots[1], dots[2].mean(model)))[1]
+    at_start = {"x": dots[2].x, "m": dots[2].unknowns(model)}
+    states = {name: resized(at_start[name][None], np.shape(getattr(stages, name))) for name in at_start}
+    stages_dot = stages._replace(**states, pressure=np.zeros(stages.pressure.shape), tau=tau_dot, bath=bath_dot).shared(lengths)
+    nothing = np.zeros(len(stages_dot.end), jax.dtypes.float0)
+    stages_dot = stages_dot._replace(end=nothing, first=nothing)
+    found = stage_tangents(march, stages_dot, shared, shared_dot)
+    report_dot = jax.tree.map(SymbolicZero.from_primal_value, report)
+    for name, axes in COLUMNS.items():
+        dot = fitted(taken(getattr(found, name), rows), axes, march.transport.lengths)
+        report_dot[name] = resized(dot, (len(report[name]), *dot.shape[1:]))
+    x_dot = report_dot["x"]
+    return report, report_dot | {"residual": no_tangents(report["residual"], [x_dot], RESIDUAL)}
+
+
+def _observed_by_none(transport):
+    """Without the outline, on which no residual depends."""
+    problem = transport.problem
+    return dataclasses.replace(transport, problem=problem.replace(model=dataclasses.replace(problem.model, outline=None)))
+
+
+def _columns(path, missing):
+    """The columns of a path and rows of nan for ``missing`` states."""
+
+    def pad(column, fill):
+        return jax.device_put(np.concatenate([column, np.full((missing, *np.shape(column)[1:]), fill)]))
+
+    fills = {"status": int(path.stop), "derivative": int(path.stop), "newton_iterations": 0, "negative_pivots": -1, "switched": 0}
+    names = set(SCALARS) - {"value", "mu"} | {"derivative", "x", "pressure", *OF_SOLVENT}
+    return {name: pad(getattr(path, name), fills.get(name, np.nan)) for name in sorted(names)}
