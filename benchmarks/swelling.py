@@ -1,6 +1,6 @@
 """Uptake of solvent in time: a film beside finite volumes, and sample 1 beside the law of the square root of time.
 
-    python benchmarks/swelling.py [--rows film sample-1] [--spacings 0.1 0.05] [--quick]
+    python benchmarks/swelling.py [--rows film sample-1] [--spacings 0.1 0.05] [--quick] [--figure FILE]
 
 ``film``: error of the uptake in % at some times, of a film of thickness 1 held sideways, sealed below and wetted above, in four baths; with
 and without the term for layers thinner than the cells; Newton's corrections per step. The uptakes beside it are those of one-dimensional
@@ -9,16 +9,23 @@ finite volumes.
 ``sample-1``: mean volume ratio less that at the start over 0.08513 sqrt(t), what its outlines take up as half-spaces, less 1 in %; the
 core's rotation; the time of half the rotation; the distance of the last state from equilibrium; seconds of a warm step over those of a
 state of a sweep. With and without that term.
+
+``--figure`` draws sample 1 alone: patterns coloured by mu at four times, the uptake against the square root of time beside that law, and
+the rotation of the core, whose half is marked; a minute.
 """  # fmt: skip
 
 import argparse
 import time
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxgel
 from jaxgel.mechanics import all_volumes, volume_ratios
-from jaxgel.observables import core_rotation
+from jaxgel.observables import core_rotation, mean_volume_ratio
+from jaxgel.plotting import plot_curve, plot_patterns
+from jaxgel.plotting.curves import MARKS
+from jaxgel.plotting.style import COLOURS, LINE, WALL, styled
 
 TIMES = (1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 GOOD = jaxgel.Gel(1e-3, 0.1)
@@ -46,7 +53,11 @@ def main():
     parser.add_argument("--rows", nargs="*", default=["film", "sample-1"], choices=["film", "sample-1"])
     parser.add_argument("--spacings", nargs="*", type=float, default=[0.1, 0.05])
     parser.add_argument("--quick", action="store_true", help="coarse clouds and few steps")
+    parser.add_argument("--figure", help="file of the figure of sample 1; nothing else is computed")
     given = parser.parse_args()
+    if given.figure:
+        draw(given.figure, 2.2 if given.quick else None, 3 if given.quick else 10)
+        return
     if "film" in given.rows:
         for spacing in [0.2] if given.quick else given.spacings:
             films(spacing, 3 if given.quick else 10)
@@ -97,6 +108,36 @@ def sample_1(spacing, per_decade):
         print(f"sample 1, {model.n_nodes} nodes, {term} the term: uptake over the law less 1, in %, at {TIMES[1:4]}: {errors}")
         print(f"  half the rotation at t = {half:.3f}; from equilibrium {off:.1e} mm; {path.stop.text}")
         print(f"  {corrections:.1f} corrections, {step:.2f} s a step, {step / of_sweep:.0f} states of a sweep")
+
+
+@styled
+def draw(file, spacing, per_decade):
+    """The figure of sample 1."""
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("sample-1"), spacing=spacing))
+    problem = jaxgel.Problem(model, jaxgel.Gel(1e-3, 1e-4), contact=False)
+    path = jaxgel.swell(problem, BATH, jaxgel.TimeSteps(100.0, first=1e-3, per_decade=per_decade), start=START)
+    figure = plt.figure(figsize=(9.3, 5.0), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(1.06, 1))
+    plot_patterns(path, [0.01, 0.1, 1.0, 10.0], axes=above.subplots(1, 4, sharey=True), field="mu")
+    left, right = below.subplots(1, 2)
+    share = 100 * np.asarray(jaxgel.uptake_fraction(path, jaxgel.sweep(problem, [BATH])))
+    ratio = np.asarray(mean_volume_ratio(path))
+    law = 100 * HALF_SPACES / ((ratio[-1] - ratio[0]) * 100 / share[-1])
+    left.plot(np.sqrt(path.t), share, marker="o", markersize=2.5, color=COLOURS[0], label="sample 1")
+    left.plot([0, 2.2], [0, 2.2 * law], color=LINE, linewidth=0.8, linestyle="--", label="half-spaces along the outlines")
+    left.set(xlabel=r"$\sqrt{Dt}$ (mm)", ylabel="uptake over that in equilibrium (%)", xlim=(0, 6), ylim=(0, 104))
+    left.legend(frameon=False, fontsize=7.5, loc="lower right")
+    plot_curve(path, "rotation", ax=right)
+    half = core_rotation(path)[-1] / 2
+    time_of_half = float(jaxgel.time_to(path, "core_rotation", half))
+    right.plot([right.get_xlim()[0], time_of_half, time_of_half], [half, half, 0], color=LINE, linewidth=0.7, linestyle=":")
+    right.plot(time_of_half, half, "o", color=COLOURS[1], markersize=5)
+    text = f"half at $Dt = {time_of_half:.2f}$ mm²"
+    right.annotate(text, (time_of_half, half), xytext=(-8, 4), textcoords="offset points", ha="right")
+    right.plot([], [], color=WALL, linewidth=0.9, linestyle=MARKS["crease"], label="crease limit")
+    right.legend(frameon=False, fontsize=7.5)
+    right.set(xlabel=r"$Dt$ (mm²)", ylim=(0, None))
+    figure.savefig(file, dpi=140)
 
 
 def seconds(function):

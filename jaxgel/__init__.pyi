@@ -89,6 +89,7 @@ from .mechanics import Problem as Problem
 from .mechanics import load_vector as load_vector
 from .observables import area_reduction as area_reduction
 from .observables import area_reduction_per_hole as area_reduction_per_hole
+from .observables import at_time as at_time
 from .observables import cauchy_stress as cauchy_stress
 from .observables import core_rotation as core_rotation
 from .observables import macroscopic_deformation as macroscopic_deformation
@@ -97,6 +98,9 @@ from .observables import outlines as outlines
 from .observables import rotation_angle as rotation_angle
 from .observables import surface_ratio as surface_ratio
 from .observables import surface_stability as surface_stability
+from .observables import time_to as time_to
+from .observables import uptake as uptake
+from .observables import uptake_fraction as uptake_fraction
 from .observables import volume_ratio as volume_ratio
 from .paper import paper_stress as paper_stress
 from .paper import paper_tangent as paper_tangent

@@ -21,6 +21,7 @@ from ..observables import (
     events,
     field_values,
     history,
+    is_in_time,
     outlines,
     parameter_values,
 )
@@ -30,6 +31,7 @@ PAGE = "view.html"
 TEMPLATE = "page.html"
 RESOLUTION = 5000  # steps per plate width in which the page keeps positions
 COLOURS = 64
+DECADES = 2.0  # that times span from which on their axis is logarithmic
 
 
 def write_page(folder: str | File, out: str | File | None = None) -> File:
@@ -44,7 +46,8 @@ def write_page(folder: str | File, out: str | File | None = None) -> File:
 def page(path: Path, *, table: dict[str, Any] | None = None, title: str = "jaxgel") -> str:
     """HTML page of a path: pattern, curves and events at the state of a slider. It holds its data and loads nothing from the network.
 
-    ``table`` saves computing `history` again.
+    ``table`` saves computing `history` again. Transient swelling has the volume ratio as colours, and curves against the logarithm of time
+    if its states span more than ``DECADES``.
     """
     data = json.dumps(_data(path, history(path) if table is None else table, title), separators=(",", ":"), allow_nan=False)
     template = resources.files("jaxgel.cases").joinpath(TEMPLATE).read_text(encoding="utf-8")
@@ -57,7 +60,8 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
 
     cloud = path.model.cloud
     deformed = np.asarray(deformed_vertices(path))
-    values = field_values(path, "stretch")
+    field = "J" if is_in_time(path) else "stretch"
+    values = field_values(path, field)
     low, high = values.min(), values.max()
     shades = np.minimum((values - low) / max(high - low, 1e-12) * COLOURS, COLOURS - 1).astype(int)
     used = deformed[:, np.unique(cloud.triangles)] * (RESOLUTION / cloud.plate.width)
@@ -66,6 +70,8 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
         "title": title,
         "about": f"{len(cloud.nodes)} nodes, {_parameters(path)}; open dots are unstable states",
         "control": {"label": driven.plain_label(), "unit": "" if driven.unit == "1" else driven.unit},
+        "time": is_in_time(path),
+        "logarithmic": is_in_time(path) and _decades(path.value) > DECADES,
         "value": np.asarray(path.value).tolist(),
         "columns": {name: _column(QUANTITIES[name], table, cloud) for name in _viewed(table)},
         "unstable": (np.asarray(table["negative_pivots"]) > 0).tolist(),
@@ -76,7 +82,7 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
         "holes": [_steps(loops, cloud) for loops in outlines(path)],
         "vertices": _steps(deformed, cloud),
         "field": {
-            "label": FIELDS["stretch"],
+            "label": FIELDS[field].replace("$", ""),
             "low": float(low),
             "high": float(high),
             "colours": colour_scale(COLOURS),
@@ -85,9 +91,15 @@ def _data(path: Path, table: dict[str, Any], title: str) -> dict[str, Any]:
     }
 
 
+def _decades(times: Array) -> float:
+    """Decades between the first time above 0 and the last one."""
+    times = np.asarray(times)[np.asarray(times) > 0]
+    return float(np.log10(times.max() / times.min())) if len(times) else 0.0
+
+
 def _viewed(table):
     """Names of the quantities whose curves are shown: those that have a value."""
-    own = (name for name, quantity in QUANTITIES.items() if quantity.viewed)
+    own = (name for name, quantity in QUANTITIES.items() if quantity.viewed and quantity.column in table)
     return [name for name in own if np.isfinite(np.asarray(table[QUANTITIES[name].column], dtype=float)).any()]
 
 

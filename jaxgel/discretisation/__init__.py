@@ -3,7 +3,7 @@
 from .body import NONE, Body, PatchBlock, numbered
 from .connectivity import Connectivity, plate_edge_ends
 from .consistency import consistent_gradients
-from .interpolation import Interpolation
+from .interpolation import Interpolation, evaluate_points
 from .ladder import MANY, NODES, PAIRS, room
 from .model import Model, discretise
 from .moving_least_squares import BASES, KINDS, n_monomials, shape_functions, shape_functions_and_gradients
@@ -37,6 +37,7 @@ __all__ = [
     "core_probe",
     "cubic_spline_weight",
     "discretise",
+    "evaluate_points",
     "group_weights",
     "make_probe",
     "midline_points",

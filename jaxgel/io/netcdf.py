@@ -1,6 +1,7 @@
 """A run's folder as an xarray Dataset, and as a netCDF (HDF5) file for programs that read those; needs the extra ``[netcdf]``.
 
-Dimensions: state (an accepted state), node, group (a volume group), xy, and point_0 ... (of the outline of each hole).
+Dimensions: state (an accepted state), node, group (a volume group), xy, and point_0 ... (of the outline of each hole). In transient
+swelling the states have the coordinate t, and there is the dimension part (a wetted part of the boundary).
 """
 
 import json
@@ -43,6 +44,10 @@ def dataset(folder: str | File) -> Any:
         f"outline_{i}": variable(("state", f"point_{i}", "xy"), loop, "mm", f"outline of hole {i}, a closed loop")
         for i, loop in enumerate(run.outlines)
     }
+    if "potential" in run.states:
+        fields["potential"] = variable(("state", "group"), run.states["potential"], "kT", "chemical potential of the solvent in the groups")
+    if "supplied" in run.states:
+        fields["supplied"] = variable(("state", "part"), run.states["supplied"], "mm2", "solvent that has come in through each wetted part")
     about = {"title": run.summary["case"]} | {name: json.dumps(run.summary[name]) for name in ("options", "versions", "status", "reason")}
     return xarray.Dataset(fields | columns, coords={"xy": ["x", "y"]}, attrs=about).set_coords(list({driven.name: None, "mu": None}))
 

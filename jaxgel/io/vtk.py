@@ -13,26 +13,38 @@ from .._compiled import compiled
 from .._types import Array, Float, Int
 from ..continuation import Path
 from ..discretisation import make_probe
-from ..observables import SELF_CONTACT, cauchy_stress, field_values, history, parameter_values, thickness_stretch
+from ..observables import (
+    SELF_CONTACT,
+    cauchy_stress,
+    field_values,
+    history,
+    is_in_time,
+    parameter_values,
+    solvent_flux,
+    solvent_potential,
+    thickness_stretch,
+)
 from .files import open_folder
 
 
 def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None = None) -> None:
     """``series.pvd`` and ``vtu/state-*.vtu`` for ParaView: the deformed gel of every state, with the control as time.
 
-    Time must increase: where the control falls or turns it is the number of the state. The value is also a constant field on the cells.
+    The times of transient swelling are its own. Others must increase: where the control falls or turns it is the number of the state. The
+    value is also a constant field on the cells.
 
     Points carry the displacement (mm), the components ``cauchy_stress_xx``, ``_yy``, ``_xy`` (kT/v; the nodes' own, interpolated), and
     ``principal_stretch_1`` >= ``principal_stretch_2``, against the dry gel. Cells (triangles) carry the volume ratio J and ``invalid`` = 1
     after self-contact; parameters of the gel that vary, by their names; and the ``thickness_stretch`` of a film and in
-    generalised plane strain. ``table`` saves computing
-    `history` again.
+    generalised plane strain. In transient swelling they also carry ``mu``, the chemical potential of the solvent (kT), and its ``flux``
+    through the deformed area (mm per unit of time), see `observables.solvent_flux`. ``table`` saves computing `history` again.
     """
     cloud = path.model.cloud
     used, triangles = np.unique(np.asarray(cloud.triangles), return_inverse=True)
     fields, J = point_fields(path, used), np.asarray(field_values(path, "J"))
     cells = np.asarray(cloud.cell_of_triangle)
     dry_fields = {name: np.ascontiguousarray(np.asarray(values)[cells]) for name, values in parameter_values(path).items()}
+    solvent = _solvent_fields(path, cells) if is_in_time(path) else {}
     thickness = None if cloud.plate.kinematics == "plane strain" else np.asarray(thickness_stretch(path))[:, cells]
     dry, deformed = np.asarray(cloud.vertices)[used], fields.pop("position")
     invalid = [text == SELF_CONTACT for text in (history(path) if table is None else table)["status"]]
@@ -57,10 +69,26 @@ def write_series(path: Path, folder: str | File, *, table: dict[str, Any] | None
             cellData={"J": np.ascontiguousarray(J[k]), "invalid": np.full(len(offsets), invalid[k], dtype=np.int32)}
             | {name: np.full(len(offsets), values[k])}
             | dry_fields
+            | {name: _components(part[k]) for name, part in solvent.items()}
             | ({} if thickness is None else {"thickness_stretch": np.ascontiguousarray(thickness[k])}),
         )
         group.addFile(file, sim_time=float(time))
     group.save()
+
+
+def _solvent_fields(path: Path, cells: Int[np.ndarray, " t"]) -> dict[str, np.ndarray]:
+    """Name -> values (k, t), or (k, t, 2), on the triangles of the ``cells``."""
+    fields = {"mu": np.asarray(solvent_potential(path))[:, cells]}
+    if path.control.wetted:
+        fields["flux"] = np.asarray(solvent_flux(path, deformed=True))[:, cells]
+    return fields
+
+
+def _components(values: Float[np.ndarray, "t ..."]) -> Any:
+    """A field (t,), or the three components of one of vectors (t, 2), as VTK has them."""
+    if values.ndim == 1:
+        return np.ascontiguousarray(values)
+    return (*np.ascontiguousarray(values.T), np.zeros(len(values)))
 
 
 def point_fields(path: Path, used: Int[np.ndarray, " u"]) -> dict[str, np.ndarray]:

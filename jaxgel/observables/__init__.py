@@ -7,17 +7,20 @@ from .fields import (
     deformed_vertices,
     free_stretch,
     macroscopic_deformation,
+    mean_volume_ratio,
     membrane_stress,
     parameter_values,
     thickness_stretch,
     volume_ratio,
 )
 from .gaps import SELF_CONTACT, gap, min_gap
-from .quantities import BY_COLUMN, COLUMNS, CURVES, OF_CELLS, OF_POSITIONS, QUANTITIES, Quantity, columns_of, control_quantity
+from .quantities import BY_COLUMN, COLUMNS, CURVES, IN_TIME, OF_CELLS, OF_POSITIONS, QUANTITIES, Quantity, columns_of, control_quantity
 from .rotation import core_rotation, is_flat, rotation_angle
+from .solvent import flux_at, inflow, is_in_time, potential_at, solvent_flux, solvent_potential, uptake, uptake_fraction
 from .states import States, state_at
 from .surface import CREASE_RATIO, crease_indicator, mean_surface_ratios, surface_ratio, surface_ratios
 from .table import events, history
+from .times import at_time, time_to
 from .triangles import FIELDS, field_on_triangles, field_values
 from .wrinkling import surface_stability
 
@@ -27,6 +30,7 @@ __all__ = [
     "CREASE_RATIO",
     "CURVES",
     "FIELDS",
+    "IN_TIME",
     "OF_CELLS",
     "OF_POSITIONS",
     "QUANTITIES",
@@ -36,6 +40,7 @@ __all__ = [
     "area_reduction",
     "area_reduction_per_hole",
     "aspect_ratio",
+    "at_time",
     "cauchy_stress",
     "cell_volumes",
     "columns_of",
@@ -48,22 +53,32 @@ __all__ = [
     "events",
     "field_on_triangles",
     "field_values",
+    "flux_at",
     "free_edge_misfit",
     "free_stretch",
     "gap",
     "history",
+    "inflow",
     "is_flat",
+    "is_in_time",
     "macroscopic_deformation",
     "mean_surface_ratios",
+    "mean_volume_ratio",
     "membrane_stress",
     "min_gap",
     "outlines",
     "parameter_values",
+    "potential_at",
     "rotation_angle",
+    "solvent_flux",
+    "solvent_potential",
     "state_at",
     "surface_ratio",
     "surface_ratios",
     "surface_stability",
     "thickness_stretch",
+    "time_to",
+    "uptake",
+    "uptake_fraction",
     "volume_ratio",
 ]

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._compiled import compiled
 from .._memo import once_per_owner
+from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from ..continuation import Path
 from ..discretisation import Model, make_probe
@@ -94,7 +95,7 @@ def parameter_values(path: Path) -> dict[str, Float[Array, " c"]]:
 
 
 def _cell_mean(part, model, volumes):
-    return _over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], model) / volumes
+    return over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], model) / volumes
 
 
 @once_per_owner
@@ -104,16 +105,22 @@ def host_volume_ratio(path: States) -> Float[np.ndarray, "k c"]:
 
 
 @of_path
-def mean_volume_ratio(path: States) -> Float[np.ndarray, " k"]:
-    """Mean of the volume ratio J of the cells, weighted with their dry volume, by NumPy."""
-    volumes = np.asarray(cell_volumes(path.model))
+def mean_volume_ratio(path: States) -> Float[Array, " k"]:
+    """Mean swelling ratio (k,): that of the volume ratio J of the cells, weighted with their dry volume.
+
+    By NumPy, unless it is differentiated.
+    """
+    volumes = cell_volumes(path.model)
+    if is_traced(path.x, getattr(path, "value", None), volumes):
+        return volume_ratio(path) @ volumes / jnp.sum(volumes)
+    volumes = np.asarray(volumes)
     return host_volume_ratio(path) @ volumes / volumes.sum()
 
 
 @compiled()
 def cell_volumes(model: Model) -> Float[Array, " c"]:
     """Dry volume of every cell, mm^2 (per unit depth)."""
-    return _over_cells([block.weight for block in model.blocks], model)
+    return over_cells([block.weight for block in model.blocks], model)
 
 
 @of_path
@@ -169,7 +176,7 @@ def _cauchy_stress(x, p, value, problem, probe):
         return _film_stress(F, gel, p) if model.film else cauchy_stress_at(F, mu, gel, p / axial_stretch(model), axial)
 
     F, gel = probe.deformation_gradient(x), _gel_at_nodes(now.gel, model, mean)
-    sigma = elementwise(stress, F, gel, mean(_cell_means(p, model)), signature="(i,j)->(i,j)")
+    sigma = elementwise(stress, F, gel, mean(cell_means(p, model)), signature="(i,j)->(i,j)")
     return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
 
@@ -195,21 +202,21 @@ def _gel_at_nodes(gel: LocalGel, model: Model, mean: Callable) -> LocalGel:
 def _film_volume_ratio(x, at, problem):
     now, mu = problem.at(at)
     A, carries = volume_ratios(x, now.model), now.model.carries
-    return _cell_means(volume_law(now.model, gel_in_groups(now.gel), mu).volume_ratio(jnp.where(carries, A, 2.0)), now.model)
+    return cell_means(volume_law(now.model, gel_in_groups(now.gel), mu).volume_ratio(jnp.where(carries, A, 2.0)), now.model)
 
 
 def _areal_stretch(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:
-    return _cell_means(volume_ratios(x, model), model)
+    return cell_means(volume_ratios(x, model), model)
 
 
 @compiled()
-def _cell_means(values: Float[Array, " g"], model: Model) -> Float[Array, " c"]:
+def cell_means(values: Float[Array, " g"], model: Model) -> Float[Array, " c"]:
     """Means over the cells of the fields with these values in the volume groups."""
     fields = [block.weight * at_points(part, block) for block, part in zip(model.blocks, by_block(values, model), strict=True)]
-    return _over_cells(fields, model) / cell_volumes(model)
+    return over_cells(fields, model) / cell_volumes(model)
 
 
-def _over_cells(values: list[Float[Array, "_ _"]], model: Model) -> Float[Array, " c"]:
+def over_cells(values: list[Float[Array, "_ _"]], model: Model) -> Float[Array, " c"]:
     """Sums over each cell of values at the quadrature points, per block."""
     total = jnp.zeros(model.n_cells)
     for points, part in zip(model.lists.points, values, strict=True):

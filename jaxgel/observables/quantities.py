@@ -5,15 +5,19 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
+import numpy as np
+
 from .._types import Array, Shaped
 from ..continuation import lowest_eigenvalue
 from ..controls import CONTROLS
 from ..equilibrium import Change
 from ..geometry import Plate
+from ..transient import Time
 from .areas import area_reduction
 from .fields import free_stretch, host_volume_ratio, macroscopic_deformation, mean_volume_ratio
 from .gaps import gap, min_gap_once, status_texts
 from .rotation import core_rotation, rotation_angle
+from .solvent import is_in_time, uptake
 from .surface import crease_indicator, surface_ratio
 from .wrinkling import surface_stability
 
@@ -52,6 +56,8 @@ class Quantity:
     """Whether the page of a run shows its curve."""
     of_cells: bool = False
     """Whether only the tables of periodic cells with a free macroscopic deformation have its ``column``."""
+    in_time: bool = False
+    """Whether only transient swelling has it."""
 
     @property
     def scale(self) -> float:
@@ -64,7 +70,9 @@ class Quantity:
         return (
             "%"
             if self.percent
-            else {"": "", "1": "", "kT": "$kT$", "degree": "°", "mm": length, "kT/v mm2": f"kT/v {area}"}.get(self.unit, self.unit)
+            else {"": "", "1": "", "kT": "$kT$", "degree": "°", "mm": length, "mm2": area, "kT/v mm2": f"kT/v {area}"}.get(
+                self.unit, self.unit
+            )
         )
 
     def axis_label(self, length: str = "mm") -> str:
@@ -94,6 +102,11 @@ def _macroscopic(i, j):
 
     label, text = f"macroscopic deformation $F_{{{i + 1}{j + 1}}}$", f"component {i + 1}{j + 1} of the macroscopic deformation gradient"
     return Quantity(name, component, "1", label, text, ".4f", differentiable=True, column=name, of_cells=True, studied=True)
+
+
+def _uptake(path: Any) -> Shaped[Array, " k"]:
+    """`uptake`; nan for a path without it."""
+    return uptake(path) if is_in_time(path) else np.full(len(path), np.nan)
 
 
 def reasons(path: Any) -> list[str]:
@@ -128,7 +141,10 @@ _TABLE = (
     _column(
         "J_max", lambda path: host_volume_ratio(path).max(axis=1), "1", "largest volume ratio $J$", "largest volume ratio of a cell", ".4f"
     ),
-    _column("J_mean", mean_volume_ratio, "1", "mean volume ratio $J$", "mean volume ratio", ".4f", plotted=("J", "mean"), viewed=True),
+    _column(
+        *("J_mean", mean_volume_ratio, "1", "mean volume ratio $J$", "mean volume ratio", ".4f"),
+        **dict(differentiable=True, plotted=("J", "mean"), viewed=True),
+    ),
     _column(
         *("area_reduction", area_reduction, "1", "area reduction", "reduction of the area of the holes", ".3f"),
         **_SEEN | dict(percent=True, plotted=("area_reduction", "all holes")),
@@ -173,24 +189,33 @@ _TABLE = (
         **_STUDIED,
     ),
     *(_macroscopic(i, j) for i, j in ((0, 0), (1, 1), (0, 1))),
+    _column(
+        *("uptake", _uptake, "mm2", "solvent taken up", "solvent that has come in through wetted boundary", ".4g"),
+        **dict(differentiable=True, plotted=("uptake", "all wetted parts"), viewed=True, in_time=True),
+    ),
 )
 
 QUANTITIES = {quantity.name: quantity for quantity in _TABLE}
 """Name -> `Quantity`."""
 BY_COLUMN = {quantity.column: quantity for quantity in _TABLE if quantity.column}
 """Column of ``history.csv`` -> its `Quantity`, in the order of the columns."""
-COLUMNS = tuple(column for column, quantity in BY_COLUMN.items() if not quantity.of_cells)
+COLUMNS = tuple(column for column, quantity in BY_COLUMN.items() if not (quantity.of_cells or quantity.in_time))
 """Columns of ``history.csv`` of every plate, in order."""
 OF_CELLS = tuple(column for column, quantity in BY_COLUMN.items() if quantity.of_cells)
 """Those that follow for a periodic cell with a free macroscopic deformation."""
+IN_TIME = tuple(column for column, quantity in BY_COLUMN.items() if quantity.in_time)
+"""Those that follow for transient swelling."""
 _SOLVED = ("mu", "energy", "residual", "newton_iterations", "negative_pivots", "lowest_eigenvalue")
-OF_POSITIONS = tuple(name for name, quantity in QUANTITIES.items() if quantity.kind is not str and name not in _SOLVED)
+OF_POSITIONS = tuple(
+    name for name, quantity in QUANTITIES.items() if quantity.kind is not str and name not in _SOLVED and not quantity.in_time
+)
 """Quantities that need nothing of a state but its positions, pressures and control: limits of stability have them, too."""
 
 
 def columns_of(plate: Plate, control: str = "mu") -> tuple[str, ...]:
     """Columns of ``history.csv`` of a plate, in order, under a control of that name: another than mu comes first."""
     own = (*COLUMNS, *OF_CELLS) if plate.free_strains else COLUMNS
+    own = (*own, *IN_TIME) if control == Time.name else own
     return own if control == "mu" else (control, *own)
 
 
@@ -206,6 +231,8 @@ def control_quantity(name: str = "mu", unit: str = "kT") -> Quantity:
     """
     if name == "mu":
         return QUANTITIES["mu"]
+    if name == Time.name:
+        return Quantity(name, attrgetter("value"), unit or "1", "time $t$", "time", ".3g", column=name)
     kind = CONTROLS.get(name)
     label, text, digits = (kind.label, kind.text, kind.digits) if kind else (name, f"control {name}", ".5g")
     return Quantity(name, attrgetter("value"), unit or "1", label, text, digits, column=name)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..continuation import Path
 from ..equilibrium import Change
+from ..transient import Time
 from .gaps import IN_CONTACT, SWITCHED
 from .quantities import BY_COLUMN, columns_of, control_quantity
 from .states import of_path
@@ -20,8 +21,10 @@ LEAP = 0.2  # of ln J: where a path that goes over to another branch changes the
 def history(path: Path) -> dict[str, Any]:
     """The columns of ``history.csv`` for every state of a path: name -> (k,) values, a list of texts for ``status``.
 
-    The first is the control, by its name: ``mu``, kT, or another one before it. Energy in kT/v mm^2, angles in degrees, gap in mm; J is the
-    volume ratio of a cell and its mean is weighted with the dry volume. What ``status`` says is in `status_texts`. ValueError for a control
+    The first is the control, by its name: ``mu``, kT, or another one before it, ``t`` in transient
+    swelling. Energy in kT/v mm^2, angles in degrees, gap in mm; J is the volume ratio of a cell and
+    its mean is weighted with the dry volume. The last one of transient swelling is the `uptake`, mm^2.
+    What ``status`` says is in `status_texts`. ValueError for a control
     of a user that has the name of another column.
     """
     path = dataclasses.replace(path)  # what several columns share is kept on this copy and freed with it
@@ -49,9 +52,12 @@ def events(table: dict[str, Any]) -> list[dict[str, Any]]:
     control, pivots = driven_column(table), np.asarray(table["negative_pivots"])
     values, found = np.asarray(table[control]), []
 
+    digits = ".4g" if control == Time.name else ".4f"
+
     def add(k: int, event: str, text: str) -> None:
         before = float(values[k - 1]) if k else None
-        where = f"between {control} = {before:.4f} and {values[k]:.4f}" if k else f"at or before {control} = {values[k]:.4f}"
+        last = f"{values[k]:{digits}}"
+        where = f"between {control} = {before:{digits}} and {last}" if k else f"at or before {control} = {last}"
         driven = {control: float(values[k]), f"{control}_before": before}
         found.append({"event": event, "state": int(k), **driven, "text": f"{text} {where}"})
 

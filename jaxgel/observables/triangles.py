@@ -7,9 +7,10 @@ from .._types import Float
 from .._validation import one_of
 from ..continuation import Path
 from .fields import deformed_vertices, volume_ratio
+from .solvent import solvent_potential
 from .states import of_path
 
-FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
+FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch", "mu": r"chemical potential $\mu$ ($kT$)"}
 """Fields that figures fill the gel with, and their labels."""
 
 
@@ -17,8 +18,8 @@ FIELDS = {"J": "volume ratio $J$", "stretch": "largest principal stretch"}
 def field_values(path: Path, field: str) -> Float[np.ndarray, "k t"]:
     """Values (k, t) of a field of ``FIELDS`` on the triangles of a path's cloud, constant in each cell; ValueError for another name.
 
-    "J" is `observables.volume_ratio`; "stretch" follows
-    from the deformation gradient between the vertices, averaged over the dry volume of a cell.
+    "J" is `observables.volume_ratio`, "mu" `observables.solvent_potential`; "stretch" follows from the deformation gradient between the
+    vertices, averaged over the dry volume of a cell.
     """
     return field_on_triangles(path, np.asarray(deformed_vertices(path)), field)
 
@@ -28,8 +29,8 @@ def field_on_triangles(path: Path, vertices: Float[np.ndarray, "k v 2"], field: 
     """Values (k, t) of a field, with the deformed vertices (k, v, 2) at hand."""
     one_of("field", field, FIELDS)
     triangles, cells = np.asarray(path.model.cloud.triangles), np.asarray(path.model.cloud.cell_of_triangle)
-    if field == "J":
-        return np.asarray(volume_ratio(path))[:, cells]
+    if field in ("J", "mu"):
+        return np.asarray(volume_ratio(path) if field == "J" else solvent_potential(path))[:, cells]
     dry = _edges(np.asarray(path.model.cloud.vertices)[triangles])
     F = _edges(vertices[:, triangles]) @ np.linalg.inv(dry)
     volume = np.linalg.det(dry)

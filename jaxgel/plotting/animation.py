@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 
 from ..continuation import Path
-from ..observables import FIELDS
-from .patterns import Gel, colour_range, draw_frame, pictured_states
+from .patterns import Gel, add_colorbar, colour_range, draw_frame, pictured_states
 from .style import state_text, styled
 
 FRAMES_MAX = 60  # of an animation
@@ -27,10 +26,10 @@ def animate_pattern(path: Path, file: str | File, *, field: str | None = "stretc
     states = np.unique(np.linspace(0, len(path.mu) - 1, min(FRAMES_MAX, len(path.mu))).round().astype(int))
     vertices, values = pictured_states(path, states, field)
     figure, ax = plt.subplots(figsize=(4.4, 3.8), layout="constrained")
-    gel = Gel(ax, path.model.cloud, vertices[0], values[0], colour_range(values))
+    gel = Gel(ax, path.model.cloud, vertices[0], values[0], colour_range(values, path, field))
     draw_frame(ax, path.model.cloud, vertices, state_text(path.value[states[0]], path.control))
     if field is not None:
-        figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
+        add_colorbar(gel, [ax], values, field)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # every frame as the first one is laid out
     writer = kind(fps=max(1.0, len(states) / seconds))

@@ -24,11 +24,23 @@ from ..continuation import Path
 from ..controls import Control
 from ..discretisation import Model
 from ..geometry import edge_lines, held_components
-from ..observables import FIELDS, deformed_vertices, field_on_triangles, free_stretch, outlines, parameter_values, state_at
+from ..observables import (
+    FIELDS,
+    deformed_vertices,
+    field_on_triangles,
+    field_values,
+    free_stretch,
+    is_in_time,
+    outlines,
+    parameter_values,
+    state_at,
+    uptake,
+)
 from .style import COLOURS, GEL, LINE, WALL, length_unit, state_text, styled
 
 PARAMETERS = {"Nv": "$Nv$", "chi": r"$\chi$", "bulk": "bulk modulus of elastomers (kT/v)"}
 MODE_SIZE = 0.05  # largest displacement of a mode that is drawn, over the plate's shorter side
+BEYOND = 1e-2  # of a colour scale: values beyond it by more are marked
 WIDE = 30.0  # ratio of the largest to the smallest value of a parameter above which its scale is logarithmic
 
 
@@ -42,16 +54,16 @@ def plot_pattern(
     limits: tuple[float, float] | None = None,
     colorbar: bool = True,
 ) -> Axes:
-    """Axes with the deformed gel of state ``k``, filled by ``field``: "stretch" (largest principal), "J" or None for one colour.
+    """Axes with the deformed gel of state ``k``, filled by ``field``: "stretch" (largest principal), "J", "mu" or None for one colour.
 
     ``limits`` (lowest, highest) fixes the colour scale, by default the range of this state. Raises ValueError for another field.
     """
     ax = plt.subplots(figsize=(3.6, 3.3), layout="constrained")[1] if ax is None else ax
     (vertices,), (values,) = pictured_states(path, [k], field)
-    gel = Gel(ax, path.model.cloud, vertices, values, limits or colour_range([values]))
+    gel = Gel(ax, path.model.cloud, vertices, values, limits or colour_range([values], path, field))
     draw_frame(ax, path.model.cloud, [vertices], state_text(path.value[k], path.control))
     if colorbar and values is not None:
-        ax.figure.colorbar(gel.cells, ax=ax, label=FIELDS[field], shrink=0.85)
+        add_colorbar(gel, [ax], [values], field)
     return ax
 
 
@@ -59,21 +71,21 @@ def plot_pattern(
 def plot_patterns(path: Path, at: Any = None, *, axes: Any = None, field: str | None = "stretch") -> np.ndarray:
     """A row of axes with the patterns at the accepted states nearest to the values ``at`` of the control, one colour scale.
 
-    By default four states, evenly spaced; where the control comes back to a value the first state there. ValueError for a value beyond
-    the ends of the path.
+    By default four states, evenly spaced in the free swelling, or in the uptake if the path is one in time, whose values are times; where
+    the control comes back to a value the first state there. ValueError for a value beyond the ends of the path.
     """
     states = _nearest(path, at)
     if axes is None:
         axes = plt.subplots(1, len(states), figsize=(2.1 * len(states) + 0.9, 2.55), sharey=True, layout="constrained")[1]
     axes = np.atleast_1d(axes)
     vertices, values = pictured_states(path, states, field)
-    limits = colour_range(values)
+    limits = colour_range(values, path, field)
     for ax, k, v, colours in zip(axes, states, vertices, values, strict=True):
         gel = Gel(ax, path.model.cloud, v, colours, limits)
         draw_frame(ax, path.model.cloud, vertices, state_text(path.value[k], path.control))
         ax.label_outer()
     if field is not None:
-        axes[0].figure.colorbar(gel.cells, ax=list(axes), label=FIELDS[field], shrink=0.85)
+        add_colorbar(gel, list(axes), values, field)
     return axes
 
 
@@ -133,10 +145,13 @@ def plot_modes(model: Model, points: list[CriticalPoint], *, control: Control | 
 def _nearest(path: Path, at: Any) -> list[int]:
     """Numbers of the states nearest to the values ``at`` of the control, by default up to four, evenly spaced in the free stretch.
 
-    Where that is not known, or does not grow, they are evenly spaced along the way of the control.
+    Where that is not known, or does not grow, they are evenly spaced along the way of the control; in time along that of the uptake.
     """
     if at is not None:
         return list(dict.fromkeys(state_at(path, value) for value in at))
+    if is_in_time(path):
+        way = np.cumsum(np.abs(np.diff(np.asarray(uptake(path)), prepend=0.0)))
+        return list(dict.fromkeys(int(np.abs(way - value).argmin()) for value in np.linspace(0.0, way[-1], 4)))
     x, stretch = np.asarray(path.value, dtype=float), np.asarray(free_stretch(path))
     x = stretch if np.all(np.diff(stretch) > 0) else np.cumsum(np.abs(np.diff(x, prepend=x[0])))
     return list(dict.fromkeys(int(np.abs(x - value).argmin()) for value in np.linspace(x[0], x[-1], 4)))
@@ -150,9 +165,24 @@ def pictured_states(path: Path, states: Any, field: str | None) -> tuple[list, l
     return list(vertices), values
 
 
-def colour_range(values: list) -> tuple[float, float] | None:
-    """Lowest and highest of all values, or None without any."""
+def colour_range(values: list, path: Path, field: str | None) -> tuple[float, float] | None:
+    """Lowest and highest of all values, or None without any; of mu in transient swelling the range between the start and the baths.
+
+    Beside a boundary layer mu of a nearly dry gel, a logarithm, is below both by round-off of the little solvent there.
+    """
+    if field == "mu" and is_in_time(path):
+        baths = path.control.mu if path.control.parts is None else path.control.parts
+        values = [np.mean(field_values(path[:1], "mu")), *np.ravel(baths)]
     return None if values[0] is None else (float(np.min(values)), float(np.max(values)))
+
+
+def add_colorbar(gel: "Gel", axes: list[Axes], values: list, field: str) -> None:
+    """The colour bar of a field beside the axes, with a tip where values are beyond the colours."""
+    low, high = gel.scale.vmin, gel.scale.vmax
+    margin = BEYOND * (high - low)
+    beyond = np.array([np.min(values) < low - margin, np.max(values) > high + margin])
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[tuple(beyond.tolist())]
+    gel.ax.figure.colorbar(gel.cells, ax=axes, label=FIELDS[field], shrink=0.85, extend=extend)
 
 
 class Gel:

@@ -13,6 +13,7 @@ from .._types import Scalar
 from ..cloud import Cloud
 from ..controls import ChemicalPotential, Control
 from ..observables import Quantity, control_quantity
+from ..transient import Time
 
 F = TypeVar("F", bound=Callable[..., Any])
 BY_MU = ChemicalPotential()
@@ -25,6 +26,7 @@ STYLE: dict[str, Any] = {
     "savefig.dpi": 200,
     "figure.dpi": 120,
 }
+LEAST, LARGEST = 1e-3, 1e5  # of numbers that are written without a power of ten
 GEL, LINE, WALL, SHADE = "#b7cfe2", "#1c2733", "#5c6670", "#e9e4de"
 COLOURS = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito: distinguishable with every kind of colour vision
 
@@ -67,5 +69,16 @@ def state_text(value: Scalar, control: Control = BY_MU) -> str:
     """Title of a state at a ``value`` of its control."""
     if control.name == "mu":
         return rf"$\mu = {float(value):.4f}\,kT$"
+    if control.name == Time.name:
+        return f"$t = {_number(value)}$ {control.unit}".rstrip()
     quantity = quantity_of(control)
     return f"{quantity.label} = {quantity.shown(value)} {quantity.shown_unit()}".rstrip()
+
+
+def _number(value: Scalar) -> str:
+    """A number with three digits, as Matplotlib writes it."""
+    rounded = float(f"{float(value):.3g}")
+    if rounded == 0 or LEAST <= abs(rounded) < LARGEST:
+        return f"{rounded:g}"
+    mantissa, exponent = f"{rounded:e}".split("e")
+    return rf"{float(mantissa):g} \times 10^{{{int(exponent)}}}"

@@ -1,6 +1,6 @@
 """Time: a gel in a bath swells as fast as the solvent moves."""
 
-from .bath import Bath
+from .bath import Bath, Time
 from .swelling import TimeSteps, swell
 
-__all__ = ["Bath", "TimeSteps", "swell"]
+__all__ = ["Bath", "Time", "TimeSteps", "swell"]

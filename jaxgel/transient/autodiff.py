@@ -66,7 +66,8 @@ def traced_swell(
     t = moved_times(np.array([0.0, *times]), baths, [bath.numbers for bath in baths])
     at_start = start.mean(problem.model)
     mu = jnp.append(at_start, jnp.mean(values_of(baths, [at_start] * len(baths), t[1:])[0], axis=1))
-    return Path(problem=problem.replace(control=time_in(baths)), value=t, mu=mu, **report, **search.found["end"])
+    problem = problem.replace(control=time_in(baths, transport.wetted, transport.D))
+    return Path(problem=problem, value=t, mu=mu, **report, **search.found["end"])
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))

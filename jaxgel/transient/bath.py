@@ -102,6 +102,12 @@ class Time:
     """Times between which the mean chemical potential of all baths is linear."""
     mu: Float[Array, " j"]
     """Its values, kT."""
+    parts: Float[Array, "b j"] | None = None
+    """Values of the bath of each wetted part; None if not known."""
+    D: Scalar = 1.0
+    """Diffusivity of the solvent, mm^2 per unit of time."""
+    wetted: tuple[str | int, ...] = dataclasses.field(default=(), metadata={"static": True})
+    """The wetted parts of the boundary: numbers of holes, names of free edges."""
     unit: str = dataclasses.field(default="", metadata={"static": True})
     """Of the times; empty for one that D defines."""
     name: ClassVar[str] = "t"
@@ -112,11 +118,12 @@ class Time:
         return Setting(jnp.interp(value, self.times, self.mu), gel)
 
 
-def time_in(baths: Sequence[Bath]) -> Time:
-    """`Time` of several baths."""
+def time_in(baths: Sequence[Bath], wetted: tuple[str | int, ...] = (), D: Scalar = 1.0) -> Time:
+    """`Time` of several baths, those of the parts ``wetted``, and the diffusivity ``D``."""
     times = np.unique(np.concatenate([bath.numbers for bath in baths]))
     mu = [bath.at(times) for bath in baths]
-    return Time(times, _xp(mu).mean(_xp(mu).stack(mu), axis=0))
+    parts = _xp(mu).stack(mu)
+    return Time(times, _xp(mu).mean(parts, axis=0), parts, D, wetted)
 
 
 def moved_times(t: Float[np.ndarray, " k"], baths: Sequence[Bath], numbers: Sequence[Float[np.ndarray, " j"]]) -> Float[Array, " k"]:

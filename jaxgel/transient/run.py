@@ -89,7 +89,8 @@ def run(transport: Transport, baths: Sequence[Bath], start: Start, times: Sequen
         if t in times:
             observer.accepted(state)
             states.append(state)
-    return Run(Path.from_states(problem.replace(control=time_in(baths)), states, stop=stop, stop_text=text), first, steps)
+    problem = problem.replace(control=time_in(baths, transport.wetted, transport.D))
+    return Run(Path.from_states(problem, states, stop=stop, stop_text=text), first, steps)
 
 
 def check_run(problem: Problem, baths: Sequence[Bath], D: Scalar) -> None:

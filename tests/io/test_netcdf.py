@@ -7,8 +7,8 @@ import pytest
 import xarray
 
 from jaxgel.cli import command_line as cli
-from jaxgel.io import load_run
-from jaxgel.observables import COLUMNS
+from jaxgel.io import Run, export, load_run
+from jaxgel.observables import COLUMNS, history
 
 
 def test_an_exported_run_is_read_back_to_the_bit(run_folder, tmp_path, capsys):
@@ -25,6 +25,19 @@ def test_an_exported_run_is_read_back_to_the_bit(run_folder, tmp_path, capsys):
         for i, loop in enumerate(run.outlines):
             np.testing.assert_array_equal(found[f"outline_{i}"].values, loop)
         assert found.attrs["title"] == "sample-1"
+
+
+def test_a_run_in_time_has_times_with_their_unit_and_the_solvent(in_time, tmp_path, monkeypatch):
+    """Of the arrays of states.npz that say what the solvent does."""
+    summary = {"case": "two holes", "control": {"name": "t", "unit": "h"}} | dict.fromkeys(("options", "versions", "status", "reason"))
+    states = {"x": in_time.x, "nodes": np.asarray(in_time.model.nodes), "pressure": in_time.pressure, "value": in_time.t, "mu": in_time.mu}
+    states |= {"potential": in_time.potential, "supplied": in_time.supplied}
+    monkeypatch.setattr("jaxgel.io.netcdf.load_run", lambda folder: Run(folder, summary, history(in_time), states))
+    with xarray.open_dataset(export(tmp_path), engine="h5netcdf") as found:
+        assert found.coords["t"].attrs == {"units": "h", "long_name": "time"} and found.t.values.tolist() == in_time.t.tolist()
+        assert found.potential.dims == ("state", "group") and found.potential.attrs["units"] == "kT"
+        assert found.supplied.dims == ("state", "part") and found.supplied.attrs["units"] == found.uptake.attrs["units"] == "mm2"
+        np.testing.assert_allclose(found.supplied.sum("part"), found.uptake, rtol=1e-15, atol=0)
 
 
 @pytest.mark.parametrize("missing", ["xarray", "h5netcdf"])

@@ -35,6 +35,14 @@ def test_names_cannot_end_the_data_of_a_page(path):
     assert "</script><b>" not in view.page(path, title="</script><b>")
 
 
+def test_the_page_of_a_path_in_time_has_its_times_the_uptake_and_a_logarithmic_axis(in_time):
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', view.page(in_time)).group(1))
+    assert data["control"] == {"label": "time t", "unit": ""} and data["time"] and data["logarithmic"]
+    assert data["value"] == in_time.t.tolist()
+    assert data["columns"]["uptake"]["values"] == pytest.approx(np.asarray(jaxgel.uptake(in_time)).tolist())
+    assert data["field"]["label"] == "volume ratio J"
+
+
 @pytest.fixture(scope="module")
 def browser():
     """A headless Chromium."""
@@ -67,4 +75,21 @@ def test_slider_moves_the_pattern_and_the_curve_without_an_error(page_file, path
         pictures.append(browser.execute_script("return document.getElementById('pattern').toDataURL()"))
     assert len(set(pictures)) == 4
     assert np.min([len(picture) for picture in pictures]) > 5000  # something is drawn
+    assert browser.get_log("browser") == []
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_the_slider_shows_times_and_the_curve_their_logarithms(in_time, browser, tmp_path):
+    (tmp_path / "page.html").write_text(view.page(in_time))
+    browser.get((tmp_path / "page.html").as_uri())
+    moved = "const s = document.getElementById('state'); s.value = arguments[0]; s.dispatchEvent(new Event('input'));"
+    markers = []
+    for state in (0, 1, 4, len(in_time) - 1):
+        browser.execute_script(moved, state)
+        shown = browser.execute_script("return document.getElementById('value').textContent").split()
+        assert float(shown[0]) == float(f"{in_time.t[state]:.3g}")
+        markers.append(browser.execute_script("return Number(document.getElementById('here').getAttribute('cx'))"))
+    first, middle, last = np.log10(in_time.t[[1, 4, -1]])
+    assert markers[0] == 70 and markers[3] == pytest.approx(465)
+    assert (markers[2] - markers[1]) / (markers[3] - markers[1]) == pytest.approx((middle - first) / (last - first))
     assert browser.get_log("browser") == []

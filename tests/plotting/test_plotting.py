@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import jaxgel
 from jaxgel.observables import BY_COLUMN, QUANTITIES, field_values, history, triangles
 from jaxgel.plotting import CURVES, animate_pattern, plot_curve, plot_curves, plot_pattern, plot_patterns
 
@@ -103,6 +104,49 @@ def test_events_are_marked_and_what_is_invalid_is_shaded(path, monkeypatch):
     labels = [text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()]
     assert "self-contact" in labels
     assert "invalid after self-contact" in labels
+
+
+@pytest.mark.parametrize("scale", ["linear", "log", "sqrt", None])
+def test_a_curve_in_time_has_the_scale_that_is_asked_for(in_time, scale):
+    ax = plot_curve(in_time, "uptake", scale=scale)
+    (curve,) = lines(ax, "-")
+    np.testing.assert_allclose(curve.get_xdata(), np.sqrt(in_time.t) if scale == "sqrt" else in_time.t)
+    np.testing.assert_allclose(curve.get_ydata(), jaxgel.uptake(in_time))
+    assert ax.get_xscale() == ("log" if scale in ("log", None) else "linear")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (r"$\sqrt{t}$" if scale == "sqrt" else "time $t$", "solvent taken up (mm²)")
+
+
+def test_curves_in_time_have_a_row_for_the_uptake_and_the_unit_of_time(in_time):
+    control = dataclasses.replace(in_time.control, unit="h")
+    timed = dataclasses.replace(in_time, problem=in_time.problem.replace(control=control))
+    axes = plot_curves(timed, scale="sqrt")
+    assert axes.shape == (7, 1) and axes[-1, 0].get_xlabel() == r"$\sqrt{t}$ ($\mathrm{h}^{1/2}$)"
+    assert plot_curve(timed, "J").get_xlabel() == "time $t$ (h)"
+
+
+@pytest.mark.parametrize(
+    ("time", "text"), [(0.0, "0"), (0.0316228, "0.0316"), (1234.5, "1230"), (2.5e-5, r"2.5 \times 10^{-5}"), (10.0, "10")]
+)
+def test_times_are_written_with_three_digits(in_time, time, text):
+    ax = plot_pattern(dataclasses.replace(in_time[:1], value=np.array([time])), field=None)
+    assert ax.get_title() == f"$t = {text}$"
+
+
+def test_patterns_at_times_have_the_colours_of_the_potential_between_start_and_bath(in_time):
+    axes = plot_patterns(in_time, [0.001, 0.1, 10.0], field="mu")
+    (bar,) = axes[0].figure.axes[3:]
+    assert bar.get_ylim() == pytest.approx((-3.0, -1.5), abs=1e-9) and "chemical potential" in bar.get_ylabel()
+    titles = [ax.get_title() for ax in plot_patterns(in_time)]  # by default evenly spaced in the uptake
+    assert titles[0] == "$t = 0$" and len(titles) == 4
+
+
+def test_a_scale_that_an_axis_does_not_have_is_refused(path, in_time):
+    with pytest.raises(ValueError, match=r"^scale: 'log' is not one of linear$"):
+        plot_curve(path, "J", scale="log")
+    with pytest.raises(ValueError, match=r"^scale: 'root' is not one of linear, log, sqrt$"):
+        plot_curve(in_time, "J", scale="root")
+    with pytest.raises(ValueError, match=r"^quantity: 'uptake' is not one of J, area_reduction"):
+        plot_curve(path, "uptake")
 
 
 def test_names_that_do_not_exist_are_refused(path):
