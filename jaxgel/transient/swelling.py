@@ -1,7 +1,7 @@
 """The public verb of transient swelling: states of a gel in a bath at chosen times."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from ..materials import Filled, gel_in_groups, rises_always
 from ..mechanics import Bath as Instant
 from ..mechanics import Problem, factorised_tangent, linearise, overlaps, volume_ratios, wetted_parts
 from ..mechanics import moments as of_unknowns
-from .bath import Bath, time_in, values_of
+from .bath import Bath, Time, time_in, values_of
 from .march import Moment, advance
-from .problem import transport
+from .problem import Transport, transport
 from .stage import Stage, acting_potential, acting_problem
 
 DRIER = 3.0  # kT below the start at which a sweep to it begins, if it must
@@ -60,16 +60,18 @@ def swell(
     bath: Baths,
     times: Sequence[float] | Float[Array, " k"] | TimeSteps,
     *,
-    start: Scalar | State,
+    start: Scalar | State | Path,
     D: Scalar = 1.0,
+    unit: str = "",
     newton: Newton = NEWTON,
     observer: Observer = UNOBSERVED,
 ) -> Path:
     """`Path` of the states of a gel in a ``bath`` at the ``times``, the first one at time 0.
 
-    ``start`` is the chemical potential, kT, at which the gel is in equilibrium before, or a `State`, the last one of another run, say. Bath
-    and loads act from time 0 on. Solvent moves through the gel with the diffusivity ``D``, mm^2 per unit of time, see
-    ``materials.transport``; only ``D`` times the time counts. ``bath`` is a chemical potential, kT, or a `Bath`, of all that can be wetted:
+    ``start`` is the chemical potential, kT, at which the gel is in equilibrium before, or a `State`, the last one of another run, say. Or the
+    `Path` of the first states of this very run, which goes on from the last one: every later state is to the bit what it would have been.
+    Bath and loads act from time 0 on. Solvent moves through the gel with the diffusivity ``D``, mm^2 per unit of time, see
+    ``materials.transport``; only ``D`` times the time counts. ``unit`` is that of time, for figures and files. ``bath`` is a chemical potential, kT, or a `Bath`, of all that can be wetted:
     holes and free edges. Or a mapping from the numbers of holes and the names of free edges to baths; what it leaves out, or gives as None,
     is sealed. ``times`` are those of the states, and of the steps between them, or `TimeSteps`.
 
@@ -95,41 +97,67 @@ def swell(
     check_kind("problem", problem, Problem, "a Problem, as Problem(model, gel, contact=False) makes it")
     if is_traced((problem, start, D)):
         raise ValueError("swell: is not differentiated yet, and is not available inside jax.jit or jax.vmap; call it with numbers")
-    _check_problem(problem)
+    check_swelling(problem)
+    problem = problem.replace(control=ChemicalPotential())
     if not (np.isfinite(D) and D > 0):
         raise ValueError(f"D: {D} is not accepted, it must be a number > 0 (mm^2 per unit of time)")
-    baths = _baths(problem, bath)
+    baths = baths_of(problem, bath)
     check_sweep(problem, np.array([mu for bath in baths.values() for mu in np.atleast_1d(bath.mu)]))
-    kinks = sorted({kink for bath in baths.values() for kink in bath.kinks})
-    spacing = float(problem.model.lists.topology.node_spacing.min())
-    numbers = times.values(spacing, float(D), kinks) if isinstance(times, TimeSteps) else times
-    numbers = check_values(numbers, "times", "time", rising=True)
-    if not numbers[0] > 0:
-        raise ValueError(f"times: {numbers[0]:g} is not accepted, the first must be above 0, at which the start is")
+    numbers = step_times(problem, baths, times, D)
     problem = problem.prepared
     with few_threads(2 * problem.model.n_nodes):
-        if not isinstance(start, State):
-            start = _equilibrium(problem, float(start), newton, observer)
-        return _marched(transport(problem, tuple(baths), D), list(baths.values()), start, numbers, kinks, newton, observer)
+        swelling = _Swelling(transport(problem, tuple(baths), D), tuple(baths.values()), newton, observer)
+        if isinstance(start, Path):
+            states = _first_states(start, numbers)
+        else:
+            states = [swelling.first(start if isinstance(start, State) else _equilibrium(problem, float(start), newton))]
+            observer.accepted(states[0])
+        stop, text = swelling.march(states, numbers)
+    control = dataclasses.replace(time_in(swelling.baths), unit=unit)
+    return Path.from_states(problem.replace(control=control), states, stop=stop, stop_text=text)
 
 
-def _equilibrium(problem, mu, newton, observer):
+def step_times(
+    problem: Problem, baths: Mapping[str | int, Bath], times: Sequence[float] | Float[Array, " k"] | TimeSteps, D: Scalar = 1.0
+) -> Float[np.ndarray, " k"]:
+    """The times (k,) of the states of `swell` after the first one; ValueError, one line, if they are not above 0 and rising."""
+    if isinstance(times, TimeSteps):
+        return times.values(float(problem.model.lists.topology.node_spacing.min()), float(D), kinks_of(baths.values()))
+    numbers = check_values(times, "times", "time", rising=True)
+    if not numbers[0] > 0:
+        raise ValueError(f"times: {numbers[0]:g} is not accepted, the first must be above 0, at which the start is")
+    return numbers
+
+
+def kinks_of(baths: Iterable[Bath]) -> list[float]:
+    """Times above 0, rising, at which the slope of one of the baths changes."""
+    return sorted({kink for bath in baths for kink in bath.kinks})
+
+
+def _first_states(path, times):
+    """The states of a path to go on from; ValueError if they are not the first ones of a run with these times."""
+    if path.t is None or path.t[0] != 0 or not np.array_equal(path.t[1:], times[: len(path) - 1]):
+        raise ValueError("start: the path is not one of swell with these times; give its first states, or a State")
+    return [path[k] for k in range(len(path))]
+
+
+def _equilibrium(problem, mu, newton):
     """The `State` at this chemical potential, by way of drier ones if it is not found at once."""
     try:
-        return sweep(problem, [mu], newton=newton, observer=observer)[0]
+        return sweep(problem, [mu], newton=newton)[0]
     except SweepFailed:
-        path = sweep(problem, Adaptive(mu - DRIER, mu), newton=newton, observer=observer)
+        path = sweep(problem, Adaptive(mu - DRIER, mu), newton=newton)
         if not path.stop.ok:
             raise ValueError(f"start: {mu:g} kT is not reached: {path.stop_text}") from None
         return path[-1]
 
 
-def _check_problem(problem):
-    """ValueError for what transient swelling does not cover."""
+def check_swelling(problem: Problem) -> None:
+    """Raise ValueError, one line that names the field, for what transient swelling does not cover."""
     plate = problem.model.lists.topology.plate
     if problem.has_contact:
         raise Inadmissible("contact: is not part of transient swelling; give Problem(..., contact=False)")
-    if not isinstance(problem.control, ChemicalPotential):
+    if not isinstance(problem.control, ChemicalPotential | Time):
         raise Inadmissible(f"control: {problem.control.name} is not accepted, the bath drives transient swelling; leave the control out")
     if problem.model.film:
         raise Inadmissible("kinematics: a film drinks through its faces, too, which transient swelling does not cover")
@@ -141,8 +169,8 @@ def _check_problem(problem):
         raise Inadmissible("gel: can separate into phases, or is not known not to, which transient swelling does not cover")
 
 
-def _baths(problem, bath):
-    """The `Bath` of each wetted part."""
+def baths_of(problem: Problem, bath: Baths) -> dict[str | int, Bath]:
+    """The `Bath` of each wetted part of the boundary, by its number or name; ValueError, one line, for a part that there is not."""
     parts = wetted_parts(problem.model.lists)
     given = dict.fromkeys(parts, bath) if not isinstance(bath, Mapping) else bath
     for name in given:
@@ -155,46 +183,72 @@ def _baths(problem, bath):
     return found
 
 
-def _marched(transport, baths, start, times, kinks, newton, observer):
-    """The path of the states at these times."""
-    problem, first = transport.problem, _first(transport, start)
-    at_start = np.full(len(baths), np.mean(acting_potential(transport, first.m)[np.asarray(problem.model.carries)]))
+@dataclasses.dataclass(frozen=True)
+class _Swelling:
+    """A run of `swell`: what its steps have in common."""
 
-    def instant(t):
-        return Instant(*values_of(baths, at_start, t))
+    transport: Transport
+    baths: tuple[Bath, ...]
+    newton: Newton
+    observer: Observer
 
-    before, now = None, Moment(0.0, first, np.zeros(len(baths)))
-    states = [_state(transport, now, float(at_start[0]))]
-    stop, text = Status.CONVERGED, ""
-    for t in sorted({*times.tolist(), *(kink for kink in kinks if kink < times[-1])}):
-        following = advance(transport, before, now, t, instant, newton)
-        mu = float(np.mean(instant(t).mu))
-        state = _state(transport, following, mu)
-        if not following.stage.status.ok:
-            observer.refused(state)
-            stop = following.stage.status
-            text = f"stopped after t = {now.t:.6g}: {stop.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
-            break
-        if overlaps(following.stage.x, problem.model):
-            stop, text = Status.SELF_CONTACT, f"stopped after t = {now.t:.6g}: {Status.SELF_CONTACT.text}"
-            break
-        before, now = (None if t in kinks else now), following
-        if t in times:
-            observer.accepted(state)
+    def first(self, start: State) -> State:
+        """The state at time 0 of a gel that comes from the state ``start``."""
+        stage = self._stage(start)
+        mu = acting_potential(self.transport, stage.m)[np.asarray(self.transport.model.carries)].mean()
+        return _state(self.transport, Moment(0.0, stage, np.zeros(len(self.baths))), float(mu))
+
+    def march(self, states: list[State], times: Float[np.ndarray, " k"]) -> tuple[Status, str]:
+        """Add to the ``states``, the first ones of the path, those at the ``times`` that are left; how it ended, and a text if early.
+
+        A step depends on these states alone, so that a path that was interrupted goes on to the same bits.
+        """
+        start = np.full(len(self.baths), states[0].mu)
+        kinks = kinks_of(self.baths)
+
+        def instant(t):
+            return Instant(*values_of(self.baths, start, t))
+
+        for t in times[len(states) - 1 :].tolist():
+            between = [kink for kink in kinks if states[-1].value < kink < t]
+            before, now = self._last_two(states, kinks)
+            following, spent = now, 0
+            for end in (*between, t):
+                following = advance(self.transport, before, following, end, instant, self.newton)
+                before, spent = None, spent + following.iterations
+                if not following.stage.status.ok:
+                    break
+            mu = float(np.mean(instant(t).mu))
+            state = _state(self.transport, dataclasses.replace(following, iterations=spent), mu)
+            if not state.status.ok:
+                self.observer.refused(state)
+                text = f"{state.status.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
+                return state.status, f"stopped after t = {now.t:.6g}: {text}"
+            if overlaps(state.x, self.transport.model):
+                return Status.SELF_CONTACT, f"stopped after t = {now.t:.6g}: {Status.SELF_CONTACT.text}"
+            self.observer.accepted(state)
             states.append(state)
-    return Path.from_states(problem.replace(control=time_in(baths)), states, stop=stop, stop_text=text)
+        return Status.CONVERGED, ""
 
+    def _last_two(self, states, kinks):
+        """The moments of the last two states, the former one None if the bath has a kink after it."""
+        before, now = ([None, *states])[-2:]
+        smooth = before is not None and not any(before.value < kink <= now.value for kink in kinks)
+        return self._moment(before) if smooth else None, self._moment(now)
 
-def _first(transport, start):
-    """The stage of the state at time 0."""
-    problem, model = transport.problem, transport.problem.model
-    if start.x.shape != model.nodes.shape:
-        raise ValueError(f"start: is a state of {len(start.x)} nodes, the model has {len(model.nodes)}")
-    mu = np.broadcast_to(np.asarray(start.mu if start.potential is None else start.potential, dtype=float), model.carries.shape)
-    sums = np.asarray(of_unknowns(np.where(model.carries, mu, 0.0), model))
-    counts = np.concatenate([np.full(block.groups.size, block.carrying) for block in model.blocks])
-    J = np.asarray(volume_ratios(start.x, model))
-    return Stage(problem.placed(start.x, 0.0), start.pressure, sums / counts, J, Status.CONVERGED)
+    def _moment(self, state):
+        return Moment(state.value, self._stage(state), state.supplied)
+
+    def _stage(self, state):
+        """The stage of a state, in equilibrium or of transient swelling."""
+        problem, model = self.transport.problem, self.transport.model
+        if state.x.shape != model.nodes.shape:
+            raise ValueError(f"start: is a state of {len(state.x)} nodes, the model has {len(model.nodes)}")
+        mu = np.broadcast_to(np.asarray(state.mu if state.potential is None else state.potential, dtype=float), model.carries.shape)
+        sums = np.asarray(of_unknowns(np.where(model.carries, mu, 0.0), model))
+        counts = np.concatenate([np.full(block.groups.size, block.carrying) for block in model.blocks])
+        J = np.asarray(volume_ratios(state.x, model))
+        return Stage(problem.placed(state.x, 0.0), state.pressure, sums / counts, J, Status.CONVERGED)
 
 
 def _state(transport, moment, mu):

@@ -197,3 +197,16 @@ def test_what_time_does_not_cover_is_refused_in_one_line(coarse):
         jax.grad(lambda mu: jaxgel.swell(problem, -0.5, [1.0], start=mu).x.sum())(-0.5)
     with pytest.raises(ValueError, match=r"^D: 0"):
         jaxgel.swell(problem, -0.5, [1.0], start=-0.6, D=0.0)
+
+
+@pytest.mark.parametrize("kept", [1, 3, 4])
+def test_a_path_that_was_interrupted_goes_on_to_the_same_bits(kept, coarse):
+    """After its first state, and before and after a kink of the bath between two of its times."""
+    problem, bath, times = jaxgel.Problem(coarse, GOOD, contact=False), jaxgel.Bath([-1.0, -0.4], times=[0.0, 0.04]), [0.01, 0.03, 0.1, 0.3]
+    path = jaxgel.swell(problem, bath, times, start=-1.0, unit="h")
+    on = jaxgel.swell(path.problem, bath, times, start=path[:kept], unit="h")
+    assert path.control.unit == on.control.unit == "h" and len(on) == 5
+    for name in ("x", "pressure", "potential", "supplied", "value", "mu", "newton_iterations", "residual", "energy", "negative_pivots"):
+        np.testing.assert_array_equal(getattr(on, name), getattr(path, name), err_msg=name)
+    with pytest.raises(ValueError, match=r"^start: the path is not one of swell with these times"):
+        jaxgel.swell(problem, bath, [0.02, 0.03], start=path[:3])
