@@ -4,7 +4,7 @@ from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed
 from .eigenvalue import lowest_eigenvalue
 from .follow import Followed, Following
 from .options import SweepOptions, check_sweep
-from .path import SCALARS, Path, check_is_path
+from .path import OF_SOLVENT, SCALARS, Path, check_is_path
 from .predictor import extrapolated, predict
 from .stability import ACCURACY, StabilityAnalysis, oriented
 from .steps import Adaptive, StepControl, given_values
@@ -13,6 +13,7 @@ from .switching import across
 
 __all__ = [
     "ACCURACY",
+    "OF_SOLVENT",
     "SCALARS",
     "Adaptive",
     "Followed",

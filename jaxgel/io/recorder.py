@@ -20,7 +20,7 @@ import numpy as np
 
 from .._sizes import rung
 from ..bifurcation import CriticalPoint
-from ..continuation import Path
+from ..continuation import OF_SOLVENT, Path
 from ..equilibrium import State, Status
 from ..mechanics import Problem
 from ..observables import SELF_CONTACT, columns_of, events, history, outlines
@@ -45,12 +45,13 @@ FILES = (
 class Recorder:
     """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; `Observer(accepted=recorder)`.
 
-    ``problem`` is that of the ``case``, a `cases.Case`. Each step is flushed to the disk. The files are begun by `begin`, or by the first
+    ``problem`` is that of the ``case``, a `cases.Case`, and ``notes`` are further entries of the summary. Each step is flushed to the disk. The files are begun by `begin`, or by the first
     step. Raises ValueError if the folder cannot be written.
     """
 
-    def __init__(self, folder: str | File, case: Any, problem: Problem) -> None:
+    def __init__(self, folder: str | File, case: Any, problem: Problem, notes: dict[str, Any] | None = None) -> None:
         self.folder, self.case, self.problem, self.model, self.control = open_folder(folder), case, problem, problem.model, problem.control
+        self.notes = notes or {}
         self.records = []  # (step, row, outlines) of each accepted state
         self.stored = 0  # states that are on disk for good
         self.started, self.begun = time.perf_counter(), False
@@ -61,9 +62,9 @@ class Recorder:
         Without states the results of an earlier run are removed from the folder; other files stay.
         """
         self.begun = True
-        if before:
-            self.add(before)
-        else:
+        for step in before:  # one by one, as they came: the rows of several together differ in the last digit
+            self.add([step])
+        if not before:
             _clear(self.folder)
         self.finish("running", "the sweep has not ended")
 
@@ -121,6 +122,7 @@ class Recorder:
     def _states(self) -> dict[str, np.ndarray]:
         steps = self.steps
         arrays = {name: np.array([getattr(step, name) for step in steps]) for name in STEP_ARRAYS}
+        arrays |= {name: np.array([getattr(step, name) for step in steps]) for name in OF_SOLVENT if getattr(steps[0], name) is not None}
         arrays["status"] = np.array([step.status.name for step in steps])
         arrays["symmetry"] = np.array([step.symmetry for step in steps])
         arrays["nodes"] = np.asarray(self.model.cloud.nodes)
@@ -152,7 +154,7 @@ class Recorder:
             "value_reached": float(self.steps[-1].value) if self.records else None,
             "mu_reached": float(table["mu"][-1]) if self.records else None,
             "events": events(table),
-        }
+        } | self.notes
         encoded = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False).encode()
         write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded))
 

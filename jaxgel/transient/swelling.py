@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
 from .._threads import few_threads
@@ -13,7 +14,7 @@ from ..continuation import Adaptive, Path, SweepFailed, check_sweep, sweep
 from ..controls import ChemicalPotential, check_values
 from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, Stability, State, Status
 from ..linalg import SingularTangent
-from ..materials import Filled, gel_in_groups, rises_always
+from ..materials import Filled, elementwise, free_swelling, gel_in_groups, layer_diffusivity, rises_always
 from ..mechanics import Bath as Instant
 from ..mechanics import Problem, factorised_tangent, linearise, overlaps, volume_ratios, wetted_parts
 from ..mechanics import moments as of_unknowns
@@ -68,12 +69,15 @@ def swell(
 ) -> Path:
     """`Path` of the states of a gel in a ``bath`` at the ``times``, the first one at time 0.
 
-    ``start`` is the chemical potential, kT, at which the gel is in equilibrium before, or a `State`, the last one of another run, say. Or the
-    `Path` of the first states of this very run, which goes on from the last one: every later state is to the bit what it would have been.
-    Bath and loads act from time 0 on. Solvent moves through the gel with the diffusivity ``D``, mm^2 per unit of time, see
-    ``materials.transport``; only ``D`` times the time counts. ``unit`` is that of time, for figures and files. ``bath`` is a chemical potential, kT, or a `Bath`, of all that can be wetted:
-    holes and free edges. Or a mapping from the numbers of holes and the names of free edges to baths; what it leaves out, or gives as None,
-    is sealed. ``times`` are those of the states, and of the steps between them, or `TimeSteps`.
+    ``start`` is the chemical potential, kT, at which the gel is in equilibrium before, or a `State`,
+    the last one of another run, say; or the `Path` of the first states of this run, which is continued
+    with the states, to the last bit, that a run without interruption has. Bath and loads act from time
+    0 on. Solvent moves through the gel with the diffusivity ``D``, mm^2 per unit of time, see
+    ``materials.transport``; only ``D`` times the time counts. ``unit`` is the unit of time in figures
+    and files. ``bath`` is a chemical potential, kT, or a `Bath`, of all that can be wetted: holes and
+    free edges. Or a mapping from the numbers of holes and the names of free edges to baths; what it
+    leaves out, or gives as None, is sealed. ``times`` are those of the states, and of the steps between
+    them, or `TimeSteps`.
 
     The path has the times as ``t`` (k,), which are its ``value``, the mean chemical potential of the wetted boundary as ``mu`` (k,), that
     of the solvent in every volume group as ``potential`` (k, g), and ``supplied`` (k, b), the solvent that has come in through each wetted
@@ -127,6 +131,23 @@ def step_times(
     if not numbers[0] > 0:
         raise ValueError(f"times: {numbers[0]:g} is not accepted, the first must be above 0, at which the start is")
     return numbers
+
+
+def resolved_time(problem: Problem, wetted: Iterable[str | int], mu: float, D: Scalar = 1.0) -> float:
+    """Time from which on the boundary layer is as thick as the cells at the ``wetted`` parts: h^2 / D_eff; nan if it is not known.
+
+    h is the largest node spacing there, D_eff the least diffusivity along a stretch of the gel that swells freely at ``mu``, kT. Until then
+    the uptake is that of a half-space, see `swell`.
+    """
+    lists, axial = problem.model.lists, problem.model.axial_stretch
+    nodes = np.concatenate([wetted_parts(lists)[part] for part in wetted])
+
+    def diffusivity(mu, gel):
+        stretch = free_swelling(mu, gel, axial)
+        return layer_diffusivity(stretch, stretch, gel, axial, D)
+
+    values = elementwise(diffusivity, jnp.asarray(mu, dtype=float), gel_in_groups(problem.gel))
+    return float(lists.topology.node_spacing[nodes].max() ** 2 / np.min(values))
 
 
 def kinks_of(baths: Iterable[Bath]) -> list[float]:
