@@ -45,8 +45,9 @@ FILES = (
 class Recorder:
     """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; `Observer(accepted=recorder)`.
 
-    ``problem`` is that of the ``case``, a `cases.Case`, and ``notes`` are further entries of the summary. Each step is flushed to the disk. The files are begun by `begin`, or by the first
-    step. Raises ValueError if the folder cannot be written.
+    ``problem`` is that of the ``case``, a `cases.Case`; ``notes`` are further entries of the summary.
+    Each step is flushed to the disk. The files are begun by `begin`, or by the first step. Raises
+    ValueError if the folder cannot be written.
     """
 
     def __init__(self, folder: str | File, case: Any, problem: Problem, notes: dict[str, Any] | None = None) -> None:
