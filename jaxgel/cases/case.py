@@ -138,7 +138,7 @@ class Case:
     def check_equilibrium(self, command: str) -> None:
         """Raise ValueError, one line, for a case that swells in time, which a ``command`` does not take."""
         if self.time is not None:
-            raise ValueError(f"time: {command} is of equilibria and does not take swelling in time; remove [time] and [bath]")
+            raise ValueError(f"time: is not accepted by jaxgel {command}, for equilibria; remove [time] and [bath]")
 
     def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
         """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.

@@ -82,7 +82,10 @@ def case_text(case: Case) -> str:
             continue
         others = {key: rule["description"] for key, rule in (MATERIAL | WETTED_HOLE).items()}
         for outline in entries:
-            lines += [f"[[{section}]]", *_lines(outline, hole_texts(outline["kind"]) | others), ""]
+            lines += [f"[[{section}]]", *_lines(outline, hole_texts(outline["kind"]) | others)]
+            if section == "holes" and case.time is not None and not _entries_of(outline, WETTING):
+                lines += [_commented(f"# {key} =", others[key]) for key in WETTING]
+            lines += [""]
     return "\n".join(lines)
 
 
