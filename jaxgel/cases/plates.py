@@ -42,11 +42,11 @@ def pixel_tables(table: dict[str, Any], folder: str | File | None, where: str) -
 
 def plate_of_tables(table: dict[str, Any], holes: list[dict], regions: list[dict], name: str) -> Plate:
     """The `Plate` of the sections ``plate``, ``holes`` and ``regions``."""
-    regions = [_outline(f"regions[{i}]", region) for i, region in enumerate(regions)]
+    inside = [_outline(f"regions[{i}]", region) for i, region in enumerate(regions)]
     table = {key: value for key, value in table.items() if key not in WETTING}
     if "sample" not in table:
-        return Plate(**table, holes=[_outline(f"holes[{i}]", hole) for i, hole in enumerate(holes)], regions=regions, name=name)
-    return dataclasses.replace(sample(table["sample"]), regions=regions, **{k: value for k, value in table.items() if k != "sample"})
+        return Plate(**table, holes=[_outline(f"holes[{i}]", hole) for i, hole in enumerate(holes)], regions=inside, name=name)
+    return dataclasses.replace(sample(table["sample"]), regions=inside, **{k: value for k, value in table.items() if k != "sample"})
 
 
 def _outline(where, table):
