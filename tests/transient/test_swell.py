@@ -214,7 +214,7 @@ def test_a_path_that_was_interrupted_goes_on_to_the_same_bits(kept, coarse):
 
 def test_a_step_ends_at_its_time_whatever_round_off_says(coarse):
     """Of these times a + (b - a) is below b; a further step over the difference would have nothing to go by."""
-    a, b = next((a, 3 * a) for a in np.geomspace(1e-5, 1e-4, 50) if a + (3 * a - a) < 3 * a)
+    a, b = next((a, 4.7 * a) for a in np.geomspace(1e-5, 1e-4, 50) if a + (4.7 * a - a) < 4.7 * a)
     path = jaxgel.swell(jaxgel.Problem(coarse, GOOD, contact=False), -0.5, [a, b, 3 * b], start=-0.6)
     assert path.stop.ok and path.t.tolist() == [0.0, a, b, 3 * b]
 
