@@ -1,6 +1,8 @@
 """Cases that swell in time: what the sections time and bath accept, what they refuse, and the built-in ones."""
 
+import re
 import tomllib
+from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -200,3 +202,10 @@ def test_a_picture_of_holes_gives_each_of_them_its_bath(tmp_path):
     )
     (tmp_path / "bore.toml").write_text(text + "[time]\nend = 1.0\n[bath]\nmu = -2.0\n")
     assert load_case(tmp_path / "bore.toml").baths() == {0: jaxgel.Bath(-1.0), "top": jaxgel.Bath(-2.0)}
+
+
+def test_the_case_of_the_documentation_is_one():
+    """Its holes have baths of their own, and the top edge is sealed."""
+    text = (Path(__file__).parents[2] / "docs" / "howto" / "time.md").read_text(encoding="utf-8")
+    made = from_table(tomllib.loads(re.search(r"```toml\n(.*?)```", text, re.DOTALL)[1]), "page")
+    assert made.baths() == {0: jaxgel.Bath(-1.5), 1: jaxgel.Bath([-4.0, -1.2], times=[0.0, 2.0])} and made.time.unit == "h"
