@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from ..continuation import SweepOptions
 from ..geometry import EDGES, Plate
 from ..transient import Bath, BathOptions
 
@@ -23,6 +24,12 @@ def check_time(table: dict[str, Any]) -> None:
     for where, entry in _entries(table):
         if not entry.get("wet", True) and "bath" in entry:
             raise ValueError(f"{where}: give one of wet = false and bath, not both")
+
+
+def start_entries(table: dict[str, Any]) -> dict[str, Any]:
+    """The section ``sweep`` of the equilibrium at which swelling in time starts."""
+    start = table.get("sweep", {}).get("mu_start", SweepOptions().mu_start)
+    return {"mu_start": start, "mu": [start], "contact": "off"}
 
 
 def baths(source: dict[str, Any], plate: Plate, options: BathOptions, start: float, end: float) -> dict[str | int, Bath]:

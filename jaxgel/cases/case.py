@@ -46,7 +46,7 @@ from ..io import mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
 from ..mechanics import Loads, Problem, check_edges, check_room
 from ..transient import Bath, BathOptions, TimeOptions, check_swelling, resolved_time, step_times, swell
-from .baths import baths, check_time
+from .baths import baths, check_time, start_entries
 from .plates import moved_plate, outline_tables, pixel_tables, plate_of_tables
 from .samples import built_in
 from .schema import GELS, OF_TIME, OPTIONS, PARAMETERS, OutputOptions, case_schema
@@ -138,7 +138,7 @@ class Case:
     def check_equilibrium(self, command: str) -> None:
         """Raise ValueError, one line, for a case that swells in time, which a ``command`` does not take."""
         if self.time is not None:
-            raise ValueError(f"time: is not accepted by jaxgel {command}, for equilibria; remove [time] and [bath]")
+            raise ValueError(f"time: is not accepted by jaxgel {command}, which is for equilibria; remove [time] and [bath]")
 
     def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
         """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.
@@ -212,10 +212,9 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
     regions = [region | ({"gel": whole | region["gel"]} if "gel" in region else {}) for region in regions]
     source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("regions", regions), ("moved", moved)) if value}
     source |= {"gel": gel} if {"energy", "kind"} & gel.keys() or any(isinstance(own, dict) for own in gel.values()) else {}
-    options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items() if section not in OF_TIME}
-    options |= {section: _options(OPTIONS[section], table[section]) if section in table else None for section in OF_TIME}
-    if "time" in table:
-        options["sweep"] = dataclasses.replace(options["sweep"], mu=(options["sweep"].mu_start,), steps=None, contact="off")
+    given = {section: table.get(section, {}) for section in OPTIONS} | ({"sweep": start_entries(table)} if "time" in table else {})
+    options = {section: _options(kind, given[section]) for section, kind in OPTIONS.items() if section in table or section not in OF_TIME}
+    options = dict.fromkeys(OF_TIME) | options
     if regions:
         material = Composite(material, tuple(_material(region, f"regions[{i}]", material, found) for i, region in enumerate(regions)))
     check_gel(material)

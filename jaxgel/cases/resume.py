@@ -30,7 +30,7 @@ def resumed(folder: File | str) -> Recorder:
         case, states = from_table(summary["options"], summary["case"]), []
         problem = case.problem(case.model())
     recorder = recorder_of(folder, case, problem)
-    recorder.begin(states)
+    recorder.begin(states, singly=True)
     return recorder
 
 
@@ -107,6 +107,8 @@ def _rebuilt(run: Run) -> tuple[Case, Path]:
     fits = nodes.shape == states["nodes"].shape and np.abs(nodes - states["nodes"]).max() <= 1e-9
     if not (fits and states["pressure"].shape[1] == len(all_volumes(model)) and len(states["x"][0]) == len(nodes)):
         raise ValueError(f"folder: the nodes {again} are not those of this version of jaxgel; run the case again")
+    if case.time is not None and (missing := [name for name in OF_SOLVENT if name not in states]):
+        raise ValueError(f"folder: states.npz {again} has no {missing[0]}; run the case again")
     columns = {name: states[name] for name in (*STEP_ARRAYS, *OF_SOLVENT) if name in states}
     return case, Path(
         problem=case.problem(model, imperfect=False),

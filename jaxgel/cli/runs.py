@@ -79,8 +79,8 @@ def _way(recorder):
     case, control = recorder.case, {"name": recorder.control.name, "unit": recorder.control.unit}
     if case.time is None:
         return control | {"turns": case.sweep.turns}
-    first, *_, last = [*case.times(recorder.problem), case.time.last]
-    return control | {"turns": (0.0, last), "scale": lambda t: math.log1p(t / first), "digits": ".4g"}
+    times = case.times(recorder.problem)
+    return control | {"turns": (0.0, times[-1]), "scale": lambda t: math.log1p(t / times[0]), "digits": ".4g"}
 
 
 def _time(recorder, t):

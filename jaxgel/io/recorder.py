@@ -57,17 +57,19 @@ class Recorder:
         self.stored = 0  # states that are on disk for good
         self.started, self.begun = time.perf_counter(), False
 
-    def begin(self, before: Sequence[State] = ()) -> None:
+    def begin(self, before: Sequence[State] = (), *, singly: bool = False) -> None:
         """Begin the files, with the states ``before`` of a run that was interrupted.
 
+        Rows that are computed ``singly``, as the states came, are those of an uninterrupted run to the
+        last digit; together they take less time.
         Without states the results of an earlier run are removed from the folder; other files stay.
         """
         self.begun = True
-        for step in before:  # one by one, as they came: the rows of several together differ in the last digit
-            self.add([step])
+        for steps in [[step] for step in before] if singly else [before] if before else []:
+            self.add(steps)
         if not before:
             _clear(self.folder)
-        self.finish("running", "the sweep has not ended")
+        self.finish("running", "the run has not ended")
 
     @property
     def steps(self) -> list[State]:
@@ -94,7 +96,7 @@ class Recorder:
             stream.flush()
             os.fsync(stream.fileno())
         self._write_states()
-        self._write_summary("running", "the sweep has not ended", Status.INTERRUPTED)
+        self._write_summary("running", "the run has not ended", Status.INTERRUPTED)
 
     def add(self, steps: Sequence[State]) -> None:
         """Add accepted steps to the records; those of a sweep that has ended take much less time together than one by one."""

@@ -147,7 +147,8 @@ def _read_states(content: bytes) -> dict[str, np.ndarray]:
         raise ValueError(f"it has no {missing[0]}" if missing else "x or pressure is no array of states")
     (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
     shapes = dict.fromkeys((*STEP_ARRAYS, "status", "symmetry"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
-    shapes |= {name: (k, a.shape[-1]) for name, a in arrays.items() if name in OF_SOLVENT}
+    solvent = {"potential": (k, groups), "supplied": (k, *arrays.get("supplied", arrays["pressure"]).shape[1:2])}
+    shapes |= {name: solvent[name] for name in OF_SOLVENT if name in arrays}
     shapes |= {name: (k, *a.shape[1:2], 2) for name, a in arrays.items() if name.startswith("outline_")}
     for name, shape in shapes.items():
         if arrays[name].shape != shape or arrays[name].dtype.kind not in "bfiU":

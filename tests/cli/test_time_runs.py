@@ -151,6 +151,24 @@ def test_a_run_of_other_times_is_not_continued(run, tmp_path, capsys):
     )
 
 
+def test_states_without_the_solvent_are_not_continued(run, tmp_path, capsys):
+    """Or of another shape; the files stay."""
+    folder = tmp_path / "copy"
+    shutil.copytree(run.with_name("after-3"), folder)
+    arrays = dict(np.load(folder / "states.npz"))
+    potential = arrays.pop("potential")
+    for others, message in (
+        ({}, "has no potential"),
+        ({"potential": potential[:, 1:]}, "potential has shape"),
+        ({"potential": potential[0, 0]}, "shape"),
+    ):
+        np.savez(folder / "states.npz", **arrays, **others)
+        before = {file.name: file.read_bytes() for file in folder.glob("*.*")}
+        assert cli.main(["resume", str(folder)]) == 2
+        assert re.fullmatch(rf"jaxgel: error: folder: [^\n]*{message}[^\n]*\n", capsys.readouterr().err)
+        assert {file.name: file.read_bytes() for file in folder.glob("*.*")} == before
+
+
 STUDY = """
 [[parameters]]
 of = "radius"
