@@ -4,8 +4,8 @@ from .case import Case, from_table, load_case
 from .map_runs import POINT, TABLE, run_map
 from .page import write_page
 from .parameter_map import MapStudy, load_map, resumed_map
-from .resume import load_path, other_versions, path_of, resumed
-from .samples import GRID, SIDE, sample, sample_names
+from .resume import load_path, other_versions, path_of, recorder_of, resumed
+from .samples import GRID, SIDE, case_names, sample, sample_names
 from .schema import OutputOptions, case_schema
 from .study import Study, load_study, study_from_table
 from .study_runs import OPTIMA, VERIFIED, draw_starts, resumed_study, run_study
@@ -22,6 +22,7 @@ __all__ = [
     "MapStudy",
     "OutputOptions",
     "Study",
+    "case_names",
     "case_schema",
     "case_text",
     "draw_starts",
@@ -34,6 +35,7 @@ __all__ = [
     "load_study",
     "other_versions",
     "path_of",
+    "recorder_of",
     "resumed",
     "resumed_map",
     "resumed_study",

@@ -5,10 +5,11 @@ A table has the sections of a case file, all but ``plate`` optional:
     [plate]            sample = "sample-1", or width, height (mm), edges = {left = "roller", ...}, deformation = [[1.1, 0.0], [0.0, 1.0]]
                        (of held and periodic edges; of a periodic cell "free", or components that are), displacement =
                        {top = [0.0, 0.5], ...} (mm, of held edges), and other fields of `geometry.Plate`; either with kinematics =
-                       "plane stress" for a film
+                       "plane stress" for a film, and in time with wet = {top = false} or bath = {top = {mu = -0.5}} of free edges
     [[holes]]          kind = "ellipse" and the hole's own parameters, its angle in radians or as angle_deg in degrees; as many as there
                        are holes, none with a sample; or kind = "outline", file = "hole.dxf" (.csv, .svg), see `hole_table`;
-                       or all holes of a picture of the plate, kind = "image", file = "holes.png", see `hole_tables`
+                       or all holes of a picture of the plate, kind = "image", file = "holes.png", see `hole_tables`; in time with
+                       wet = false or bath = {mu, times, ramp}, what differs from the section bath
     [[regions]]        outlines as of holes, of parts with a material of their own: gel = {Nv, chi ...}, what differs from the plate's, or
                        elastomer = {Nv, bulk}, which takes no solvent
     [[moved]]          parameters that replace those of a hole, one section for each hole; the cloud is the former plate's, placed
@@ -19,6 +20,10 @@ A table has the sections of a case file, all but ``plate`` optional:
     [loads]            body_force = [x, y] (kT/v per mm), traction = {top = [x, y], ...} (kT/v)
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [list]; or control = "temperature" ..., from, to, steps, or
                        values = [list], at_mu; back = true; branch, imperfection, contact
+    [time]             swelling in time: end, steps_per_decade, first, or times = [list]; D (mm^2 per unit of time), unit = "h"; with it
+                       [sweep] has mu_start alone, the gel's equilibrium before time 0
+    [bath]             mu (kT) of what wets holes and free edges from time 0 on; times, rising, if mu = [list]; or ramp, the time in
+                       which it goes from mu_start to mu; needed with [time]
     [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, solver
     [output]           figures, animation, paraview (true or false)
 
@@ -30,24 +35,25 @@ from collections.abc import Callable
 from pathlib import Path as File
 from typing import Any
 
-import numpy as np
-
 from .._validation import check, did_you_mean, entry_of, with_changes
 from ..bifurcation import CriticalPoint, Loop, critical_points, loop, problem_by_options, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions
 from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import UNOBSERVED, Observer
-from ..geometry import KINDS, Plate, check_plate
-from ..io import hole_table, hole_tables, mask_table, mask_values, read_toml
+from ..geometry import Plate, check_plate
+from ..io import mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
 from ..mechanics import Loads, Problem, check_edges, check_room
-from .samples import sample
-from .schema import GELS, MATERIAL, OPTIONS, PARAMETERS, OutputOptions, case_schema
+from ..transient import Bath, BathOptions, TimeOptions, check_swelling, resolved_time, step_times, swell
+from .baths import baths, check_time, start_entries
+from .plates import moved_plate, outline_tables, pixel_tables, plate_of_tables
+from .samples import built_in
+from .schema import GELS, OF_TIME, OPTIONS, PARAMETERS, OutputOptions, case_schema
 from .user_energy import user_gel
 
 ENDS: dict[str, Callable] = {"low": min, "high": max}  # of the values of a picture
-SECTIONS = ("plate", "holes", "regions", "moved", "gel", "loads", "sweep", "discretisation", "output")
+SECTIONS = ("plate", "holes", "regions", "moved", "gel", "loads", "sweep", "time", "bath", "discretisation", "output")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,7 +69,11 @@ class Case:
     loads: Loads
     """Body force and tractions."""
     sweep: SweepOptions
-    """Control, its values and branch."""
+    """Control, its values and branch; of swelling in time the chemical potential at its start."""
+    time: TimeOptions | None
+    """Times of a gel that swells in time; None for equilibria."""
+    bath: BathOptions | None
+    """Bath of a gel that swells in time; None for equilibria."""
     discretisation: DiscretisationOptions
     """Cloud and discretisation."""
     output: OutputOptions
@@ -91,19 +101,51 @@ class Case:
         return self.discretisation.model(cloud)
 
     def problem(self, model: Model, *, imperfect: bool = True) -> Problem:
-        """The `Problem` of the case on its ``model``: its gel, control, contact and loads, and with ``imperfect`` its imperfection."""
+        """The `Problem` of the case on its ``model``: its gel, control, contact and loads, and with ``imperfect`` its imperfection.
+
+        ValueError for what swelling in time does not cover.
+        """
         options = self.sweep if imperfect else dataclasses.replace(self.sweep, imperfection=0.0)
-        return problem_by_options(model, self.gel, options, loads=self.loads.of(model))
+        problem = problem_by_options(model, self.gel, options, loads=self.loads.of(model))
+        if self.time is None:
+            return problem
+        check_swelling(problem)
+        return problem.replace(control=self.time.control(self.baths()))
 
     def path(self, model: Model, *, observer: Observer = UNOBSERVED) -> Path:
-        """`Path` of the case's sweep on its ``model``."""
-        return sweep_by_options(self.problem(model), self.sweep, observer=observer)
+        """`Path` of the case's sweep, or swelling in time, on its ``model``."""
+        problem = self.problem(model)
+        return sweep_by_options(problem, self.sweep, observer=observer) if self.time is None else self.swell(problem, observer=observer)
+
+    def swell(self, problem: Problem, *, before: Path | None = None, observer: Observer = UNOBSERVED) -> Path:
+        """`Path` of the case's `problem` in time; it begins with the states of the path ``before``, if that is given."""
+        start = self.sweep.mu_start if before is None else before
+        options = {"D": self.time.D, "unit": self.time.unit, "observer": observer}
+        return swell(problem, self.baths(), self.time.values, start=start, **options)
+
+    def baths(self) -> dict[str | int, Bath]:
+        """The `Bath` of each wetted hole, by its number, and free edge, by its name."""
+        return baths(self.source, self.plate, self.bath, self.sweep.mu_start, self.time.last)
+
+    def times(self, problem: Problem) -> list[float]:
+        """The times of the states after the first one."""
+        return step_times(problem, self.baths(), self.time.values, self.time.D).tolist()
+
+    def resolved_time(self, problem: Problem) -> float:
+        """`transient.resolved_time` of the case's `problem`."""
+        return resolved_time(problem, self.baths(), self.sweep.mu_start, self.time.D)
+
+    def check_equilibrium(self, command: str) -> None:
+        """Raise ValueError, one line, for a case that swells in time, which a ``command`` does not take."""
+        if self.time is not None:
+            raise ValueError(f"time: is not accepted by jaxgel {command}, which is for equilibria; remove [time] and [bath]")
 
     def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
         """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.
 
         The search chooses its own steps. ValueError for an imperfection, under which no branch bifurcates.
         """
+        self.check_equilibrium("critical")
         if self.sweep.imperfection:
             raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} removes the bifurcations that are looked for; set it to 0")
         return critical_points(self.problem(model), self.sweep.ends, most=most)
@@ -113,6 +155,7 @@ class Case:
 
         ValueError for an imperfection, whose load is that of one branch.
         """
+        self.check_equilibrium("loop")
         if self.sweep.imperfection:
             raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} is not accepted here, it belongs to one branch; set it to 0")
         if self.sweep.branch != "stable":
@@ -133,7 +176,9 @@ class Case:
         known = {name: own for name, own in named_parameters(matrix).items() if name in PARAMETERS and not callable(own)}
         numbers = {name: float(own) for name, own in known.items()}
         gel = self.source.get("gel", {}) | numbers
-        options = {section: _given(getattr(self, section)) for section in OPTIONS}
+        options = {section: _given(getattr(self, section)) for section in OPTIONS if getattr(self, section) is not None}
+        if self.time is not None:
+            options["sweep"] = {"mu_start": self.sweep.mu_start}
         return self.source | {"gel": gel} | {section: given for section, given in options.items() if given}
 
 
@@ -156,87 +201,36 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
     for modules. Without ``folder`` a table cannot name drawings.
     """
     check(table, case_schema(), "case file")
-    plate, moved, gel = table["plate"], table.get("moved", []), _pixels(table.get("gel", {}), folder, "gel")
+    check_time(table)
+    plate, moved, gel = table["plate"], table.get("moved", []), pixel_tables(table.get("gel", {}), folder, "gel")
     if "sample" in plate and table.get("holes"):
         raise ValueError(f"holes: plate.sample = {plate['sample']!r} has its own; drop one of the two")
-    holes, regions = (_with_numbers(table.get(section, []), folder, plate, section) for section in ("holes", "regions"))
-    found = _moved(_plate(plate, holes, regions, name), moved)
+    holes, regions = (outline_tables(table.get(section, []), folder, plate, section) for section in ("holes", "regions"))
+    found = moved_plate(plate_of_tables(plate, holes, regions, name), moved)
     material = _gel(gel, found, folder or ".")
     whole = {key: gel[key] if callable(own) else float(own) for key, own in named_parameters(material).items()}
     regions = [region | ({"gel": whole | region["gel"]} if "gel" in region else {}) for region in regions]
     source = {"plate": plate} | {key: value for key, value in (("holes", holes), ("regions", regions), ("moved", moved)) if value}
     source |= {"gel": gel} if {"energy", "kind"} & gel.keys() or any(isinstance(own, dict) for own in gel.values()) else {}
-    options = {section: _options(kind, table.get(section, {})) for section, kind in OPTIONS.items()}
+    given = {section: table.get(section, {}) for section in OPTIONS} | ({"sweep": start_entries(table)} if "time" in table else {})
+    options = {section: _options(kind, given[section]) for section, kind in OPTIONS.items() if section in table or section not in OF_TIME}
+    options = dict.fromkeys(OF_TIME) | options
     if regions:
         material = Composite(material, tuple(_material(region, f"regions[{i}]", material, found) for i, region in enumerate(regions)))
     check_gel(material)
     options["sweep"].check(material, found, loaded=bool(options["loads"].body_force or options["loads"].traction))
-    return Case(name, found, material, source=source, **options)
+    case = Case(name, found, material, source=source, **options)
+    if case.time is not None:
+        case.baths()  # ValueError for one that cannot be
+    return case
 
 
 def _read(case):
     """The table of a case, its name and its folder."""
     file = File(case)
     if file.suffix != ".toml" and not file.is_file():
-        sample(case)  # raises for an unknown name
-        return {"plate": {"sample": case}}, case, "."
+        return built_in(case), case, "."
     return read_toml(file, "case"), file.stem, file.parent
-
-
-def _with_numbers(entries, folder, plate, section):
-    """The tables of holes or regions with numbers in place of files, so that a run's folder needs no other; a picture gives several."""
-    tables = []
-    for i, entry in enumerate(entries):
-        where, material = f"{section}[{i}]", {key: entry[key] for key in MATERIAL if key in entry}
-        material = {key: _pixels(own, folder, f"{where}.{key}") for key, own in material.items()}
-        tables += [own | material for own in _numbers_of(entry, folder, plate, where)]
-    return tables
-
-
-def _numbers_of(entry, folder, plate, where):
-    """The tables of the holes that an entry describes."""
-    if entry["kind"] not in ("outline", "image"):
-        return [entry]
-    if folder is None:
-        raise ValueError(f"{where}.kind: {entry['kind']!r} belongs in a case file; name that file by case = instead of repeating its holes")
-    if entry["kind"] == "outline":
-        return [hole_table(entry, folder, where)]
-    own = sample(plate["sample"]) if "sample" in plate else None
-    return hole_tables(entry, folder, (plate["width"], plate["height"]) if own is None else (own.width, own.height), where)
-
-
-def _pixels(table, folder, where):
-    """A table with the pixels of its pictures in place of their files."""
-    return {key: mask_table(own, folder, f"{where}.{key}") if isinstance(own, dict) else own for key, own in table.items()}
-
-
-def _plate(table, holes, regions, name):
-    regions = [_outline(f"regions[{i}]", {k: v for k, v in region.items() if k not in MATERIAL}) for i, region in enumerate(regions)]
-    if "sample" not in table:
-        return Plate(**table, holes=[_outline(f"holes[{i}]", hole) for i, hole in enumerate(holes)], regions=regions, name=name)
-    return dataclasses.replace(sample(table["sample"]), regions=regions, **{k: value for k, value in table.items() if k != "sample"})
-
-
-def _outline(where, table):
-    try:
-        return KINDS[table["kind"]](**{key: value for key, value in _in_radians(table).items() if key != "kind"})
-    except ValueError as problem:
-        raise ValueError(f"{where}: {problem}") from None
-
-
-def _in_radians(table):
-    """The parameters of a hole with ``angle`` in place of ``angle_deg``."""
-    if "angle_deg" not in table:
-        return table
-    return {key: value for key, value in table.items() if key != "angle_deg"} | {"angle": np.deg2rad(table["angle_deg"])}
-
-
-def _moved(plate, moved):
-    try:
-        thetas = [{name: np.asarray(value, dtype=float) for name, value in _in_radians(theta).items()} for theta in moved]
-        return plate.at(thetas) if moved else plate
-    except (ValueError, TypeError) as problem:
-        raise ValueError(f"moved: {problem}") from None
 
 
 def _gel(table, plate, folder):

@@ -76,7 +76,9 @@ def study_case(table: dict, name: str, sections: dict) -> Case:
     required = [key for key, rule in sections.items() if "minItems" in rule]
     check(table, tabled({"case": TEXT} | {key: {} for key in SECTIONS} | sections, required), "study")
     changes = {key: value for key, value in table.items() if key in SECTIONS}
-    return load_case(table["case"], changes) if "case" in table else from_table(changes, name)
+    case = load_case(table["case"], changes) if "case" in table else from_table(changes, name)
+    case.check_equilibrium("map" if "map" in sections else "design")
+    return case
 
 
 def numbers(where: str, value: Any, shape: tuple = ()) -> Float[np.ndarray, "..."]:

@@ -6,10 +6,11 @@ from pathlib import Path as File
 import numpy as np
 
 from ..bifurcation import sweep_by_options
-from ..continuation import Adaptive, Path, SweepOptions
+from ..continuation import OF_SOLVENT, Adaptive, Path, SweepOptions
 from ..equilibrium import Observer, Status
 from ..io import NUMERICAL, STEP_ARRAYS, Recorder, Run, load_run, read_summary
-from ..mechanics import all_volumes
+from ..mechanics import Problem, all_volumes
+from ..transient import Time
 from .case import Case, from_table
 
 
@@ -21,21 +22,31 @@ def resumed(folder: File | str) -> Recorder:
     if (File(folder) / "states.npz").is_file():
         case, path = _rebuilt(load_run(folder))
         problem, states = case.problem(path.model), [path[k] for k in range(len(path))]
-        if not _are_of(path.value.tolist(), case.sweep):
-            name = case.sweep.control
+        name = problem.control.name
+        if not _are_of(path.value.tolist(), case, problem):
             raise ValueError(f"folder: the {name} in {str(folder)!r} are not those of the case in its summary.json; run the case again")
     else:
         summary = read_summary(folder)
         case, states = from_table(summary["options"], summary["case"]), []
         problem = case.problem(case.model())
-    recorder = Recorder(folder, case, problem)
-    recorder.begin(states)
+    recorder = recorder_of(folder, case, problem)
+    recorder.begin(states, singly=True)
     return recorder
 
 
+def recorder_of(folder: File | str, case: Case, problem: Problem) -> Recorder:
+    """The `Recorder` of a case's ``problem``; ``t_resolved`` in the summary of a run in time is the case's `resolved_time`."""
+    if case.time is None:
+        return Recorder(folder, case, problem)
+    resolved = case.resolved_time(problem)
+    return Recorder(folder, case, problem, {"t_resolved": resolved if np.isfinite(resolved) else None})
+
+
 def path_of(recorder: Recorder, observer: Observer) -> Path:
-    """`Path` of a recorder's case: the states that it has, and those that a sweep from the last one finds; ``observer`` as in `sweep`."""
+    """`Path` of a recorder's case: the states that it has, and those that follow the last one; ``observer`` as in `sweep`."""
     problem, options, states = recorder.problem, recorder.case.sweep, recorder.steps
+    if recorder.case.time is not None:
+        return recorder.case.swell(problem, before=Path.from_states(problem, states) if states else None, observer=observer)
     values = _left(options, [state.value for state in states])
     if states and not values:
         return Path.from_states(problem, states)
@@ -54,8 +65,11 @@ def _left(options: SweepOptions, done: list[float]) -> list[float] | Adaptive | 
     return Adaptive(done[-1], *goals) if goals else None
 
 
-def _are_of(values, options):
-    """Whether a sweep of the `SweepOptions` begins with these values of its control."""
+def _are_of(values, case, problem):
+    """Whether the path of a case begins with these values of its control."""
+    options = case.sweep
+    if case.time is not None:
+        return values == [0.0, *case.times(problem)][: len(values)]
     if options.given:
         return values == options.numbers[: len(values)]
     low, high = min(options.turns), max(options.turns)
@@ -86,14 +100,16 @@ def _rebuilt(run: Run) -> tuple[Case, Path]:
     except ValueError as problem:
         raise ValueError(f"folder: the case {again} is not one of this version of jaxgel: {problem}; run the case again") from None
     states = run.states
-    if case.sweep.control != run.control[0]:
+    if (case.sweep.control if case.time is None else Time.name) != run.control[0]:
         raise ValueError(f"folder: the control of the run {again} is not that of its case; run the case again")
     model = case.model()
     nodes = np.asarray(model.cloud.nodes)
     fits = nodes.shape == states["nodes"].shape and np.abs(nodes - states["nodes"]).max() <= 1e-9
     if not (fits and states["pressure"].shape[1] == len(all_volumes(model)) and len(states["x"][0]) == len(nodes)):
         raise ValueError(f"folder: the nodes {again} are not those of this version of jaxgel; run the case again")
-    columns = {name: states[name] for name in STEP_ARRAYS}
+    if case.time is not None and (missing := [name for name in OF_SOLVENT if name not in states]):
+        raise ValueError(f"folder: states.npz {again} has no {missing[0]}; run the case again")
+    columns = {name: states[name] for name in (*STEP_ARRAYS, *OF_SOLVENT) if name in states}
     return case, Path(
         problem=case.problem(model, imperfect=False),
         status=np.array([Status[name] for name in states["status"]]),

@@ -1,10 +1,11 @@
-"""The paper's cases by name: Deng et al. (2020), Table 1, the lattice of Fig. 13 and the square of Fig. 1.
+"""The paper's plates by name: Deng et al. (2020), Table 1, the lattice of Fig. 13 and the square of Fig. 1; and cases that swell in time.
 
 Lengths in mm. The numbers are those that reproduce the paper's node and Gauss-point counts.
 """
 
 import itertools
 import math
+from typing import Any
 
 from .._validation import did_you_mean
 from ..geometry import Circle, Ellipse, Plate, Rectangle
@@ -29,6 +30,20 @@ def sample(name: str) -> Plate:
     if name not in _SAMPLES:
         raise ValueError(f"case: unknown name {name!r}; {did_you_mean(name, _SAMPLES)}")
     return _SAMPLES[name](name)
+
+
+def case_names() -> list[str]:
+    """Names of the built-in cases, a list of str: those of ``sample``, which are swept, and those that swell in time."""
+    return [*_SAMPLES, *_IN_TIME]
+
+
+def built_in(name: str) -> dict[str, Any]:
+    """The table of a built-in case, as a case file has it; ValueError for an unknown name."""
+    if name in _IN_TIME:
+        return _IN_TIME[name]
+    if name not in _SAMPLES:
+        raise ValueError(f"case: unknown name {name!r}; {did_you_mean(name, case_names())}")
+    return {"plate": {"sample": name}}
 
 
 def _four_holes(name, distance, hole):
@@ -77,4 +92,25 @@ _SAMPLES = {
     "sample-9": _squares(10.0),
     "lattice": _lattice,
     "square": _square,
+}
+
+_IN_TIME = {
+    "sample-1-bath": {
+        "plate": {"sample": "sample-1"},
+        "sweep": {"mu_start": -4.9678},
+        "time": {"end": 60.0},
+        "bath": {"mu": -0.9678},
+    },
+    "two-sizes": {
+        "plate": {"width": 16.0, "height": 8.0},
+        "holes": [
+            {"kind": "circle", "centre": [-4.0, 0.0], "radius": 2.5},
+            {"kind": "circle", "centre": [4.0, 0.0], "radius": 1.25},
+        ],
+        "gel": {"Nv": 1e-3, "chi": 1e-4},
+        "sweep": {"mu_start": -4.9678},
+        "time": {"end": 100.0},
+        "bath": {"mu": -1.4678},
+        "discretisation": {"spacing": 0.5},
+    },
 }

@@ -29,6 +29,7 @@ from ..geometry import CONDITIONS, EDGES, KINDS, KINEMATICS, Plate
 from ..io import IMAGE, MASK, OUTLINE
 from ..materials import Gel, Pnipam, Polyelectrolyte, named_parameters
 from ..mechanics import Loads
+from ..transient import BathOptions, TimeOptions
 from .samples import sample_names
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -67,13 +68,15 @@ ENERGY = {
 @functools.cache
 def case_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a case file, a dict."""
-    sections = {"plate": _plate(), "holes": listed(_hole()), "regions": listed(_hole(MATERIAL)), "gel": _gel()}
+    wetted, filled = _hole(WETTED_HOLE, {}), _hole(MATERIAL, exactly_one(tuple(MATERIAL)))
+    sections = {"plate": _plate(), "holes": listed(wetted), "regions": listed(filled), "gel": _gel()}
     sections["moved"] = listed({"type": "object"} | not_both(("angle", "angle_deg"))) | {
         "description": "Parameters that replace those of each hole."
     }
-    sections |= {section: _options(kind) for section, kind in OPTIONS.items()}
+    sections |= {section: _options(kind) for section, kind in OPTIONS.items()} | {"bath": _bath()}
     title = "A jaxgel case: lengths in mm, angle in radians or angle_deg in degrees, mu in kT"
-    return {"$schema": DIALECT, "title": title} | tabled(sections, ["plate"])
+    needed = {"dependentRequired": {"time": ["bath"], "bath": ["time"]}}
+    return {"$schema": DIALECT, "title": title} | tabled(sections, ["plate"]) | needed
 
 
 @functools.cache
@@ -105,24 +108,28 @@ def _classes(module):
 def _plate():
     """A sample's name, or a plate of one's own."""
     name = word(sample_names())
-    own = {key: rule | {"description": field_texts(Plate)[key]} for key, rule in PLATE.items()}
+    own = {key: rule | {"description": field_texts(Plate)[key]} for key, rule in PLATE.items()} | WETTED_EDGES
     own = tabled({"sample": name} | own, ["width", "height"])
     return {
         "type": "object",
         "if": {"required": ["sample"]},
-        "then": tabled({"sample": name} | {key: own["properties"][key] for key in ("kinematics", "axial_stretch")}),
+        "then": tabled({"sample": name} | {key: own["properties"][key] for key in ("kinematics", "axial_stretch", *WETTED_EDGES)}),
         "else": own,
     }
 
 
-def _hole(material=None):
-    """The kind decides about the other entries; those of a region say which ``material`` it has."""
+def _hole(others, rule):
+    """The kind decides about an outline's own entries; the ``others`` and the ``rule`` of these are those of holes or of regions."""
     kinds = {kind: _parameters(kind) for kind in KINDS} | {"outline": OUTLINE, "image": IMAGE}
-    any_material = {key: {} for key in material or ()}  # what it may be is said once, for all kinds
-    kinds = {kind: rule | {"properties": rule["properties"] | any_material} for kind, rule in kinds.items()}
+    of_any_kind: dict = {key: {} for key in others}  # what they may be is said once, for all kinds
+    kinds = {kind: rule | {"properties": rule["properties"] | of_any_kind} for kind, rule in kinds.items()}
     rules = [{"if": {"properties": {"kind": {"const": kind}}}, "then": rule} for kind, rule in kinds.items()]
-    own = {"type": "object", "required": ["kind"], "properties": {"kind": word(kinds)} | (material or {}), "allOf": rules}
-    return own | exactly_one(tuple(material)) if material else own
+    return {"type": "object", "required": ["kind"], "properties": {"kind": word(kinds)} | others, "allOf": rules} | rule
+
+
+def _bath():
+    """A bath; its mu is needed."""
+    return _options(BathOptions) | {"required": ["mu"]} | not_both(("times", "ramp"))
 
 
 def _parameters(kind):
@@ -175,6 +182,14 @@ MATERIAL = {
     | {"description": "The gel of a region: what differs from that of the plate."},
     "elastomer": tabled(ELASTOMER, list(ELASTOMER)) | {"description": "A passive material in place of a gel; it takes no solvent."},
 }
+WETTED_HOLE = {
+    "wet": FLAG | {"description": "Whether the bath wets the hole, of swelling in time; false seals it.", "default": True},
+    "bath": _bath() | {"description": "A bath of the hole's own in place of that of the section bath."},
+}
+WETTED_EDGES = {
+    "wet": tabled(dict.fromkeys(EDGES, FLAG)) | {"description": "Free edge -> false if it is sealed, of swelling in time."},
+    "bath": tabled(dict.fromkeys(EDGES, _bath())) | {"description": "Free edge -> a bath of its own in place of that of the section bath."},
+}
 _CONDITION = word(CONDITIONS)
 PLATE = {
     "width": POSITIVE,
@@ -206,4 +221,12 @@ class OutputOptions:
         check_options("output", self)
 
 
-OPTIONS = {"loads": Loads, "sweep": SweepOptions, "discretisation": DiscretisationOptions, "output": OutputOptions}
+OPTIONS = {
+    "loads": Loads,
+    "sweep": SweepOptions,
+    "time": TimeOptions,
+    "bath": BathOptions,
+    "discretisation": DiscretisationOptions,
+    "output": OutputOptions,
+}
+OF_TIME = ("time", "bath")  # sections that a case in equilibrium does not have

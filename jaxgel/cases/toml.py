@@ -7,8 +7,9 @@ import numpy as np
 
 from .._validation import entry_of
 from ..geometry import Plate
+from .baths import WETTING
 from .case import Case, from_table
-from .schema import MATERIAL, OPTIONS, PARAMETERS, PLATE, field_texts, hole_texts
+from .schema import MATERIAL, OPTIONS, PARAMETERS, PLATE, WETTED_EDGES, WETTED_HOLE, field_texts, hole_texts
 
 COLUMN = 43  # where comments start
 EXAMPLE = {
@@ -25,14 +26,18 @@ REGIONS = [
     {"kind": "circle", "centre": [0.0, 0.0], "radius": 1.2, "elastomer": {"Nv": 0.1, "bulk": 10.0}},
     {"kind": "circle", "centre": [0.0, 9.5], "radius": 1.0, "gel": {"Nv": 4e-3}},
 ]
+IN_TIME = {"sweep": {"mu_start": -4.9678}, "time": {"end": 60.0}, "bath": {"mu": -0.9678}}
 
 
-def example(*, regions: bool = False) -> Case:
+def example(*, regions: bool = False, in_time: bool = False) -> Case:
     """The `Case` that ``jaxgel init`` writes: four ellipses that turn the plate, as in the paper's sample 1.
 
-    With ``regions`` it has an elastomer in the middle and a stiffer gel at the upper edge.
+    With ``regions`` it has an elastomer in the middle and a stiffer gel at the upper edge, with ``in_time`` a bath in which it swells in
+    time; ValueError for both, as elastomers do not swell in time.
     """
-    return from_table(EXAMPLE | ({"regions": REGIONS} if regions else {}), "example")
+    if regions and in_time:
+        raise ValueError("regions: an elastomer is not covered by swelling in time; leave one of the two out")
+    return from_table(EXAMPLE | ({"regions": REGIONS} if regions else {}) | (IN_TIME if in_time else {}), "example")
 
 
 def explicit(case: Case) -> Case:
@@ -43,12 +48,18 @@ def explicit(case: Case) -> Case:
     own["axial_stretch"] = None if own["axial_stretch"] is None else float(own["axial_stretch"])
     own["displacement"] = {edge: value for edge, value in case.plate.displacement.items() if any(value)}
     plate = {key: value for key, value in own.items() if value not in ({}, defaults[key])} | {"edges": dict(case.plate.edges)}
-    holes = [_hole(hole) for hole in case.plate.holes]
-    materials = [{key: own[key] for key in MATERIAL if key in own} for own in case.source.get("regions", [])]
-    regions = [_hole(region) | material for region, material in zip(case.plate.regions, materials, strict=True)]
+    plate |= _entries_of(case.source["plate"], WETTING)
+    tables = case.source.get("holes", [{}] * len(case.plate.holes))
+    holes = [_hole(hole) | _entries_of(table, WETTING) for hole, table in zip(case.plate.holes, tables, strict=True)]
+    tables = case.source.get("regions", [])
+    regions = [_hole(region) | _entries_of(table, MATERIAL) for region, table in zip(case.plate.regions, tables, strict=True)]
     source = {"plate": plate} | {key: own for key, own in (("holes", holes), ("regions", regions)) if own}
     source |= {key: case.source[key] for key in ("gel",) if key in case.source}
     return dataclasses.replace(case, source=source)
+
+
+def _entries_of(table, names):
+    return {name: table[name] for name in names if name in table}
 
 
 def _hole(hole):
@@ -66,11 +77,15 @@ def case_text(case: Case) -> str:
     lines = [f"# {case.name}: lengths in mm, mu in kT. jaxgel schema lists all that is accepted.", ""]
     for section, entries in table.items():
         if section not in ("holes", "regions"):
-            lines += [f"[{section}]", *_lines(entries, _texts(section)), *_left_out(section, entries), ""]
+            left_out = [] if section == "sweep" and case.time is not None else _left_out(section, entries)
+            lines += [f"[{section}]", *_lines(entries, _texts(section)), *left_out, ""]
             continue
-        materials = {key: rule["description"] for key, rule in MATERIAL.items()}
+        others = {key: rule["description"] for key, rule in (MATERIAL | WETTED_HOLE).items()}
         for outline in entries:
-            lines += [f"[[{section}]]", *_lines(outline, hole_texts(outline["kind"]) | materials), ""]
+            lines += [f"[[{section}]]", *_lines(outline, hole_texts(outline["kind"]) | others)]
+            if section == "holes" and case.time is not None and not _entries_of(outline, WETTING):
+                lines += [_commented(f"# {key} =", others[key]) for key in WETTING]
+            lines += [""]
     return "\n".join(lines)
 
 
@@ -79,6 +94,7 @@ def _texts(section):
     if section == "gel":
         return {key: rule["description"] for key, rule in PARAMETERS.items()}
     texts = field_texts(Plate if section == "plate" else OPTIONS[section])
+    texts |= {key: rule["description"] for key, rule in WETTED_EDGES.items() if section == "plate"}
     fields = dataclasses.fields(OPTIONS[section]) if section in OPTIONS else ()
     texts |= {entry_of(f): texts[f.name] for f in fields}
     rules = {entry_of(f): f.metadata["schema"] for f in fields}

@@ -2,7 +2,7 @@
 
 Only this module of jaxgel sets environment variables, and only for a process of its own: as a library jaxgel leaves the process alone.
 
-Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the sweep stopped early; 130 interrupted; 141 when the reader of the
+Exit codes: 0 done; 2 unusable input, with one line that names it; 3 the run stopped early; 130 interrupted; 141 when the reader of the
 output closes the pipe, as ``| head`` does.
 """
 

@@ -70,6 +70,7 @@ def parser() -> tuple[argparse.ArgumentParser, dict]:
     p.add_argument("name", metavar="NAME", nargs="?", help="the file's name, without .toml (default: case, or the built-in name)")
     p.add_argument("--from", dest="sample", metavar="SAMPLE", help="export a built-in case (see jaxgel samples) with all its numbers")
     p.add_argument("--regions", action="store_true", help="an example with regions of other materials, an elastomer and a stiffer gel")
+    p.add_argument("--time", action="store_true", help="an example that swells in time, in a bath")
     add("starting.schema", "schema", "print the JSON schema of a case file")
     add("starting.list_samples", "samples", "list the built-in cases")
     return whole, commands.choices

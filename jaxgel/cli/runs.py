@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import math
 import sys
 from argparse import Namespace
 from collections.abc import Callable
@@ -10,7 +11,7 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import one_of
-from ..cases import OutputOptions, load_case, path_of
+from ..cases import Case, OutputOptions, load_case, path_of, recorder_of
 from ..continuation import Path
 from ..equilibrium import Observer
 from ..io import Progress, Recorder, interruptible, open_folder, write_csv, write_loop, write_points
@@ -24,23 +25,25 @@ ROWS_MAX = 9  # of the printed table of states
 
 
 def run(args: Namespace) -> int:
-    """``jaxgel run``: sweep a case and write its folder."""
+    """``jaxgel run``: sweep a case, or let it swell in time, and write its folder."""
     case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / case.name)
     say = printer(args)
     model = case.model()
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {model.basis} basis")
-    recorder = Recorder(folder, case, case.problem(model))
+    recorder = recorder_of(folder, case, case.problem(model))
     recorder.begin()
     return run_recorded(recorder, args)
 
 
 def run_recorded(recorder: Recorder, args: Namespace) -> int:
-    """Sweep what is left of a case, draw and report; the exit code."""
+    """Compute what is left of a case, draw and report; the exit code."""
     say, output = printer(args), recorder.case.output
+    if recorder.notes.get("t_resolved"):
+        say(f"the boundary layer is resolved from {_time(recorder, recorder.notes['t_resolved'])} on")
     output = dataclasses.replace(output, figures=False, animation=False) if args.no_plots else output
     try:
-        path = _sweep(recorder, args.quiet)
+        path = _computed(recorder, args.quiet)
     except KeyboardInterrupt:
         recorder.finish("interrupted", "stopped by the user")
         _report(recorder, say)
@@ -53,15 +56,14 @@ def run_recorded(recorder: Recorder, args: Namespace) -> int:
     draw(path, recorder.folder, recorder.table, output)
     _report(recorder, say)
     if not path.stop.ok:
-        print(f"jaxgel: the sweep stopped early: {path.stop_text}", file=sys.stderr)
+        print(f"jaxgel: the run stopped early: {path.stop_text}", file=sys.stderr)
     return DONE if path.stop.ok else STOPPED
 
 
-def _sweep(recorder, quiet):
+def _computed(recorder, quiet):
     """The path of a case, recorded and shown while it grows, from the steps on that the recorder has."""
-    case, driven = recorder.case, {"name": recorder.control.name, "unit": recorder.control.unit}
     done = [state.value for state in recorder.steps]
-    with Progress(case.sweep.turns, quiet, done=done, **driven) as progress, interruptible() as stop_if_asked:
+    with Progress(quiet=quiet, done=done, **_way(recorder)) as progress, interruptible() as stop_if_asked:
 
         def on_step(step):
             progress.show(step.value, step.newton_iterations)  # before the table, whose programs take a second to load
@@ -70,6 +72,19 @@ def _sweep(recorder, quiet):
             stop_if_asked()
 
         return path_of(recorder, Observer(accepted=on_step))
+
+
+def _way(recorder):
+    """What `Progress` shows of a recorder's control; of time in decades after the first step."""
+    case, control = recorder.case, {"name": recorder.control.name, "unit": recorder.control.unit}
+    if case.time is None:
+        return control | {"turns": case.sweep.turns}
+    times = case.times(recorder.problem)
+    return control | {"turns": (0.0, times[-1]), "scale": lambda t: math.log1p(t / times[0]), "digits": ".4g"}
+
+
+def _time(recorder, t):
+    return f"{recorder.control.name} = {t:.3g} {recorder.control.unit}".rstrip()
 
 
 def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
@@ -92,7 +107,7 @@ def _report(recorder, say):
     """Print a table of at most ``ROWS_MAX`` states, the events, and where the files are."""
     table = recorder.table
     k, name, unit = len(recorder.records), recorder.control.name, recorder.control.unit
-    wide = max(8, len(name))
+    wide, digits = max(8, len(name)), ".4f" if recorder.case.time is None else ".4g"
     if k:
         say(f"{name:>{wide}} {'free str.':>9} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
         say(f"{unit:>{wide}} {'':>9} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {recorder.model.cloud.topology.plate.unit:>7}")
@@ -100,7 +115,7 @@ def _report(recorder, say):
         row = {name: column[i] for name, column in table.items()}
         unstable = ", unstable" if row["negative_pivots"] else ""
         say(
-            f"{row[name]:{wide}.4f} {row['free_stretch']:9.4f} {row['rotation_deg']:9.3f} {row['core_rotation_deg']:8.3f}"
+            f"{row[name]:{wide}{digits}} {row['free_stretch']:9.4f} {row['rotation_deg']:9.3f} {row['core_rotation_deg']:8.3f}"
             f" {100 * row['area_reduction']:9.3f} {row['J_mean']:7.4f} {row['min_gap']:7.3f}  {row['status']}{unstable}"
         )
     for event in events(table):
@@ -108,12 +123,23 @@ def _report(recorder, say):
     for symmetry, count in collections.Counter(state.symmetry for state in recorder.steps).items():
         if symmetry not in ("", NAMES[()]):
             say(f"{count} states have the symmetry {symmetry} and were found on a part of the plate")
+    resolved = recorder.notes.get("t_resolved")
+    early = sum(0 < state.value < resolved for state in recorder.steps) if resolved else 0
+    if early:
+        say(f"{early} states are before {_time(recorder, resolved)}: their uptake is an estimate, a finer cloud has it right sooner")
     say(f"{k} states in {recorder.folder}")
+
+
+def equilibrium_case(args: Namespace, command: str) -> Case:
+    """The case of a command on equilibria; ValueError, one line, for one that swells in time."""
+    case = load_case(args.case, changes(args))
+    case.check_equilibrium(command)
+    return case
 
 
 def critical(args: Namespace) -> int:
     """``jaxgel critical``: locate the bifurcations and folds of a case's symmetric branch, and draw their modes."""
-    case = load_case(args.case, changes(args))
+    case = equilibrium_case(args, "critical")
     folder = open_folder(args.out or File("out") / f"{case.name}-critical")
     say, model = printer(args), case.model()
     control, (first, last) = case.problem(model).control, case.sweep.ends
@@ -136,7 +162,7 @@ def critical(args: Namespace) -> int:
 
 def loop(args: Namespace) -> int:
     """``jaxgel loop``: a case's stable branch up and down, its jumps, and the unstable branch between them."""
-    case, say = load_case(args.case, changes(args)), printer(args)
+    case, say = equilibrium_case(args, "loop"), printer(args)
     one_of("quantity", args.quantity, OF_POSITIONS)
     folder = open_folder(args.out or File("out") / f"{case.name}-loop")
     model, (first, last) = case.model(), case.sweep.ends
@@ -166,7 +192,7 @@ def check_grad(args: Namespace) -> int:
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
     from .taylor_test import OBJECTIVES, check_gradient
 
-    case = load_case(args.case, changes(args))
+    case = equilibrium_case(args, "check-grad")
     folder = open_folder(args.out or File("out") / case.name)
     try:
         rows = check_gradient(case, states=args.states, quiet=args.quiet)

@@ -4,15 +4,16 @@ import json
 from argparse import Namespace
 from pathlib import Path
 
-from ..cases import case_schema, case_text, example, explicit, load_case, sample, sample_names
+from ..cases import case_names, case_schema, case_text, example, explicit, load_case
 from .environment import DONE
 
 
 def init(args: Namespace) -> int:
     """``jaxgel init``: a commented case file to start from, with an example's or a built-in case's numbers."""
-    if args.regions and args.sample is not None:
-        raise ValueError(f"--regions: it belongs to the example, not to --from {args.sample}; leave one of the two out")
-    case = example(regions=args.regions) if args.sample is None else load_case(args.sample)
+    for name, given in (("--regions", args.regions), ("--time", args.time)):
+        if given and args.sample is not None:
+            raise ValueError(f"{name}: it belongs to the example, not to --from {args.sample}; leave one of the two out")
+    case = example(regions=args.regions, in_time=args.time) if args.sample is None else load_case(args.sample)
     text = case_text(case if args.sample is None else explicit(case))
     file = Path(f"{args.name or args.sample or 'case'}.toml".replace(".toml.toml", ".toml"))
     try:
@@ -34,9 +35,11 @@ def schema(_: Namespace) -> int:
 
 def list_samples(_: Namespace) -> int:
     """``jaxgel samples``: one line per built-in case."""
-    for name in sample_names():
-        plate = sample(name)
+    for name in case_names():
+        case = load_case(name)
+        plate, gel = case.plate, case.gel
         kinds = sorted({type(hole).__name__.lower() for hole in plate.holes})
         holes = f"{len(plate.holes)} holes ({', '.join(kinds)})" if kinds else "no hole"
-        print(f"{name:10s} {plate.width:g} x {plate.height:g} {plate.unit}, {holes}, Nv {plate.gel.Nv:g}, chi {plate.gel.chi:g}")
+        bath = f"; from mu = {case.sweep.mu_start:g} in a bath of {case.bath.mu:g} kT" if case.time else ""
+        print(f"{name:13s} {plate.width:g} x {plate.height:g} {plate.unit}, {holes}, Nv {gel.Nv:g}, chi {gel.chi:g}{bath}")
     return DONE

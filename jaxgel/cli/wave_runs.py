@@ -4,19 +4,17 @@ import dataclasses
 from argparse import Namespace
 from pathlib import Path as File
 
-from ..cases import load_case
 from ..io import open_folder, write_waves
 from ..materials import varies
 from ..mechanics import Problem
 from ..waves import lattice_onset, primitive_cell
 from .environment import DONE
-from .parser import changes
-from .runs import printer
+from .runs import equilibrium_case, printer
 
 
 def waves(args: Namespace) -> int:
     """``jaxgel waves``: the onset of a periodic case's infinite lattice."""
-    case, say = load_case(args.case, changes(args)), printer(args)
+    case, say = equilibrium_case(args, "waves"), printer(args)
     _check(case)
     cell = case.plate if varies(case.gel) else primitive_cell(case.plate)
     folder = open_folder(args.out or File("out") / f"{case.name}-waves")

@@ -20,7 +20,7 @@ import numpy as np
 
 from .._sizes import rung
 from ..bifurcation import CriticalPoint
-from ..continuation import Path
+from ..continuation import OF_SOLVENT, Path
 from ..equilibrium import State, Status
 from ..mechanics import Problem
 from ..observables import SELF_CONTACT, columns_of, events, history, outlines
@@ -45,27 +45,31 @@ FILES = (
 class Recorder:
     """Writes ``summary.json``, ``history.csv`` and ``states.npz`` of a sweep while it goes; `Observer(accepted=recorder)`.
 
-    ``problem`` is that of the ``case``, a `cases.Case`. Each step is flushed to the disk. The files are begun by `begin`, or by the first
-    step. Raises ValueError if the folder cannot be written.
+    ``problem`` is that of the ``case``, a `cases.Case`; ``notes`` are further entries of the summary.
+    Each step is flushed to the disk. The files are begun by `begin`, or by the first step. Raises
+    ValueError if the folder cannot be written.
     """
 
-    def __init__(self, folder: str | File, case: Any, problem: Problem) -> None:
+    def __init__(self, folder: str | File, case: Any, problem: Problem, notes: dict[str, Any] | None = None) -> None:
         self.folder, self.case, self.problem, self.model, self.control = open_folder(folder), case, problem, problem.model, problem.control
+        self.notes = notes or {}
         self.records = []  # (step, row, outlines) of each accepted state
         self.stored = 0  # states that are on disk for good
         self.started, self.begun = time.perf_counter(), False
 
-    def begin(self, before: Sequence[State] = ()) -> None:
+    def begin(self, before: Sequence[State] = (), *, singly: bool = False) -> None:
         """Begin the files, with the states ``before`` of a run that was interrupted.
 
+        Rows that are computed ``singly``, as the states came, are those of an uninterrupted run to the
+        last digit; together they take less time.
         Without states the results of an earlier run are removed from the folder; other files stay.
         """
         self.begun = True
-        if before:
-            self.add(before)
-        else:
+        for steps in [[step] for step in before] if singly else [before] if before else []:
+            self.add(steps)
+        if not before:
             _clear(self.folder)
-        self.finish("running", "the sweep has not ended")
+        self.finish("running", "the run has not ended")
 
     @property
     def steps(self) -> list[State]:
@@ -92,7 +96,7 @@ class Recorder:
             stream.flush()
             os.fsync(stream.fileno())
         self._write_states()
-        self._write_summary("running", "the sweep has not ended", Status.INTERRUPTED)
+        self._write_summary("running", "the run has not ended", Status.INTERRUPTED)
 
     def add(self, steps: Sequence[State]) -> None:
         """Add accepted steps to the records; those of a sweep that has ended take much less time together than one by one."""
@@ -121,6 +125,7 @@ class Recorder:
     def _states(self) -> dict[str, np.ndarray]:
         steps = self.steps
         arrays = {name: np.array([getattr(step, name) for step in steps]) for name in STEP_ARRAYS}
+        arrays |= {name: np.array([getattr(step, name) for step in steps]) for name in OF_SOLVENT if getattr(steps[0], name) is not None}
         arrays["status"] = np.array([step.status.name for step in steps])
         arrays["symmetry"] = np.array([step.symmetry for step in steps])
         arrays["nodes"] = np.asarray(self.model.cloud.nodes)
@@ -152,7 +157,7 @@ class Recorder:
             "value_reached": float(self.steps[-1].value) if self.records else None,
             "mu_reached": float(table["mu"][-1]) if self.records else None,
             "events": events(table),
-        }
+        } | self.notes
         encoded = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False).encode()
         write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded))
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from .._types import Float
-from ..continuation import SCALARS
+from ..continuation import OF_SOLVENT, SCALARS
 from ..equilibrium import Status
-from ..observables import BY_COLUMN, COLUMNS, OF_CELLS
+from ..observables import BY_COLUMN, COLUMNS, IN_TIME, OF_CELLS
 from .files import guarded, read_arrays
 
 FORMAT = 3  # raised when the meaning of a file changes
@@ -47,7 +47,7 @@ class Run:
     """Columns of ``history.csv``: name -> (k,) array, status a list of texts; nan, or no text, in a column that the file does not have."""
     states: dict[str, np.ndarray]
     """Arrays of ``states.npz``: mu (k,), x (k, n, 2) mm, pressure (k, g) kT/v, nodes (n, 2) mm, outline_0 ... (k, m, 2) mm, and the rest
-    of each step; value (k,) of the control."""
+    of each step; value (k,) of the control; of swelling in time potential (k, g) kT and supplied (k, b) mm^2 too."""
 
     @property
     def control(self) -> tuple[str, str]:
@@ -130,7 +130,7 @@ def _read_history(content: bytes, control: str) -> dict[str, Any]:
     if any(len(row) != len(header) for row in rows):
         raise ValueError(f"a row has not {len(header)} columns")
     driven = () if control == "mu" else (control,)
-    known = (*driven, *COLUMNS, *(name for name in OF_CELLS if name in header))
+    known = (*driven, *COLUMNS, *(name for name in (*OF_CELLS, *IN_TIME) if name in header))
     kinds = {name: kind_of(name) for name in known}
     missing = next((name for name in known if name not in header and (name in (*driven, "mu", "status") or kinds[name] is int)), None)
     if missing is not None:
@@ -147,12 +147,14 @@ def _read_states(content: bytes) -> dict[str, np.ndarray]:
         raise ValueError(f"it has no {missing[0]}" if missing else "x or pressure is no array of states")
     (k, n, _), groups = arrays["x"].shape, arrays["pressure"].shape[1]
     shapes = dict.fromkeys((*STEP_ARRAYS, "status", "symmetry"), (k,)) | {"x": (k, n, 2), "pressure": (k, groups), "nodes": (n, 2)}
+    solvent = {"potential": (k, groups), "supplied": (k, *arrays.get("supplied", arrays["pressure"]).shape[1:2])}
+    shapes |= {name: solvent[name] for name in OF_SOLVENT if name in arrays}
     shapes |= {name: (k, *a.shape[1:2], 2) for name, a in arrays.items() if name.startswith("outline_")}
     for name, shape in shapes.items():
         if arrays[name].shape != shape or arrays[name].dtype.kind not in "bfiU":
             raise ValueError(f"{name} has shape {arrays[name].shape}, expected {shape}")
-    for name in ("mu", "value", "x", "pressure"):
-        if not np.isfinite(arrays[name]).all():
+    for name in ("mu", "value", "x", "pressure", *OF_SOLVENT):
+        if name in shapes and not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} is not finite")
     if not np.all(np.diff(arrays["value"])) or not set(arrays["status"]) <= Status.__members__.keys():
         raise ValueError("a value of the control is repeated, or a status is unknown")

@@ -12,13 +12,23 @@ from tqdm import tqdm
 class Progress:
     """A bar over the way of the control on the terminal, with its value, Newton iterations and rotation of the last state.
 
-    ``turns`` are its first value, those at which it turns, and the last, ``done`` the values of the states that there are already.
+    ``turns`` are its first value, those at which it turns, and the last, ``done`` the values of the states that there are already. The bar
+    is linear in the ``scale`` of the value, and the value has the format ``digits``.
     """
 
     def __init__(
-        self, turns: Sequence[float], quiet: bool, *, name: str = "mu", unit: str = "kT", done: Sequence[float] | None = None
+        self,
+        turns: Sequence[float],
+        quiet: bool,
+        *,
+        name: str = "mu",
+        unit: str = "kT",
+        done: Sequence[float] | None = None,
+        scale: Callable[[float], float] = float,
+        digits: str = ".4f",
     ) -> None:
-        passed = [turns[0], *(done or ())]
+        turns, passed = [scale(value) for value in turns], [scale(value) for value in (turns[0], *(done or ()))]
+        self.scale, self.digits = scale, digits
         self.name, self.unit, self.last, self.way = name, f" {unit}" if unit else "", passed[-1], _length(passed)
         span = max(_length(turns), 1e-12)
         form = "{percentage:3.0f}%|{bar:24}| {elapsed}{postfix}"
@@ -33,10 +43,11 @@ class Progress:
 
     def show(self, value: float, iterations: int, rotation: float | None = None) -> None:
         """A state at a ``value`` that took so many Newton iterations, with its rotation in degrees where that is known yet."""
-        self.way, self.last = self.way + abs(float(value) - self.last), float(value)
+        at = self.scale(value)
+        self.way, self.last = self.way + abs(at - self.last), at
         self.bar.n = min(self.way, self.bar.total)
         turned = "" if rotation is None else f", rotation {rotation:.2f} deg"
-        self.bar.set_postfix_str(f"{self.name} {value:.4f}{self.unit}, {iterations} Newton iterations{turned}", refresh=True)
+        self.bar.set_postfix_str(f"{self.name} {value:{self.digits}}{self.unit}, {iterations} Newton iterations{turned}", refresh=True)
 
 
 def _length(values):

@@ -10,18 +10,18 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from .._compiled import compiled
+from .._primitives import differentiated_value
 from .._programs import fitted
 from .._sizes import resized, taken
-from .._threads import few_threads
 from .._tracing import is_traced
 from ..continuation import OF_SOLVENT, SCALARS, Path
 from ..equilibrium import Newton, Observer, first_order_only, no_tangents
 from ..mechanics import Bath as Instant
-from .bath import Bath, moved_times, time_in, values_of
+from .bath import Bath, Time, moved_times, values_of
 from .derivatives import March, stage_tangents, stages_of
 from .march import GAMMA
 from .problem import Transport
-from .run import Start, check_run, run
+from .run import Start, check_numbers, check_swelling, run
 
 COLUMNS = {"x": "kn", "energy": "k", "pressure": "kg", "potential": "kg", "supplied": "kb"}
 """What is a function of the states: its axes."""
@@ -37,8 +37,10 @@ class _Search:
     """Tree structure of the `Inputs`."""
     floating: tuple
     """Which leaves are floating-point arrays, that is differentiable."""
-    times: list[float]
+    times: tuple[float, ...]
     """Times of the states."""
+    time: Time
+    """What drives them, of numbers."""
     newton: Newton
     """Tolerances."""
     observer: Observer
@@ -53,21 +55,26 @@ class _Search:
 
 
 def traced_swell(
-    transport: Transport, baths: Sequence[Bath], start: Start, times: Sequence[float], newton: Newton, observer: Observer
+    transport: Transport,
+    start: Start,
+    baths: Sequence[Bath],
+    times: Sequence[float],
+    time: Time,
+    newton: Newton,
+    observer: Observer,
 ) -> Path:
     """`swell` under differentiation; states that are not reached are nan, with the status of the run."""
     problem = transport.problem.replace(operators=None)
     inputs = dataclasses.replace(transport, problem=problem), [(bath.mu, bath.times) for bath in baths], start
     leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, inputs))
     floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
-    search = _Search(structure, floating, list(times), newton, observer)
+    search = _Search(structure, floating, tuple(times), jax.tree.map(differentiated_value, time), newton, observer)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     t = moved_times(np.array([0.0, *times]), baths, [bath.numbers for bath in baths])
     at_start = start.mean(problem.model)
     mu = jnp.append(at_start, jnp.mean(values_of(baths, [at_start] * len(baths), t[1:])[0], axis=1))
-    problem = problem.replace(control=time_in(baths, transport.wetted, transport.D))
-    return Path(problem=problem, value=t, mu=mu, **report, **search.found["end"])
+    return Path(problem=problem.replace(control=time), value=t, mu=mu, **report, **search.found["end"])
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -78,10 +85,11 @@ def _states(search, floats, rest):
         raise ValueError(INSIDE_JIT)
     transport, tables, start = inputs
     baths = [Bath(*map(np.asarray, table)) for table in tables]
-    check_run(transport.problem, baths, transport.D)
+    check_swelling(transport.problem)
+    check_numbers(transport.problem, baths, transport.D)
     transport = dataclasses.replace(transport, problem=transport.problem.prepared, D=float(transport.D))
-    with few_threads(2 * transport.model.n_nodes):
-        path, first, steps = run(transport, baths, Start(*map(np.asarray, start)), search.times, search.newton, search.observer)
+    options = baths, search.times, search.time, search.newton, search.observer
+    path, first, steps = run(transport, Start(*map(np.asarray, start)), *options)
     before, after = (np.array([getattr(step, name) for step in steps]) for name in ("start", "end"))
     times = before, after, [np.asarray(times) for _, times in tables]
     march = March(transport, stages_of(first, steps, *_scheduled(*times, tables, start.mean(transport.model))))

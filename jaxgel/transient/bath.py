@@ -1,7 +1,7 @@
 """The bath: the chemical potential that wetted boundary has in time."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import jax
@@ -118,12 +118,12 @@ class Time:
         return Setting(jnp.interp(value, self.times, self.mu), gel)
 
 
-def time_in(baths: Sequence[Bath], wetted: tuple[str | int, ...] = (), D: Scalar = 1.0) -> Time:
-    """`Time` of several baths, those of the parts ``wetted``, and the diffusivity ``D``."""
-    times = np.unique(np.concatenate([bath.numbers for bath in baths]))
-    mu = [bath.at(times) for bath in baths]
+def time_in(baths: Mapping[str | int, Bath], D: Scalar = 1.0, unit: str = "") -> Time:
+    """`Time` of the baths of the wetted parts, with the diffusivity ``D``."""
+    times = np.unique(np.concatenate([bath.numbers for bath in baths.values()]))
+    mu = [bath.at(times) for bath in baths.values()]
     parts = _xp(mu).stack(mu)
-    return Time(times, _xp(mu).mean(parts, axis=0), parts, D, wetted)
+    return Time(times, _xp(mu).mean(parts, axis=0), parts, D, tuple(baths), unit)
 
 
 def moved_times(t: Float[np.ndarray, " k"], baths: Sequence[Bath], numbers: Sequence[Float[np.ndarray, " j"]]) -> Float[Array, " k"]:

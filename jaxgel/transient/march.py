@@ -23,6 +23,8 @@ from .stage import Stage, solve_stage
 
 GAMMA = 1 - 1 / np.sqrt(2)
 MAX_HALVINGS = 14  # of a step at which Newton's method fails
+MAX_STEPS = 200  # tried between two times
+ROUND_OFF = 1e-9  # of the time that is left: a step that falls short of the end by no more goes to the end
 FARTHEST = 10.0  # times the step before, in the root of time, up to which a state is extrapolated
 Instant = Callable[[float], Bath]  # what wetted parts see at a time
 
@@ -59,17 +61,18 @@ class Moment:
 def advance(transport: Transport, before: Moment | None, now: Moment, end: float, bath: Instant, newton: Newton) -> Moment:
     """The `Moment` at ``end``, in one step or, if Newton's method fails, in steps that are halved and doubled again.
 
-    The step that the moment ``before`` led to says where to start. The status of its stage says if no step was short enough, or if the
-    matrix is singular there.
+    The step that the moment ``before`` led to says where to start. The status of its stage says if no step was short enough, or too many
+    were tried, or if the matrix is singular there.
     """
-    step, spent, halvings, last, steps = end - now.t, 0, 0, None, ()
+    step, spent, halvings, tried, steps = end - now.t, 0, 0, 0, ()
     while now.t < end:
-        last = _step(transport, before, now, min(now.t + step, end), bath, newton)
+        target = end if step > (1 - ROUND_OFF) * (end - now.t) else now.t + step
+        last, tried = _step(transport, before, now, target, bath, newton), tried + 1
         spent += last.iterations
         if last.stage.status.ok:
             before, now, steps = now, last, steps + last.steps
             step, halvings = 2 * step, max(halvings - 1, 0)
-        elif halvings == MAX_HALVINGS:
+        elif halvings == MAX_HALVINGS or tried >= MAX_STEPS:
             return dataclasses.replace(last, iterations=spent)
         else:
             before, step, halvings = None, step / 2, halvings + 1
@@ -94,7 +97,7 @@ def _step(transport, before, now, end, bath, newton):
 def _extrapolated(before, now, t):
     """A stage to start from at the time ``t``, linear in the root of time through two moments; the last one if these are close together."""
     step, last = np.sqrt(t) - np.sqrt(now.t), np.sqrt(now.t) - np.sqrt(before.t)
-    if step > FARTHEST * last:
+    if step >= FARTHEST * last:  # also of moments that differ by round-off
         return now.stage
     share = step / last
     columns = {name: getattr(now.stage, name) for name in ("x", "pressure", "m")}

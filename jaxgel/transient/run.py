@@ -1,12 +1,14 @@
 """A run in time: a gel in its bath from one state on, to chosen times."""
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from .._programs import program
+from .._threads import few_threads
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from .._validation import Inadmissible
@@ -18,7 +20,7 @@ from ..linalg import SingularTangent
 from ..materials import Filled, gel_in_groups, rises_always
 from ..mechanics import Bath as Instant
 from ..mechanics import Problem, factorised_tangent, linearise, moments, of_groups, overlaps, volume_ratios
-from .bath import Bath, time_in, values_of
+from .bath import Bath, Time, values_of
 from .march import Moment, Step, advance
 from .problem import Transport
 from .stage import Stage, acting_potential, acting_problem
@@ -57,50 +59,85 @@ class Run(NamedTuple):
     first: Stage
     """The state at time 0."""
     steps: list[Step]
-    """All steps."""
+    """All steps that it has made."""
 
 
-def run(transport: Transport, baths: Sequence[Bath], start: Start, times: Sequence[float], newton: Newton, observer: Observer) -> Run:
-    """The `Run` to these ``times``, with a bath for each wetted part."""
-    problem, model = transport.problem, transport.problem.model
-    J = np.asarray(volume_ratios(start.x, model))
-    first, at_start = Stage(*start[:2], np.asarray(start.unknowns(model)), J, Status.CONVERGED), [float(start.mean(model))] * len(baths)
+def run(
+    transport: Transport,
+    start: Start | list[State],
+    baths: Sequence[Bath],
+    times: Sequence[float],
+    time: Time,
+    newton: Newton,
+    observer: Observer,
+) -> Run:
+    """The `Run` to these ``times``, with a bath for each wetted part, from time 0 or from the first states of the path.
+
+    A step depends on the states of the path alone, so that a run that was interrupted goes on to the same bits.
+    """
+    transport = dataclasses.replace(transport, problem=transport.problem.prepared)
+    with few_threads(2 * transport.model.n_nodes):
+        if isinstance(start, Start):
+            states = [_state(transport, _moment(transport, 0.0, start, np.zeros(len(baths))), float(start.mean(transport.model)))]
+            observer.accepted(states[0])
+        else:
+            states = list(start)
+        first, steps = _of_state(transport, states[0]).stage, []
+        stop, text = _march(transport, baths, states, steps, times[len(states) - 1 :], newton, observer)
+    return Run(Path.from_states(transport.problem.replace(control=time), states, stop=stop, stop_text=text), first, steps)
+
+
+def _march(transport, baths, states, steps, times, newton, observer):
+    """Add to the ``states`` those at the ``times``, and to the ``steps``; how it ended, and a text if early."""
+    at_start, kinks = [states[0].mu] * len(baths), kinks_of(baths)
 
     def instant(t):
         return Instant(*values_of(baths, at_start, t))
 
-    kinks = {kink for bath in baths for kink in bath.kinks if kink < times[-1]}
-    before, now = None, Moment(0.0, first, np.zeros(len(baths)))
-    states, steps = [_state(transport, now, at_start[0])], []
-    stop, text = Status.CONVERGED, ""
-    for t in sorted({*times, *kinks}):
-        following = advance(transport, before, now, t, instant, newton)
-        state = _state(transport, following, float(np.mean(instant(t).mu)))
-        if not following.stage.status.ok:
+    for t in times:
+        before, now = ([None, *states])[-2:]
+        smooth = before is not None and not any(before.value < kink <= now.value for kink in kinks)
+        before, following, spent = _of_state(transport, before) if smooth else None, _of_state(transport, now), 0
+        for end in (*(kink for kink in kinks if now.value < kink < t), t):
+            following = advance(transport, before, following, end, instant, newton)
+            before, spent = None, spent + following.iterations
+            if not following.stage.status.ok:
+                break
+            steps += following.steps
+        state = _state(transport, dataclasses.replace(following, iterations=spent), float(np.mean(instant(t).mu)))
+        if not state.status.ok:
             observer.refused(state)
-            stop = following.stage.status
-            text = f"stopped after t = {now.t:.6g}: {stop.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
-            break
-        if overlaps(following.stage.x, model):
-            stop, text = Status.SELF_CONTACT, f"stopped after t = {now.t:.6g}: {Status.SELF_CONTACT.text}"
-            break
-        before, now = (None if t in kinks else now), following
-        steps += following.steps
-        if t in times:
-            observer.accepted(state)
-            states.append(state)
-    problem = problem.replace(control=time_in(baths, transport.wetted, transport.D))
-    return Run(Path.from_states(problem, states, stop=stop, stop_text=text), first, steps)
+            text = f"{state.status.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
+            return state.status, f"stopped after t = {now.value:.6g}: {text}"
+        if overlaps(state.x, transport.model):
+            return Status.SELF_CONTACT, f"stopped after t = {now.value:.6g}: {Status.SELF_CONTACT.text}"
+        observer.accepted(state)
+        states.append(state)
+    return Status.CONVERGED, ""
 
 
-def check_run(problem: Problem, baths: Sequence[Bath], D: Scalar) -> None:
-    """Raise ValueError, one line, for what transient swelling does not cover, and for numbers that cannot be used; traced values pass."""
-    if not is_traced(D) and not (np.isfinite(D) and D > 0):
-        raise ValueError(f"D: {D} is not accepted, it must be a number > 0 (mm^2 per unit of time)")
+def kinks_of(baths: Iterable[Bath]) -> list[float]:
+    """Times above 0, rising, at which the slope of one of the baths changes."""
+    return sorted({kink for bath in baths for kink in bath.kinks})
+
+
+def _of_state(transport, state):
+    """The `Moment` of a state of a path."""
+    return _moment(transport, state.value, Start(state.x, state.pressure, state.potential), state.supplied)
+
+
+def _moment(transport, t, start, supplied):
+    J = np.asarray(volume_ratios(start.x, transport.model))
+    m = np.asarray(start.unknowns(transport.model))
+    return Moment(t, Stage(start.x, start.pressure, m, J, Status.CONVERGED), supplied)
+
+
+def check_swelling(problem: Problem) -> None:
+    """Raise ValueError, one line that names the field, for what transient swelling does not cover."""
     plate = problem.model.lists.topology.plate
     if problem.has_contact:
         raise Inadmissible("contact: is not part of transient swelling; give Problem(..., contact=False)")
-    if not isinstance(problem.control, ChemicalPotential):
+    if not isinstance(problem.control, ChemicalPotential | Time):
         raise Inadmissible(f"control: {problem.control.name} is not accepted, the bath drives transient swelling; leave the control out")
     if problem.model.film:
         raise Inadmissible("kinematics: a film drinks through its faces, too, which transient swelling does not cover")
@@ -108,11 +145,17 @@ def check_run(problem: Problem, baths: Sequence[Bath], D: Scalar) -> None:
         raise Inadmissible("edges: periodic edges are not covered by transient swelling")
     if isinstance(problem.gel, Filled):
         raise Inadmissible("gel: a plate with elastomers is not covered by transient swelling")
-    if is_traced(problem, [bath.mu for bath in baths]):
-        return
-    if not np.all(rises_always(gel_in_groups(problem.gel))):
+    if not is_traced(problem) and not np.all(rises_always(gel_in_groups(problem.gel))):
         raise Inadmissible("gel: can separate into phases, or is not known not to, which transient swelling does not cover")
-    check_sweep(problem, np.concatenate([bath.mu for bath in baths]))
+
+
+def check_numbers(problem: Problem, baths: Iterable[Bath], D: Scalar) -> None:
+    """Raise ValueError, one line, for a diffusivity and baths that cannot be used; traced values pass."""
+    if not is_traced(D) and not (np.isfinite(D) and D > 0):
+        raise ValueError(f"D: {D} is not accepted, it must be a number > 0 (mm^2 per unit of time)")
+    mu = [bath.mu for bath in baths]
+    if not is_traced(problem, mu):
+        check_sweep(problem, np.concatenate(mu))
 
 
 def _state(transport, moment, mu):

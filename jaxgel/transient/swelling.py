@@ -1,25 +1,25 @@
 """The public verb of transient swelling: states of a gel in a bath at chosen times."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._primitives import differentiated_value
-from .._threads import few_threads
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from .._validation import check_kind, did_you_mean
 from ..continuation import Path, SweepFailed, sweep
-from ..controls import check_values
+from ..controls import ChemicalPotential, check_values
 from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, State
+from ..materials import elementwise, free_swelling, gel_in_groups, layer_diffusivity
 from ..mechanics import Problem, wetted_parts
 from .autodiff import INSIDE_JIT, traced_swell
-from .bath import Bath
+from .bath import Bath, time_in
 from .problem import transport
-from .run import Start, check_run, run
+from .run import Start, check_numbers, check_swelling, kinks_of, run
 
 DRIER = 3.0, 2.0, 1.0, 0.0  # kT below the start, by way of which a sweep comes to it if it must
 Baths = Scalar | Bath | Mapping[str | int, Scalar | Bath | None]
@@ -59,18 +59,23 @@ def swell(
     bath: Baths,
     times: Sequence[float] | Float[Array, " k"] | TimeSteps,
     *,
-    start: Scalar | State,
+    start: Scalar | State | Path,
     D: Scalar = 1.0,
+    unit: str = "",
     newton: Newton = NEWTON,
     observer: Observer = UNOBSERVED,
 ) -> Path:
     """`Path` of the states of a gel in a ``bath`` at the ``times``, the first one at time 0.
 
-    ``start`` is the chemical potential, kT, at which the gel is in equilibrium before, or a `State`, the last one of another run, say. Bath
-    and loads act from time 0 on. Solvent moves through the gel with the diffusivity ``D``, mm^2 per unit of time, see
-    ``materials.transport``; only ``D`` times the time counts. ``bath`` is a chemical potential, kT, or a `Bath`, of all that can be wetted:
-    holes and free edges. Or a mapping from the numbers of holes and the names of free edges to baths; what it leaves out, or gives as None,
-    is sealed. ``times`` are those of the states, and of the steps between them, or `TimeSteps`.
+    ``start`` is the chemical potential, kT, at which the gel is in equilibrium before, or a `State`,
+    the last one of another run, say; or the `Path` of the first states of this run, which is continued
+    with the states, to the last bit, that a run without interruption has. Bath and loads act from time
+    0 on. Solvent moves through the gel with the diffusivity ``D``, mm^2 per unit of time, see
+    ``materials.transport``; only ``D`` times the time counts. ``unit`` is the unit of time in figures
+    and files. ``bath`` is a chemical potential, kT, or a `Bath`, of all that can be wetted: holes and
+    free edges. Or a mapping from the numbers of holes and the names of free edges to baths; what it
+    leaves out, or gives as None, is sealed. ``times`` are those of the states, and of the steps between
+    them, or `TimeSteps`.
 
     The path has the times as ``t`` (k,), which are its ``value``, the mean chemical potential of the wetted boundary as ``mu`` (k,), that
     of the solvent in every volume group as ``potential`` (k, g), and ``supplied`` (k, b), the solvent that has come in through each wetted
@@ -94,34 +99,69 @@ def swell(
     ([0.0, 0.0001, 0.001, 0.01, 0.1], True)
     """
     check_kind("problem", problem, Problem, "a Problem, as Problem(model, gel, contact=False) makes it")
-    found = _baths(problem, bath)
-    inputs = jax.tree.leaves((problem, D, start, [(one.mu, one.times) for one in found.values()]))
+    baths = baths_of(problem, bath)
+    inputs = jax.tree.leaves((problem, D, start, [(one.mu, one.times) for one in baths.values()]))
     if is_traced([differentiated_value(leaf) for leaf in inputs]):
         raise ValueError(INSIDE_JIT)
-    parts, baths = tuple(found), list(found.values())
-    check_run(problem, baths, D)
-    kinks = sorted({kink for bath in baths for kink in bath.kinks})
-    spacing = float(problem.model.lists.topology.node_spacing.min())
-    numbers = times.values(spacing, float(differentiated_value(D)), kinks) if isinstance(times, TimeSteps) else times
-    numbers = check_values(numbers, "times", "time", rising=True).tolist()
+    check_swelling(problem)
+    problem = problem.replace(control=ChemicalPotential())
+    check_numbers(problem, baths.values(), D)
+    times = step_times(problem, baths, times, D).tolist()
+    made = transport(problem, tuple(baths), D)
+    options = tuple(baths.values()), times, time_in(baths, D, unit), newton, observer
+    if isinstance(start, Path):
+        return run(made, _first_states(start, times), *options).path
+    first = _start(problem, start, newton)
+    if is_traced(inputs, first):
+        return traced_swell(made, first, *options)
+    return run(made, first, *options).path
+
+
+def step_times(
+    problem: Problem, baths: Mapping[str | int, Bath], times: Sequence[float] | Float[Array, " k"] | TimeSteps, D: Scalar = 1.0
+) -> Float[np.ndarray, " k"]:
+    """The times (k,) of the states of `swell` after the first one; ValueError, one line, if they are not above 0 and rising."""
+    if isinstance(times, TimeSteps):
+        spacing = problem.model.lists.topology.node_spacing.min()
+        return times.values(float(spacing), float(differentiated_value(D)), kinks_of(baths.values()))
+    numbers = check_values(times, "times", "time", rising=True)
     if not numbers[0] > 0:
         raise ValueError(f"times: {numbers[0]:g} is not accepted, the first must be above 0, at which the start is")
-    first = _start(problem, start, newton, observer)
-    if is_traced((problem, D, first, [(bath.times, bath.mu) for bath in baths])):
-        return traced_swell(transport(problem, parts, D), baths, first, numbers, newton, observer)
-    problem = problem.prepared
-    with few_threads(2 * problem.model.n_nodes):
-        return run(transport(problem, parts, D), baths, first, numbers, newton, observer).path
+    return numbers
 
 
-def _start(problem, start, newton, observer):
+def resolved_time(problem: Problem, wetted: Iterable[str | int], mu: float, D: Scalar = 1.0) -> float:
+    """Time from which on the boundary layer is as thick as the cells at the ``wetted`` parts: h^2 / D_eff; nan if it is not known.
+
+    h is the largest node spacing there, D_eff the least diffusivity along a stretch of the gel that swells freely at ``mu``, kT. Until then
+    the uptake is that of a half-space, see `swell`.
+    """
+    lists, axial = problem.model.lists, problem.model.axial_stretch
+    nodes = np.concatenate([wetted_parts(lists)[part] for part in wetted])
+
+    def diffusivity(mu, gel):
+        stretch = free_swelling(mu, gel, axial)
+        return layer_diffusivity(stretch, stretch, gel, axial, D)
+
+    values = elementwise(diffusivity, jnp.asarray(mu, dtype=float), gel_in_groups(problem.gel))
+    return float(lists.topology.node_spacing[nodes].max() ** 2 / np.min(values))
+
+
+def _first_states(path, times):
+    """The states of a path to go on from; ValueError if they are not the first ones of a run with these times."""
+    if path.t is None or path.t[0] != 0 or not np.array_equal(path.t[1:], times[: len(path) - 1]):
+        raise ValueError("start: the path is not one of swell with these times; give its first states, or a State")
+    return [path[k] for k in range(len(path))]
+
+
+def _start(problem, start, newton):
     """The `Start` that is a state, or the equilibrium at a chemical potential, by way of drier ones if it is not found at once."""
     model = problem.model
     if not isinstance(start, State):
         try:
-            path = sweep(problem, [start], newton=newton, observer=observer)
+            path = sweep(problem, [start], newton=newton)
         except SweepFailed:
-            path = sweep(problem, [start - below for below in DRIER], newton=newton, observer=observer)
+            path = sweep(problem, [start - below for below in DRIER], newton=newton)
         if not path.stop.ok:
             raise ValueError(f"start: {differentiated_value(start):g} kT is not reached: {path.stop_text}")
         x, pressure, mu = (getattr(path, name)[-1] for name in ("x", "pressure", "mu"))
@@ -132,8 +172,8 @@ def _start(problem, start, newton, observer):
     return Start(x, pressure, (jnp if is_traced(mu) else np).broadcast_to(mu, model.carries.shape))
 
 
-def _baths(problem, bath):
-    """The `Bath` of each wetted part."""
+def baths_of(problem: Problem, bath: Baths) -> dict[str | int, Bath]:
+    """The `Bath` of each wetted part of the boundary, by its number or name; ValueError, one line, for a part that there is not."""
     parts = wetted_parts(problem.model.lists)
     given = dict.fromkeys(parts, bath) if not isinstance(bath, Mapping) else bath
     for name in given:

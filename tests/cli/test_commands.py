@@ -200,7 +200,7 @@ def test_another_pipe_that_breaks_is_reported(monkeypatch, capsys):
 def test_samples_lists_every_case(capsys):
     assert cli.main(["samples"]) == 0
     names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert names == [f"sample-{i}" for i in range(1, 10)] + ["lattice", "square"]
+    assert names == [*(f"sample-{i}" for i in range(1, 10)), "lattice", "square", "sample-1-bath", "two-sizes"]
 
 
 def test_help_and_version_are_exit_code_0(capsys):

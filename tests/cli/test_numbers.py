@@ -55,6 +55,21 @@ CASES = {f"hole {hole['kind']}": {"plate": PLATE, "holes": [hole]} for hole in H
         "gel": {"kind": "polyelectrolyte", "pH": 5.0, "salt": 0.01, "acid_fraction": 0.05, "pKa": 4.3, "solvent_volume": 0.1},
     },
     "driven": {"plate": PLATE, "sweep": {"control": "chi", "from": 0.1, "to": 0.2, "steps": 3, "back": True, "at_mu": -1.0}},
+    "in time": {
+        "plate": PLATE,
+        "holes": [HOLES[0] | {"bath": {"mu": -1.0, "ramp": 0.1}}],
+        "gel": {"chi": 0.1},
+        "sweep": {"mu_start": -4.0},
+        "time": {"end": 2.0, "steps_per_decade": 5, "first": 1e-3, "D": 1.0},
+        "bath": {"mu": -1.5, "ramp": 0.2},
+    },
+    "given times": {
+        "plate": PLATE,
+        "holes": HOLES[:1],
+        "gel": {"chi": 0.1},
+        "time": {"times": [0.5, 1.0]},
+        "bath": {"mu": [-2.0, -1.5], "times": [0.0, 1.0]},
+    },
     "given values": {"plate": PLATE, "sweep": {"control": "stretch", "values": [1.1, 1.0]}},
 }
 
@@ -119,7 +134,7 @@ def fault(monkeypatch, capsys, tmp_path):
     def stop(*_, **__):
         raise SweepFailed("sweep: reached")
 
-    for name in ("critical_points", "loop"):
+    for name in ("critical_points", "loop", "swell"):
         monkeypatch.setattr(f"jaxgel.cases.case.Case.{name}", stop)
     monkeypatch.setattr("jaxgel.cloud.checks.MAX_NODES", 2000)  # so that what is accepted is quick
     monkeypatch.setattr("jaxgel.bifurcation.imperfections.critical_points", stop)
@@ -177,8 +192,8 @@ def test_a_number_of_a_case_ends_in_a_result_or_one_line(name, whole, fault, tmp
         (tmp_path / "case.toml").write_text(toml(changed(CASES[name], path, given)))
         text, *_ = fault(
             ["run", "case.toml", "--no-plots", "--quiet"],
-            without_model=not whole and bool(OF_CLOUDS & {*path}),
-            same_model=path[0] in ("gel", "loads", "sweep"),
+            without_model=not whole and bool(OF_CLOUDS & {*path}) and "bath" not in path,
+            same_model=path[0] in ("gel", "loads", "sweep", "time", "bath") or "bath" in path,
         )
         faults += [f"{'.'.join(map(str, path))} = {given}: {text}"] * bool(text)
     assert not faults, "\n".join(faults)

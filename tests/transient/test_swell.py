@@ -196,3 +196,30 @@ def test_what_time_does_not_cover_is_refused_in_one_line(coarse):
         jaxgel.continuation.lowest_eigenvalue(rested)
     with pytest.raises(ValueError, match=r"^D: 0"):
         jaxgel.swell(problem, -0.5, [1.0], start=-0.6, D=0.0)
+
+
+@pytest.mark.parametrize("kept", [1, 3, 4])
+def test_a_path_that_was_interrupted_goes_on_to_the_same_bits(kept, coarse):
+    """After its first state, and before and after a kink of the bath between two of its times."""
+    problem, bath, times = jaxgel.Problem(coarse, GOOD, contact=False), jaxgel.Bath([-1.0, -0.4], times=[0.0, 0.04]), [0.01, 0.03, 0.1, 0.3]
+    path = jaxgel.swell(problem, bath, times, start=-1.0, unit="h")
+    on = jaxgel.swell(path.problem, bath, times, start=path[:kept], unit="h")
+    assert path.control.unit == on.control.unit == "h" and len(on) == 5
+    for name in ("x", "pressure", "potential", "supplied", "value", "mu", "newton_iterations", "residual", "energy", "negative_pivots"):
+        np.testing.assert_array_equal(getattr(on, name), getattr(path, name), err_msg=name)
+    with pytest.raises(ValueError, match=r"^start: the path is not one of swell with these times"):
+        jaxgel.swell(problem, bath, [0.02, 0.03], start=path[:3])
+
+
+def test_a_step_ends_at_its_time_whatever_round_off_says(coarse):
+    """Of these times a + (b - a) is below b; a further step over the difference would have nothing to go by."""
+    a, b = next((a, 4.7 * a) for a in np.geomspace(1e-5, 1e-4, 50) if a + (4.7 * a - a) < 4.7 * a)
+    path = jaxgel.swell(jaxgel.Problem(coarse, GOOD, contact=False), -0.5, [a, b, 3 * b], start=-0.6)
+    assert path.stop.ok and path.t.tolist() == [0.0, a, b, 3 * b]
+
+
+def test_steps_between_two_times_are_finite_in_number(coarse, monkeypatch):
+    """At a time far beyond equilibrium the balance of the solvent is below round-off; the path ends and says so."""
+    monkeypatch.setattr("jaxgel.transient.march.MAX_STEPS", 5)
+    path = jaxgel.swell(jaxgel.Problem(coarse, GOOD, contact=False), -0.5, [1.0, 1e12], start=-0.6)
+    assert path.stop is jaxgel.Status.NOT_CONVERGED and path.t.tolist() == [0.0, 1.0] and "solvent" in path.stop_text
