@@ -51,6 +51,7 @@ from .problem import Transport
 from .tangent import FlowMatrices, Rates, Tangent, factorised
 
 BALANCE = 1e-12  # largest error of the balance of the solvent, over the solvent in the gel
+ROUND_OFF = 1e-13  # correction of mu, over its size, after which the balance is as good as it gets: of a long stage less than BALANCE
 GMRES = 1e-3  # of the right-hand side, left by the iterations of one correction
 SLOW = 1e-3  # a correction that leaves more than this of the error makes a new factor worth its cost
 
@@ -89,7 +90,7 @@ class Stage:
 def solve_stage(transport: Transport, start: Stage, old: Float[Array, " g"], tau: float, bath: Bath, *, newton: Newton = NEWTON) -> Stage:
     """The `Stage` of length ``tau`` from the volume ratios ``old`` (g,), with the ``bath`` at its end, from the iterate ``start``."""
     x, p, m, made, before, iterations = start.x, start.pressure, start.m, None, np.inf, 0
-    f = len(transport.problem.free)
+    f, moved = len(transport.problem.free), np.inf
     while True:
         acting = acting_problem(transport, m)
         now = linearise(acting, x, p, acting_potential(transport, m))
@@ -97,7 +98,7 @@ def solve_stage(transport: Transport, start: Stage, old: Float[Array, " g"], tau
         missing, J, inflow = map(np.asarray, (missing, J, inflow))
         residual, violation = float(now.residual_norm), float(now.violation)
         balance = float(np.abs(missing).max() / solvent_in(transport, J))
-        error = max(residual / newton.tolerance, violation / newton.constraint_tolerance, balance / BALANCE)
+        error = max(residual / newton.tolerance, violation / newton.constraint_tolerance, (balance / BALANCE) * (moved > ROUND_OFF))
         status = of_iterate(error, error < 1, iterations >= newton.max_iterations)
         found = Stage(x, p, m, J, Status.NOT_CONVERGED if status is None else status, iterations, residual, balance, inflow, now)
         if status is not None:
@@ -113,7 +114,7 @@ def solve_stage(transport: Transport, start: Stage, old: Float[Array, " g"], tau
         dm = np.zeros(len(m))
         dm[transport.saddle.groups] = change[f:]
         x, p, m = _stepped(transport, x, p, m, change[:f], dm, now, at)
-        before, iterations = error, iterations + 1
+        before, iterations, moved = error, iterations + 1, np.abs(dm).max() / (1 + np.abs(np.asarray(m)).max())
 
 
 def acting_potential(transport: Transport, m: Float[Array, " g"]) -> Float[np.ndarray, " g"]:
