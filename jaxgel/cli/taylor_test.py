@@ -28,6 +28,7 @@ STEPS = {"angle": 2e-5, "cos": 2e-5, "sin": 2e-5, "exponent": 1e-4, "mu": 0.01, 
 STEPS |= {"temperature": 0.1, "pH": 0.02, "pKa": 0.02}
 LENGTH = 1e-4  # first step of lengths over the node spacing
 SHARE = 0.05  # first step of other parameters over their value
+OF_GAP = 0.01  # first step of a bath's times over the distance to the next time of the run
 OBJECTIVES = {
     "rotation": lambda path: rotation_angle(path)[-1],
     "core rotation": lambda path: core_rotation(path)[-1],
@@ -158,7 +159,7 @@ class _Swelling:
         instants = np.unique([0.0, *self.times, *self.kinks])
         gaps = [np.abs(instants[instants != kink] - kink).min() for kink in self.kinks]
         self.numbers = {"D": case.time.D, "mu_start": self.start, "bath mu": np.array(self.mu), "bath times": np.array(self.kinks)}
-        self.sizes = {"bath mu": np.minimum(STEPS["mu"], SHARE * np.abs(self.mu)), "bath times": SHARE * np.array(gaps)}
+        self.sizes = {"bath mu": np.minimum(STEPS["mu"], SHARE * np.abs(self.mu)), "bath times": OF_GAP * np.array(gaps)}
         self.advice = "choose a larger --states"
 
     def path(self, problem, point):
