@@ -116,7 +116,7 @@ def _case_commands(add):
 
     p = _case_options(add("runs.check_grad", "check-grad", "Taylor test of a case's gradients"), "out/CASE")
     _control_options(p)
-    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of the control (default: 4)")
+    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of the control, or of times (default: 4)")
     _branch_option(p)
 
 

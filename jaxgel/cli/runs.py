@@ -192,7 +192,7 @@ def check_grad(args: Namespace) -> int:
     """``jaxgel check-grad``: Taylor test of a case's gradients, as a table."""
     from .taylor_test import OBJECTIVES, check_gradient
 
-    case = equilibrium_case(args, "check-grad")
+    case = load_case(args.case, changes(args))
     folder = open_folder(args.out or File("out") / case.name)
     try:
         rows = check_gradient(case, states=args.states, quiet=args.quiet)

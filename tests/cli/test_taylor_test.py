@@ -2,16 +2,18 @@
 
 import csv
 import dataclasses
+import tomllib
 
 import jax
 import numpy as np
 import pytest
+from studies import TINY
 
 import jaxgel
 from jaxgel.cases import case_text, from_table
 from jaxgel.cli import command_line as cli
 from jaxgel.cli import taylor_test as module
-from jaxgel.cli.taylor_test import OBJECTIVES, RATE, check_gradient, differentiable
+from jaxgel.cli.taylor_test import OBJECTIVES, RATE, STATES, check_gradient, differentiable
 
 HOLE = dict(kind="ellipse", centre=[0.3, -0.2], semi_axes=[2.4, 1.6], angle=0.4)
 TABLE = dict(
@@ -65,6 +67,44 @@ def test_the_values_and_the_parameters_of_a_control_are_families(sweep, families
     assert all(row.ok for row in rows)
     assert {row.family for row in rows} == {"centre", "semi_axes", "angle"} | families
     assert min(row.rate for row in rows if row.family in families) > RATE
+
+
+@pytest.mark.slow
+def test_gradients_of_swelling_in_time_have_families_of_their_own():
+    """D, the start, and mu and times of the baths, of which one ramps from the start; a bath at rest has no times."""
+    ramp = {"bath": {"mu": -1.0, "ramp": 0.15}}
+    table = tomllib.loads(TINY) | {"gel": {"Nv": 1e-2, "chi": 0.1}, "sweep": {"mu_start": -4.0}, "bath": {"mu": -1.5}}
+    table |= {"holes": [hole | ramp for hole in table["holes"]], "time": {"times": [0.01, 0.15, 0.3]}}
+    rows = check_gradient(from_table(table, "bath"))
+    assert all(row.ok for row in rows) and min(row.rate for row in rows) > RATE
+    families = {"centre", "radius", "Nv", "chi", "D", "mu_start", "bath mu"}
+    assert {row.family for row in rows} == families | {"bath times"}
+    np.testing.assert_allclose([row.difference for row in rows], [row.slope for row in rows], rtol=1e-3)
+
+
+def test_the_states_of_a_check_are_among_the_times_of_the_case():
+    """The last one is the case's last; a bath at rest has no kinks."""
+    table = tomllib.loads(TINY) | {"gel": {"chi": 0.1}, "sweep": {"mu_start": -4.0}, "bath": {"mu": -1.5}}
+    case = from_table(table | {"time": {"end": 10.0}}, "bath")
+    model = case.model()
+    drive, times = module._Swelling(case, model, None), case.times(case.problem(model))
+    assert len(drive.times) == STATES and {*drive.times} < {*times} and drive.times[-1] == 10.0
+    assert module._Swelling(case, model, 1000).times == times
+    assert module._Swelling(case, model, 1).times == [10.0]
+    assert not drive.kinks and drive.mu == [-1.5]
+
+
+def test_a_ramp_moves_with_its_start_and_a_time_with_its_kink():
+    """Of the plate in time, whose bath ramps from mu_start; the other time stays."""
+    table = tomllib.loads(TINY) | {"gel": {"chi": 0.1}, "sweep": {"mu_start": -4.0}, "bath": {"mu": -1.5, "ramp": 0.1}}
+    case = from_table(table | {"time": {"times": [0.1, 0.2]}}, "bath")
+    model = case.model()
+    drive, problem = module._Swelling(case, model, None), case.problem(model)
+    assert (drive.mu, drive.kinks) == ([-1.5], [0.1])
+    np.testing.assert_allclose(drive.sizes["bath times"], 1e-3)
+    path = drive.path(problem, drive.numbers | {"mu_start": -3.0, "bath times": np.array([0.11])})
+    assert path.t.tolist() == [0.0, 0.11, 0.2] and path.mu.tolist() == [-3.0, -1.5, -1.5]
+    assert np.isfinite(module._Swelling.beside(drive, path, problem, drive.numbers).x).all()
 
 
 def test_an_objective_without_a_value_is_left_out(rows):

@@ -189,7 +189,7 @@ def test_commands_on_equilibria_refuse_a_case_in_time_in_one_line(run, tmp_path,
     case = str(run.parent / "tiny.toml")
     for name, text in (("design", STUDY), ("map", MAP)):
         (tmp_path / f"{name}.toml").write_text(f'case = "{case}"\n' + text)
-    for command in ("critical", "loop", "waves", "check-grad", "design", "map"):
+    for command in ("critical", "loop", "waves", "design", "map"):
         given = str(tmp_path / f"{command}.toml") if command in ("design", "map") else case
         assert cli.main([command, given, "--out", str(tmp_path / "out")]) == 2, command
         assert re.fullmatch(rf"jaxgel: error: time: is not accepted by jaxgel {command}, [^\n]*\n", capsys.readouterr().err), command

@@ -11,7 +11,7 @@ FILES = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 
 
 def test_there_are_notebooks():
-    assert [file.name[:2] for file in FILES] == ["01", "02", "03", "04", "05", "06", "07", "08"]
+    assert [file.name[:2] for file in FILES] == ["01", "02", "03", "04", "05", "06", "07", "08", "09"]
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
