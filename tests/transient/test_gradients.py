@@ -87,6 +87,7 @@ def test_the_derivative_by_each_family_is_a_difference_quotient(quantity, number
     assert abs(change[1]) < 1e-9 or np.log2(abs(change[0] / change[1])) > 1.95
 
 
+@pytest.mark.slow
 def test_a_run_that_starts_from_the_end_of_another_has_the_derivative_of_both(quantity):
     """By the bath of the first one, through the state between them."""
     model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(0.4, 1.0, edges={"top": "free"}), spacing=0.2))

@@ -48,7 +48,7 @@ def uptake(problem, start, bath, times):
     return path, (amounts - amounts[0]) / (end - amounts[0])
 
 
-@pytest.mark.parametrize("name", ["swelling", "drying"])
+@pytest.mark.parametrize("name", ["swelling", pytest.param("drying", marks=pytest.mark.slow)])
 def test_the_uptake_of_a_film_is_that_of_finite_volumes(name, coarse):
     """From 0.1 on, when the layer is as thick as four squares; in a film that dries as thick as one to two."""
     gel, start, bath, expected = FILMS[name]
@@ -77,7 +77,7 @@ def test_the_uptake_converges_with_the_spacing(name):
     assert errors[1][3:].max() < min(errors[0][3:].max(), 2e-3)
 
 
-@pytest.mark.parametrize("axial", [None, 1.3])
+@pytest.mark.parametrize("axial", [pytest.param(None, marks=pytest.mark.slow), 1.3])
 def test_a_small_jump_is_linear_diffusion(axial):
     """U = 1 - sum 8 / ((2j + 1)^2 pi^2) exp(-(2j + 1)^2 pi^2 D_eff t / 4), also at a given axial stretch; time counts times D alone."""
     options = {} if axial is None else {"kinematics": "generalised plane strain", "axial_stretch": axial}
