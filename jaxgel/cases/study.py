@@ -56,7 +56,7 @@ from ..design import (
     weighted_sum,
 )
 from ..io import DrawingIncomplete, read_outlines
-from ..observables import CURVES, free_edge_misfit
+from ..observables import CURVES, OF_EQUILIBRIA, free_edge_misfit
 from .case import Case
 from .parameters import (
     FIELD,
@@ -234,8 +234,8 @@ def _term(where, entry, mu, control, switches):
 
 
 def _check_place(where, entry, case):
-    """ValueError, one line, for an entry of the objective or the constraints that does not have what says where in the sweep, or in time, it
-    counts, or has what does not go with that.
+    """ValueError, one line, for an entry of the objective or the constraints whose place in the sweep
+    or in time is missing, or is not accepted.
     """
     of, needed = entry["of"], bool(entry.keys() & {"goal", "target", "outline"})
     if case.time is None:
@@ -245,7 +245,7 @@ def _check_place(where, entry, case):
         if needed and of not in SWITCHES and "at" not in entry:
             raise ValueError(f"{where}: at is missing; give the value of the sweep at which the quantity counts")
         return
-    if of in SWITCHES:
+    if of in SWITCHES or of in OF_EQUILIBRIA:
         raise ValueError(f"{where}.of: {of!r} is for equilibria, it does not go with [time]; remove [time] and [bath]")
     foreign = next((key for key in ("at", "curve", "line", "from", "to") if key in entry), None)
     if foreign is not None:

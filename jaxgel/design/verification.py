@@ -12,7 +12,7 @@ from .._types import Array, Float
 from ..cloud import Cloud
 from ..continuation import Path
 from ..equilibrium import StateNotFound
-from ..observables import CURVES, min_gap, surface_ratio
+from ..observables import CURVES, OF_EQUILIBRIA, is_in_time, min_gap, surface_ratio
 from .lagrangian import Invalid
 from .problem import DesignProblem
 from .search import check_path, check_reported
@@ -43,7 +43,8 @@ def verify(
     except (Invalid, StateNotFound) as invalid:
         reason = str(invalid)
     end = path[-1:]
-    last = {name: quantity(end)[0] for name, quantity in CURVES.items()}
+    missing = OF_EQUILIBRIA if is_in_time(path) else ()
+    last = {name: np.nan if name in missing else quantity(end)[0] for name, quantity in CURVES.items()}
     dry = plate, path.model.cloud, problem.gel_at(parameters)
     without = {c.name: float(np.min(c.without_sweep(*dry))) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(
