@@ -1,6 +1,6 @@
 """Prescribed time: a plate in a bath whose core turns by 15 degrees at t = 0.5, an inverse problem of transient swelling.
 
-Problem: semi-axes, centre and tilt of one ellipse, the others being its quarter turns; ligaments of at least 1 mm, no self-contact.
+Problem: semi-axes, centre and tilt of one ellipse, the others being its quarter turns; ligaments of at least 0.8 mm, no self-contact.
 Start: sample 1 of Deng et al. (2020), https://doi.org/10.1016/j.enganabound.2019.12.004, whose core turns more slowly.
 """
 

@@ -158,7 +158,10 @@ REFUSED = [
         "constraints[0].at_time: does not go with 'hole_area'; remove it",
     ),
     (("[verification]", "[verification]\nmu = [-1.0]"), "verification.mu: does not go with [time]"),
-    (("[time]\nend = 0.5\nfirst = 0.05\nsteps_per_decade = 4\n[bath]\nmu = -1.5\n", ""), "objective[0].at_time: goes with swelling in time"),
+    (
+        ("[time]\nend = 0.5\nfirst = 0.05\nsteps_per_decade = 4\n[bath]\nmu = -1.5\n", ""),
+        "objective[0].at_time: goes with swelling in time",
+    ),
 ]
 
 
