@@ -77,7 +77,8 @@ def study_case(table: dict, name: str, sections: dict) -> Case:
     check(table, tabled({"case": TEXT} | {key: {} for key in SECTIONS} | sections, required), "study")
     changes = {key: value for key, value in table.items() if key in SECTIONS}
     case = load_case(table["case"], changes) if "case" in table else from_table(changes, name)
-    case.check_equilibrium("map" if "map" in sections else "design")
+    if "map" in sections:
+        case.check_equilibrium("map")
     return case
 
 

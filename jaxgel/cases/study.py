@@ -20,6 +20,9 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
 A study takes all of its case, loads and moved edges too, but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu
 a list. Under another control ``at``, ``from``, ``to`` and ``mu`` are its values, which must all be different. Nodal loads follow the cloud.
+If the case swells in time, entries have ``at_time`` = t in place of ``at``, or ``time_to`` = value: then the time at which ``of`` first
+reaches that value has the goal or target, or is above or below a limit. A design that does not reach it is not valid. The verification is
+on a fresh cloud with half the time steps.
 The switches are of the gel driven from the first value of the sweep to the last and back: its folds, the width of its loop and the first
 critical point in the control's unit, and the barrier (kT/v mm^2) that keeps it in its state on the way up at a value between these ends.
 """
@@ -47,12 +50,13 @@ from ..design import (
     bound,
     misfit,
     optimise,
+    time_of,
     value_at,
     verify,
     weighted_sum,
 )
 from ..io import DrawingIncomplete, read_outlines
-from ..observables import CURVES, free_edge_misfit
+from ..observables import CURVES, OF_EQUILIBRIA, free_edge_misfit
 from .case import Case
 from .parameters import (
     FIELD,
@@ -70,9 +74,10 @@ from .parameters import (
     study_table,
 )
 
+IN_TIME = ("at_time", "time_to")
 AIMS, LIMITS = ("goal", "target", "curve", "line", "outline"), ("above", "below", "within")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
-AT = NUMBER | {"$comment": "give the value of the sweep at which the quantity counts"}
+TIME = NUMBER | {"minimum": 0.0}
 SHARE = NUMBER | {"exclusiveMinimum": 0.0, "maximum": 1.0}
 FREE_EDGE = "free_edge"  # what an outline is given for
 BARRIER = "barrier"  # the switch at a value of its own
@@ -83,12 +88,15 @@ OBJECTIVE = {
     "curve": listed(NUMBER),
     "line": tabled({"slope": NUMBER, "mu0": NUMBER}, ["slope", "mu0"]),
     "outline": {"type": ["array", "string"], "if": {"type": "array"}, "then": listed(PAIR, 2)},
-    "at": AT,
+    "at": NUMBER,
+    "at_time": TIME,
+    "time_to": NUMBER,
     "weight": POSITIVE,
     "from": NUMBER,
     "to": NUMBER,
 }
-CONSTRAINT = {"of": word([*CURVES, *DRY, *OF_GEL, *SWITCHES]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": AT}
+CONSTRAINT = {"of": word([*CURVES, *DRY, *OF_GEL, *SWITCHES]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": NUMBER}
+CONSTRAINT |= {"at_time": TIME, "time_to": NUMBER}
 SEARCH = {
     "method": word(METHODS),
     "evaluations": whole(1),
@@ -97,9 +105,6 @@ SEARCH = {
     "starts": whole(1, 999),
     "seed": whole(0, None),
 }
-SWITCH = {"if": {"properties": {"of": {"enum": list(SWITCHES)}}, "required": ["of"]}}
-NEEDS = {"dependentRequired": {"goal": ["at"], "target": ["at"], "outline": ["at"]}, "properties": OBJECTIVE}
-JUDGED = tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS) | SWITCH | {"else": NEEDS}
 VARIED = {
     "type": "object",
     "if": {"properties": {"of": {"enum": list(FIELDS)}}, "required": ["of"]},
@@ -108,7 +113,7 @@ VARIED = {
 }
 SECTIONS = {
     "parameters": listed(VARIED, least=1),
-    "objective": listed(JUDGED, least=1),
+    "objective": listed(tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS), least=1),
     "constraints": listed(tabled(CONSTRAINT, ["of"]) | exactly_one(LIMITS)),
     "search": tabled(SEARCH) | {"dependentRequired": {"seed": ["starts"]}},
     "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1)}),
@@ -135,8 +140,8 @@ class Study:
     verification: dict
     """Options of `verify`: spacing, mu."""
     aim: dict
-    """First entry of the objective for the figure, with ``values`` (k,), its target at every mu, and ``targets``, those of switches, by
-    name; nan where there is none."""
+    """First entry of the objective for the figure, with ``values`` (k,), its targets at ``control`` (k,), values of mu or times, and
+    ``targets``, those of switches and times, by name; nan if there is no target."""
     fields: dict[str, tuple[str, DesignField]]
     """Parameters that are fields: name -> Nv or chi, and how its pixels follow."""
     table: dict
@@ -167,7 +172,10 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
     parameters = all_different([_parameter(i, entry, case) for i, entry in enumerate(table["parameters"])])
     table = table | {"objective": [_with_points(f"objective[{i}]", entry) for i, entry in enumerate(table["objective"])]}
     judged = [(f"{key}[{i}]", entry) for key in ("objective", "constraints") for i, entry in enumerate(table.get(key, []))]
+    for where, entry in judged:
+        _check_place(where, entry, case)
     switches = {where: _switch(where, entry, case) for where, entry in judged if entry["of"] in SWITCHES}
+    switches |= {where: _time_to(entry) for where, entry in judged if "time_to" in entry}
     terms = [_term(f"objective[{i}]", entry, mu, case.sweep.control, switches) for i, entry in enumerate(table["objective"])]
     alone = len(terms) == 1 and terms[0][0] < 0
     problem = DesignProblem(
@@ -185,6 +193,8 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
         options=case.discretisation,
         sweep=case.sweep,
         loads=case.loads,
+        time=case.time,
+        baths={} if case.time is None else case.baths(),
     )
     fields = {p["name"]: (p["of"], p["field"]) for p in parameters if "field" in p}
     method = "slsqp" if len(problem.vector) <= MOST_DENSE else "lbfgs"
@@ -213,13 +223,48 @@ def _term(where, entry, mu, control, switches):
     """(weight, function of the path) of an entry of the objective, to be minimised; a negative weight maximises."""
     weight = float(entry.get("weight", 1.0))
     if "outline" in entry:
-        return weight, value_at(functools.partial(free_edge_misfit, outline=np.array(entry["outline"], dtype=float)), _at(where, entry, mu))
+        misfit_of_edges = functools.partial(free_edge_misfit, outline=np.array(entry["outline"], dtype=float))
+        return weight, value_at(misfit_of_edges, _at(where, entry, mu))
     if "curve" in entry or "line" in entry:
         return weight, misfit(CURVES[entry["of"]], mu, _aim(entry, mu, control, where)["values"])
     value = switches[where][1] if where in switches else value_at(CURVES[entry["of"]], _at(where, entry, mu))
     if "target" in entry:
         return weight, lambda path: (value(path) - entry["target"]) ** 2
     return (-weight if entry["goal"] == "maximise" else weight), value
+
+
+def _check_place(where, entry, case):
+    """ValueError, one line, for an entry of the objective or the constraints whose place in the sweep
+    or in time is missing, or is not accepted.
+    """
+    of, needed = entry["of"], bool(entry.keys() & {"goal", "target", "outline"})
+    if case.time is None:
+        foreign = next((key for key in IN_TIME if key in entry), None)
+        if foreign is not None:
+            raise ValueError(f"{where}.{foreign}: goes with swelling in time; add [time] and [bath], or give at")
+        if needed and of not in SWITCHES and "at" not in entry:
+            raise ValueError(f"{where}: at is missing; give the value of the sweep at which the quantity counts")
+        return
+    if of in SWITCHES or of in OF_EQUILIBRIA:
+        raise ValueError(f"{where}.of: {of!r} is for equilibria, it does not go with [time]; remove [time] and [bath]")
+    foreign = next((key for key in ("at", "curve", "line", "from", "to") if key in entry), None)
+    if foreign is not None:
+        raise ValueError(f"{where}.{foreign}: does not go with [time]; give {' or '.join(IN_TIME)}")
+    given = [key for key in IN_TIME if key in entry]
+    if len(given) == 2:
+        raise ValueError(f"{where}: give one of at_time and time_to, not both")
+    if needed and not given:
+        raise ValueError(f"{where}: at_time is missing; give the time at which the quantity counts, or time_to, the value to reach")
+    if given and of not in CURVES and (of != FREE_EDGE or given == ["time_to"]):
+        raise ValueError(f"{where}.{given[0]}: does not go with {of!r}; remove it")
+    if entry.get("at_time", 0.0) > case.time.last:
+        raise ValueError(f"{where}.at_time: {entry['at_time']:g} is not in the run, 0 ... {case.time.last:g}")
+
+
+def _time_to(entry):
+    """(name, function of the path) of an entry whose number is the time at which its quantity reaches a value."""
+    of, value = entry["of"], float(entry["time_to"])
+    return f"time to {of} = {value:g}", time_of(CURVES[of], value, of)
 
 
 def _switch(where, entry, case):
@@ -257,7 +302,9 @@ def _with_points(where, entry):
 
 
 def _at(where, entry, mu):
-    """The value of the control of an entry, which must be one of the sweep's."""
+    """The value of the control of an entry, which must be one of the sweep's; in time the time."""
+    if "at_time" in entry:
+        return float(entry["at_time"])
     at = float(entry["at"])
     if min(abs(at - m) for m in mu) > 1e-9:
         raise ValueError(f"{where}.at: {at:g} is not one of the sweep's values ({', '.join(f'{m:g}' for m in mu)})")
@@ -265,7 +312,11 @@ def _at(where, entry, mu):
 
 
 def _aim(entry, mu, control, where="objective[0]"):
-    """The entry with its target at every value ``mu`` of the ``control``, nan where there is none."""
+    """The entry with its target at every value ``mu`` of the ``control``, nan if it has none; in time at that of the target."""
+    if entry.keys() & IN_TIME:
+        target = entry.get("target", np.nan)
+        point = (entry["at_time"], target) if "at_time" in entry else (target, entry["time_to"])
+        return dict(entry, control=np.array(point[:1]), values=np.array(point[1:]))
     at = np.array(mu)
     values = np.full(len(mu), np.nan)
     if "line" in entry:
@@ -281,7 +332,7 @@ def _aim(entry, mu, control, where="objective[0]"):
         values = np.where((at >= low - 1e-9) & (at <= high + 1e-9), values, np.nan)
         if ("line" in entry or "curve" in entry) and not np.any(np.isfinite(values)):
             raise ValueError(f"{where}.from, to: no {control} of the sweep lies in {low:g} ... {high:g}")
-    return dict(entry, values=values)
+    return dict(entry, control=at, values=values)
 
 
 def _constraint(where, entry, sweep, switches):
@@ -289,12 +340,14 @@ def _constraint(where, entry, sweep, switches):
     if where in switches:
         name, function = switches[where]
         return bound(name, of=function, **limits)
-    at = _at(where, entry, sweep.values) if "at" in entry else None
-    return bound(entry["of"], at=at, control=sweep.control, **limits)
+    at = _at(where, entry, sweep.values) if entry.keys() & {"at", "at_time"} else None
+    return bound(entry["of"], at=at, control="t" if "at_time" in entry else sweep.control, **limits)
 
 
 def _verification(table, case):
     """Options of `verify`; by default half the search's spacing."""
     own, plate = table.get("verification", {}), case.plate
+    if "mu" in own and case.time is not None:
+        raise ValueError("verification.mu: does not go with [time]; the verification has half the time steps")
     spacing = case.discretisation.spacing or plate.spacing or min(plate.width, plate.height) / 40
     return dict(spacing=float(own.get("spacing", spacing / 2)), mu=own.get("mu"))

@@ -49,7 +49,8 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
         )
     for name in ("start", "best"):
         v = verified[name]
-        say(f"{name} on a fresh cloud of {v['nodes']} nodes: objective {v['value']:.6g}; {v['reason']}")
+        value = "none" if v["value"] is None else f"{v['value']:.6g}"
+        say(f"{name} on a fresh cloud of {v['nodes']} nodes: objective {value}; {v['reason']}")
     for name, value in found.reported.items():
         own = {key: verified[key]["reported"][name] for key in ("start", "best")}
         start, best = ("none" if number is None else f"{number:.6g}" for number in own.values())

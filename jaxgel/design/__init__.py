@@ -1,6 +1,6 @@
 """Inverse design: parameters, objectives and constraints of a swollen path, searched with exact gradients and verified."""
 
-from .criteria import DRY, OF_GEL, Constraint, bound, misfit, porosity, value_at, weighted_sum
+from .criteria import DRY, OF_GEL, Constraint, bound, misfit, porosity, time_of, value_at, weighted_sum
 from .lagrangian import Invalid
 from .optimisation import Design, Outcome, optimise
 from .optimisers import METHODS, MOST_DENSE
@@ -37,6 +37,7 @@ __all__ = [
     "optimise",
     "porosity",
     "read_log",
+    "time_of",
     "value_at",
     "verify",
     "weighted_sum",

@@ -14,14 +14,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._compiled import compiled
+from .._primitives import differentiated_value
 from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import Inadmissible
 from ..cloud import Cloud
 from ..continuation import Path
+from ..equilibrium import StateNotFound
 from ..geometry import Plate, arcs, edge_lines, frame_of, image_offsets, outline_points, periods, reference_plate
 from ..materials import AnyGel, WithHoles, matrix_of
-from ..observables import CURVES
+from ..observables import CURVES, at_time, is_in_time, time_to
 
 LIGAMENT_SAMPLES = 128  # points per outline among which the nearest pair is looked for
 ROUND_OFF = 1e-9  # of the control's values: beyond it a value lies outside the path
@@ -31,10 +33,32 @@ NEWTON_STEPS = 4  # from there to the nearest points themselves
 def value_at(quantity: Callable[[Path], Float[Array, " k"]], mu: float) -> Callable[[Path], Float[Array, ""]]:
     """Function of a path: ``quantity(path)`` (k,), such as ``rotation_angle``, at one ``mu``, linear between the states of the path.
 
-    Under another control than the chemical potential ``mu`` is a value of that; all states then have different values. Beyond the ends
-    of the path there is no value: ValueError, or nan for a path that stopped before.
+    Under another control than the chemical potential ``mu`` is a value of that; all states then have different values. In time it is
+    a time, between states by `at_time`. Beyond the ends of the path there is no value: ValueError, or nan for a path that stopped before.
     """
     return lambda path: _read(path, quantity, mu)
+
+
+def time_of(quantity: Callable[[Path], Float[Array, " k"]], value: float, name: str = "the quantity") -> Callable[[Path], Float[Array, ""]]:
+    """Function of a path in time: the time at which ``quantity(path)`` (k,) first reaches a ``value``.
+
+    A design whose quantity, of that ``name`` in messages, does not reach it is invalid:
+    StateNotFound; nan for a path that stopped before its last time.
+    """
+
+    def first(path):
+        if not path.stop.ok:
+            return jnp.asarray(jnp.nan)
+        values = quantity(path)
+        numbers = np.asarray(differentiated_value(values))
+        if not numbers.min() <= value <= numbers.max():
+            raise StateNotFound(
+                f"{name} does not reach {value:g} until t = {float(path.value[-1]):g}, "
+                f"its values are {numbers.min():.4g} ... {numbers.max():.4g}"
+            )
+        return time_to(path, values, value)
+
+    return first
 
 
 def misfit(
@@ -48,6 +72,8 @@ def misfit(
 
 def _read(path, quantity, at):
     """The quantity at values of the path's control, which may fall, linear between its states; beyond a path that stopped nan."""
+    if is_in_time(path):
+        return at_time(path, quantity, at) if path.stop.ok else jnp.full(np.shape(at), jnp.nan)
     values = jnp.asarray(path.value)
     order = jnp.argsort(values)
     low, high = (jax.lax.stop_gradient(values)[order[end]] for end in (0, -1))

@@ -17,6 +17,7 @@ from ..discretisation import DiscretisationOptions
 from ..geometry import Plate, check_plate
 from ..materials import AnyGel, check_gel
 from ..mechanics import Loads
+from ..transient import Bath, TimeOptions, TimeSteps, swell
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,7 +36,10 @@ class DesignProblem:
     gel: AnyGel | Callable[[dict], AnyGel]
     """The `Gel` or `Composite`, or a function of the parameters that gives it."""
     mu: Sequence[float]
-    """(k,) increasing chemical potentials of the sweep, kT; with another control in ``sweep`` its values, all different."""
+    """(k,) increasing chemical potentials of the sweep, kT; with another control in ``sweep`` its values, all different.
+
+    Of a gel that swells in time one, that of its equilibrium at time 0.
+    """
     objective: Callable
     """Function of the path that gives a number, see `objectives`."""
     maximise: bool = False
@@ -48,6 +52,10 @@ class DesignProblem:
     """Control, branch and contact of the sweeps; ``mu`` takes the place of their values."""
     loads: Loads = dataclasses.field(default_factory=Loads)
     """Body force and tractions."""
+    time: TimeOptions | None = None
+    """Times of a gel that swells in time, and its diffusivity; None for a sweep."""
+    baths: Mapping[str | int, Bath] = dataclasses.field(default_factory=dict)
+    """In time, the bath of each wetted hole, by its number, and free edge, by its name."""
     reported: Mapping[str, Callable] = dataclasses.field(default_factory=dict)
     """Name -> function of the path: numbers beside the objective that a search logs and a verification gives."""
     allow_unstable: bool = False
@@ -60,6 +68,8 @@ class DesignProblem:
             if value in self.mu[:k]:
                 raise ValueError(f"{control}: {value:g} is there twice, the values of a design must differ, as quantities count at them")
         object.__setattr__(self, "sweep", self.sweep.at(self.mu))
+        if self.time is not None and len(self.mu) != 1:
+            raise ValueError(f"{control}: {len(self.mu)} values do not go with time; give one, that of the equilibrium at time 0")
         if self.sweep.imperfection:
             raise ValueError(
                 f"sweep.imperfection: {self.sweep.imperfection:g} is not accepted in a design, as its load along a mode has no derivative; "
@@ -108,11 +118,26 @@ class DesignProblem:
         options = self.options if spacing is None else self.options.at_spacing(spacing)
         return options.cloud(dataclasses.replace(plate, reference=None))
 
-    def path(self, parameters: dict, cloud: Cloud, mu: Sequence[float] | None = None) -> Path:
-        """The swollen path of a dict of parameters on a cloud placed at them; both may be traced."""
+    def path(self, parameters: dict, cloud: Cloud, values: Sequence[float] | TimeSteps | None = None) -> Path:
+        """The swollen path of a dict of parameters on a cloud placed at them; both may be traced.
+
+        ``values`` of the control, or times, take the place of the problem's own.
+        """
         model = self.options.model(cloud.at(self.plate(parameters)))
         problem = problem_by_options(model, self.gel_at(parameters), self.sweep, loads=self.loads.of(model))
-        return sweep_by_options(problem, self.sweep, values=self.mu if mu is None else mu)
+        if self.time is None:
+            return sweep_by_options(problem, self.sweep, values=self.mu if values is None else values)
+        times = self.time.values if values is None else values
+        options = {"D": self.time.D, "unit": self.time.unit}
+        return swell(problem, self.baths, times, start=self.mu[0], **options)
+
+    @property
+    def refined(self) -> list[float] | TimeSteps:
+        """Values of the sweep with one between every two; in time, the times with half the steps."""
+        if self.time is not None:
+            return self.time.refined
+        count = len(self.mu)
+        return np.interp(np.arange(2 * count - 1) / 2, np.arange(count), self.mu).tolist()
 
     @property
     def _lower(self):

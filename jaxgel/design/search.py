@@ -175,7 +175,9 @@ class Search:
     def _identity(self):
         bounds = {name: [side.tolist() for side in sides] for name, sides in self.problem.bounds.items()}
         names = [c.name for c in self.problem.constraints]
-        return dict(method=self.name, start=self.start.tolist(), bounds=bounds, mu=self.problem.mu, constraints=names)
+        identity = dict(method=self.name, start=self.start.tolist(), bounds=bounds, mu=self.problem.mu, constraints=names)
+        in_time = repr((self.problem.time, self.problem.baths))
+        return identity if self.problem.time is None else identity | dict(time=in_time)
 
     def _evaluate(self, vector):
         """A new entry of the log."""

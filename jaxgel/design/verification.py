@@ -12,7 +12,7 @@ from .._types import Array, Float
 from ..cloud import Cloud
 from ..continuation import Path
 from ..equilibrium import StateNotFound
-from ..observables import CURVES, min_gap, surface_ratio
+from ..observables import CURVES, OF_EQUILIBRIA, is_in_time, min_gap, surface_ratio
 from .lagrangian import Invalid
 from .problem import DesignProblem
 from .search import check_path, check_reported
@@ -23,15 +23,16 @@ def verify(
 ) -> tuple[dict[str, Any], Path]:
     """Objective, constraints and state of a design on a fresh cloud built from its final holes: a dict, and the path.
 
-    ``spacing`` in mm; ``mu`` (k,) defaults to the problem's own with a value between every two. The dict holds value, constraints
+    ``spacing`` in mm; ``mu`` (k,) defaults to the problem's own with a value between every two, in
+    time to its times with half the steps. The dict holds value, constraints
     (name -> smallest value, in its unit), valid (bool), reason (one line), nodes, spacing, the worst negative_pivots, min_gap and
     surface_ratio of the path, ``last``, the quantities of `objectives.CURVES` at its last mu, and ``reported``, the numbers that the
     problem reports; None where there is no value.
     """
     parameters = {name: jnp.asarray(value) for name, value in parameters.items()}
-    plate, count = problem.plate(parameters), len(problem.mu)
-    between = np.interp(np.arange(2 * count - 1) / 2, np.arange(count), problem.mu).tolist()
-    path = problem.path(parameters, problem.make_cloud(plate, spacing), between if mu is None else mu)
+    plate = problem.plate(parameters)
+    values = problem.refined if mu is None else mu
+    path = problem.path(parameters, problem.make_cloud(plate, spacing), values)
     reason = "valid: stable, no self-contact"
     try:
         if not path.stop.ok:
@@ -42,7 +43,8 @@ def verify(
     except (Invalid, StateNotFound) as invalid:
         reason = str(invalid)
     end = path[-1:]
-    last = {name: quantity(end)[0] for name, quantity in CURVES.items()}
+    missing = OF_EQUILIBRIA if is_in_time(path) else ()
+    last = {name: np.nan if name in missing else quantity(end)[0] for name, quantity in CURVES.items()}
     dry = plate, path.model.cloud, problem.gel_at(parameters)
     without = {c.name: float(np.min(c.without_sweep(*dry))) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(

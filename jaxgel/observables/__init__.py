@@ -14,7 +14,19 @@ from .fields import (
     volume_ratio,
 )
 from .gaps import SELF_CONTACT, gap, min_gap
-from .quantities import BY_COLUMN, COLUMNS, CURVES, IN_TIME, OF_CELLS, OF_POSITIONS, QUANTITIES, Quantity, columns_of, control_quantity
+from .quantities import (
+    BY_COLUMN,
+    COLUMNS,
+    CURVES,
+    IN_TIME,
+    OF_CELLS,
+    OF_EQUILIBRIA,
+    OF_POSITIONS,
+    QUANTITIES,
+    Quantity,
+    columns_of,
+    control_quantity,
+)
 from .rotation import core_rotation, is_flat, rotation_angle
 from .solvent import flux_at, inflow, is_in_time, potential_at, solvent_flux, solvent_potential, uptake, uptake_fraction
 from .states import States, state_at
@@ -32,6 +44,7 @@ __all__ = [
     "FIELDS",
     "IN_TIME",
     "OF_CELLS",
+    "OF_EQUILIBRIA",
     "OF_POSITIONS",
     "QUANTITIES",
     "SELF_CONTACT",

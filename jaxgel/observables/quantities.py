@@ -221,6 +221,8 @@ def columns_of(plate: Plate, control: str = "mu") -> tuple[str, ...]:
 
 CURVES = {quantity.name: quantity.function for quantity in _TABLE if quantity.studied}
 """Quantities that design studies take: name -> differentiable function of a path, with (k,) values."""
+OF_EQUILIBRIA = ("lowest_eigenvalue",)
+"""Those that states of transient swelling do not have."""
 
 
 def control_quantity(name: str = "mu", unit: str = "kT") -> Quantity:

@@ -69,7 +69,7 @@ def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
     wanted = np.isfinite(study.aim["values"])
     if wanted.any():
         ax.plot(
-            np.array(study.problem.mu)[wanted],
+            study.aim["control"][wanted],
             quantity.scale * study.aim["values"][wanted],
             "o",
             mfc="none",

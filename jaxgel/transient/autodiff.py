@@ -114,6 +114,8 @@ def _states_jvp(search, primals, tangents):
     floats, rest = primals
     report = _states(search, floats, rest)
     march, rows = search.found["march"], search.found["rows"]
+    if not len(march.stages.tau):  # stopped before the first step
+        return report, jax.tree.map(SymbolicZero.from_primal_value, report)
     inputs = search.join(first_order_only(floats, "swell"), rest)
     zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
     dots = [np.zeros(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]

@@ -3,6 +3,8 @@
 import dataclasses
 from collections.abc import Mapping
 
+import numpy as np
+
 from .._validation import NUMBER, POSITIVE, TEXT, check_options, listed, option, whole
 from ..controls import check_values
 from .bath import Bath, Time, time_in
@@ -49,6 +51,15 @@ class TimeOptions:
         if self.times is not None:
             return list(self.times)
         return TimeSteps(self.end, self.first, self.steps_per_decade)
+
+    @property
+    def refined(self) -> TimeSteps | list[float]:
+        """The times with half the steps."""
+        if self.times is not None:
+            ends = [0.0, *self.times]
+            return np.interp(np.arange(1, 2 * len(ends) - 1) / 2, np.arange(len(ends)), ends).tolist()
+        first = None if self.first is None else self.first / 2
+        return TimeSteps(self.end, first, 2 * self.steps_per_decade)
 
     @property
     def last(self) -> float:

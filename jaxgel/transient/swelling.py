@@ -10,7 +10,7 @@ import numpy as np
 from .._primitives import differentiated_value
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
-from .._validation import check_kind, did_you_mean
+from .._validation import Inadmissible, check_kind, did_you_mean
 from ..continuation import Path, SweepFailed, sweep
 from ..controls import ChemicalPotential, check_values
 from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, State
@@ -163,7 +163,7 @@ def _start(problem, start, newton):
         except SweepFailed:
             path = sweep(problem, [start - below for below in DRIER], newton=newton)
         if not path.stop.ok:
-            raise ValueError(f"start: {differentiated_value(start):g} kT is not reached: {path.stop_text}")
+            raise Inadmissible(f"start: {differentiated_value(start):g} kT is not reached: {path.stop_text}")
         x, pressure, mu = (getattr(path, name)[-1] for name in ("x", "pressure", "mu"))
     else:
         x, pressure, mu = start.x, start.pressure, start.mu if start.potential is None else start.potential

@@ -169,28 +169,15 @@ def test_states_without_the_solvent_are_not_continued(run, tmp_path, capsys):
         assert {file.name: file.read_bytes() for file in folder.glob("*.*")} == before
 
 
-STUDY = """
-[[parameters]]
-of = "radius"
-lower = 1.0
-upper = 1.2
-[[objective]]
-of = "area_reduction"
-goal = "maximise"
-at = -1.5
-[verification]
-spacing = 0.6
-"""
 MAP = '[map]\nsamples = "grid"\n[[parameters]]\nof = "chi"\nvalues = [0.1, 0.2]\n'
 
 
 def test_commands_on_equilibria_refuse_a_case_in_time_in_one_line(run, tmp_path, capsys):
     """Each names the section time, and writes nothing."""
     case = str(run.parent / "tiny.toml")
-    for name, text in (("design", STUDY), ("map", MAP)):
-        (tmp_path / f"{name}.toml").write_text(f'case = "{case}"\n' + text)
-    for command in ("critical", "loop", "waves", "design", "map"):
-        given = str(tmp_path / f"{command}.toml") if command in ("design", "map") else case
+    (tmp_path / "map.toml").write_text(f'case = "{case}"\n' + MAP)
+    for command in ("critical", "loop", "waves", "map"):
+        given = str(tmp_path / "map.toml") if command == "map" else case
         assert cli.main([command, given, "--out", str(tmp_path / "out")]) == 2, command
         assert re.fullmatch(rf"jaxgel: error: time: is not accepted by jaxgel {command}, [^\n]*\n", capsys.readouterr().err), command
     for option in (
