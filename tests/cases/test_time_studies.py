@@ -1,6 +1,7 @@
 """Studies of gels that swell in time: objectives and constraints at times, and times as objectives."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -11,10 +12,9 @@ import pytest
 from studies import TINY, changed, designed
 
 import jaxgel
-from jaxgel.cases import VERIFIED, load_case, load_study, study_from_table
+from jaxgel.cases import VERIFIED, load_case, study_from_table
 from jaxgel.cli import command_line as cli
 
-DESIGN = Path(__file__).parents[2] / "design"
 STUDY = (
     TINY
     + """
@@ -169,25 +169,10 @@ def test_wrong_entries_are_refused_in_one_line(refused):
     refused(lambda change: study(change), REFUSED, literal=True)
 
 
-@pytest.fixture(scope="module")
-def verified():
-    """The recorded result of the study of ``design/``."""
-    return json.loads((DESIGN / "verified.json").read_text())["timing"]
-
-
-def test_the_recorded_core_turns_in_the_prescribed_time_on_both_clouds(verified):
-    """By 15 degrees within 1 % on the cloud of the search, and within 2 % on the finer one."""
-    (entry,) = load_study(DESIGN / "timing.toml").table["objective"]
-    assert (entry["of"], entry["target"], entry["at_time"]) == ("core_rotation", 15.0, 0.5)
-    assert verified["search"]["feasible"] and verified["search"]["value"] ** 0.5 < 0.15
-    assert verified["best"]["valid"] and verified["best"]["negative_pivots"] == 0
-    assert verified["best"]["last"]["core_rotation"] == pytest.approx(15.0, rel=2e-2)
-
-
-@pytest.mark.slow
-def test_the_recorded_design_found_again_turns_in_the_prescribed_time(verified):
-    """On the cloud of the search, placed at the recorded parameters."""
-    problem = load_study(DESIGN / "timing.toml").problem
-    parameters = {name: jnp.asarray(value) for name, value in verified["parameters"].items()}
-    path = problem.path(parameters, problem.make_cloud(problem.plate(problem.start)))
-    assert float(jaxgel.core_rotation(path)[-1]) == pytest.approx(15.0, abs=0.15)
+def test_the_study_of_the_documentation_is_one():
+    """The second TOML text of the page; its case is built in, and its times are the study's own."""
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "time.md").read_text(encoding="utf-8")
+    text = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)[1]
+    problem = study_from_table(tomllib.loads(text), "page").problem
+    assert problem.time.values == jaxgel.TimeSteps(0.5, 1e-3, 5) and problem.mu == [-4.9678]
+    assert problem.baths == {hole: jaxgel.Bath(-0.9678) for hole in range(4)}
