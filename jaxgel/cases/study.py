@@ -29,7 +29,6 @@ critical point in the control's unit, and the barrier (kT/v mm^2) that keeps it 
 
 import dataclasses
 import functools
-import operator
 import warnings
 from pathlib import Path as File
 from typing import Any
@@ -50,13 +49,12 @@ from ..design import (
     bound,
     misfit,
     optimise,
-    time_of,
     value_at,
     verify,
     weighted_sum,
 )
 from ..io import DrawingIncomplete, read_outlines
-from ..observables import CURVES, OF_EQUILIBRIA, free_edge_misfit
+from ..observables import CURVES, free_edge_misfit
 from .case import Case
 from .parameters import (
     FIELD,
@@ -73,14 +71,12 @@ from .parameters import (
     study_case,
     study_table,
 )
+from .terms import BARRIER, FREE_EDGE, IN_TIME, check_place, switch_of, time_to_of
 
-IN_TIME = ("at_time", "time_to")
 AIMS, LIMITS = ("goal", "target", "curve", "line", "outline"), ("above", "below", "within")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
 TIME = NUMBER | {"minimum": 0.0}
 SHARE = NUMBER | {"exclusiveMinimum": 0.0, "maximum": 1.0}
-FREE_EDGE = "free_edge"  # what an outline is given for
-BARRIER = "barrier"  # the switch at a value of its own
 OBJECTIVE = {
     "of": word([*CURVES, FREE_EDGE, *SWITCHES]) | OF,
     "goal": word(("maximise", "minimise")),
@@ -118,7 +114,6 @@ SECTIONS = {
     "search": tabled(SEARCH) | {"dependentRequired": {"seed": ["starts"]}},
     "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1)}),
 }  # rules of a study's own sections
-CONTROL_OF = operator.attrgetter("control")  # of a path, whose loads are those of its model; None for the chemical potential
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -173,9 +168,9 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
     table = table | {"objective": [_with_points(f"objective[{i}]", entry) for i, entry in enumerate(table["objective"])]}
     judged = [(f"{key}[{i}]", entry) for key in ("objective", "constraints") for i, entry in enumerate(table.get(key, []))]
     for where, entry in judged:
-        _check_place(where, entry, case)
-    switches = {where: _switch(where, entry, case) for where, entry in judged if entry["of"] in SWITCHES}
-    switches |= {where: _time_to(entry) for where, entry in judged if "time_to" in entry}
+        check_place(where, entry, case)
+    switches = {where: switch_of(where, entry, case) for where, entry in judged if entry["of"] in SWITCHES}
+    switches |= {where: time_to_of(entry) for where, entry in judged if "time_to" in entry}
     terms = [_term(f"objective[{i}]", entry, mu, case.sweep.control, switches) for i, entry in enumerate(table["objective"])]
     alone = len(terms) == 1 and terms[0][0] < 0
     problem = DesignProblem(
@@ -231,62 +226,6 @@ def _term(where, entry, mu, control, switches):
     if "target" in entry:
         return weight, lambda path: (value(path) - entry["target"]) ** 2
     return (-weight if entry["goal"] == "maximise" else weight), value
-
-
-def _check_place(where, entry, case):
-    """ValueError, one line, for an entry of the objective or the constraints whose place in the sweep
-    or in time is missing, or is not accepted.
-    """
-    of, needed = entry["of"], bool(entry.keys() & {"goal", "target", "outline"})
-    if case.time is None:
-        foreign = next((key for key in IN_TIME if key in entry), None)
-        if foreign is not None:
-            raise ValueError(f"{where}.{foreign}: goes with swelling in time; add [time] and [bath], or give at")
-        if needed and of not in SWITCHES and "at" not in entry:
-            raise ValueError(f"{where}: at is missing; give the value of the sweep at which the quantity counts")
-        return
-    if of in SWITCHES or of in OF_EQUILIBRIA:
-        raise ValueError(f"{where}.of: {of!r} is for equilibria, it does not go with [time]; remove [time] and [bath]")
-    foreign = next((key for key in ("at", "curve", "line", "from", "to") if key in entry), None)
-    if foreign is not None:
-        raise ValueError(f"{where}.{foreign}: does not go with [time]; give {' or '.join(IN_TIME)}")
-    given = [key for key in IN_TIME if key in entry]
-    if len(given) == 2:
-        raise ValueError(f"{where}: give one of at_time and time_to, not both")
-    if needed and not given:
-        raise ValueError(f"{where}: at_time is missing; give the time at which the quantity counts, or time_to, the value to reach")
-    if given and of not in CURVES and (of != FREE_EDGE or given == ["time_to"]):
-        raise ValueError(f"{where}.{given[0]}: does not go with {of!r}; remove it")
-    if entry.get("at_time", 0.0) > case.time.last:
-        raise ValueError(f"{where}.at_time: {entry['at_time']:g} is not in the run, 0 ... {case.time.last:g}")
-
-
-def _time_to(entry):
-    """(name, function of the path) of an entry whose number is the time at which its quantity reaches a value."""
-    of, value = entry["of"], float(entry["time_to"])
-    return f"time to {of} = {value:g}", time_of(CURVES[of], value, of)
-
-
-def _switch(where, entry, case):
-    """(name, function of the path) of an entry of the objective or the constraints that is a switch; ValueError for a wrong one."""
-    of, sweep = entry["of"], case.sweep
-    foreign = next((key for key in ("curve", "line", "from", "to", *["at"] * (of != BARRIER)) if key in entry), None)
-    if foreign is not None:
-        raise ValueError(f"{where}.{foreign}: does not go with {of!r}, a number of the whole sweep; give goal or target, or a limit")
-    first, last = sweep.ends
-    if first == last:
-        raise ValueError(f"{where}.of: {of!r} needs a sweep from one value to another, and this one has {first:g} only")
-    if of != "onset" and sweep.branch != "stable":
-        raise ValueError(f"sweep.branch: {sweep.branch!r} is not accepted with {of!r}, a loop follows the stable branch")
-    driven = sweep.ends, CONTROL_OF, None if sweep.control == "load" else case.loads
-    if of != BARRIER:
-        return of, SWITCHES[of](*driven)
-    if "at" not in entry:
-        raise ValueError(f"{where}: at is missing; give the value of the sweep's control at which the barrier counts")
-    at = float(entry["at"])
-    if not min(first, last) < at < max(first, last):
-        raise ValueError(f"{where}.at: {at:g} is not between the ends of the sweep, {first:g} and {last:g}")
-    return f"{of} at {at:g}", SWITCHES[of](at, *driven)
 
 
 def _with_points(where, entry):

@@ -91,7 +91,7 @@ def test_the_cushion_is_the_outline_of_its_formula_and_a_uniform_film_is_far_fro
     np.testing.assert_allclose(entry["outline"], loaded.outline(), atol=6e-5)  # four digits
     model = study.problem.options.model(study.problem.make_cloud(study.problem.plate({})))
     square = np.asarray(model.cloud.nodes) * loaded.CORNER / 2 + loaded.CORNER / 2 - 1.0  # of a quarter of 2 x 2 mm about its middle
-    away = study.problem.objective(SimpleNamespace(model=model, value=np.array([-0.002]), x=square[None], stop=None))
+    away = study.problem.objective(SimpleNamespace(model=model, value=np.array([-0.002]), x=square[None], stop=None, t=None))
     # mean square of the bulge's (1 + cos) / 2, 3/8 of its square; distances are shorter than along one axis, by a slope of up to 1/2
     assert 0.8 * 3 / 8 * loaded.BULGE**2 < float(away) < 3 / 8 * loaded.BULGE**2
 

@@ -15,7 +15,7 @@ MU = np.array([-3.0, -2.0, -1.0])
 
 
 def path_of(values, stop=Status.CONVERGED):
-    return SimpleNamespace(value=jnp.asarray(values), control=ChemicalPotential(), stop=stop)
+    return SimpleNamespace(value=jnp.asarray(values), control=ChemicalPotential(), stop=stop, t=None)
 
 
 def square(path):
