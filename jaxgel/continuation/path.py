@@ -65,7 +65,7 @@ class Path:
     potential: Float[Array, "k g"] | None = None
     """Chemical potential of the solvent in each volume group, kT, of transient swelling; None where it is ``mu`` everywhere."""
     supplied: Float[Array, "k b"] | None = None
-    """Solvent, mm^2 of the plate, that has come in through each wetted part since time 0, of transient swelling."""
+    """Solvent, mm^3 over the dry thickness in mm, that has come in through each wetted part since time 0, of transient swelling."""
     symmetry: tuple[str, ...] = ()
     """Group of symmetries with which each state was found, see ``symmetry.NAMES``, C1 for the whole plate; empty where not known."""
     stop: Status = Status.CONVERGED

@@ -78,7 +78,7 @@ class State:
     """Chemical potential of the solvent in each volume group, kT, in transient swelling, where ``mu`` is that of the bath; None where it is
     ``mu`` everywhere."""
     supplied: Float[Array, " b"] | None = None
-    """Solvent, mm^2 of the plate, that has come in through each wetted part since time 0, in transient swelling."""
+    """Solvent, mm^3 over the dry thickness in mm, that has come in through each wetted part since time 0, in transient swelling."""
 
     def __repr__(self) -> str:
         """Where the state is, and how it stands."""

@@ -31,7 +31,19 @@ from .operators import Operators, precomputed_operators
 from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
 from .pairs import contact_pairs, node_pairs, tangent_pattern
 from .problem import Problem, check_driven, constraints_of, shared_tangents
-from .solvent import MOMENTS, Solvent, places_of, reference_groups, solvent_of, wetted_groups, wetted_parts
+from .solvent import (
+    FEWEST_PLACES,
+    MOMENTS,
+    PLACE_SUPPORT,
+    Solvent,
+    carrying_groups,
+    places_of,
+    reference_groups,
+    solvent_of,
+    wetted_groups,
+    wetted_nodes,
+    wetted_parts,
+)
 from .solvent_flow import (
     Bath,
     Carried,
@@ -66,7 +78,9 @@ from .volumes import (
 )
 
 __all__ = [
+    "FEWEST_PLACES",
     "MOMENTS",
+    "PLACE_SUPPORT",
     "RANGE",
     "ROUND_OFF",
     "SOFT",
@@ -87,6 +101,7 @@ __all__ = [
     "axial_stretch",
     "by_block",
     "carried",
+    "carrying_groups",
     "check_driven",
     "check_edges",
     "check_model",
@@ -158,6 +173,7 @@ __all__ = [
     "volume_law",
     "volume_ratios",
     "wetted_groups",
+    "wetted_nodes",
     "wetted_parts",
     "with_contact",
     "with_free_values",

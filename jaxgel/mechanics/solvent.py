@@ -28,8 +28,8 @@ from ..geometry import edge_lines
 from .local_gel import group_positions, reference_groups
 
 ROOM = 128  # times a power of 2 there is room for wetted nodes and for groups with wetted sides
-SUPPORT = 2.4  # radius of a place's weight function over the spacing of the nodes around it
-FEWEST = 4  # places that must reach a point: one more than a linear basis has monomials
+PLACE_SUPPORT = 2.4  # radius of a place's weight function over the spacing of the nodes around it
+FEWEST_PLACES = 4  # places that must reach a point: one more than a linear basis has monomials
 WIDTHS = (24, 32, 48, 64, 96, 128)  # room for places of a patch
 ON_LINE = 1e-9  # of the spacing: distance from an edge of the plate of what lies on it
 MOMENTS = np.insert(SIGNS, 0, 1.0, axis=1)  # m to the mu of a linear patch's groups
@@ -134,7 +134,7 @@ def solvent_of(model: Model, wetted: tuple[str | int, ...]) -> Solvent:
     ValueError where too few nodes are wetted, or the cloud is too coarse for gradients.
     """
     lists, cloud = model.lists, model.cloud
-    nodes, parts = _wetted_nodes(lists, wetted)
+    nodes, parts = wetted_nodes(lists, wetted)
     host = not is_traced(model.blocks, cloud.nodes)
     groups = [group_positions(block).reshape(-1, 2) for block in model.blocks]
     groups = np.concatenate([np.asarray(g) for g in groups]) if host else jnp.concatenate(groups)
@@ -166,7 +166,7 @@ def _measured(ends, groups, owner, count):
 
 
 @once_per_owner
-def _wetted_nodes(lists, wetted):
+def wetted_nodes(lists: Connectivity, wetted: tuple[str | int, ...]) -> tuple[Int[np.ndarray, " w"], Int[np.ndarray, " w"]]:
     """Numbers (w,) of the wetted nodes, ascending, and the part of each; a node of two has the one that comes first."""
     all_parts = wetted_parts(lists)
     found = {}
@@ -187,19 +187,19 @@ def places_of(
     the trace is linear, as positions in the lists; -1 for others.
     """
     topology = lists.topology
-    nodes, _ = _wetted_nodes(lists, wetted)
+    nodes, _ = wetted_nodes(lists, wetted)
     groups, first = reference_groups(lists)
     carries = np.zeros(len(groups), dtype=bool)
     carries[_carrying_of(first, lists.linear)] = True
     places = np.concatenate([groups, topology.nodes[nodes]])
     spacing = topology.node_spacing[cKDTree(topology.nodes).query(places)[1]]
-    support = np.where(np.concatenate([carries, np.ones(len(nodes), bool)]), SUPPORT * spacing, 0.0)
+    support = np.where(np.concatenate([carries, np.ones(len(nodes), bool)]), PLACE_SUPPORT * spacing, 0.0)
     part, contour = topology.partition, lists.contour
     points = np.concatenate([topology.quadrature.points(part.vertices), contour.points(part.vertices).reshape(-1, 2)])
     owner = np.concatenate([lists.owner, np.repeat(contour.owner, 2)])
     pairs = cKDTree(points).sparse_distance_matrix(cKDTree(places), support.max(), output_type="ndarray")
     pairs = pairs[pairs["v"] < support[pairs["j"]]]
-    few = np.bincount(pairs["i"], minlength=len(points)) < FEWEST
+    few = np.bincount(pairs["i"], minlength=len(points)) < FEWEST_PLACES
     if few.any():
         x, y = points[np.argmax(few)]
         raise Inadmissible(f"spacing: the cloud is too coarse for the gradient of mu at ({x:.4g}, {y:.4g}); use a smaller spacing")
@@ -245,6 +245,11 @@ def _wetted_sides(lists, wetted):
     np.add.at(shares, (place, part), length)
     linear = np.isin(wet_groups, _carrying_of(first[lists.linear], np.ones(int(lists.linear.sum()), dtype=bool)))
     return edges, place, wet_groups, linear, shares.argmax(axis=1)
+
+
+def carrying_groups(lists: Connectivity) -> Int[np.ndarray, " _"]:
+    """Numbers of the volume groups that carry volume."""
+    return _carrying_of(reference_groups(lists)[1], lists.linear)
 
 
 def _carrying_of(first, linear):

@@ -1,6 +1,7 @@
 """Solvent in transient swelling: how much is taken up, how fast, its chemical potential and its flux.
 
-Solvent is measured by the area, mm^2, by which the plate grows. All functions are differentiable in the arrays of the path.
+Solvent is measured by its volume over the dry thickness, mm^2: in plane strain the area by which the plate grows. All functions are
+differentiable in the arrays of the path.
 """
 
 from collections.abc import Sequence
@@ -20,24 +21,26 @@ from ..discretisation import Connectivity, Model, evaluate_points, pad_nodes
 from ..equilibrium import State
 from ..geometry import inside_holes
 from ..mechanics import (
+    FEWEST_PLACES,
+    PLACE_SUPPORT,
     all_volumes,
+    axial_stretch,
     carried,
+    carrying_groups,
     cofactors,
     deformation_gradients,
     group_positions,
     reference_groups,
     solvent_of,
     volume_ratios,
-    wetted_parts,
+    wetted_nodes,
 )
 from ..transient import Time
 from .fields import cell_means, cell_volumes, over_cells
 from .in_time import rates
 from .states import of_path
 
-SUPPORT = 2.4  # radius of the weight function of a place, over the node spacing around it, as in the flow
 Points = Float[Array, "p 2"] | Sequence[Sequence[float]]
-PLACES_MIN = 4  # places that must reach a point
 
 
 def is_in_time(path: Path) -> bool:
@@ -100,14 +103,14 @@ def uptake_fraction(path: Path, end: Path | State) -> Float[Array, " k"]:
     x = jnp.asarray(end.x if isinstance(end, State) else end.x[-1])
     if x.shape != path.x.shape[1:]:
         raise ValueError(f"end: is a state of {len(x)} nodes, the path has {path.x.shape[1]}")
-    whole, first = (_area(jnp.asarray(at), path.model) for at in (x, path.x[0]))
+    whole, first = (_content(jnp.asarray(at), path.model) for at in (x, path.x[0]))
     return taken / (whole - first + taken[0])
 
 
 @compiled()
-def _area(x, model):
-    """Area () of the deformed plate, mm^2."""
-    return jnp.sum(jnp.where(model.carries, all_volumes(model) * volume_ratios(x, model), 0.0))
+def _content(x, model):
+    """Volume () of the deformed plate over the dry thickness, mm^2."""
+    return axial_stretch(model) * jnp.sum(jnp.where(model.carries, all_volumes(model) * volume_ratios(x, model), 0.0))
 
 
 # --- the chemical potential ------------------------------------------------------------------------------------------------------
@@ -134,7 +137,7 @@ def potential_at(path: Path, points: Points) -> Float[Array, "k p"]:
     check_in_time(path)
     lists, wetted = path.model.lists, path.control.wetted
     points = _in_the_gel(path.model, points)
-    nodes, parts, nearest = _wetted_nodes(lists, wetted)
+    (nodes, parts), nearest = wetted_nodes(lists, wetted), _nearest_groups(lists, wetted)
     reference, _ = _reference_places(lists, wetted)
     near = _lists(reference, _reach(lists, wetted), points)
     groups = jnp.concatenate([group_positions(block).reshape(-1, 2) for block in path.model.blocks])
@@ -159,30 +162,19 @@ def _bath_values(path):
 
 
 @once_per_owner
-def _wetted_nodes(lists: Connectivity, wetted: tuple[str | int, ...]):
-    """Numbers (w,) of the wetted nodes, the part of each, and the group (w,) nearest to it."""
-    every, found = wetted_parts(lists), {}
-    for number, part in enumerate(wetted):
-        for node in every[part].tolist():
-            found.setdefault(node, number)
-    nodes = np.array(sorted(found), dtype=int)
-    groups, carrying = reference_groups(lists)[0], _carrying(lists)
-    nearest = carrying[cKDTree(groups[carrying]).query(lists.topology.nodes[nodes].reshape(-1, 2))[1]]
-    return nodes, np.array([found[node] for node in nodes.tolist()], dtype=int), nearest
-
-
-def _carrying(lists):
-    """Numbers of the groups that carry volume."""
-    first = reference_groups(lists)[1]
-    return np.unique(np.concatenate([(first[lists.linear][:, None] + np.arange(4)).ravel(), first[~lists.linear]]))
+def _nearest_groups(lists: Connectivity, wetted: tuple[str | int, ...]) -> Int[np.ndarray, " w"]:
+    """The group (w,) that carries volume nearest each wetted node."""
+    groups, carrying = reference_groups(lists)[0], carrying_groups(lists)
+    nodes, _ = wetted_nodes(lists, wetted)
+    return carrying[cKDTree(groups[carrying]).query(lists.topology.nodes[nodes].reshape(-1, 2))[1]]
 
 
 @once_per_owner
 def _reference_places(lists: Connectivity, wetted: tuple[str | int, ...]):
     """Positions (v, 2), mm, of all groups and wetted nodes before holes moved, and which of them are places."""
-    groups, nodes = reference_groups(lists)[0], _wetted_nodes(lists, wetted)[0]
+    groups, nodes = reference_groups(lists)[0], wetted_nodes(lists, wetted)[0]
     real = np.zeros(len(groups) + len(nodes), dtype=bool)
-    real[_carrying(lists)] = real[len(groups) :] = True
+    real[carrying_groups(lists)] = real[len(groups) :] = True
     return np.concatenate([groups, lists.topology.nodes[nodes]]), real
 
 
@@ -190,7 +182,7 @@ def _reference_places(lists: Connectivity, wetted: tuple[str | int, ...]):
 def _reach(lists: Connectivity, wetted: tuple[str | int, ...]) -> Float[np.ndarray, " v"]:
     """Radius (v,) of the weight function of each place, mm; 0 for a group that carries no volume."""
     places, real = _reference_places(lists, wetted)
-    return np.where(real, SUPPORT * _spacing_at(lists, places), 0.0)
+    return np.where(real, PLACE_SUPPORT * _spacing_at(lists, places), 0.0)
 
 
 def _spacing_at(lists, points):
@@ -219,7 +211,7 @@ def _lists(places, reach, points) -> tuple[Int[np.ndarray, "p b"], Float[np.ndar
     pairs = cKDTree(points).sparse_distance_matrix(cKDTree(places), reach.max(), output_type="ndarray")
     pairs = pairs[pairs["v"] < reach[pairs["j"]]]
     counts = np.bincount(pairs["i"], minlength=len(points))
-    if (counts < PLACES_MIN).any():
+    if (counts < FEWEST_PLACES).any():
         x, y = points[np.argmin(counts)]
         raise ValueError(f"points: the cloud is too coarse for an interpolation at ({x:.4g}, {y:.4g}); use a smaller spacing")
     return pad_nodes(pairs["j"][np.lexsort((pairs["j"], pairs["i"]))], counts, reach)
@@ -234,17 +226,16 @@ def solvent_flux(path: Path, *, deformed: bool = False) -> Float[Array, "k c 2"]
 
     It is -M grad mu of the solver, M = D (J - 1) F^-1 F^-T, through the dry area. With ``deformed``
     it is F times that over det F, the flux through the deformed area, which belongs to pictures of
-    the deformed gel. The flow into layers thinner than the cells is not in it. In generalised plane
-    strain it is divided by the axial stretch: its divergence is the rate of the areal stretch. At
-    time 0 it is that before the bath acts. ValueError for a path of equilibrium states.
+    the deformed gel. The flow into layers thinner than the cells is not in it. At time 0 it is that
+    before the bath acts. ValueError for a path of equilibrium states.
     """
     check_in_time(path)
     model, control = path.model, path.control
     if not control.wetted:
         raise ValueError("path: its control does not name the wetted parts, which the flux needs")
     solvent = solvent_of(model, control.wetted)
-    _, parts, nearest = _wetted_nodes(model.lists, control.wetted)
-    values = _values_at_places(path, parts, nearest)
+    _, parts = wetted_nodes(model.lists, control.wetted)
+    values = _values_at_places(path, parts, _nearest_groups(model.lists, control.wetted))
     arrays = jnp.asarray(path.x), jnp.asarray(path.pressure), values
     return _cell_flux(*arrays, jnp.asarray(control.D, float), model, path.gel, solvent, deformed=deformed)
 
@@ -274,7 +265,7 @@ def flux_at(path: Path, points: Points) -> Float[Array, "k p 2"]:
     check_in_time(path)
     points, lists = _in_the_gel(path.model, points), path.model.lists
     reference = _centroids(lists)
-    near = _lists(reference, SUPPORT * _spacing_at(lists, reference), points)
+    near = _lists(reference, PLACE_SUPPORT * _spacing_at(lists, reference), points)
     centroids = _moved_centroids(path.model)
     (phi,) = evaluate_points(centroids, jnp.asarray(points), *near, np.arange(len(points)), basis="linear", gradients=False)
     return jnp.einsum("pb,kpbi->kpi", phi, solvent_flux(path)[:, near[0]])

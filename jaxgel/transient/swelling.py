@@ -110,6 +110,8 @@ def swell(
     made = transport(problem, tuple(baths), D)
     options = tuple(baths.values()), times, time_in(baths, D, unit), newton, observer
     if isinstance(start, Path):
+        if is_traced(inputs):
+            raise ValueError("start: a path goes on without derivatives; give the state path[-1], whose run is differentiated")
         return run(made, _first_states(start, times), *options).path
     first = _start(problem, start, newton)
     if is_traced(inputs, first):

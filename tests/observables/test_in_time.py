@@ -164,9 +164,11 @@ def test_the_potential_at_points_is_that_of_bath_and_cells(in_time, end):
     assert solvent_potential(end).tolist() == [[mu] * in_time.model.n_cells for mu in end.mu]
 
 
-def test_the_flux_of_a_steady_state_is_the_inflow():
+@pytest.mark.parametrize("axial", [None, 1.2])
+def test_the_flux_of_a_steady_state_is_the_inflow(axial):
     """Between two baths, held sideways: what comes in above goes through every cell, and through every point."""
-    plate = jaxgel.Plate(0.6, 1.0, edges={"top": "free", "bottom": "free", "left": "fixed"})
+    options = {} if axial is None else {"kinematics": "generalised plane strain", "axial_stretch": axial}
+    plate = jaxgel.Plate(0.6, 1.0, edges={"top": "free", "bottom": "free", "left": "fixed"}, **options)
     problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.1)), GEL, contact=False)
     path = jaxgel.swell(problem, {"top": -0.5, "bottom": -0.6}, [0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 200.0, 300.0], start=-0.6, D=2.0)
     through = np.asarray(solvent_flux(path)).mean(axis=1)[-1]

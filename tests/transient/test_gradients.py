@@ -113,3 +113,6 @@ def test_second_derivatives_and_compiled_runs_are_refused():
         jax.grad(jax.grad(height))(-0.3)
     with pytest.raises(ValueError, match=r"inside jax\.jit"):
         jax.jit(height)(-0.3)
+    first = jaxgel.swell(problem, -0.3, [0.01], start=-1.0)
+    with pytest.raises(ValueError, match="start: a path goes on without derivatives"):
+        jax.grad(lambda bath: jaxgel.swell(problem, bath, [0.01, 0.1], start=first).x[-1, 0, 1])(-0.3)

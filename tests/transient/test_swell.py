@@ -87,6 +87,7 @@ def test_a_small_jump_is_linear_diffusion(axial):
     D = jaxgel.materials.layer_diffusivity(jaxgel.materials.layer_stretch(-0.5, 1.0, GOOD, axial), 1.0, GOOD, axial, 1.0)
     series = [1 - np.sum(8 / (odd * np.pi) ** 2 * np.exp(-((odd * np.pi) ** 2) * float(D) * t / 4)) for t in (1.0, 3.0)]
     assert np.interp([1.0, 3.0], path.t, share) == pytest.approx(series, rel=5e-3)
+    assert jaxgel.uptake_fraction(path, jaxgel.sweep(problem, [-0.49999])) == pytest.approx(share, rel=1e-6)  # of a jump of 1e-5
     faster = jaxgel.swell(problem, -0.49999, times[:20] / 7, start=-0.5, D=7.0)
     assert np.abs(faster.x - path.x[:21]).max() < 1e-12
 
