@@ -1,6 +1,6 @@
 """Uptake of solvent in time: a film beside finite volumes, and sample 1 beside the law of the square root of time.
 
-    python benchmarks/swelling.py [--rows film sample-1] [--spacings 0.1 0.05] [--quick] [--figure FILE]
+    python benchmarks/swelling.py [--rows film sample-1 gradient] [--spacings 0.1 0.05] [--quick] [--figure FILE]
 
 ``film``: error of the uptake in % at some times, of a film of thickness 1 held sideways, sealed below and wetted above, in four baths; with
 and without the term for layers thinner than the cells; Newton's corrections per step. The uptakes beside it are those of one-dimensional
@@ -10,6 +10,9 @@ finite volumes.
 core's rotation; the time of half the rotation; the distance of the last state from equilibrium; seconds of a warm step over those of a
 state of a sweep. With and without that term.
 
+``gradient``: seconds of the gradient of sample 1's rotation by 60 parameters, 20 of holes and 40 of a field, over those of its run, both
+warm; the derivative along a random direction over difference quotients of three steps, less 1, by holes and by the field.
+
 ``--figure`` draws sample 1 alone: patterns coloured by mu at four times, the uptake against the square root of time beside that law, and
 the rotation of the core, whose half is marked; a minute.
 """  # fmt: skip
@@ -17,8 +20,11 @@ the rotation of the core, whose half is marked; a minute.
 import argparse
 import time
 
+import jax
+import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
+from jax.flatten_util import ravel_pytree
 
 import jaxgel
 from jaxgel.mechanics import all_volumes, volume_ratios
@@ -50,7 +56,7 @@ BATHS = {"with": jaxgel.Bath, "without": WithoutLayers}
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", nargs="*", default=["film", "sample-1"], choices=["film", "sample-1"])
+    parser.add_argument("--rows", nargs="*", default=["film", "sample-1"], choices=["film", "sample-1", "gradient"])
     parser.add_argument("--spacings", nargs="*", type=float, default=[0.1, 0.05])
     parser.add_argument("--quick", action="store_true", help="coarse clouds and few steps")
     parser.add_argument("--figure", help="file of the figure of sample 1; nothing else is computed")
@@ -63,6 +69,8 @@ def main():
             films(spacing, 3 if given.quick else 10)
     if "sample-1" in given.rows:
         sample_1(2.2 if given.quick else None, 3 if given.quick else 10)
+    if "gradient" in given.rows:
+        gradient(2.2 if given.quick else None, 3 if given.quick else 16)
 
 
 def mean_ratio(path):
@@ -111,6 +119,38 @@ def sample_1(spacing, per_decade):
 
 
 @styled
+def gradient(spacing, count):
+    """Cost and error of a gradient."""
+    plate = jaxgel.sample("sample-1")
+    cloud = jaxgel.make_cloud(plate, spacing=spacing)
+    theta, holes_of = ravel_pytree([dict(centre=o.centre, semi_axes=o.semi_axes, angle=o.angle) for o in plate.holes])
+    values = np.concatenate([theta, np.zeros(60 - len(theta))])
+
+    def rotation(values):
+        model = jaxgel.discretise(cloud.at(plate.at(holes_of(jnp.asarray(values[: len(theta)])))))
+        waves = values[len(theta) :]
+        stiffness = jaxgel.WithHoles(lambda X: 1e-3 * (1 + waves @ jnp.cos(jnp.arange(len(waves)) * X[0] / 5)))
+        problem = jaxgel.Problem(model, jaxgel.Gel(stiffness, 1e-4), contact=False)
+        return core_rotation(jaxgel.swell(problem, BATH, np.geomspace(1e-3, 1.0, count), start=START))[-1]
+
+    both = jax.value_and_grad(rotation)
+    first, (_, slopes) = seconds(lambda: jax.block_until_ready(both(jnp.asarray(values))))
+    whole, _ = seconds(lambda: jax.block_until_ready(both(jnp.asarray(values))))
+    run = min(seconds(lambda: rotation(values))[0] for _ in range(2))
+    print(
+        f"gradient, {len(cloud.nodes)} nodes, {count} steps: {whole / run - 1:.2f} runs of {run:.1f} s; the first {first:.0f} s with its run"
+    )
+    slopes = np.asarray(slopes)
+    for name, part, size in (("holes", slice(0, len(theta)), 1.0), ("field", slice(len(theta), 60), 0.05)):
+        direction = np.zeros(60)
+        direction[part] = size * np.random.default_rng(0).normal(size=60)[part]
+        errors = []
+        for h in (1e-3, 1e-4, 1e-5):
+            quotient = (rotation(values + h * direction) - rotation(values - h * direction)) / (2 * h)
+            errors.append(f"{slopes @ direction / float(quotient) - 1:+.1e}")
+        print(f"  by {name}, steps 1e-3, 1e-4, 1e-5: {' '.join(errors)}")
+
+
 def draw(file, spacing, per_decade):
     """The figure of sample 1."""
     model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("sample-1"), spacing=spacing))
