@@ -137,9 +137,7 @@ def gradient(spacing, count):
     first, (_, slopes) = seconds(lambda: jax.block_until_ready(both(jnp.asarray(values))))
     whole, _ = seconds(lambda: jax.block_until_ready(both(jnp.asarray(values))))
     run = min(seconds(lambda: rotation(values))[0] for _ in range(2))
-    print(
-        f"gradient, {len(cloud.nodes)} nodes, {count} steps: {whole / run - 1:.2f} runs of {run:.1f} s; the first {first:.0f} s with its run"
-    )
+    print(f"{len(cloud.nodes)} nodes, {count} steps: {whole / run - 1:.2f} runs of {run:.1f} s; first with its run {first:.0f} s")
     slopes = np.asarray(slopes)
     for name, part, size in (("holes", slice(0, len(theta)), 1.0), ("field", slice(len(theta), 60), 0.05)):
         direction = np.zeros(60)
