@@ -44,6 +44,8 @@ class SolventBlock:
     """Numbers of the places on which mu in a patch depends; padding has gradients 0."""
     dpsi: Float[Array, "c q b 2"]
     """Gradients of their shape functions at the quadrature points, 1/mm."""
+    part: Int[Array, " c"]
+    """The wetted part of the boundary nearest each patch."""
 
 
 @jax.tree_util.register_dataclass
@@ -85,7 +87,8 @@ class Solvent:
             c, b = len(patches.nodes), step(block.places.shape[1], WIDTHS)
             places = np.where(block.places < first, block.places, block.places - first + last)
             dpsi = resized(block.dpsi, (*block.dpsi.shape[:2], b, 2))
-            return SolventBlock(resized(places, (c, b), edge=True), resized(dpsi, (c, patches.weight.shape[1], b, 2), edge=True))
+            dpsi = resized(dpsi, (c, patches.weight.shape[1], b, 2), edge=True)
+            return SolventBlock(resized(places, (c, b), edge=True), dpsi, resized(block.part, (c,), edge=True))
 
         groups = room(len(wet.groups), ROOM)
         numbers = np.full(groups, NONE)
@@ -141,7 +144,9 @@ def solvent_of(model: Model, wetted: tuple[str | int, ...]) -> Solvent:
     places = (np if host else jnp).concatenate([groups, taken(cloud.nodes, nodes)])
     of_patches, edge_ends = places_of(lists, wetted)
     gradients = consistent_gradients(cloud, lists, places, of_patches, edge_ends)
-    blocks = tuple(SolventBlock(of_patches[0][patches], dpsi) for patches, dpsi in zip(lists.patches, gradients, strict=True))
+    nearest = cKDTree(lists.topology.nodes[nodes]).query(reference_groups(lists)[0][reference_groups(lists)[1]])[1]
+    own = zip(lists.patches, gradients, strict=True)
+    blocks = tuple(SolventBlock(of_patches[0][patches], dpsi, parts[nearest[patches]]) for patches, dpsi in own)
     edges, owner, wet_groups, linear, group_parts = _wetted_sides(lists, wetted)
     ends = taken(cloud.vertices, lists.contour.ends[edges])
     sides = _measured(ends, taken(groups, wet_groups[owner]), owner, len(wet_groups))

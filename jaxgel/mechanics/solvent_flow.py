@@ -19,6 +19,13 @@ surface and the first group is too small. So a group at the distance d from wett
 
 besides: what a half-space takes up at the time t after the change, see ``materials.layer_uptake``, over what goes through a layer of that
 thickness. It falls as 1 / t at least, and the finer the cells the sooner.
+
+What such a layer brings to one side of a patch with a linear pressure would dry its other side, if it worked on the linear part of J as it
+does later, and below J = 1 nothing is a state. So that part of the flow has the share
+
+    1 / (1 + (h^2 / (100 D t))^2)
+
+with half the side h of the patch: 1 once the layer is thicker than a few tenths of h, and little before, when J changes alike on the patch.
 """
 
 import dataclasses
@@ -38,6 +45,7 @@ from .solvent import MOMENTS, Solvent
 from .volumes import axial_stretch, bare, by_block, cofactors, deformation_gradients, of_groups, volume_law
 
 POINTS = 4  # of an integral over mu
+THIN = 0.1  # of half the side of a patch: a layer that leaves half of the flow to the linear part of J
 
 
 class Bath(NamedTuple):
@@ -194,6 +202,16 @@ def layer_flow(
     square = (depth * bath.rate[wet.group_parts]) ** 2 / (jnp.pi * D_m)
     excess = jnp.where(wet.linear, _over(jnp.sqrt(1 + square**2)), _over(1 + square))
     return jnp.where(real, wet.length * change * D_m / depth * excess, 0.0)
+
+
+def linear_share(model: Body, solvent: Solvent, bath: Bath, D: Scalar) -> Float[Array, " g"]:
+    """Share (g,) of the flow that works on the unknowns of mu: 1 on those that are means, less on linear parts while layers are thin."""
+    parts = []
+    for block, on_block in zip(model.blocks, solvent.blocks, strict=True):
+        side = jnp.sum(block.weight, axis=1) / 4 * (THIN * bath.rate[on_block.part]) ** 2 / D
+        linear = jnp.broadcast_to(1 / (1 + side[:, None] ** 2), (len(side), block.n_groups - 1))
+        parts.append(jnp.concatenate([jnp.ones((len(side), 1)), linear], axis=1))
+    return of_groups(parts, model)
 
 
 def _over(square):

@@ -3,16 +3,16 @@
 A stage of length tau takes up what has moved since volume ratios J_old,
 
     force      loads - network' - G p = 0,                                     p_g = l3 (dphi_g/dJ - mu_g),  mu = P m
-    solvent    P^T [ V (J - J_old) + tau (A mu - layer) ] = 0
+    solvent    P^T V (J - J_old) + tau S P^T (A mu - layer) = 0
 
-where J is l3 times the areal stretch, with the axial stretch l3, A is the flow and layer that of thin layers, see
+where J is l3 times the areal stretch, with the axial stretch l3, A is the flow, layer that of thin layers, and S its share, see
 ``mechanics.solvent_flow``. Every p is feasible, and is linearised as in ``mechanics.mixed``. With the pressures eliminated a step solves
 
-    [ K          -B^T            ] [dx]     [forces      ]
-    [ -B - tau X -tau (A + A_M)  ] [dm]  =  [the balance ]
+    [ K            -B^T             ] [dx]     [forces      ]
+    [ -B - tau S X -tau S (A + A_M) ] [dm]  =  [the balance ]
 
-where X and A_M come from the mobility, which changes with the state. Without them the matrix is symmetric and quasi-definite; its factor
-preconditions GMRES.
+where X and A_M come from the mobility, which changes with the state. Without these and S the matrix is symmetric and quasi-definite; its
+factor preconditions GMRES.
 """
 
 import dataclasses
@@ -39,6 +39,7 @@ from ..mechanics import (
     flow,
     in_wet_groups,
     layer_flow,
+    linear_share,
     linearise,
     moments,
     places,
@@ -166,7 +167,8 @@ def balance(
     of_groups = leaving[: len(J)].at[wet.groups].add(-brought, mode="drop")
     kept = jnp.where(model.carries, all_volumes(model) * axial_stretch(model) * (J - old), 0.0)
     inflow = jnp.zeros_like(bath.mu).at[wet.node_parts].add(leaving[len(J) :]).at[wet.group_parts].add(brought)
-    return Balance(moments(kept + tau * jnp.where(model.carries, of_groups, 0.0), model), J, inflow, moving)
+    going = linear_share(model, solvent, bath, D) * moments(jnp.where(model.carries, of_groups, 0.0), model)
+    return Balance(moments(kept, model) + tau * going, J, inflow, moving)
 
 
 @program(x="n", p="g", m="g", old="g", returns=("g", "g", None, None))
@@ -189,7 +191,8 @@ def balance_and_rates(
     square, mu = along_sides(x, model, solvent), in_wet_groups(potentials(m, model), solvent, -1.0)
     by_mu = jax.jvp(lambda mu: layer(square, mu), (mu,), (jnp.ones_like(square),))[1]
     by_square = jax.jvp(lambda square: layer(square, mu), (square,), (jnp.ones_like(square),))[1]
-    return found.missing, found.ratios, found.inflow, Rates(found.carried, by_mu, by_square)
+    rates = Rates(found.carried, by_mu, by_square, linear_share(model, solvent, bath, problem.D))
+    return found.missing, found.ratios, found.inflow, rates
 
 
 @program(J="g")

@@ -33,6 +33,8 @@ class Rates(NamedTuple):
     """That of thin layers by the mu of their groups."""
     layer_by_square: Float[Array, " e"]
     """By the square of the stretch along the surface."""
+    share: Float[Array, " g"]
+    """That of the flow which works on the unknowns of mu."""
 
 
 @program(x="n")
@@ -52,6 +54,8 @@ class FlowMatrices:
     """By the positions of its nodes, d = 2 a."""
     by_mean: list[Float[np.ndarray, "c b"]]
     """By the mean mu of its own groups."""
+    share: Float[np.ndarray, " u"]
+    """What of it works on the unknowns of mu."""
     entries: Float[np.ndarray, " s"]
     """Entries of a symmetric matrix near the derivative by mu, for ``Saddle.pairs``."""
 
@@ -82,7 +86,8 @@ class FlowMatrices:
         wet = np.asarray(solvent.wetting.groups)
         thin[wet] = np.maximum(-layer[: len(wet)], 0.0)
         entries[:-1][same] += thin[saddle.pairs[same, 0]]
-        return cls(transport, *map(list, zip(*parts, strict=True)), entries[:-1])
+        share = np.asarray(rates.share)[saddle.groups]
+        return cls(transport, *map(list, zip(*parts, strict=True)), share, entries[:-1])
 
     def change(self, field: Float[np.ndarray, "n 2"], v: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
         """What more leaves on the unknowns of mu, if the nodes move by ``field`` and these unknowns change by ``v``."""
@@ -92,13 +97,13 @@ class FlowMatrices:
             at = by_mu @ mu[places][:, :, None] + by_position @ field[nodes].reshape(len(nodes), -1, 1)
             leaving = at[:, :, 0] + by_mean * v[mean][:, None]
             out += np.bincount(places.ravel(), leaving.ravel(), minlength=self._count)
-        return saddle.values.T @ out[: saddle.values.shape[0]]
+        return self.share * (saddle.values.T @ out[: saddle.values.shape[0]])
 
     def transposed(self, w: Float[np.ndarray, " u"]) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " u"]]:
         """The transpose of `change`, of values ``w`` of the unknowns of mu."""
         saddle, n = self.transport.saddle, self.transport.model.n_nodes
         mu, field, v = np.zeros(self._count), np.zeros(2 * n), np.zeros(len(w))
-        of_places = np.concatenate([saddle.values @ w, np.zeros(self._count - saddle.values.shape[0])])
+        of_places = np.concatenate([saddle.values @ (self.share * w), np.zeros(self._count - saddle.values.shape[0])])
         for places, nodes, by_mu, by_position, by_mean, mean in self._patches:
             own = of_places[places][:, None]
             mu += np.bincount(places.ravel(), (own @ by_mu).ravel(), minlength=self._count)
