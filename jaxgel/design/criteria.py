@@ -22,7 +22,7 @@ from ..cloud import Cloud
 from ..continuation import Path
 from ..equilibrium import StateNotFound
 from ..geometry import Plate, arcs, edge_lines, frame_of, image_offsets, outline_points, periods, reference_plate
-from ..materials import AnyGel, WithHoles, matrix_of
+from ..materials import AnyGel, WithHoles, matrix_of, values_at
 from ..observables import CURVES, at_time, is_in_time, time_to
 
 LIGAMENT_SAMPLES = 128  # points per outline among which the nearest pair is looked for
@@ -159,7 +159,7 @@ def parameter_mean(name: str) -> Callable[[Cloud, AnyGel], Float[Array, "1"]]:
         area = jnp.where(outside, quadrature.weights(cloud.vertices), 0.0)
         places = jnp.asarray(cloud.topology.partition.vertices) if isinstance(parameter, WithHoles) else cloud.vertices
         points = cloud.topology.frame.to_given(quadrature.points(places))
-        return jnp.sum(area * jax.vmap(parameter)(points), keepdims=True) / jnp.sum(area)
+        return jnp.sum(area * values_at(parameter, points), keepdims=True) / jnp.sum(area)
 
     return mean
 

@@ -14,11 +14,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._types import Array, Float
 
 SIGNS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of psi_1 and psi_2 at the four points of a linear pressure
 
 
+@compiled(static=("linear",))
 def group_weights(points: Float[Array, "c q 2"], weight: Float[Array, "c q"], linear: bool) -> Float[Array, "c q g"]:
     """Weights W such that a group's volume times its J is a share of the patch's volume plus sum_q w_q W_qg J_q; see `n_carrying`.
 

@@ -66,7 +66,7 @@ def traced_swell(
     """`swell` under differentiation; states that are not reached are nan, with the status of the run."""
     problem = transport.problem.replace(operators=None)
     inputs = dataclasses.replace(transport, problem=problem), [(bath.mu, bath.times) for bath in baths], start
-    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, inputs))
+    leaves, structure = jax.tree.flatten(inputs)
     floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
     search = _Search(structure, floating, tuple(times), jax.tree.map(differentiated_value, time), newton, observer)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
