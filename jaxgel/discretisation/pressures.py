@@ -52,4 +52,4 @@ def _inverse_root(A):
     s = jnp.sqrt(det)[:, None, None]
     t = jnp.sqrt(A[:, 0, 0] + A[:, 1, 1] + 2 * s[:, 0, 0])[:, None, None]
     cofactor = jnp.stack([jnp.stack([A[:, 1, 1], -A[:, 0, 1]], -1), jnp.stack([-A[:, 0, 1], A[:, 0, 0]], -1)], -2)
-    return (cofactor + s * jnp.eye(2)) / (t * s)  # sqrt(A) = (A + s I) / t, Cayley and Hamilton
+    return (cofactor + s * np.eye(2)) / (t * s)  # sqrt(A) = (A + s I) / t, Cayley and Hamilton

@@ -71,10 +71,16 @@ def traced_swell(
     search = _Search(structure, floating, tuple(times), jax.tree.map(differentiated_value, time), newton, observer)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
-    t = moved_times(np.array([0.0, *times]), baths, [bath.numbers for bath in baths])
-    at_start = start.mean(problem.model)
-    mu = jnp.append(at_start, jnp.mean(values_of(baths, [at_start] * len(baths), t[1:])[0], axis=1))
+    t, mu = _driven(np.array([0.0, *times]), [bath.numbers for bath in baths], inputs[1], start.mean(problem.model))
     return Path(problem=problem.replace(control=time), value=t, mu=mu, **report, **search.found["end"])
+
+
+@compiled()
+def _driven(t, numbers, tables, at_start):
+    """Times ``t`` (k,) of the states, see `moved_times`, and the mean of mu (k,) of all baths, ``at_start`` first."""
+    baths = [Bath(*map(jnp.asarray, table)) for table in tables]
+    t = moved_times(t, baths, numbers)
+    return t, jnp.append(at_start, jnp.mean(jnp.stack([bath.at(t[1:]) for bath in baths]), axis=0))
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
