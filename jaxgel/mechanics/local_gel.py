@@ -105,14 +105,15 @@ def _by_region(model, parameters):
     """
     if all(part is parameters[0] or (_is_number(part) and part == parameters[0]) for part in parameters):
         return parameters[0]
-    numbers = jnp.stack([jnp.nan if isinstance(part, LocalValues) else jnp.asarray(part, float) for part in parameters])
+    host = jnp if is_traced(parameters) else np  # numbers stay numbers
+    numbers = host.stack([np.nan if isinstance(part, LocalValues) else host.asarray(part, float) for part in parameters])
     regions, blocks = model.lists.region_of_patch, model.blocks
 
     def chosen(regions, values_of, shape):
-        values = jnp.broadcast_to(numbers[regions], shape)
+        values = host.broadcast_to(numbers[regions], shape)
         for number, part in enumerate(parameters):
             if isinstance(part, LocalValues):
-                values = jnp.where(regions == number, values_of(part), values)
+                values = host.where(regions == number, values_of(part), values)
         return values
 
     own = [regions[np.asarray(block.patches)][:, None] for block in blocks]

@@ -71,16 +71,16 @@ def traced_swell(
     search = _Search(structure, floating, tuple(times), jax.tree.map(differentiated_value, time), newton, observer)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
-    t, mu = _driven(np.array([0.0, *times]), [bath.numbers for bath in baths], inputs[1], start.mean(problem.model))
+    t = moved_times(np.array([0.0, *times]), baths, [bath.numbers for bath in baths])
+    mu = _mean_mu(t, inputs[1], start.mean(problem.model))
     return Path(problem=problem.replace(control=time), value=t, mu=mu, **report, **search.found["end"])
 
 
 @compiled()
-def _driven(t, numbers, tables, at_start):
-    """Times ``t`` (k,) of the states, see `moved_times`, and the mean of mu (k,) of all baths, ``at_start`` first."""
-    baths = [Bath(*map(jnp.asarray, table)) for table in tables]
-    t = moved_times(t, baths, numbers)
-    return t, jnp.append(at_start, jnp.mean(jnp.stack([bath.at(t[1:]) for bath in baths]), axis=0))
+def _mean_mu(t, tables, at_start):
+    """Mean of mu (k,) of all baths, of (mu, times) each, at the times ``t`` (k,); the first one is that ``at_start``."""
+    values = [Bath(*map(jnp.asarray, table)).at(t[1:]) for table in tables]
+    return jnp.append(at_start, jnp.mean(jnp.stack(values), axis=0))
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))

@@ -139,6 +139,8 @@ _compiled_values = compiled()(_values)
 
 def moved_times(t: Float[np.ndarray, " k"], baths: Sequence[Bath], numbers: Sequence[Float[np.ndarray, " j"]]) -> Float[Array, " k"]:
     """Times ``t`` (k,), of which those at kinks of the ``baths``, whose times are these ``numbers``, are the baths' own."""
+    if not is_traced([bath.times for bath in baths]):
+        return t
     moved = jnp.asarray(t)
     for bath, own in zip(baths, numbers, strict=True):
         for k, number in enumerate(own):

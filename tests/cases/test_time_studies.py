@@ -9,14 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from studies import TINY, changed, designed
+from studies import COARSE, changed, designed
 
 import jaxgel
 from jaxgel.cases import VERIFIED, load_case, study_from_table
 from jaxgel.cli import command_line as cli
 
 STUDY = (
-    TINY
+    COARSE
     + """
 [gel]
 chi = 0.1
@@ -51,7 +51,7 @@ time_to = 1.12
 [search]
 evaluations = 2
 [verification]
-spacing = 0.6
+spacing = 0.7
 """
 )
 TARGET = "target = 1.15\nat_time = 0.4\n"

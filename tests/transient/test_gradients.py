@@ -33,7 +33,7 @@ def quantity():
     plate = jaxgel.Plate(
         1.2, 1.0, [jaxgel.Ellipse((0.02, 0.0), (0.3, 0.2), 0.2)], edges={"top": "free"}, axial_stretch=1.02, kinematics=KINEMATICS
     )
-    cloud = jaxgel.make_cloud(plate, spacing=0.25, nodes_per_hole=12)
+    cloud = jaxgel.make_cloud(plate, spacing=0.4, nodes_per_hole=8)
 
     def of(values):
         D, Nv, chi, slope, axial, start, bath, ramp, traction, x, *ellipse = values
