@@ -198,5 +198,9 @@ def crease_indicator(path: Path) -> Float[Array, " k"]:
     quasi-Newton methods fail on it; the softened one is smooth and lies below the maximum by at most log(m) / a, where one of m points
     has a larger ratio than all others, and by 0 where all m are equal.
     """
-    ratios = mean_surface_ratios(path, CREASE_SHARE)
+    return _softened_maximum(mean_surface_ratios(path, CREASE_SHARE))
+
+
+@compiled()
+def _softened_maximum(ratios):
     return jax.nn.logsumexp(SHARPNESS * ratios, axis=1) / SHARPNESS - np.log(max(ratios.shape[1], 1)) / SHARPNESS

@@ -8,7 +8,7 @@ import pytest
 import jaxgel
 
 KINEMATICS = "generalised plane strain"
-TIMES = [1e-3, 0.01, 0.05, 0.2, 0.5]
+TIMES = [0.01, 0.05, 0.2, 0.5]
 FAMILIES = {
     "diffusivity": 1.0,
     "network": 2e-3,
@@ -68,19 +68,19 @@ def quotient(function, direction, h=2e-4):
 
 def test_gradients_by_all_that_a_run_depends_on_are_difference_quotients(quantity):
     """Along two directions that change everything; reverse and forward mode agree."""
-    gradient = jax.grad(quantity)(jnp.asarray(VALUES))
+    gradient = np.array(jax.grad(quantity)(list(VALUES)))
     assert np.isfinite(gradient).all() and (np.abs(gradient) > 0).all()
     for seed in (0, 1):
         direction = VALUES * np.random.default_rng(seed).uniform(0.5, 1.0, len(VALUES))
         assert float(gradient @ direction) == pytest.approx(quotient(quantity, direction), rel=1e-6)
-    forward = jax.jvp(quantity, (jnp.asarray(VALUES),), (jnp.asarray(direction),))[1]
+    forward = jax.jvp(quantity, (list(VALUES),), (list(direction),))[1]
     assert float(forward) == pytest.approx(float(gradient @ direction), rel=1e-9)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(FAMILIES)), ids=list(FAMILIES))
 def test_the_derivative_by_each_family_is_a_difference_quotient(quantity, number):
-    gradient = jax.grad(quantity)(jnp.asarray(VALUES))
+    gradient = np.array(jax.grad(quantity)(list(VALUES)))
     direction = np.where(np.arange(len(VALUES)) == number, VALUES, 0.0)
     assert float(gradient @ direction) == pytest.approx(quotient(quantity, direction), rel=1e-6, abs=1e-9)
     change = [quantity(VALUES + h * direction) - quantity(VALUES) - h * float(gradient @ direction) for h in (0.01, 0.005)]
