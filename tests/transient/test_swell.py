@@ -19,8 +19,8 @@ FILMS = {
 
 
 def film(spacing, **options):
-    """A film of thickness 1 that is free above, two patches wide."""
-    plate = jaxgel.Plate(4 * spacing, 1.0, edges={"top": "free"}, **options)
+    """A film of thickness 1 that is free above, two squares of a patch wide and more."""
+    plate = jaxgel.Plate(8 * spacing, 1.0, edges={"top": "free"}, **options)
     return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
 
 
