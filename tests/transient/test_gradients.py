@@ -8,7 +8,7 @@ import pytest
 import jaxgel
 
 KINEMATICS = "generalised plane strain"
-TIMES = [0.01, 0.05, 0.2, 0.5]
+TIMES = [1e-3, 0.01, 0.05, 0.2, 0.5]
 FAMILIES = {
     "diffusivity": 1.0,
     "network": 2e-3,
