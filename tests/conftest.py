@@ -124,9 +124,9 @@ def path(run_folder):
 
 @pytest.fixture(scope="session")
 def in_time():
-    """Path of a plate with two holes that swells in two baths, a jump and a ramp that ends at 0.1; 147 nodes."""
+    """Path of a plate with two holes that swells in two baths, a jump and a ramp that ends at 0.1; 81 nodes."""
     holes = [jaxgel.Circle((-0.5, 0.0), 0.3), jaxgel.Circle((0.5, 0.0), 0.15)]
-    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2.0, 1.2, holes), spacing=0.3, nodes_per_hole=12))
+    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2.0, 1.0, holes), spacing=0.4, nodes_per_hole=8))
     baths = {0: -1.5, 1: jaxgel.Bath([-2.5, -1.5], times=[0.0, 0.1])}
     problem = jaxgel.Problem(model, jaxgel.Gel(1e-3, 0.1), contact=False)
     return jaxgel.swell(problem, baths, jaxgel.TimeSteps(10.0, first=1e-3, per_decade=3), start=-3.0)

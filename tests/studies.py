@@ -74,6 +74,10 @@ def changed(text, *changes):
     return text
 
 
+COARSE = changed(TINY, ("0.6666666666666666", "0.8"), ("nodes_per_hole = 12", "nodes_per_hole = 8"))
+"""The same plate with 39 nodes, for gels that swell in time."""
+
+
 def one_cloud(patch, without=()):
     """Give all sweeps and verifications of designs one cloud; ValueError for a first semi-axis in the list ``without``."""
     make, made = DesignProblem.make_cloud, []

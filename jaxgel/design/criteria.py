@@ -22,7 +22,7 @@ from ..cloud import Cloud
 from ..continuation import Path
 from ..equilibrium import StateNotFound
 from ..geometry import Plate, arcs, edge_lines, frame_of, image_offsets, outline_points, periods, reference_plate
-from ..materials import AnyGel, WithHoles, matrix_of
+from ..materials import AnyGel, WithHoles, matrix_of, values_at
 from ..observables import CURVES, at_time, is_in_time, time_to
 
 LIGAMENT_SAMPLES = 128  # points per outline among which the nearest pair is looked for
@@ -74,15 +74,25 @@ def _read(path, quantity, at):
     """The quantity at values of the path's control, which may fall, linear between its states; beyond a path that stopped nan."""
     if is_in_time(path):
         return at_time(path, quantity, at) if path.stop.ok else jnp.full(np.shape(at), jnp.nan)
-    values = jnp.asarray(path.value)
+    numbers, at = differentiated_value(path.value), np.asarray(at, dtype=float)
+    if not is_traced(numbers) and (path.stop is None or path.stop.ok):
+        low, high = float(np.min(numbers)), float(np.max(numbers))
+        reach = ROUND_OFF * max(-low, high)
+        beyond = at[(at < low - reach) | (at > high + reach)]
+        if beyond.size:
+            name = path.control.name
+            raise ValueError(f"{name}: {beyond[0]:g} is beyond the path, which runs from {low:g} to {high:g}; ask for a value within")
+    return _interpolated(at, path.value, quantity(path))
+
+
+@compiled()
+def _interpolated(at, values, of_states):
+    """The quantity ``of_states`` (k,) with these ``values`` (k,) of the control, linear between them; nan beyond."""
     order = jnp.argsort(values)
     low, high = (jax.lax.stop_gradient(values)[order[end]] for end in (0, -1))
-    reach = ROUND_OFF * jnp.maximum(jnp.abs(low), jnp.abs(high))
-    beyond = (at < low - reach) | (at > high + reach)
-    if not is_traced(beyond) and (path.stop is None or path.stop.ok) and np.any(beyond):
-        name, asked = path.control.name, float(np.atleast_1d(at)[np.atleast_1d(beyond)][0])
-        raise ValueError(f"{name}: {asked:g} is beyond the path, which runs from {float(low):g} to {float(high):g}; ask for a value within")
-    return jnp.interp(at, values[order], jnp.asarray(quantity(path))[order]) * jnp.where(beyond, jnp.nan, 1.0)
+    reach = ROUND_OFF * jnp.maximum(-low, high)
+    inside = jnp.where((at < low - reach) | (at > high + reach), jnp.nan, 1.0)
+    return jnp.interp(at, values[order], jnp.asarray(of_states)[order]) * inside
 
 
 def weighted_sum(weights: Sequence[float], functions: Sequence[Callable[..., Any]]) -> Callable[[Path], Float[Array, ""]]:
@@ -159,7 +169,7 @@ def parameter_mean(name: str) -> Callable[[Cloud, AnyGel], Float[Array, "1"]]:
         area = jnp.where(outside, quadrature.weights(cloud.vertices), 0.0)
         places = jnp.asarray(cloud.topology.partition.vertices) if isinstance(parameter, WithHoles) else cloud.vertices
         points = cloud.topology.frame.to_given(quadrature.points(places))
-        return jnp.sum(area * jax.vmap(parameter)(points), keepdims=True) / jnp.sum(area)
+        return jnp.sum(area * values_at(parameter, points), keepdims=True) / jnp.sum(area)
 
     return mean
 

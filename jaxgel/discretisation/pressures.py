@@ -14,11 +14,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._types import Array, Float
 
 SIGNS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of psi_1 and psi_2 at the four points of a linear pressure
 
 
+@compiled(static=("linear",))
 def group_weights(points: Float[Array, "c q 2"], weight: Float[Array, "c q"], linear: bool) -> Float[Array, "c q g"]:
     """Weights W such that a group's volume times its J is a share of the patch's volume plus sum_q w_q W_qg J_q; see `n_carrying`.
 
@@ -50,4 +52,4 @@ def _inverse_root(A):
     s = jnp.sqrt(det)[:, None, None]
     t = jnp.sqrt(A[:, 0, 0] + A[:, 1, 1] + 2 * s[:, 0, 0])[:, None, None]
     cofactor = jnp.stack([jnp.stack([A[:, 1, 1], -A[:, 0, 1]], -1), jnp.stack([-A[:, 0, 1], A[:, 0, 0]], -1)], -2)
-    return (cofactor + s * jnp.eye(2)) / (t * s)  # sqrt(A) = (A + s I) / t, Cayley and Hamilton
+    return (cofactor + s * np.eye(2)) / (t * s)  # sqrt(A) = (A + s I) / t, Cayley and Hamilton

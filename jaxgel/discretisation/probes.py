@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._memo import once_per_owner
+from .._tracing import is_traced
 from .._types import Array, Float
 from ..cloud import Topology
 from ..geometry import Frame, inside_holes
@@ -88,13 +89,13 @@ def make_probe(model: Model, points: Float[Array, "p 2"], reference_points: Floa
     """
     reference_points, cloud = np.asarray(points if reference_points is None else reference_points), model.cloud
     neighbours = neighbours_of_points(cloud.topology, model.dmax, reference_points)
-    return interpolate(cloud, jnp.asarray(points), neighbours, model.basis)
+    return interpolate(cloud, points if is_traced(points) else np.asarray(points), neighbours, model.basis)
 
 
 def midline_probe(model: Model) -> Interpolation:
     """``Interpolation`` at the points (p, 2) of the gel on y = 0 in the dry plate, from left to right; it follows the model's cloud."""
     points, neighbours = _midline(model.cloud.topology, model.dmax)
-    return interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis)
+    return interpolate(model.cloud, points, neighbours, model.basis)
 
 
 def midline_points(topology: Topology, dmax: float) -> Float[np.ndarray, "p 2"]:
@@ -105,7 +106,7 @@ def midline_points(topology: Topology, dmax: float) -> Float[np.ndarray, "p 2"]:
 def core_probe(model: Model) -> Interpolation:
     """``Interpolation`` at the plate's core point (1, 2) on the model's cloud; its gradients are nan where the core lies in a hole."""
     points, neighbours, in_hole = _core(model.cloud.topology, model.dmax)
-    probe = interpolate(model.cloud, jnp.asarray(points), neighbours, model.basis)
+    probe = interpolate(model.cloud, points, neighbours, model.basis)
     return dataclasses.replace(probe, dphi=jnp.full_like(probe.dphi, jnp.nan)) if in_hole else probe
 
 

@@ -4,7 +4,6 @@ from pathlib import Path as File
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkGroup, VtkTriangle
@@ -95,7 +94,7 @@ def point_fields(path: Path, used: Int[np.ndarray, " u"]) -> dict[str, np.ndarra
     """Name -> values (k, u), or (k, u, 2) of ``position``, at the vertices numbered ``used`` (u,) of a path's cloud."""
     cloud = path.model.cloud
     probe = make_probe(path.model, cloud.vertices[used], cloud.topology.partition.vertices[used])
-    position, F, stress = map(np.asarray, _at_points(probe, jnp.asarray(path.x), cauchy_stress(path)))
+    position, F, stress = map(np.asarray, _at_points(probe, path.x, cauchy_stress(path)))
     stretches = np.linalg.svd(np.asarray(F), compute_uv=False)
     fields = {"position": position} | {f"cauchy_stress_{name}": stress[..., i] for i, name in enumerate(("xx", "yy", "xy"))}
     return {name: np.asarray(v) for name, v in fields.items()} | {f"principal_stretch_{i + 1}": stretches[..., i] for i in range(2)}

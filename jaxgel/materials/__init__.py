@@ -12,6 +12,7 @@ from .fields import (
     gel_in_groups,
     gel_on_outline,
     named_parameters,
+    values_at,
     varies,
     with_parameters,
 )
@@ -106,6 +107,7 @@ __all__ = [
     "surface_volume_ratio",
     "takes_solvent",
     "uniaxial_swelling",
+    "values_at",
     "varies",
     "volume_ratio_at",
     "with_matrix",

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.ndimage import map_coordinates
 
+from .._compiled import compiled
 from .._types import Array, Float, Int
 
 
@@ -80,6 +81,17 @@ class WithHoles:
 
     def __call__(self, X: Float[Array, " 2"]) -> Float[Array, ""]:
         return self.field(X)
+
+
+def values_at(field: Callable[..., Any], X: Float[Array, "p 2"]) -> Float[Array, " p"]:
+    """Values (p,) of a field at positions ``X`` (p, 2), mm; those of a picture by one program."""
+    picture = field.field if isinstance(field, WithHoles) else field
+    return _of_picture(picture, X) if isinstance(picture, PixelField) else jax.vmap(field)(X)
+
+
+@compiled()
+def _of_picture(picture, X):
+    return jax.vmap(picture)(X)
 
 
 def _spline(u, count):

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import PAIR, check_kind, did_you_mean, finite_numbers, tabled
@@ -101,13 +102,19 @@ def _edge_load(model, edge, force):
     on = np.abs(part.vertices[ends][:, :, axis] - coordinate).max(axis=1) < 1e-9 * topology.spacing
     ends = ends[on]
 
-    points = _along(model.cloud.vertices, ends)
-    length = jnp.linalg.norm(jnp.diff(model.cloud.vertices[ends], axis=1)[:, 0], axis=1)
-    load = jnp.outer(length, SIMPSON).ravel()[:, None] * _at_points(force, topology.frame.to_given(points), f"traction: {edge}")
+    points, length = _edge_rule(model.cloud.vertices, ends)
+    load = length[:, None] * _at_points(force, topology.frame.to_given(points), f"traction: {edge}")
     wall = np.repeat(plate_edge_ends(topology, ends), len(SIMPSON), axis=0)
     if np.all(wall < 0):
-        return _true_trace(model, points, np.asarray(_along(part.vertices, ends)), load)
-    return _linear_trace(model, points, wall, 1 - axis, load)
+        return _true_trace(model, points, _along(part.vertices, ends), load)
+    return _linear_trace(model.cloud.nodes, points, wall, 1 - axis, load)
+
+
+@compiled()
+def _edge_rule(vertices, ends):
+    """Points (3 e, 2), mm, of Simpson's rule along edges between their ``ends`` (e, 2), and the length, mm, that each stands for."""
+    length = jnp.linalg.norm(vertices[ends[:, 1]] - vertices[ends[:, 0]], axis=1)
+    return _along(vertices, ends), jnp.outer(length, SIMPSON).ravel()
 
 
 def _along(vertices, ends):
@@ -119,14 +126,20 @@ def _along(vertices, ends):
 def _true_trace(model, points, reference_points, load):
     """Nodal forces (n, 2) of point loads (p, 2) by the shape functions at the points."""
     probe = make_probe(model, points, reference_points)
-    return jnp.zeros((model.n_nodes, 2)).at[probe.nodes].add(probe.phi[:, :, None] * load[:, None, :])
+    return _added(probe.nodes, probe.phi, load, count=model.n_nodes)
 
 
-def _linear_trace(model, points, wall, along, load):
+@compiled(static=("count",))
+def _added(nodes, phi, load, *, count):
+    return jnp.zeros((count, 2)).at[nodes].add(phi[:, :, None] * load[:, None, :])
+
+
+@compiled(static=("along",))
+def _linear_trace(nodes, points, wall, along, load):
     """Nodal forces (n, 2) of point loads (p, 2), shared by the two wall nodes (p, 2) between which each point lies."""
-    first, second = (model.cloud.nodes[wall[:, k], along] for k in range(2))
+    first, second = (nodes[wall[:, k], along] for k in range(2))
     share = ((points[:, along] - first) / (second - first))[:, None]
-    return jnp.zeros((model.n_nodes, 2)).at[wall[:, 0]].add((1 - share) * load).at[wall[:, 1]].add(share * load)
+    return jnp.zeros_like(nodes).at[wall[:, 0]].add((1 - share) * load).at[wall[:, 1]].add(share * load)
 
 
 def _at_points(force, points, field):

@@ -10,8 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._memo import once_per_owner
-from .._sizes import resized
+from .._sizes import joined, resized, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int, Scalar
 from .._validation import check_kind, kind_in_words
@@ -34,6 +35,7 @@ from ..materials import (
     matrix_of,
     named_parameters,
     takes_solvent,
+    values_at,
     with_parameters,
 )
 from .volumes import all_volumes
@@ -103,14 +105,15 @@ def _by_region(model, parameters):
     """
     if all(part is parameters[0] or (_is_number(part) and part == parameters[0]) for part in parameters):
         return parameters[0]
-    numbers = jnp.stack([jnp.nan if isinstance(part, LocalValues) else jnp.asarray(part, float) for part in parameters])
+    host = jnp if is_traced(parameters) else np  # numbers stay numbers
+    numbers = host.stack([np.nan if isinstance(part, LocalValues) else host.asarray(part, float) for part in parameters])
     regions, blocks = model.lists.region_of_patch, model.blocks
 
     def chosen(regions, values_of, shape):
-        values = jnp.broadcast_to(numbers[regions], shape)
+        values = host.broadcast_to(numbers[regions], shape)
         for number, part in enumerate(parameters):
             if isinstance(part, LocalValues):
-                values = jnp.where(regions == number, values_of(part), values)
+                values = host.where(regions == number, values_of(part), values)
         return values
 
     own = [regions[np.asarray(block.patches)][:, None] for block in blocks]
@@ -139,7 +142,7 @@ def _reference_surface(topology):
 
 def _surface_points(model):
     """Outline vertices and nodes of free edges (p, 2), mm, on the dry plate."""
-    return jnp.concatenate([model.outline.points, model.cloud.nodes[model.lists.topology.free_edge_nodes]])
+    return joined([model.outline.points, taken(model.cloud.nodes, model.lists.topology.free_edge_nodes)])
 
 
 def shared_gel(gel: LocalGel, body: Body) -> LocalGel:
@@ -158,6 +161,11 @@ def mean_stiffness(gel: LocalGel, model: Model) -> Scalar:
     """The mean of Nv over the dry volume of a `localised` gel, that of elastomers left out."""
     if not isinstance(gel.Nv, LocalValues):
         return gel.Nv
+    return _mean_of_local_stiffness(gel, model)
+
+
+@compiled()
+def _mean_of_local_stiffness(gel, model):
     volumes = jnp.where(model.carries & takes_solvent(gel_in_groups(gel)), all_volumes(model), 0.0)
     return jnp.sum(volumes * gel.Nv.groups) / jnp.sum(volumes)
 
@@ -165,7 +173,7 @@ def mean_stiffness(gel: LocalGel, model: Model) -> Scalar:
 def _places(blocks, outline):
     """Positions, mm, as the fields of `LocalValues`: of quadrature points and volume groups of the blocks, and of surfaces."""
     groups = [group_positions(block).reshape(-1, 2) for block in blocks]
-    return tuple(block.position for block in blocks), jnp.concatenate(groups), outline
+    return tuple(block.position for block in blocks), joined(groups), outline
 
 
 def _reference_places(model):
@@ -181,12 +189,12 @@ def _reference_quadrature(lists: Connectivity):
     """Per block the fields of `PatchBlock` that say where its points and groups were before holes moved; and `_reference_surface`."""
     topology, parts = lists.topology, []
     vertices = topology.partition.vertices
-    points, weight = (jnp.asarray(read(vertices)) for read in (topology.quadrature.points, topology.quadrature.weights))
+    points, weight = topology.quadrature.points(vertices), topology.quadrature.weights(vertices)
     for numbers, patches in zip(lists.points, lists.patches, strict=True):
         at = np.where(numbers >= 0, numbers, numbers[:, :1])
-        X, w = points[at], jnp.where(numbers >= 0, weight[at], 0.0)
+        X, w = points[at], np.where(numbers >= 0, weight[at], 0.0)
         parts.append({"position": X, "weight": w, "group_weight": group_weights(X, w, bool(lists.linear[patches[0]]))})
-    return parts, jnp.asarray(_reference_surface(topology))
+    return parts, _reference_surface(topology)
 
 
 @once_per_owner
@@ -206,6 +214,7 @@ def group_positions(block: PatchBlock) -> Float[Array, "c g 2"]:
     return _at_groups(block.position, block.weight, block.group_weight, block.carrying)
 
 
+@compiled(static=("carrying",))
 def _at_groups(X, weight, group_weight, carrying):
     carries = np.arange(group_weight.shape[2]) < carrying
     total, volume = jnp.einsum("cq,cqi->ci", weight, X)[:, None], jnp.sum(weight, axis=1)[:, None, None]
@@ -222,7 +231,7 @@ def _evaluated(name, field, places):
     leaves, structure = jax.tree.flatten(places)
     host = np if not is_traced(leaves) else jnp  # numbers stay numbers inside jit
     X = host.concatenate([host.asarray(leaf).reshape(-1, 2) for leaf in leaves])
-    values = field.at(X) if isinstance(field, NodalField) else jax.vmap(field)(X).astype(float)  # all at once: few operations
+    values = field.at(X) if isinstance(field, NodalField) else values_at(field, X).astype(float)
     if not is_traced(values):
         check_parameter(name, values, X)
     cuts = np.cumsum([leaf.size // 2 for leaf in leaves])[:-1]

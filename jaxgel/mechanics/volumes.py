@@ -64,6 +64,7 @@ def _carries(block):
     return np.arange(block.n_groups) < block.carrying
 
 
+@compiled()
 def all_volumes(model: Body) -> Float[Array, " g"]:
     """Dry volumes (g,) of all volume groups, mm^2; 0 for padding."""
     return of_groups([group_volumes(block) for block in model.blocks], model)

@@ -38,7 +38,7 @@ def volume_ratio(path: States) -> Float[Array, "k c"]:
     path.
     """
     if path.model.film:
-        return _film_volume_ratio(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
+        return _film_volume_ratio(path.x, path.value, path.problem)
     return over_states(_areal_stretch, path) * axial_stretch(path.model)
 
 
@@ -51,7 +51,7 @@ def thickness_stretch(path: Path) -> Float[Array, "k c"]:
 @of_path
 def macroscopic_deformation(path: Path) -> Float[Array, "k 2 2"]:
     """Macroscopic deformation gradient F (k, 2, 2) of every state, rows first: of a periodic cell that of its sides, else the held one."""
-    return _macroscopic_deformation(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
+    return _macroscopic_deformation(path.x, path.value, path.problem)
 
 
 @compiled()
@@ -68,7 +68,7 @@ def membrane_stress(path: Path) -> Float[Array, " k"]:
     """
     if not path.model.film:
         raise ValueError("membrane_stress: the plate is not in plane stress")
-    return _membrane_stress(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value), path.problem)
+    return _membrane_stress(path.x, path.pressure, path.value, path.problem)
 
 
 @compiled()
@@ -145,7 +145,7 @@ def _at_each(stretch, path):
 def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
     """Deformed positions (k, v, 2) of all vertices of the cells, mm, for pictures."""
     probe = make_probe(path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices)
-    return _positions(probe, jnp.asarray(path.x))
+    return _positions(probe, path.x)
 
 
 @compiled()
@@ -163,7 +163,7 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """
     model = path.model
     probe = make_probe(model, model.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
-    return _cauchy_stress(jnp.asarray(path.x), jnp.asarray(path.pressure), jnp.asarray(path.value), path.problem, probe)
+    return _cauchy_stress(path.x, path.pressure, path.value, path.problem, probe)
 
 
 @compiled()

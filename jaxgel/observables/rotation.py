@@ -136,7 +136,7 @@ def rotation_angle(path: States) -> Float[Array, " k"]:
     the angle is a smooth function of the state until another extremum takes over. A level midline, such as that of the
     symmetric states of samples 4 and 7 and of the lattice, turns by 0 and has no derivative: differentiate ``core_rotation`` there.
     """
-    return angle_of_extrema(jnp.asarray(path.x), path.model)
+    return angle_of_extrema(path.x, path.model)
 
 
 @of_path

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any, ParamSpec, Protocol, TypeVar, runtime_checkable
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._compiled import compiled
@@ -52,7 +51,7 @@ def with_room(x: Float[Array, "k n 2"]) -> Float[Array, "k m 2"]:
 
 def over_states(function: Callable[[Float[Array, "n 2"], Model], Any], path: States) -> Any:
     """``function(x, model)`` at every state: its arrays with a leading axis of k."""
-    return _mapped(function, jnp.asarray(path.x), path.model)
+    return _mapped(function, path.x, path.model)
 
 
 @compiled(static=("function",))

@@ -56,7 +56,7 @@ def surface_ratios(path: Path) -> Float[Array, "k m"]:
     chords = chords_of(path.model.lists.topology)
     if len(chords) == 0 or not _has_surface_ratios(path.model):
         return jnp.zeros((len(path.x), 0))
-    return _ratio(*_chord_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem))[:, : len(chords)]
+    return _ratio(*_chord_stretches(path.x, path.value, path.problem))[:, : len(chords)]
 
 
 @of_path
@@ -68,7 +68,7 @@ def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
     _, ends = _arcs(path.model.lists.topology, share)
     if len(ends) == 0 or not _has_surface_ratios(path.model):
         return jnp.zeros((len(path.x), 0))
-    return _ratio(*_arc_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem, share))[:, : len(ends)]
+    return _ratio(*_arc_stretches(path.x, path.value, path.problem, share))[:, : len(ends)]
 
 
 def _has_surface_ratios(model):
@@ -198,5 +198,9 @@ def crease_indicator(path: Path) -> Float[Array, " k"]:
     quasi-Newton methods fail on it; the softened one is smooth and lies below the maximum by at most log(m) / a, where one of m points
     has a larger ratio than all others, and by 0 where all m are equal.
     """
-    ratios = mean_surface_ratios(path, CREASE_SHARE)
+    return _softened_maximum(mean_surface_ratios(path, CREASE_SHARE))
+
+
+@compiled()
+def _softened_maximum(ratios):
     return jax.nn.logsumexp(SHARPNESS * ratios, axis=1) / SHARPNESS - np.log(max(ratios.shape[1], 1)) / SHARPNESS

@@ -32,7 +32,7 @@ def surface_stability(path: Path) -> Float[Array, " k"]:
     model = path.model
     if not any(map(len, _free_surfaces(model.lists.topology))):
         return jnp.ones(len(path.x))
-    tangential, near, law = _surface_stretches(jnp.asarray(path.x), jnp.asarray(path.value), path.problem)
+    tangential, near, law = _surface_stretches(path.x, path.value, path.problem)
     return jnp.min(_stability(tangential, surface_swelling(tangential, near, law), law), axis=1)
 
 

@@ -66,15 +66,21 @@ def traced_swell(
     """`swell` under differentiation; states that are not reached are nan, with the status of the run."""
     problem = transport.problem.replace(operators=None)
     inputs = dataclasses.replace(transport, problem=problem), [(bath.mu, bath.times) for bath in baths], start
-    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, inputs))
+    leaves, structure = jax.tree.flatten(inputs)
     floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
     search = _Search(structure, floating, tuple(times), jax.tree.map(differentiated_value, time), newton, observer)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     t = moved_times(np.array([0.0, *times]), baths, [bath.numbers for bath in baths])
-    at_start = start.mean(problem.model)
-    mu = jnp.append(at_start, jnp.mean(values_of(baths, [at_start] * len(baths), t[1:])[0], axis=1))
+    mu = _mean_mu(t, inputs[1], start.mean(problem.model))
     return Path(problem=problem.replace(control=time), value=t, mu=mu, **report, **search.found["end"])
+
+
+@compiled()
+def _mean_mu(t, tables, at_start):
+    """Mean of mu (k,) of all baths, of (mu, times) each, at the times ``t`` (k,); the first one is that ``at_start``."""
+    values = [Bath(*map(jnp.asarray, table)).at(t[1:]) for table in tables]
+    return jnp.append(at_start, jnp.mean(jnp.stack(values), axis=0))
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))

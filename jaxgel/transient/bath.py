@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._primitives import differentiated_value
 from .._tracing import is_traced
 from .._types import Array, Chemical, Float, Scalar
@@ -121,13 +122,25 @@ class Time:
 def time_in(baths: Mapping[str | int, Bath], D: Scalar = 1.0, unit: str = "") -> Time:
     """`Time` of the baths of the wetted parts, with the diffusivity ``D``."""
     times = np.unique(np.concatenate([bath.numbers for bath in baths.values()]))
-    mu = [bath.at(times) for bath in baths.values()]
-    parts = _xp(mu).stack(mu)
-    return Time(times, _xp(mu).mean(parts, axis=0), parts, D, tuple(baths), unit)
+    tables = [(bath.mu, bath.times) for bath in baths.values()]
+    mean, parts = (_compiled_values if is_traced(tables) else _values)(tables, times)
+    return Time(times, mean, parts, D, tuple(baths), unit)
+
+
+def _values(tables, times):
+    """Mean (j,) of several baths of (mu, times) each, and their values (b, j), at these times."""
+    mu = [Bath(*table).at(times) for table in tables]
+    xp = _xp(mu)
+    return xp.mean(xp.stack(mu), axis=0), xp.stack(mu)
+
+
+_compiled_values = compiled()(_values)
 
 
 def moved_times(t: Float[np.ndarray, " k"], baths: Sequence[Bath], numbers: Sequence[Float[np.ndarray, " j"]]) -> Float[Array, " k"]:
     """Times ``t`` (k,), of which those at kinks of the ``baths``, whose times are these ``numbers``, are the baths' own."""
+    if not is_traced([bath.times for bath in baths]):
+        return t
     moved = jnp.asarray(t)
     for bath, own in zip(baths, numbers, strict=True):
         for k, number in enumerate(own):

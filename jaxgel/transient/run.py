@@ -42,7 +42,8 @@ class Start(NamedTuple):
 
     def mean(self, model: Model) -> Float[Array, ""]:
         """Mean chemical potential (), kT, of the groups that carry volume."""
-        return (self.potential @ np.asarray(model.carries, float)) / np.sum(model.carries)
+        carries = np.asarray(model.carries, float)
+        return (self.potential @ carries) / carries.sum()
 
 
 @program(potential="g", returns="g")

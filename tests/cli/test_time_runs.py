@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from studies import TINY, Interrupted, changed
+from studies import COARSE, Interrupted, changed
 
 from jaxgel.cases import load_path
 from jaxgel.cases import resume as resuming
@@ -19,7 +19,7 @@ from jaxgel.io import load_run
 
 TIMES = [0.001, 0.01, 0.1, 0.2, 1.0]
 CASE = (
-    changed(TINY, ("radius = 1.1\n", "radius = 1.1\nbath = { mu = -1.0, ramp = 0.15 }\n"))
+    changed(COARSE, ("radius = 1.1\n", "radius = 1.1\nbath = { mu = -1.0, ramp = 0.15 }\n"))
     + f'[gel]\nchi = 0.1\n[sweep]\nmu_start = -4.0\n[time]\ntimes = {TIMES}\nunit = "h"\n[bath]\nmu = -1.5\n'
     + "[output]\nfigures = false\nanimation = false\n"
 )
