@@ -7,7 +7,7 @@ from ..geometry import EDGES, Plate
 from ..transient import Bath, BathOptions
 
 WETTING = ("wet", "bath")  # entries of a hole, and tables by edges of the plate
-STARTING = ("mu_start", "contact")  # entries of ``sweep`` that swelling in time takes
+STARTING = ("mu_start", "branch", "contact")  # entries of ``sweep`` that swelling in time takes
 
 
 def check_time(table: dict[str, Any]) -> None:
@@ -19,7 +19,7 @@ def check_time(table: dict[str, Any]) -> None:
         return
     for key, value in table.get("sweep", {}).items():
         if key not in STARTING or (key == "contact" and value != "off"):
-            known = "mu_start" if key != "contact" else "contact = 'off'"
+            known = "mu_start and branch" if key != "contact" else "contact = 'off'"
             raise ValueError(f"sweep.{key}: {value!r} does not go with [time], in which the bath drives; it takes {known}")
     for where, entry in _entries(table):
         if not entry.get("wet", True) and "bath" in entry:
@@ -28,8 +28,9 @@ def check_time(table: dict[str, Any]) -> None:
 
 def start_entries(table: dict[str, Any]) -> dict[str, Any]:
     """The section ``sweep`` of the equilibrium at which swelling in time starts."""
-    start = table.get("sweep", {}).get("mu_start", SweepOptions().mu_start)
-    return {"mu_start": start, "mu": [start], "contact": "off"}
+    given = table.get("sweep", {})
+    start = given.get("mu_start", SweepOptions().mu_start)
+    return {"mu_start": start, "mu": [start], "contact": "off", "branch": given.get("branch", SweepOptions().branch)}
 
 
 def baths(source: dict[str, Any], plate: Plate, options: BathOptions, start: float, end: float) -> dict[str | int, Bath]:

@@ -21,7 +21,7 @@ A table has the sections of a case file, all but ``plate`` optional:
     [sweep]            mu_start, mu_end, steps ("auto" or a number), or mu = [list]; or control = "temperature" ..., from, to, steps, or
                        values = [list], at_mu; back = true; branch, imperfection, contact
     [time]             swelling in time: end, steps_per_decade, first, or times = [list]; D (mm^2 per unit of time), unit = "h"; with it
-                       [sweep] has mu_start alone, the gel's equilibrium before time 0
+                       [sweep] has mu_start, the gel's equilibrium before time 0, and branch
     [bath]             mu (kT) of what wets holes and free edges from time 0 on; times, rising, if mu = [list]; or ramp, the time in
                        which it goes from mu_start to mu; needed with [time]
     [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, solver
@@ -120,7 +120,7 @@ class Case:
     def swell(self, problem: Problem, *, before: Path | None = None, observer: Observer = UNOBSERVED) -> Path:
         """`Path` of the case's `problem` in time; it begins with the states of the path ``before``, if that is given."""
         start = self.sweep.mu_start if before is None else before
-        options = {"D": self.time.D, "unit": self.time.unit, "observer": observer}
+        options = {"D": self.time.D, "unit": self.time.unit, "branch": self.sweep.branch, "observer": observer}
         return swell(problem, self.baths(), self.time.values, start=start, **options)
 
     def baths(self) -> dict[str | int, Bath]:

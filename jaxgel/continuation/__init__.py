@@ -1,8 +1,8 @@
 """Continuation: many states along a branch, and their stability."""
 
-from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed
+from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed, warn_of_ill_posed
 from .eigenvalue import lowest_eigenvalue
-from .follow import Followed, Following
+from .follow import BRANCHES, Followed, Following
 from .options import SweepOptions, check_sweep
 from .path import OF_SOLVENT, SCALARS, Path, check_is_path
 from .predictor import extrapolated, predict
@@ -13,6 +13,7 @@ from .switching import across
 
 __all__ = [
     "ACCURACY",
+    "BRANCHES",
     "OF_SOLVENT",
     "SCALARS",
     "Adaptive",
@@ -34,4 +35,5 @@ __all__ = [
     "oriented",
     "predict",
     "sweep",
+    "warn_of_ill_posed",
 ]

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import warnings
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -117,7 +118,7 @@ def _states_jvp(search, primals, tangents):
     floats, rest = primals
     x, report = _states(search, floats, rest)
     problem, values = search.join(floats, rest)
-    _warn_of_ill_posed(report, problem.control.name)
+    warn_of_ill_posed(report, problem.control.name)
     zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
     floats_dot = [np.zeros(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
     problem_dot, values_dot = search.join(floats_dot, zeros)
@@ -175,17 +176,17 @@ def _columns(problem, path, touching, stop, values):
     return pad(path.x, jnp.nan), report
 
 
-def _warn_of_ill_posed(report, name):
+def warn_of_ill_posed(report: dict[str, Any], name: str, verb: str = "sweep") -> None:
     """Warn (`IllPosedDerivative`) of every state whose derivative is ill-posed; of those that `jax.vmap` wraps once they are unwrapped."""
-    warn = functools.partial(_warn, name)
+    warn = functools.partial(_warn, name, verb)
     if is_traced(report):
         jax.debug.callback(warn, report["value"], report["derivative"])
     else:
         warn(report["value"], report["derivative"])
 
 
-def _warn(name, values, status):
+def _warn(name, verb, values, status):
     values, status = np.asarray(values), np.asarray(status)
     for one in np.unique(status[status != Status.CONVERGED]):
         at = ", ".join(f"{value:.6g}" for value in values[status == one])
-        warnings.warn(f"sweep: ill-posed derivative at {name} = {at}: {Status(int(one)).text}", IllPosedDerivative, stacklevel=3)
+        warnings.warn(f"{verb}: ill-posed derivative at {name} = {at}: {Status(int(one)).text}", IllPosedDerivative, stacklevel=3)

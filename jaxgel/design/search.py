@@ -262,7 +262,7 @@ class Evaluation:
 def check_path(path: Path, allow_unstable: bool = False) -> None:
     """Raise `Invalid`, in one line, for a path with a state that was not reached, is unstable, or touches itself."""
     name = path.control.name
-    examined = np.asarray(path.ok) & (np.asarray(path.derivative) != Status.NOT_EXAMINED)
+    examined = np.asarray(path.ok) & ~np.isin(path.derivative, (Status.NOT_EXAMINED, Status.LOST_STABILITY))
     status = np.where(examined, path.derivative, path.status)
     if np.any(status != Status.CONVERGED):
         k = int(np.argmax(status != Status.CONVERGED))

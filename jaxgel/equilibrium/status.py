@@ -31,6 +31,7 @@ class Status(enum.IntEnum):
     LEAPT = 10
     UNSTABLE = 11
     NOT_EXAMINED = 12
+    LOST_STABILITY = 13
 
     @property
     def ok(self) -> bool:
@@ -75,6 +76,7 @@ _TEXTS = {
     Status.LEAPT: "the gel changes its phase here, collapsed or swollen, by a leap; use smaller steps, which cross it",
     Status.NEARLY_SINGULAR: "converged, but a fold or bifurcation is near: derivatives grow like 1 / lowest_eigenvalue and hold for tiny "
     "changes only",
+    Status.LOST_STABILITY: "the state is unstable at its chemical potentials, or one before it was: a perturbation grows from there",
     Status.NOT_EXAMINED: "whether derivatives are well posed was not asked",
     Status.UNSTABLE: "the stable branch ends, and no stable state was found by relaxation from there",
 }

@@ -14,7 +14,7 @@ from .._primitives import differentiated_value
 from .._programs import fitted
 from .._sizes import resized, taken
 from .._tracing import is_traced
-from ..continuation import OF_SOLVENT, SCALARS, Path
+from ..continuation import OF_SOLVENT, SCALARS, Path, warn_of_ill_posed
 from ..equilibrium import Newton, Observer, first_order_only, no_tangents
 from ..mechanics import Bath as Instant
 from .bath import Bath, Time, moved_times, values_of
@@ -41,6 +41,8 @@ class _Search:
     """Times of the states."""
     time: Time
     """What drives them, of numbers."""
+    branch: str
+    """Whether it ends with its stability."""
     newton: Newton
     """Tolerances."""
     observer: Observer
@@ -60,6 +62,7 @@ def traced_swell(
     baths: Sequence[Bath],
     times: Sequence[float],
     time: Time,
+    branch: str,
     newton: Newton,
     observer: Observer,
 ) -> Path:
@@ -68,7 +71,7 @@ def traced_swell(
     inputs = dataclasses.replace(transport, problem=problem), [(bath.mu, bath.times) for bath in baths], start
     leaves, structure = jax.tree.flatten(inputs)
     floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
-    search = _Search(structure, floating, tuple(times), jax.tree.map(differentiated_value, time), newton, observer)
+    search = _Search(structure, floating, tuple(times), jax.tree.map(differentiated_value, time), branch, newton, observer)
     floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
     report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
     t = moved_times(np.array([0.0, *times]), baths, [bath.numbers for bath in baths])
@@ -94,7 +97,7 @@ def _states(search, floats, rest):
     check_swelling(transport.problem)
     check_numbers(transport.problem, baths, transport.D)
     transport = dataclasses.replace(transport, problem=transport.problem.prepared, D=float(transport.D))
-    options = baths, search.times, search.time, search.newton, search.observer
+    options = baths, search.times, search.time, search.branch, search.newton, search.observer
     path, first, steps = run(transport, Start(*map(np.asarray, start)), *options)
     before, after = (np.array([getattr(step, name) for step in steps]) for name in ("start", "end"))
     times = before, after, [np.asarray(times) for _, times in tables]
@@ -119,6 +122,7 @@ def _states_jvp(search, primals, tangents):
     """By `stage_tangents` for all that has derivatives."""
     floats, rest = primals
     report = _states(search, floats, rest)
+    warn_of_ill_posed({"value": np.array([0.0, *search.times])} | report, search.time.name, "swell")
     march, rows = search.found["march"], search.found["rows"]
     if not len(march.stages.tau):  # stopped before the first step
         return report, jax.tree.map(SymbolicZero.from_primal_value, report)

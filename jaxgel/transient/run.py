@@ -69,11 +69,13 @@ def run(
     baths: Sequence[Bath],
     times: Sequence[float],
     time: Time,
+    branch: str,
     newton: Newton,
     observer: Observer,
 ) -> Run:
     """The `Run` to these ``times``, with a bath for each wetted part, from time 0 or from the first states of the path.
 
+    With the ``branch`` "stable" it ends before a state that is unstable at its chemical potentials.
     A step depends on the states of the path alone, so that a run that was interrupted goes on to the same bits.
     """
     transport = dataclasses.replace(transport, problem=transport.problem.prepared)
@@ -84,11 +86,13 @@ def run(
         else:
             states = list(start)
         first, steps = _of_state(transport, states[0]).stage, []
-        stop, text = _march(transport, baths, states, steps, times[len(states) - 1 :], newton, observer)
-    return Run(Path.from_states(transport.problem.replace(control=time), states, stop=stop, stop_text=text), first, steps)
+        stop, text = _march(transport, baths, states, steps, times[len(states) - 1 :], branch, newton, observer)
+    path = Path.from_states(transport.problem.replace(control=time), states, stop=stop, stop_text=text)
+    lost = np.maximum.accumulate(path.negative_pivots) > 0
+    return Run(dataclasses.replace(path, derivative=np.where(lost, Status.LOST_STABILITY, Status.CONVERGED)), first, steps)
 
 
-def _march(transport, baths, states, steps, times, newton, observer):
+def _march(transport, baths, states, steps, times, branch, newton, observer):
     """Add to the ``states`` those at the ``times``, and to the ``steps``; how it ended, and a text if early."""
     at_start, kinks = [states[0].mu] * len(baths), kinks_of(baths)
 
@@ -110,6 +114,9 @@ def _march(transport, baths, states, steps, times, newton, observer):
             observer.refused(state)
             text = f"{state.status.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
             return state.status, f"stopped after t = {now.value:.6g}: {text}"
+        if branch == "stable" and state.negative_pivots > 0:
+            text = f"at t = {t:.6g} the state is unstable at its chemical potentials, negative pivots: {state.negative_pivots}"
+            return Status.LOST_STABILITY, f'stopped after t = {now.value:.6g}: {text}; branch = "symmetric" goes on'
         if overlaps(state.x, transport.model):
             return Status.SELF_CONTACT, f"stopped after t = {now.value:.6g}: {Status.SELF_CONTACT.text}"
         observer.accepted(state)

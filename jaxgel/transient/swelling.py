@@ -10,8 +10,8 @@ import numpy as np
 from .._primitives import differentiated_value
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
-from .._validation import Inadmissible, check_kind, did_you_mean
-from ..continuation import Path, SweepFailed, sweep
+from .._validation import Inadmissible, check_kind, did_you_mean, one_of
+from ..continuation import BRANCHES, Path, SweepFailed, sweep
 from ..controls import ChemicalPotential, check_values
 from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, State
 from ..materials import elementwise, free_swelling, gel_in_groups, layer_diffusivity
@@ -62,6 +62,7 @@ def swell(
     start: Scalar | State | Path,
     D: Scalar = 1.0,
     unit: str = "",
+    branch: str = "stable",
     newton: Newton = NEWTON,
     observer: Observer = UNOBSERVED,
 ) -> Path:
@@ -81,6 +82,8 @@ def swell(
     of the solvent in every volume group as ``potential`` (k, g), and ``supplied`` (k, b), the solvent that has come in through each wetted
     part, mm^2. ``negative_pivots`` are those of the tangent at this potential. If Newton's method fails a step is halved, up to 14 times;
     if that does not help, or if an outline meets itself, the path ends early, with the reason in ``path.stop`` and ``path.stop_text``.
+    So it does before a state that is unstable at its chemical potentials, which a perturbation would leave as solvent moves; with the
+    ``branch`` "symmetric" it goes on, and derivatives of the states from there on are flagged (``path.derivative``).
 
     Until the layer below a surface is as thick as its cells the uptake is that of a half-space, good to about 10 % in films and 20 % along
     holes, see docs/theory.md. The bath counts as changed at time 0, also if the ``start`` is a state on the way to it.
@@ -103,12 +106,13 @@ def swell(
     inputs = jax.tree.leaves((problem, D, start, [(one.mu, one.times) for one in baths.values()]))
     if is_traced([differentiated_value(leaf) for leaf in inputs]):
         raise ValueError(INSIDE_JIT)
+    one_of("branch", branch, BRANCHES)
     check_swelling(problem)
     problem = problem.replace(control=ChemicalPotential())
     check_numbers(problem, baths.values(), D)
     times = step_times(problem, baths, times, D).tolist()
     made = transport(problem, tuple(baths), D)
-    options = tuple(baths.values()), times, time_in(baths, D, unit), newton, observer
+    options = tuple(baths.values()), times, time_in(baths, D, unit), branch, newton, observer
     if isinstance(start, Path):
         if is_traced(inputs):
             raise ValueError("start: a path goes on without derivatives; give the state path[-1], whose run is differentiated")

@@ -1,10 +1,12 @@
 """Transient swelling: films with known uptake, balances, limits, and what is refused."""
 
+import jax
 import numpy as np
 import pytest
 
 import jaxgel
 from jaxgel.mechanics import all_volumes, volume_ratios
+from jaxgel.observables import events, history
 
 GOOD = jaxgel.Gel(1e-3, 0.1)
 TIMES = [1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0]
@@ -135,6 +137,32 @@ def test_thin_layers_leave_the_other_side_of_a_patch_as_it_is():
     J = np.stack([np.asarray(volume_ratios(x, model)) for x in path.x])[:, np.asarray(model.carries)]
     assert path.stop.ok and path.newton_iterations.max() <= 14, path.newton_iterations
     assert J.min() - 1 > 0.3 * (J[0].min() - 1), J.min()
+
+
+@pytest.fixture(scope="module")
+def buckles(buckling_model):
+    """Function: bath, branch -> path of sample 4, which keeps its symmetry when that becomes unstable."""
+    problem = jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel, contact=False)
+    return lambda bath, branch: jaxgel.swell(problem, bath, [0.5, 2.0, 8.0], start=-4.9678, branch=branch)
+
+
+def test_a_state_that_loses_stability_ends_the_path(buckles):
+    """Or, if the ``branch`` says so, the run goes on: the table of events has the times, and derivatives from there on are flagged."""
+    path = buckles(-1.3, "stable")
+    assert path.t.tolist() == [0.0, 0.5] and not path.negative_pivots.any()
+    assert path.stop.name == "LOST_STABILITY" and "stopped after t = 0.5: at t = 2 the state is unstable" in path.stop_text
+    path = buckles(-1.3, "symmetric")
+    assert path.stop.ok and path.negative_pivots.tolist() == [0, 0, 1, 1]
+    assert [int(status) for status in path.derivative] == [0, 0, 13, 13]
+    (event,) = [one for one in events(history(path)) if one["event"] == "bifurcation"]
+    assert "from 0 to 1 between t = 0.5 and 2" in event["text"], event
+
+
+@pytest.mark.slow
+def test_a_derivative_beyond_a_loss_of_stability_is_warned_of(buckles):
+    """With the times from which on."""
+    with pytest.warns(jaxgel.IllPosedDerivative, match="swell: ill-posed derivative at t = 2, 8: the state is unstable"):
+        jax.jvp(lambda bath: buckles(bath, "symmetric").x[-1], (-1.3,), (1.0,))
 
 
 def test_a_hole_that_closes_ends_the_path():
