@@ -117,7 +117,7 @@ REFUSED = [
     ({"sweep": {"mu": [-3.0, -1.0]}}, "sweep.mu: "),
     ({"sweep": {"control": "chi", "from": 0.1, "to": 0.2}}, "sweep.control: 'chi' does not go with"),
     ({"sweep": {"back": True}}, "sweep.back: True does not go with"),
-    ({"sweep": {"branch": "symmetric"}}, "sweep.branch: 'symmetric' does not go with"),
+    ({"sweep": {"imperfection": 0.1}}, "sweep.imperfection: 0.1 does not go with"),
     ({"sweep": {"imperfection": 0.1}}, "sweep.imperfection: 0.1 does not go with"),
     ({"sweep": {"eigenvalues": True}}, "sweep.eigenvalues: True does not go with"),
     ({"sweep": {"contact": "on"}}, "sweep.contact: 'on' does not go with .* it takes contact = 'off'"),

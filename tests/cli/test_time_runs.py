@@ -184,7 +184,7 @@ def test_commands_on_equilibria_refuse_a_case_in_time_in_one_line(run, tmp_path,
         ["--mu-end", "-1"],
         ["--back"],
         ["--contact", "on"],
-        ["--branch", "symmetric"],
+        ["--imperfection", "0.1"],
         ["--steps", "3"],
         ["--imperfection", "0.1"],
     ):
