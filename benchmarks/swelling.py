@@ -1,6 +1,6 @@
 """Uptake of solvent in time: a film beside finite volumes, and sample 1 beside the law of the square root of time.
 
-    python benchmarks/swelling.py [--rows film sample-1 gradient] [--spacings 0.1 0.05] [--quick] [--figure FILE]
+    python benchmarks/swelling.py [--rows film sample-1 gradient block] [--spacings 0.1 0.05] [--quick] [--figure FILE]
 
 ``film``: error of the uptake in % at some times, of a film of thickness 1 held sideways, sealed below and wetted above, in four baths; with
 and without the term for layers thinner than the cells; Newton's corrections per step. The uptakes beside it are those of one-dimensional
@@ -12,6 +12,10 @@ state of a sweep. With and without that term.
 
 ``gradient``: seconds of the gradient of sample 1's rotation by 60 parameters, 20 of holes and 40 of a field, over those of its run, both
 warm; the derivative along a random direction over difference quotients of three steps, less 1, by holes and by the field.
+
+``block``: a square of 1 mm, free and wetted on two sides, in a bath that rises from -1 to -0.1 kT until t = 0.1: uptake over that in
+equilibrium, and positions of the corner and of the middle of a side, less those by finite elements (NGSolve, extra ``[bench]``), in %; the
+elements on two meshes, which say how far these can be trusted.
 
 ``--figure`` draws sample 1 alone: patterns coloured by mu at four times, the uptake against the square root of time beside that law, and
 the rotation of the core, whose half is marked; a minute.
@@ -56,7 +60,7 @@ BATHS = {"with": jaxgel.Bath, "without": WithoutLayers}
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", nargs="*", default=["film", "sample-1"], choices=["film", "sample-1", "gradient"])
+    parser.add_argument("--rows", nargs="*", default=["film", "sample-1"], choices=["film", "sample-1", "gradient", "block"])
     parser.add_argument("--spacings", nargs="*", type=float, default=[0.1, 0.05])
     parser.add_argument("--quick", action="store_true", help="coarse clouds and few steps")
     parser.add_argument("--figure", help="file of the figure of sample 1; nothing else is computed")
@@ -71,6 +75,8 @@ def main():
         sample_1(2.2 if given.quick else None, 3 if given.quick else 10)
     if "gradient" in given.rows:
         gradient(2.2 if given.quick else None, 3 if given.quick else 16)
+    if "block" in given.rows:
+        block([0.2] if given.quick else given.spacings, [0.5] if given.quick else [0.15, 0.1], 2 if given.quick else 10)
 
 
 def mean_ratio(path):
@@ -116,6 +122,55 @@ def sample_1(spacing, per_decade):
         print(f"sample 1, {model.n_nodes} nodes, {term} the term: uptake over the law less 1, in %, at {TIMES[1:4]}: {errors}")
         print(f"  half the rotation at t = {half:.3f}; from equilibrium {off:.1e} mm; {path.stop.text}")
         print(f"  {corrections:.1f} corrections, {step:.2f} s a step, {step / of_sweep:.0f} states of a sweep")
+
+
+BLOCK_TIMES, RAMP = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0), 0.1
+
+
+def block(spacings, sizes, per_decade):
+    """Block A beside finite elements."""
+    from ngsolve_gel import plate_mesh
+
+    plate = jaxgel.Plate(1.0, 1.0, edges={"right": "free", "top": "free"}, gel=jaxgel.Gel(1e-2, 0.1))
+    print("block: uptake in %, middle of a side, corner (mm) at t =", *BLOCK_TIMES)
+    bath, points = jaxgel.Bath([-1.0, -0.1], times=[0.0, RAMP]), [(0.5, -0.5), (0.5, 0.5)]
+    growing = jaxgel.TimeSteps(BLOCK_TIMES[-1], first=1e-3, per_decade=per_decade).values(1.0, 1.0, [RAMP])
+    times = np.array(sorted({*growing.tolist(), *BLOCK_TIMES}))
+    expected = None
+    for size in sizes:
+        rows = np.array(by_elements(plate_mesh(plate, 3, size, size), plate.gel, -1.0, bath, times, BLOCK_TIMES, points)).T
+        rows[0] = 100 * (rows[0] - rows[0, 0]) / (rows[0, -1] - rows[0, 0])
+        expected = np.stack([rows[0], rows[1] + 0.5, rows[4] + 0.5])[:, 1:-1]
+        print(f"elements of {size}:", *(" ".join(f"{value:.5g}" for value in row) + ";" for row in expected))
+    for spacing in spacings:
+        model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
+        problem = jaxgel.Problem(model, plate.gel, contact=False)
+        path = jaxgel.swell(problem, bath, times, start=-1.0)
+        ratio, last = mean_ratio(path), mean_ratio(jaxgel.sweep(problem, [-0.1]))[0]
+        at = [int(np.argmin(np.linalg.norm(model.nodes - np.array(point), axis=1))) for point in points]
+        own = np.stack([100 * (ratio - ratio[0]) / (last - ratio[0]), path.x[:, at[0], 0] + 0.5, path.x[:, at[1], 0] + 0.5])
+        errors = 100 * (own[:, [int(np.argmin(np.abs(path.t - t))) for t in BLOCK_TIMES]] / expected - 1)
+        print(f"spacing {spacing}, error in %:", *(" ".join(f"{error:+.2f}" for error in row) + ";" for row in errors))
+
+
+def by_elements(mesh, gel, start, bath, times, wanted, points):
+    """Rows at the start, at ``wanted`` times and in equilibrium: mean volume ratio and positions of ``points``."""
+    from ngsolve_swelling import GAMMA, Swelling
+
+    found, now, rows = Swelling(mesh, gel, 3, start), 0.0, []
+
+    def row():
+        return [found.ratio(), *np.ravel([found.position((1 - 1e-9) * np.array(point)) for point in points])]
+
+    rows.append(row())
+    for end in times:
+        found.step(end - now, bath.at(np.array([now + GAMMA * (end - now), end])))
+        now = end
+        if np.any(np.isclose(end, wanted, rtol=1e-12)):
+            rows.append(row())
+    for _ in range(3):
+        found.step(1e6, bath.at(np.array([1e6, 1e6])))
+    return [*rows, row()]
 
 
 @styled
