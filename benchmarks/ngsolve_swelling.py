@@ -13,9 +13,7 @@ from scipy.sparse.linalg import splu
 
 GAMMA = 1 - 1 / np.sqrt(2)
 STEPS = 8  # of Newton's method for the volume ratio
-TOLERANCE = 1e-9  # of a correction, mm and kT, and of a residual
-LARGEST_RISE = 1.5  # of the residual in a correction, which is halved otherwise
-SHORTEST = 1e-4  # share of a correction
+TOLERANCE = 1e-9  # of a correction, mm and kT
 
 
 class Swelling:
@@ -55,20 +53,14 @@ class Swelling:
     def _solve(self, free):
         """Newton's method for the ``free`` unknowns."""
         at, residual = np.flatnonzero(list(free)), self.state.vec.CreateVector()
-        self.form.Apply(self.state.vec, residual)
         for _ in range(60):
+            self.form.Apply(self.state.vec, residual)
             self.form.AssembleLinearization(self.state.vec)
             rows, columns, values = self.form.mat.COO()
             size = self.space.ndof
             matrix = csc_matrix((values, (rows, columns)), shape=(size, size))[at][:, at]
             change = splu(matrix).solve(residual.FV().NumPy()[at])
-            size, share, before = np.linalg.norm(residual.FV().NumPy()[at]), 1.0, self.state.vec.FV().NumPy()[at]
-            while True:
-                self.state.vec.FV().NumPy()[at] = before - share * change
-                self.form.Apply(self.state.vec, residual)
-                if np.linalg.norm(residual.FV().NumPy()[at]) <= max(LARGEST_RISE * size, TOLERANCE) or share < SHORTEST:
-                    break
-                share /= 2
+            self.state.vec.FV().NumPy()[at] -= change
             if np.abs(change).max() < TOLERANCE:
                 return
         raise ArithmeticError("Newton's method did not end")

@@ -93,16 +93,17 @@ def carried(
     """`Carried` at the pressures ``p`` (g,) and mu ``values`` (v,) at places; a patch has its mean pressure and the gel of its first point.
 
     w is the integral of (J - 1) / A^2 dmu up to each place at the patch's pressure, with A = J over the axial stretch, but for a constant.
+    It is taken over 1 / A, in which it is that of a polynomial if the gel is one of Flory and Rehner: no layer is too steep for it.
     """
     points, weights = np.polynomial.legendre.leggauss(POINTS)
 
     def of_patches(p, gel, values):
         law = volume_law(model, gel, values)
         A = law.areal_stretch(p)
-        start = jnp.mean(A, axis=1, keepdims=True)
-        at = [start + (A - start) * (1 + point) / 2 for point in points]
-        parts = [weight / 2 * law.swelling(one) / one**2 * law.stiffness(one) for weight, one in zip(weights, at, strict=True)]
-        return (A - start) * sum(parts) / axial_stretch(model), law.swelling(A) / A**2
+        start = jnp.mean(1 / A, axis=1, keepdims=True)
+        at = [1 / (start + (1 / A - start) * (1 + point) / 2) for point in points]
+        parts = [weight / 2 * law.swelling(one) * law.stiffness(one) for weight, one in zip(weights, at, strict=True)]
+        return (start - 1 / A) * sum(parts) / axial_stretch(model), law.swelling(A) / A**2
 
     found = []
     for number, (block, on_block, pressure) in enumerate(zip(model.blocks, solvent.blocks, by_block(p, model), strict=True)):

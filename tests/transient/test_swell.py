@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.mechanics import all_volumes, volume_ratios
+from jaxgel.mechanics import all_volumes, carried, solvent_of, volume_ratios
 from jaxgel.observables import events, history
 
 GOOD = jaxgel.Gel(1e-3, 0.1)
@@ -137,6 +137,24 @@ def test_thin_layers_leave_the_other_side_of_a_patch_as_it_is():
     J = np.stack([np.asarray(volume_ratios(x, model)) for x in path.x])[:, np.asarray(model.carries)]
     assert path.stop.ok and path.newton_iterations.max() <= 14, path.newton_iterations
     assert J.min() - 1 > 0.3 * (J[0].min() - 1), J.min()
+
+
+def test_what_mu_moves_has_its_slope_in_layers_of_any_steepness(coarse):
+    """The work between places of a patch at which mu is from -4 to -0.03 kT: of Flory and Rehner's gel to round-off."""
+    model, gel, solvent = coarse, jaxgel.Problem(coarse, GOOD, contact=False).gel, solvent_of(coarse, ("top",))
+    mu = np.random.default_rng(0).uniform(-4.0, -0.03, len(model.carries) + len(solvent.wetting.node_parts))
+    pressure = np.full(len(model.carries), 0.01)
+    found = carried(pressure, mu, model, gel, solvent)
+    for number, block in enumerate(solvent.blocks):
+
+        def first(values, number=number):
+            return carried(pressure, values, model, gel, solvent).work[number][0]
+
+        places, own = np.unique(block.places[0], return_index=True)
+        rates = np.asarray(jax.jacfwd(first)(mu))[np.ix_(own, places)]  # of the work at the places of the first patch
+        rates = rates - rates[:1]  # but for a constant
+        expected = np.diag(np.asarray(found.slopes[number][0])[own])
+        np.testing.assert_allclose(rates, expected - expected[:1], atol=1e-13)
 
 
 @pytest.fixture(scope="module")
