@@ -215,7 +215,7 @@ _multiplied = _linear(
 
 
 def _join_jvp(parts, dots, *, counts):
-    dots = [jnp.zeros_like(part) if dot is None else dot for part, dot in zip(parts, dots, strict=True)]
+    dots = [np.zeros(part.shape, part.dtype) if dot is None else dot for part, dot in zip(parts, dots, strict=True)]
     return _joined.bind(*parts, counts=counts), _joined.bind(*dots, counts=counts)
 
 

@@ -1,8 +1,33 @@
 """Whether JAX is differentiating, so that arrays have no numbers to look at."""
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
+import numpy as np
 
 
 def is_traced(*trees: object) -> bool:
     """Whether any leaf of the pytrees is a tracer of JAX."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def value_and_tangents(function: Callable[[Any], Any], at: Any, dots: Any) -> tuple[Any, Any]:
+    """The value of a function of a pytree and its tangents, as ``jax.jvp`` gives them.
+
+    Leaves that do not depend on the argument have zeros of NumPy, for which nothing is compiled.
+    """
+    structure, numbers = None, []
+
+    def moving(at):
+        nonlocal structure
+        leaves, structure = jax.tree.flatten(function(at))
+        numbers[:] = [number for number, leaf in enumerate(leaves) if is_traced(leaf)]
+        return [leaves[number] for number in numbers], leaves
+
+    _, moved, leaves = jax.jvp(moving, (at,), (dots,), has_aux=True)
+    types = [jax.typeof(leaf).to_tangent_aval() for leaf in leaves]
+    tangents = [np.zeros(one.shape, one.dtype) for one in types]
+    for number, dot in zip(numbers, moved, strict=True):
+        tangents[number] = dot
+    return jax.tree.unflatten(structure, leaves), jax.tree.unflatten(structure, tangents)

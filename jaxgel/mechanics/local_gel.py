@@ -5,6 +5,7 @@ stands, see ``discretisation.pressures``; a held one those at the centroid of it
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -172,8 +173,7 @@ def _mean_of_local_stiffness(gel, model):
 
 def _places(blocks, outline):
     """Positions, mm, as the fields of `LocalValues`: of quadrature points and volume groups of the blocks, and of surfaces."""
-    groups = [group_positions(block).reshape(-1, 2) for block in blocks]
-    return tuple(block.position for block in blocks), joined(groups), outline
+    return tuple(block.position for block in blocks), group_positions(blocks), outline
 
 
 def _reference_places(model):
@@ -203,15 +203,15 @@ def reference_groups(lists: Connectivity) -> tuple[Float[np.ndarray, "g 2"], Int
     parts, count, first, found = _reference_quadrature(lists)[0], 0, np.zeros(len(lists.linear), dtype=int), []
     for own, patches in zip(parts, lists.patches, strict=True):
         at = _at_groups(own["position"], own["weight"], own["group_weight"], n_carrying(bool(lists.linear[patches[0]])))
-        first[patches] = count + at.shape[1] * np.arange(len(patches))
-        count += at.shape[1] * len(patches)
-        found.append(np.asarray(at).reshape(-1, 2))
+        first[patches] = count + len(at) // len(patches) * np.arange(len(patches))
+        count += len(at)
+        found.append(np.asarray(at))
     return np.concatenate(found), first
 
 
-def group_positions(block: PatchBlock) -> Float[Array, "c g 2"]:
-    """Positions (c, g, 2), mm, of the volume groups of a block."""
-    return _at_groups(block.position, block.weight, block.group_weight, block.carrying)
+def group_positions(blocks: Sequence[PatchBlock]) -> Float[Array, "g 2"]:
+    """Positions (g, 2), mm, of the volume groups of all blocks."""
+    return joined([_at_groups(b.position, b.weight, b.group_weight, b.carrying) for b in blocks])
 
 
 @compiled(static=("carrying",))
@@ -219,7 +219,7 @@ def _at_groups(X, weight, group_weight, carrying):
     carries = np.arange(group_weight.shape[2]) < carrying
     total, volume = jnp.einsum("cq,cqi->ci", weight, X)[:, None], jnp.sum(weight, axis=1)[:, None, None]
     own = total * carries[:, None] / carrying + jnp.einsum("cq,cqg,cqi->cgi", weight, group_weight, X)
-    return jnp.where(carries[:, None], own * carrying, total) / volume
+    return (jnp.where(carries[:, None], own * carrying, total) / volume).reshape(-1, 2)
 
 
 def _evaluated(name, field, places):

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from .._memo import once_per_owner
 from .._sizes import resized
-from .._tracing import is_traced
+from .._tracing import is_traced, value_and_tangents
 from .._types import Array, Chemical, Float
 from .._validation import Inadmissible
 from ..controls import Control, changes_of, check_fields, check_is_control
@@ -112,7 +112,7 @@ def _shared(problem, body, constraints):
 def shared_tangents(problem: Problem, dots: Problem) -> tuple[Equations, Equations]:
     """The shared equations of a problem, and their tangents for those of the problem; without operators, which follow from the model."""
     inputs = problem.replace(operators=None), dots.replace(operators=None)
-    return jax.jvp(lambda problem: problem.shared, inputs[:1], inputs[1:])
+    return value_and_tangents(lambda problem: problem.shared, *inputs)
 
 
 @once_per_owner

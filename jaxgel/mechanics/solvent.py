@@ -17,8 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .._compiled import compiled
 from .._memo import once_per_owner
-from .._sizes import resized, step, taken
+from .._sizes import joined, resized, step, taken
 from .._tracing import is_traced
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
@@ -138,10 +139,8 @@ def solvent_of(model: Model, wetted: tuple[str | int, ...]) -> Solvent:
     """
     lists, cloud = model.lists, model.cloud
     nodes, parts = wetted_nodes(lists, wetted)
-    host = not is_traced(model.blocks, cloud.nodes)
-    groups = [group_positions(block).reshape(-1, 2) for block in model.blocks]
-    groups = np.concatenate([np.asarray(g) for g in groups]) if host else jnp.concatenate(groups)
-    places = (np if host else jnp).concatenate([groups, taken(cloud.nodes, nodes)])
+    groups = group_positions(model.blocks)
+    places = joined([groups, taken(cloud.nodes, nodes)])
     of_patches, edge_ends = places_of(lists, wetted)
     gradients = consistent_gradients(cloud, lists, places, of_patches, edge_ends)
     nearest = cKDTree(lists.topology.nodes[nodes]).query(reference_groups(lists)[0][reference_groups(lists)[1]])[1]
@@ -149,7 +148,8 @@ def solvent_of(model: Model, wetted: tuple[str | int, ...]) -> Solvent:
     blocks = tuple(SolventBlock(of_patches[0][patches], dpsi, parts[nearest[patches]]) for patches, dpsi in own)
     edges, owner, wet_groups, linear, group_parts = _wetted_sides(lists, wetted)
     ends = taken(cloud.vertices, lists.contour.ends[edges])
-    sides = _measured(ends, taken(groups, wet_groups[owner]), owner, len(wet_groups))
+    measured = _compiled_measured if is_traced(ends, groups) else _measured
+    sides = measured(ends, taken(groups, wet_groups[owner]), owner, len(wet_groups))
     return Solvent(blocks, Wetting(parts, wet_groups, group_parts, linear, *sides))
 
 
@@ -168,6 +168,9 @@ def _measured(ends, groups, owner, count):
     else:
         total = jnp.asarray(total).at[owner].add(parts)
     return total[:, 0], (total[:, 1:5] / total[:, :1]).reshape(-1, 2, 2), total[:, 5] / total[:, 0]
+
+
+_compiled_measured = compiled(static=("count",))(_measured)
 
 
 @once_per_owner

@@ -140,7 +140,7 @@ def potential_at(path: Path, points: Points) -> Float[Array, "k p"]:
     (nodes, parts), nearest = wetted_nodes(lists, wetted), _nearest_groups(lists, wetted)
     reference, _ = _reference_places(lists, wetted)
     near = _lists(reference, _reach(lists, wetted), points)
-    groups = jnp.concatenate([group_positions(block).reshape(-1, 2) for block in path.model.blocks])
+    groups = group_positions(path.model.blocks)
     places = jnp.concatenate([groups, jnp.asarray(path.model.cloud.nodes)[nodes]])
     (phi,) = evaluate_points(places, jnp.asarray(points), *near, np.arange(len(points)), basis="linear", gradients=False)
     return jnp.einsum("pb,kpb->kp", phi, _values_at_places(path, parts, nearest)[:, near[0]])

@@ -13,7 +13,7 @@ from .._compiled import compiled
 from .._primitives import differentiated_value
 from .._programs import fitted
 from .._sizes import resized, taken
-from .._tracing import is_traced
+from .._tracing import is_traced, value_and_tangents
 from ..continuation import OF_SOLVENT, SCALARS, Path, warn_of_ill_posed
 from ..equilibrium import Newton, Observer, first_order_only, no_tangents
 from ..mechanics import Bath as Instant
@@ -130,7 +130,7 @@ def _states_jvp(search, primals, tangents):
     zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
     dots = [np.zeros(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
     dots = search.join(dots, zeros)
-    shared, shared_dot = jax.jvp(lambda transport: _observed_by_none(transport).shared, inputs[:1], dots[:1])
+    shared, shared_dot = value_and_tangents(lambda transport: _observed_by_none(transport).shared, inputs[0], dots[0])
 
     model, stages, lengths = inputs[0].model, march.stages, shared.lengths
     schedule = functools.partial(_scheduled, *search.found["times"])

@@ -38,18 +38,18 @@ class Start(NamedTuple):
 
     def unknowns(self, model: Model) -> Float[Array, " g"]:
         """The unknowns of mu (g,), see ``mechanics.solvent``."""
-        return _unknowns(model, self.potential)
+        return _unknowns_and_mean(model, self.potential)[0]
 
     def mean(self, model: Model) -> Float[Array, ""]:
         """Mean chemical potential (), kT, of the groups that carry volume."""
-        carries = np.asarray(model.carries, float)
-        return (self.potential @ carries) / carries.sum()
+        return _unknowns_and_mean(model, self.potential)[1]
 
 
-@program(potential="g", returns="g")
-def _unknowns(model, potential):
-    sums = moments(jnp.where(model.carries, potential, 0.0), model)
-    return jnp.where(model.carries, sums / of_groups([jnp.full(block.groups.shape, block.carrying) for block in model.blocks], model), 0.0)
+@program(potential="g", returns=("g", None))
+def _unknowns_and_mean(model, potential):
+    mu, counts = jnp.where(model.carries, potential, 0.0), [jnp.full(block.groups.shape, block.carrying) for block in model.blocks]
+    unknowns = jnp.where(model.carries, moments(mu, model) / of_groups(counts, model), 0.0)
+    return unknowns, jnp.sum(mu) / jnp.sum(model.carries)
 
 
 class Run(NamedTuple):

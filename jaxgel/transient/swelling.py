@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._primitives import differentiated_value
+from .._sizes import taken
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from .._validation import Inadmissible, check_kind, did_you_mean, one_of
@@ -170,9 +171,10 @@ def _start(problem, start, newton):
             path = sweep(problem, [start - below for below in DRIER], newton=newton)
         if not path.stop.ok:
             raise Inadmissible(f"start: {differentiated_value(start):g} kT is not reached: {path.stop_text}")
-        x, pressure, mu = (getattr(path, name)[-1] for name in ("x", "pressure", "mu"))
-    else:
-        x, pressure, mu = start.x, start.pressure, start.mu if start.potential is None else start.potential
+        last = np.array(len(path) - 1)
+        x, pressure = taken(path.x, last), taken(path.pressure, last)
+        return Start(x, pressure, taken(path.mu, np.full(model.carries.shape, last)))
+    x, pressure, mu = start.x, start.pressure, start.mu if start.potential is None else start.potential
     if x.shape != model.nodes.shape:
         raise ValueError(f"start: is a state of {len(x)} nodes, the model has {len(model.nodes)}")
     return Start(x, pressure, (jnp if is_traced(mu) else np).broadcast_to(mu, model.carries.shape))

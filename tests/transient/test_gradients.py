@@ -85,10 +85,16 @@ def test_gradients_by_all_that_a_run_depends_on_are_difference_quotients(quantit
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(FAMILIES)), ids=list(FAMILIES))
 def test_the_derivative_by_each_family_is_a_difference_quotient(quantity, gradient, number):
+    """And leaves a remainder of second order.
+
+    Where a hole moves, points enter supports, and there slopes jump: by 5e-5 of themselves at 8e-4
+    along a semi-axis, by more from -3e-3 on. The steps of holes lie between.
+    """
     direction = np.where(np.arange(len(VALUES)) == number, VALUES, 0.0)
     assert float(gradient @ direction) == pytest.approx(quotient(quantity, direction), rel=1e-6, abs=1e-9)
     value = quantity(VALUES)
-    change = [quantity(VALUES + h * direction) - value - h * float(gradient @ direction) for h in (0.01, 0.005)]
+    steps = (-0.0025, -0.00125) if list(FAMILIES)[number].startswith("hole") else (0.01, 0.005)
+    change = [quantity(VALUES + h * direction) - value - h * float(gradient @ direction) for h in steps]
     assert abs(change[1]) < 1e-9 or np.log2(abs(change[0] / change[1])) > 1.95
 
 
