@@ -21,7 +21,7 @@ besides: what a half-space takes up at the time t after the change, see ``materi
 thickness. It falls as 1 / t at least, and the finer the cells the sooner.
 
 What such a layer brings to one side of a patch with a linear pressure would dry its other side, if it worked on the linear part of J as it
-does later, and below J = 1 nothing is a state. So that part of the flow has the share
+does later, and below J = 1 nothing is a state. So after mu of a bath has risen that part of the flow has the share
 
     1 / (1 + (h^2 / (100 D t))^2)
 
@@ -55,6 +55,8 @@ class Bath(NamedTuple):
     """Chemical potential of each part, kT."""
     rate: Float[Array, " b"]
     """Mean of 1 / sqrt(t) over the changes of mu a time t ago, 0 if it has never changed."""
+    rising: Float[Array, " b"]
+    """The same of changes that raise mu."""
 
 
 def potentials(m: Float[Array, " g"], model: Body) -> Float[Array, " g"]:
@@ -209,7 +211,7 @@ def linear_share(model: Body, solvent: Solvent, bath: Bath, D: Scalar) -> Float[
     """Share (g,) of the flow that works on the unknowns of mu: 1 on those that are means, less on linear parts while layers are thin."""
     parts = []
     for block, on_block in zip(model.blocks, solvent.blocks, strict=True):
-        side = jnp.sum(block.weight, axis=1) / 4 * (THIN * bath.rate[on_block.part]) ** 2 / D
+        side = jnp.sum(block.weight, axis=1) / 4 * (THIN * bath.rising[on_block.part]) ** 2 / D
         linear = jnp.broadcast_to(1 / (1 + side[:, None] ** 2), (len(side), block.n_groups - 1))
         parts.append(jnp.concatenate([jnp.ones((len(side), 1)), linear], axis=1))
     return of_groups(parts, model)

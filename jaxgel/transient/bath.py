@@ -62,15 +62,19 @@ class Bath:
         """Chemical potentials (...), kT, at times ``t``."""
         return _xp(t, self.times, self.mu).interp(t, self.times, self.mu)
 
-    def inverse_root_age(self, t: Float[Array, "..."], start: Scalar) -> Float[Array, "..."]:
-        """Means (...) of 1 / sqrt(t - s) over the changes at times s before ``t``, from the value at the ``start``, kT; 0 without
-        changes.
+    def inverse_root_age(self, t: Float[Array, "..."], start: Scalar, *, rising: bool = False) -> Float[Array, "..."]:
+        """Means (...) of 1 / sqrt(t - s) over the changes at times s before ``t``, from the value at the ``start``, kT, with ``rising``
+        over those that raise mu; 0 without changes.
         """
         xp = _xp(t, self.times, self.mu, start)
-        jump = abs(self.mu[0] - start)
+
+        def size(change):
+            return xp.where(change > 0, change, 0.0) if rising else abs(change)
+
+        jump = size(self.mu[0] - start)
         rates, total = jump / xp.sqrt(t), jump
         for k in range(len(self.mu) - 1):
-            first, last, change = self.times[k], self.times[k + 1], abs(self.mu[k + 1] - self.mu[k])
+            first, last, change = self.times[k], self.times[k + 1], size(self.mu[k + 1] - self.mu[k])
             total = total + change * xp.clip((t - first) / (last - first), 0.0, 1.0)
             rates = rates + 2 * change / (last - first) * (_root(t - first, xp) - _root(t - last, xp))
         return xp.where(total > 0, rates / xp.where(total > 0, total, 1.0), 0.0)
@@ -87,11 +91,13 @@ def _xp(*values):
 
 def values_of(
     baths: Sequence[Bath], start: Sequence[Scalar], t: Float[Array, "..."]
-) -> tuple[Float[Array, "... b"], Float[Array, "... b"]]:
-    """Chemical potentials (..., b), kT, of several baths at times ``t``, and their `inverse_root_age`."""
-    mu, rates = [bath.at(t) for bath in baths], [bath.inverse_root_age(t, first) for bath, first in zip(baths, start, strict=True)]
-    xp = _xp(mu, rates)
-    return xp.stack(mu, axis=-1), xp.stack(rates, axis=-1)
+) -> tuple[Float[Array, "... b"], Float[Array, "... b"], Float[Array, "... b"]]:
+    """Chemical potentials (..., b), kT, of several baths at times ``t``, their `inverse_root_age`, and that of rising changes."""
+    own = list(zip(baths, start, strict=True))
+    rates, rising = ([bath.inverse_root_age(t, first, rising=only) for bath, first in own] for only in (False, True))
+    columns = [bath.at(t) for bath in baths], rates, rising
+    xp = _xp(columns)
+    return tuple(xp.stack(column, axis=-1) for column in columns)
 
 
 @jax.tree_util.register_dataclass

@@ -229,6 +229,7 @@ def test_a_bath_is_linear_between_its_times_and_ages():
     jump, ramp = jaxgel.Bath(-0.1), jaxgel.Bath([-1.0, -0.5, -0.5], times=[0.0, 1.0, 5.0])
     assert jump.at(3.0) == -0.1 and jump.kinks == () and jump.inverse_root_age(4.0, -1.0) == 0.5
     assert ramp.at(0.5) == -0.75 and ramp.kinks == (1.0, 5.0)
+    assert jump.inverse_root_age(4.0, -1.0, rising=True) == 0.5 and jump.inverse_root_age(4.0, 0.0, rising=True) == 0.0
     assert ramp.inverse_root_age(1.0, -1.0) == pytest.approx(2.0)
     assert ramp.inverse_root_age(4.0, -1.0) == pytest.approx(2 * (2 - np.sqrt(3)))
     assert ramp.inverse_root_age(1.0, -1.5) == pytest.approx((1 + 2) / 2) and jump.inverse_root_age(1.0, -0.1) == 0.0
