@@ -1,9 +1,7 @@
 """Prescribed time: a plate in a bath whose core turns by 15 degrees at t = 0.5, an inverse problem of transient swelling.
 
 Problem: semi-axes, centre and tilt of one ellipse, the others being its quarter turns; ligaments of at least 0.8 mm, no self-contact.
-Start: near the design that a first search found from sample 1 of Deng et al. (2020),
-https://doi.org/10.1016/j.enganabound.2019.12.004, whose core turns by 12.7 degrees until then. Clouds of 0.39 mm, the search's, turn
-less than fresh ones of 0.33 mm, by which the target is corrected.
+Start: sample 1 of Deng et al. (2020), https://doi.org/10.1016/j.enganabound.2019.12.004, whose core turns more slowly.
 """
 
 from pathlib import Path
