@@ -17,6 +17,7 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
                      within the bounds, and seed (0) by which those are drawn, see `study_runs`
     [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
 
+An entry with of = "area_reduction" may have ``hole``, its number, and is then that of this hole alone.
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
 A study takes all of its case, loads and moved edges too, but ``imperfection``, whose load has no derivative; ``steps`` is a number, or mu
 a list. Under another control ``at``, ``from``, ``to`` and ``mu`` are its values, which must all be different. Nodal loads follow the cloud.
@@ -71,7 +72,7 @@ from .parameters import (
     study_case,
     study_table,
 )
-from .terms import BARRIER, FREE_EDGE, IN_TIME, check_place, switch_of, time_to_of
+from .terms import BARRIER, FREE_EDGE, IN_TIME, check_place, quantity_of, switch_of, time_to_of
 
 AIMS, LIMITS = ("goal", "target", "curve", "line", "outline"), ("above", "below", "within")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
@@ -79,6 +80,7 @@ TIME = NUMBER | {"minimum": 0.0}
 SHARE = NUMBER | {"exclusiveMinimum": 0.0, "maximum": 1.0}
 OBJECTIVE = {
     "of": word([*CURVES, FREE_EDGE, *SWITCHES]) | OF,
+    "hole": whole(0),
     "goal": word(("maximise", "minimise")),
     "target": NUMBER,
     "curve": listed(NUMBER),
@@ -92,7 +94,7 @@ OBJECTIVE = {
     "to": NUMBER,
 }
 CONSTRAINT = {"of": word([*CURVES, *DRY, *OF_GEL, *SWITCHES]) | OF, **dict.fromkeys(LIMITS, NUMBER), "at": NUMBER}
-CONSTRAINT |= {"at_time": TIME, "time_to": NUMBER}
+CONSTRAINT |= {"hole": whole(0), "at_time": TIME, "time_to": NUMBER}
 SEARCH = {
     "method": word(METHODS),
     "evaluations": whole(1),
@@ -135,8 +137,9 @@ class Study:
     verification: dict
     """Options of `verify`: spacing, mu."""
     aim: dict
-    """First entry of the objective for the figure, with ``values`` (k,), its targets at ``control`` (k,), values of mu or times, and
-    ``targets``, those of switches and times, by name; nan if there is no target."""
+    """First entry of the objective for the figure, with its ``quantity``, a function of a path or None, with ``values`` (k,), its
+    targets at ``control`` (k,), values of mu or times, and ``targets``, those of switches and times, by name; nan if there is no
+    target."""
     fields: dict[str, tuple[str, DesignField]]
     """Parameters that are fields: name -> Nv or chi, and how its pixels follow."""
     table: dict
@@ -221,8 +224,8 @@ def _term(where, entry, mu, control, switches):
         misfit_of_edges = functools.partial(free_edge_misfit, outline=np.array(entry["outline"], dtype=float))
         return weight, value_at(misfit_of_edges, _at(where, entry, mu))
     if "curve" in entry or "line" in entry:
-        return weight, misfit(CURVES[entry["of"]], mu, _aim(entry, mu, control, where)["values"])
-    value = switches[where][1] if where in switches else value_at(CURVES[entry["of"]], _at(where, entry, mu))
+        return weight, misfit(quantity_of(entry)[1], mu, _aim(entry, mu, control, where)["values"])
+    value = switches[where][1] if where in switches else value_at(quantity_of(entry)[1], _at(where, entry, mu))
     if "target" in entry:
         return weight, lambda path: (value(path) - entry["target"]) ** 2
     return (-weight if entry["goal"] == "maximise" else weight), value
@@ -252,6 +255,7 @@ def _at(where, entry, mu):
 
 def _aim(entry, mu, control, where="objective[0]"):
     """The entry with its target at every value ``mu`` of the ``control``, nan if it has none; in time at that of the target."""
+    entry = dict(entry, quantity=quantity_of(entry)[1])
     if entry.keys() & IN_TIME:
         target = entry.get("target", np.nan)
         point = (entry["at_time"], target) if "at_time" in entry else (target, entry["time_to"])
@@ -280,7 +284,8 @@ def _constraint(where, entry, sweep, switches):
         name, function = switches[where]
         return bound(name, of=function, **limits)
     at = _at(where, entry, sweep.values) if entry.keys() & {"at", "at_time"} else None
-    return bound(entry["of"], at=at, control="t" if "at_time" in entry else sweep.control, **limits)
+    name, quantity = quantity_of(entry)
+    return bound(name, of=quantity, at=at, control="t" if "at_time" in entry else sweep.control, **limits)
 
 
 def _verification(table, case):

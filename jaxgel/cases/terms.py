@@ -7,20 +7,25 @@ from typing import Any
 from .._types import Array, Float
 from ..continuation import Path
 from ..design import SWITCHES, time_of
-from ..observables import CURVES, OF_EQUILIBRIA
+from ..observables import CURVES, OF_EQUILIBRIA, area_reduction_per_hole
 from .case import Case
 
 BARRIER = "barrier"  # the switch at a value of its own
 IN_TIME = ("at_time", "time_to")
 CONTROL_OF = operator.attrgetter("control")  # of a path, whose loads are those of its model; None for the chemical potential
 FREE_EDGE = "free_edge"  # what an outline is given for
+PER_HOLE = {"area_reduction": area_reduction_per_hole}  # (k, holes) values of those that a single hole has, too
 
 
 def check_place(where: str, entry: dict[str, Any], case: Case) -> None:
-    """Raise ValueError, one line, for an entry of the objective or the constraints whose place in the sweep
+    """Raise ValueError, one line, for an entry of the objective or the constraints whose hole or place in the sweep
     or in time is missing, or is not accepted.
     """
     of, needed = entry["of"], bool(entry.keys() & {"goal", "target", "outline"})
+    if "hole" in entry and of not in PER_HOLE:
+        raise ValueError(f"{where}.hole: does not go with {of!r}; remove it")
+    if entry.get("hole", 0) >= max(len(case.plate.holes), 1):
+        raise ValueError(f"{where}.hole: {entry['hole']} is not the number of a hole, 0 to {len(case.plate.holes) - 1}")
     if case.time is None:
         foreign = next((key for key in IN_TIME if key in entry), None)
         if foreign is not None:
@@ -44,10 +49,18 @@ def check_place(where: str, entry: dict[str, Any], case: Case) -> None:
         raise ValueError(f"{where}.at_time: {entry['at_time']:g} is not in the run, 0 ... {case.time.last:g}")
 
 
+def quantity_of(entry: dict[str, Any]) -> tuple[str, Callable[[Path], Float[Array, " k"]] | None]:
+    """(name, function of the path) of the quantity of an entry, with ``hole`` that of this hole alone; None if it needs no path."""
+    of = entry["of"]
+    if "hole" not in entry:
+        return of, CURVES.get(of)
+    return f"{of} of hole {entry['hole']}", lambda path: PER_HOLE[of](path)[:, entry["hole"]]
+
+
 def time_to_of(entry: dict[str, Any]) -> tuple[str, Callable[[Path], Float[Array, ""]]]:
     """(name, function of the path) of an entry whose number is the time at which its quantity reaches a value."""
-    of, value = entry["of"], float(entry["time_to"])
-    return f"time to {of} = {value:g}", time_of(CURVES[of], value, of)
+    (name, quantity), value = quantity_of(entry), float(entry["time_to"])
+    return f"time to {name} = {value:g}", time_of(quantity, value, name)
 
 
 def switch_of(where: str, entry: dict[str, Any], case: Case) -> tuple[str, Callable[[Path], Float[Array, ""]]]:

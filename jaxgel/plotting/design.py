@@ -1,5 +1,6 @@
 """The figure of a design: start and optimum swollen, the quantity or the switches of the objective, and the history of the search."""
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
 from typing import Any
@@ -15,6 +16,8 @@ from ..design import FEASIBLE, Design
 from ..observables import QUANTITIES, Quantity, free_edge_misfit, parameter_values
 from .patterns import PARAMETERS, draw_cells, plot_pattern
 from .style import COLOURS, LINE, WALL, length_unit, quantity_of, styled
+
+LONG_NAME = 20  # letters of an entry from which on a legend has one to a line
 
 
 @styled
@@ -33,7 +36,7 @@ def draw_study(study: Any, design: Design, start: Path, best: Path) -> Figure:
             draw_target(ax, np.array(study.aim["outline"]))
     for row, name in zip(axes[1:-1], names, strict=True):
         draw_fields(row, name, start, best)
-    if study.aim["of"] in QUANTITIES or "outline" in study.aim:
+    if len(study.aim["targets"]) < 2 and (study.aim["of"] in QUANTITIES or "outline" in study.aim):
         draw_curve(axes[-1, 0], study, start, best)
     else:
         draw_reported(axes[-1, 0], study, design, best)
@@ -64,6 +67,9 @@ def draw_fields(axes: Sequence[Axes], name: str, start: Path, best: Path) -> Seq
 def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
     """Axes with the quantity of the study's first objective along the start's and the optimum's path, and its target."""
     quantity = _misfit(study.aim["outline"]) if "outline" in study.aim else QUANTITIES[study.aim["of"]]
+    if "hole" in study.aim:
+        label = f"{quantity.label} of hole {study.aim['hole']}"
+        quantity = dataclasses.replace(quantity, label=label, function=study.aim["quantity"])
     for path, name, colour, line in ((start, "start", COLOURS[1], "--"), (best, "optimum", COLOURS[0], "-")):
         ax.plot(path.value, quantity.scale * np.asarray(quantity.function(path)), line, color=colour, label=name)
     wanted = np.isfinite(study.aim["values"])
@@ -83,7 +89,9 @@ def draw_curve(ax: Axes, study: Any, start: Path, best: Path) -> Axes:
 
 
 def draw_reported(ax: Axes, study: Any, design: Design, best: Path) -> Axes:
-    """Axes with the switches of the study's objective at every evaluation, their targets dashed; squares on the optimum's fresh cloud."""
+    """Axes with the switches or times of the study's objective at every evaluation, their targets dashed; squares on the optimum's
+    fresh cloud.
+    """
     k = np.arange(1, len(design.history) + 1)
     for (name, target), colour in zip(study.aim["targets"].items(), itertools.cycle(COLOURS), strict=False):
         values = [row["reported"].get(name, np.nan) for row in design.history]
@@ -95,7 +103,8 @@ def draw_reported(ax: Axes, study: Any, design: Design, best: Path) -> Axes:
     ax.set(xlabel="evaluation (square: fresh cloud)")
     ax.locator_params(axis="x", integer=True)
     ax.set(ylabel=r"barrier ($kT/v\,$mm$^2$)" if of_energy else quantity_of(best.control).axis_label())
-    ax.legend(frameon=False, fontsize=7.5, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    beside = 2 if max(map(len, study.aim["targets"])) < LONG_NAME else 1
+    ax.legend(frameon=False, fontsize=7.5, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=beside)
     return ax
 
 

@@ -22,7 +22,7 @@ from jaxgel.io import DrawingIncomplete, write_outline
 from jaxgel.observables import CURVES, QUANTITIES
 
 DESIGN = Path(__file__).parents[2] / "design"
-NAMES = ("rotation", "valve", "closing", "linear", "identification", "cushion", "printed", "relief")
+NAMES = ("rotation", "valve", "closing", "linear", "identification", "cushion", "printed", "relief", "timing", "order")
 
 
 def module(name):
@@ -133,6 +133,28 @@ def test_links_turn_and_mirror_holes():
         for outline, image in zip(outlines, images, strict=True):
             nearest = np.min(np.linalg.norm(outline[:, None] - image(outlines[0])[None], axis=2), axis=1)
             assert nearest.max() < 0.02  # half the distance of two samples; another link is off by 0.2
+
+
+def test_a_term_may_be_that_of_one_hole():
+    """The map x + x^2 / 100 changes the area of a circle about x by the factor 1 + x / 50, exactly."""
+    of_hole = [dict(of="area_reduction", hole=k) for k in (0, 1)]
+    table = tomllib.loads(STUDY) | dict(
+        plate=dict(width=8.0, height=4.0),
+        holes=[dict(kind="circle", centre=[x, 0.0], radius=1.2) for x in (-2.0, 2.0)],
+        parameters=[dict(of="radius", lower=1.0, upper=1.4)],
+        objective=[of_hole[1] | dict(goal="minimise", at=-1.8)],
+        constraints=[entry | dict(above=0.0) for entry in of_hole],
+    )
+    study = study_from_table(table, "holes")
+    problem = study.problem
+    model = problem.options.model(problem.make_cloud(problem.plate(problem.start)))
+    nodes = np.asarray(model.cloud.nodes)
+    path = SimpleNamespace(model=model, value=np.array([-1.8]), x=(nodes + nodes**2 * [0.01, 0.0])[None], stop=None, t=None)
+    rooms = [float(constraint.function(path)) for constraint in problem.constraints]
+    assert rooms == pytest.approx([0.04, -0.04], abs=1e-4)  # eight nodes on an outline: areas to 1e-3
+    assert float(problem.objective(path)) == pytest.approx(-0.04, abs=1e-4)
+    assert study.aim["quantity"](path) == pytest.approx(-0.04, abs=1e-4)
+    assert [constraint.name for constraint in problem.constraints] == [f"area_reduction of hole {k} >= 0" for k in (0, 1)]
 
 
 def test_a_study_may_vary_an_angle_in_degrees():

@@ -56,6 +56,7 @@ spacing = 0.7
 )
 TARGET = "target = 1.15\nat_time = 0.4\n"
 GOAL = '[[objective]]\nof = "surface_ratio"\ngoal = "minimise"\ntime_to = 1.12\n'
+AREA = "above = -0.1\nat_time = 0.2\n"
 LIMIT = "below = 0.5\ntime_to = 1.12\n"
 
 
@@ -161,6 +162,8 @@ REFUSED = [
         ('of = "area_reduction"', 'of = "hole_area"'),
         "constraints[0].at_time: does not go with 'hole_area'; remove it",
     ),
+    ((TARGET, TARGET + "hole = 0\n"), "objective[0].hole: does not go with 'surface_ratio'; remove it"),
+    ((AREA, AREA + "hole = 1\n"), "constraints[0].hole: 1 is not the number of a hole, 0 to 0"),
     (("[verification]", "[verification]\nmu = [-1.0]"), "verification.mu: does not go with [time]"),
     (
         ("[time]\nend = 0.5\nfirst = 0.05\nsteps_per_decade = 4\n[bath]\nmu = -1.5\n", ""),
