@@ -24,7 +24,9 @@ class Swelling:
         displacement = ng.VectorH1(mesh, order=order, dirichletx="x", dirichlety="y")
         space = displacement * ng.L2(mesh, order=order - 1) * ng.H1(mesh, order=order - 1, dirichlet=wet)
         self.mesh, self.space, self.wet, self.tau = mesh, space, wet, ng.Parameter(0.0)
-        self.state, self.old, self.first = (ng.GridFunction(space) for _ in range(3))
+        self.state, self.old, self.first, self.edge = (ng.GridFunction(space) for _ in range(4))
+        numbers = np.arange(space.ndof)
+        self.prescribed = numbers[(numbers >= space.Range(2).start) & ~np.array(list(space.FreeDofs()))]
         self.share = ng.Parameter(0.0)
         (u, p, mu), (v, q, w) = space.TnT()
         F = ng.Id(2) + ng.Grad(u)
@@ -46,7 +48,8 @@ class Swelling:
         self.tau.Set(GAMMA * dt)
         for share, mu in zip((0.0, (1 - GAMMA) / GAMMA), bath, strict=True):
             self.share.Set(share)
-            self.state.components[2].Set(mu, definedon=self.mesh.Boundaries(self.wet))
+            self.edge.components[2].Set(mu, definedon=self.mesh.Boundaries(self.wet))
+            self.state.vec.FV().NumPy()[self.prescribed] = self.edge.vec.FV().NumPy()[self.prescribed]
             self._solve(self.free)
             self.first.vec.data = self.state.vec
 
