@@ -22,7 +22,7 @@ from jaxgel.io import DrawingIncomplete, write_outline
 from jaxgel.observables import CURVES, QUANTITIES
 
 DESIGN = Path(__file__).parents[2] / "design"
-NAMES = ("rotation", "valve", "closing", "linear", "identification", "cushion", "printed", "relief", "timing", "order")
+NAMES = ("rotation", "valve", "closing", "linear", "identification", "cushion", "printed", "relief", "timing")
 
 
 def module(name):
