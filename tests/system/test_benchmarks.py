@@ -24,7 +24,7 @@ SMALL = {
 }
 LONG = {"first", "howto", "kill", "lattice", "waves"}  # minutes at their only setting
 ELEMENTS = {"barrier", "bloch_elements", "design_step", "finite_elements", "peers", "printed", "references", "studies", "sweep", "switches"}
-MODULES = {"ngsolve_gel", "ngsolve_sweep", "skfem_gel"}  # what others import
+MODULES = {"ngsolve_gel", "ngsolve_swelling", "ngsolve_sweep", "skfem_gel"}  # what others import
 NEEDS = dict.fromkeys(ELEMENTS | {"waves"}, "ngsolve") | {"solvers": "pyamg"}  # of the extra "bench"
 
 

@@ -161,17 +161,17 @@ def test_what_mu_moves_has_its_slope_in_layers_of_any_steepness(coarse):
 def buckles(buckling_model):
     """Function: bath, branch -> path of sample 4, which keeps its symmetry when that becomes unstable."""
     problem = jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel, contact=False)
-    return lambda bath, branch: jaxgel.swell(problem, bath, [0.5, 2.0, 8.0], start=-4.9678, branch=branch)
+    return lambda bath, branch: jaxgel.swell(problem, bath, [0.01, 0.5, 2.0, 8.0], start=-4.9678, branch=branch)
 
 
 def test_a_state_that_loses_stability_ends_the_path(buckles):
     """Or, if the ``branch`` says so, the run goes on: the table of events has the times, and derivatives from there on are flagged."""
     path = buckles(-1.3, "stable")
-    assert path.t.tolist() == [0.0, 0.5] and not path.negative_pivots.any()
+    assert path.t.tolist() == [0.0, 0.01, 0.5] and not path.negative_pivots.any()
     assert path.stop.name == "LOST_STABILITY" and "stopped after t = 0.5: at t = 2 the state is unstable" in path.stop_text
     path = buckles(-1.3, "symmetric")
-    assert path.stop.ok and path.negative_pivots.tolist() == [0, 0, 1, 1]
-    assert [int(status) for status in path.derivative] == [0, 0, 13, 13]
+    assert path.stop.ok and path.negative_pivots.tolist() == [0, 0, 0, 1, 1]
+    assert [int(status) for status in path.derivative] == [0, 0, 0, 13, 13]
     (event,) = [one for one in events(history(path)) if one["event"] == "bifurcation"]
     assert "from 0 to 1 between t = 0.5 and 2" in event["text"], event
 
