@@ -105,14 +105,14 @@ def interrupt(patch, sweep):
     return calls
 
 
-def designed(text, folder, *, interrupted):
-    """Folder of ``jaxgel design`` of a study, at once or interrupted in its third sweep and resumed."""
+def designed(text, folder, *, interrupted, sweep=3):
+    """Folder of ``jaxgel design`` of a study, at once or interrupted in this ``sweep`` and resumed."""
     (folder / "small.toml").write_text(text)
     command = ["design", str(folder / "small.toml"), "--out", str(folder / "out"), "--quiet"]
     with pytest.MonkeyPatch.context() as patch:
         one_cloud(patch)
         if interrupted:
-            interrupt(patch, 3)
+            interrupt(patch, sweep)
             assert cli.main(command) == 130
             assert json.loads((folder / "out" / "design.json").read_text())["outcome"] == Outcome.INTERRUPTED
             command = ["resume", str(folder / "out")]

@@ -120,7 +120,7 @@ def test_a_verification_has_half_the_steps():
 @pytest.fixture(scope="module", params=["whole", pytest.param("interrupted", marks=pytest.mark.slow)])
 def folder(request, tmp_path_factory):
     """Folder of ``jaxgel design`` of the study, at once or interrupted and resumed."""
-    return designed(STUDY, tmp_path_factory.mktemp("timing"), interrupted="interrupted" in request.param)
+    return designed(STUDY, tmp_path_factory.mktemp("timing"), interrupted="interrupted" in request.param, sweep=2)
 
 
 def test_the_command_leaves_a_valid_design_that_run_accepts(folder):
