@@ -7,7 +7,7 @@ and without the term for layers thinner than the cells; Newton's corrections per
 finite volumes.
 
 ``sample-1``: mean volume ratio less that at the start over 0.08513 sqrt(t), what its outlines take up as half-spaces, less 1 in %; the
-core's rotation; the time of half the rotation; the distance of the last state from equilibrium; seconds of a warm step over those of a
+core's rotation; the time of half the rotation; the distance of the last state from equilibrium; how far J falls below its first value; seconds of a warm step over those of a
 state of a sweep. With and without that term.
 
 ``gradient``: seconds of the gradient of sample 1's rotation by 60 parameters, 20 of holes and 40 of a field, over those of its run, both
@@ -118,9 +118,13 @@ def sample_1(spacing, per_decade):
         uptake = 100 * (np.interp(TIMES[1:4], path.t, ratio - ratio[0]) / (HALF_SPACES * np.sqrt(TIMES[1:4])) - 1)
         half = np.exp(np.interp(angle[-1] / 2, angle[1:], np.log(path.t[1:])))
         step, errors = spent / len(times), " ".join(f"{error:+.1f}" for error in uptake)
+        J = np.stack([np.asarray(volume_ratios(x, model)) for x in path.x])[:, np.asarray(model.carries)]
+        below = 100 * (J[0] - J).max() / (ratio[-1] - ratio[0])
         off, corrections = np.abs(path.x[-1] - end.x[0]).max(), path.newton_iterations.sum() / len(times)
         print(f"sample 1, {model.n_nodes} nodes, {term} the term: uptake over the law less 1, in %, at {TIMES[1:4]}: {errors}")
-        print(f"  half the rotation at t = {half:.3f}; from equilibrium {off:.1e} mm; {path.stop.text}")
+        print(
+            f"  half the rotation at t = {half:.3f}; from equilibrium {off:.1e} mm; J falls by {below:.2f} % of its mean change; {path.stop.text}"
+        )
         print(f"  {corrections:.1f} corrections, {step:.2f} s a step, {step / of_sweep:.0f} states of a sweep")
 
 
