@@ -7,8 +7,8 @@ and without the term for layers thinner than the cells; Newton's corrections per
 finite volumes.
 
 ``sample-1``: mean volume ratio less that at the start over 0.08513 sqrt(t), what its outlines take up as half-spaces, less 1 in %; the
-core's rotation; the time of half the rotation; the distance of the last state from equilibrium; how far J falls below its first value; seconds of a warm step over those of a
-state of a sweep. With and without that term.
+core's rotation; the time of half the rotation; the distance of the last state from equilibrium; how far J falls below its first value, in %
+of its mean change; seconds of a warm step over those of a state of a sweep. With and without that term.
 
 ``gradient``: seconds of the gradient of sample 1's rotation by 60 parameters, 20 of holes and 40 of a field, over those of its run, both
 warm; the derivative along a random direction over difference quotients of three steps, less 1, by holes and by the field.
