@@ -122,9 +122,7 @@ def sample_1(spacing, per_decade):
         below = 100 * (J[0] - J).max() / (ratio[-1] - ratio[0])
         off, corrections = np.abs(path.x[-1] - end.x[0]).max(), path.newton_iterations.sum() / len(times)
         print(f"sample 1, {model.n_nodes} nodes, {term} the term: uptake over the law less 1, in %, at {TIMES[1:4]}: {errors}")
-        print(
-            f"  half the rotation at t = {half:.3f}; from equilibrium {off:.1e} mm; J falls by {below:.2f} % of its mean change; {path.stop.text}"
-        )
+        print(f"  half the rotation at t = {half:.3f}; from equilibrium {off:.1e} mm; J falls by {below:.2f} %; {path.stop.text}")
         print(f"  {corrections:.1f} corrections, {step:.2f} s a step, {step / of_sweep:.0f} states of a sweep")
 
 
