@@ -22,18 +22,13 @@ from .follow import Followed, Following
 from .options import check_sweep
 from .path import Path
 from .steps import Adaptive
+from .traced import check_for_program, states_in_program
 
 OF_STATES = {"energy": "k", "pressure": "kg", "mu": "kg"}  # what is a function of the states: its axes
 WITHOUT_DERIVATIVES = {
     "lowest_eigenvalue": "path.lowest_eigenvalue: the attribute has no derivative; use jaxgel.continuation.lowest_eigenvalue(path)",
     "residual": "path.residual: the residual of a converged state is round-off and has no derivative; use path.energy or path.x",
 }
-
-
-INSIDE_JIT = (
-    "sweep: is not available inside jax.jit or jax.vmap, as it chooses steps and branches on the way; call it, its jax.grad, jax.jvp or "
-    "jax.value_and_grad outside, and loop over gels or plates"
-)
 
 
 class SweepFailed(StateNotFound):
@@ -52,16 +47,18 @@ class _Search:
     """Tree structure of (problem, values)."""
     floating: tuple
     """Which leaves are floating-point arrays, that is differentiable."""
+    rest: list
+    """The other leaves."""
     ends: Adaptive | None
     """What the steps are chosen between; None for given values."""
     options: Following
     """How the branch is followed."""
     found: dict = dataclasses.field(default_factory=dict)
-    """How the sweep ended, and the symmetries of its states."""
+    """How the sweep ended, and the symmetries of its states; empty for a sweep that is part of a program."""
 
-    def join(self, floats, rest):
-        """(problem, values) from the two kinds of leaves."""
-        floats, rest = iter(floats), iter(rest)
+    def join(self, floats, rest=None):
+        """(problem, values) from the floating-point leaves and the ``rest``, by default the others themselves."""
+        floats, rest = iter(floats), iter(self.rest if rest is None else rest)
         return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
 
 
@@ -73,24 +70,30 @@ def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
     ends = values if isinstance(values, Adaptive) else None
     given = jnp.zeros(0) if ends else jnp.atleast_1d(jnp.asarray(values, dtype=float))
     leaves, structure = jax.tree.flatten((problem.replace(operators=None), given))
-    floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
-    search = _Search(structure, floating, ends, dataclasses.replace(options, eigenvalues=True))
-    floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
-    x, report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
+    floating = tuple(bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves)
+    floats, rest = ([leaf for leaf, f in zip(leaves, floating, strict=True) if f is kind] for kind in (True, False))
+    if is_traced(rest):
+        raise ValueError("problem: is not accepted as an argument of jax.jit or jax.vmap; make it inside, from numbers that are")
+    search = _Search(structure, floating, rest, ends, dataclasses.replace(options, eigenvalues=True))
+    x, report = _states(search, floats)
     value = report["value"] if ends else given
+    if not search.found:  # in a program what was not reached has the last state in its place
+        ok = report["status"] == Status.CONVERGED
+        report |= {name: jnp.where(ok.reshape(-1, *[1] * (report[name].ndim - 1)), report[name], jnp.nan) for name in OF_STATES}
+        x = jnp.where(ok[:, None, None], x, jnp.nan)
     report = {name: column for name, column in report.items() if name not in ("contact_active", "operators", "value")}
     return Path(problem=problem, value=value, x=x, **report, **search.found)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _states(search, floats, rest):
+def _states(search, floats):
     """Equilibria (k, n, 2) and their report, a dict (k,) of the columns of a `Path` and of contact_active, of the pressure (k, g), and of
     the `mechanics.Operators` of the model.
     """
-    inputs = search.join(floats, rest)
+    problem, values = inputs = search.join(floats)
     if is_traced(inputs):
-        raise ValueError(INSIDE_JIT)
-    problem, values = inputs
+        check_for_program(search.options, chosen=search.ends is not None)
+        return states_in_program(problem, values, search.options.newton)
     control = problem.control
     values = check_values(search.ends.values if search.ends else np.asarray(values), control.name, control.unit)
     check_sweep(problem, values)
@@ -115,20 +118,23 @@ def _keep_factor(problem, state):
 @functools.partial(_states.defjvp, symbolic_zeros=True)
 def _states_jvp(search, primals, tangents):
     """The rule of `equilibrium.state_tangents` at every state; the numbers of the report have no derivatives."""
-    floats, rest = primals
-    x, report = _states(search, floats, rest)
-    problem, values = search.join(floats, rest)
-    warn_of_ill_posed(report, problem.control.name)
-    zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
+    (floats,) = primals
+    x, report = _states(search, floats)
+    problem, values = search.join(floats)
+    in_program = not search.found
+    if not in_program:
+        warn_of_ill_posed(report, problem.control.name)
+    zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in search.rest]
     floats_dot = [np.zeros(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
     problem_dot, values_dot = search.join(floats_dot, zeros)
-    if search.ends:
-        values, values_dot = report["value"], jnp.zeros_like(report["value"])
+    if search.ends or in_program:
+        values = report["value"]
+        values_dot = jnp.zeros_like(values) if search.ends else values_dot
     problem = problem.replace(operators=report["operators"])
-    if problem.has_contact and not is_traced(report) and not np.any(report["contact_active"]):
+    if problem.has_contact and (in_program or not np.any(report["contact_active"])):
         problem, problem_dot = problem.without_contact, problem_dot.without_contact  # no energy and no derivative, but a cost
     shared, shared_dot = shared_tangents(problem, problem_dot)
-    x_dot = state_tangents(x, report["pressure"], problem, values, shared, shared_dot, values_dot)
+    x_dot = state_tangents(x, report["pressure"], problem, values, shared, shared_dot, values_dot, in_program=in_program)
     found = tuple(fitted(report[name], axes, shared.lengths) for name, axes in OF_STATES.items())
     leaves, structure = jax.tree.flatten((fitted(x, "kn", shared.lengths), shared, values))
     dots = [None if dot.dtype == jax.dtypes.float0 else dot for dot in jax.tree.leaves((x_dot, shared_dot, values_dot))]

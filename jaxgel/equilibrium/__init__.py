@@ -7,8 +7,9 @@ from .motions import Motions, moved
 from .newton import NEWTON, Correction, Newton, advanced, iterate, solve, starting, with_own_factor
 from .observer import UNOBSERVED, Observer
 from .relaxation import relax, relax_along
-from .state import Stability, State, accepted, acting_problem, as_number, control_force, dry_state, linearised, pressure_rate
+from .state import Stability, State, accepted, acting_problem, as_number, control_force, control_rates, dry_state, linearised, pressure_rate
 from .status import NEARLY_SINGULAR, Change, StateNotFound, Status, for_derivatives, of_iterate, of_outlines, remedy
+from .traced import Iterate, first_iterate, solve_traced
 
 __all__ = [
     "NEARLY_SINGULAR",
@@ -17,6 +18,7 @@ __all__ = [
     "Change",
     "Conditions",
     "Correction",
+    "Iterate",
     "Motions",
     "Newton",
     "Observer",
@@ -29,7 +31,9 @@ __all__ = [
     "advanced",
     "as_number",
     "control_force",
+    "control_rates",
     "dry_state",
+    "first_iterate",
     "first_order_only",
     "for_derivatives",
     "iterate",
@@ -45,6 +49,7 @@ __all__ = [
     "solve",
     "solve_bordered",
     "solve_pinned",
+    "solve_traced",
     "starting",
     "state_tangents",
     "with_own_factor",

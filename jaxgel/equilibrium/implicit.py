@@ -34,19 +34,24 @@ def state_tangents(
     shared: Equations,
     shared_dot: Equations,
     values_dot: Float[Array, " k"],
+    *,
+    in_program: bool = False,
 ) -> Float[Array, "k m 2"]:
     """Tangents of the equilibria ``x`` with ``pressure`` at ``values`` of the control, for those of its `shared_tangents` and the values.
 
     They are in the sizes of the ``shared`` equations. Constrained degrees of freedom move with the nodes of the dry plate, and as a control
-    moves the edges. Operators need no tangents: they follow from the model. nan where a tangent is singular.
+    moves the edges. Operators need no tangents: they follow from the model. nan where a tangent is singular, and ``in_program``, that
+    is inside ``jax.jit``, where it is not positive definite.
     """
     shared, dots = (q.replace(model=_without_observation_points(q.model)) for q in (shared, shared_dot))
     leaves, structure = jax.tree.flatten(shared)
     map_ = _Changes(structure, tuple(bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves))
     at = fitted(x, "kn", shared.lengths), fitted(pressure, "kg", shared.lengths), values
     motion, rhs = changes.bind(values_dot, *map_.floats(dots), *at, *leaves, map_=map_)
-    leaves, structure = jax.tree.flatten((x, pressure, values, problem))
-    correction = solutions.bind(fitted(rhs, "kf", problem.lengths), *leaves, structure=structure)
+    pattern = problem.pattern if in_program else None
+    states = (*at, shared.replace(operators=problem.operators)) if in_program else (x, pressure, values, problem)
+    leaves, structure = jax.tree.flatten(states)
+    correction = solutions.bind(fitted(rhs, "kf", states[-1].lengths), *leaves, structure=structure, pattern=pattern)
     return moved(motion, fitted(correction, "kf", shared.lengths), shared.free)
 
 

@@ -1,10 +1,11 @@
 """Solutions of K dx = b with the tangents K of many states, one JAX primitive and its rules.
 
-They are found on the host, with the factors that the sweep left behind: between compiled programs, not
-in one.
+They are found on the host, with the factors that the sweep left behind: between compiled programs. In one, each tangent
+is factorised again.
 """
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +16,8 @@ from .._compiled import tangents as tangents_of
 from .._primitives import primitive
 from .._threads import few_threads
 from ..discretisation import Body
-from ..linalg import RECENT_FACTORS, SingularTangent
-from ..mechanics import factorised_tangent, gather, hessian_product, linearise, scatter
+from ..linalg import RECENT_FACTORS, SingularTangent, elimination_of
+from ..mechanics import factorised_tangent, gather, hessian_product, linearise, pair_product, scatter, tangent_blocks
 
 STATES_TOGETHER = 4  # states that are differentiated together: per cell one product of small matrices; more would leave the cache
 BYTES_TOGETHER = 2**28  # most that their positions gathered cell by cell may fill
@@ -48,23 +49,23 @@ class _Products:
         return [of_all(v) if v.ndim == 2 else jax.vmap(of_all, 2, 2)(v)]
 
 
-def _solutions_jvp(primals, tangents, *, structure):
+def _solutions_jvp(primals, tangents, *, structure, pattern):
     """K x = b gives K dx = db - dK x, the latter by the energy, whose arguments the leaves are."""
     (rhs, *leaves), (change, *dots) = primals, tangents
-    solution = solutions.bind(rhs, *leaves, structure=structure)
+    solution = solutions.bind(rhs, *leaves, structure=structure, pattern=pattern)
     if any(dot is not None for dot in dots):
         (moved,) = tangents_of(_Products(structure), [solution, *leaves], [None, *dots], [solution])
         change = -moved if change is None else change - moved
-    return solution, change if change is None else solutions.bind(change, *leaves, structure=structure)
+    return solution, change if change is None else solutions.bind(change, *leaves, structure=structure, pattern=pattern)
 
 
-def _solutions_transpose(cotangent, args, *, structure):
+def _solutions_transpose(cotangent, args, *, structure, pattern):
     """Tangents are symmetric."""
-    found = None if cotangent is None else solutions.bind(cotangent, *args[1:], structure=structure)
+    found = None if cotangent is None else solutions.bind(cotangent, *args[1:], structure=structure, pattern=pattern)
     return [found, *(None for _ in args[1:])]
 
 
-def _solved(rhs, *leaves, structure):
+def _solved(rhs, *leaves, structure, **_):
     """On the host, with values; 0 for 0 at no cost, nan where a tangent is singular."""
     x, pressure, values, problem = jax.tree.unflatten(structure, leaves)
     rhs, x, pressure, values = map(np.asarray, (rhs, x, pressure, values))
@@ -90,24 +91,42 @@ def _factor(problem, x, pressure, value):
     return made
 
 
-def _refuse(*_, **__):
-    raise ValueError("derivatives of a sweep: are not available inside jax.jit; take them outside")
+def _solved_in_program(rhs, *leaves, structure, pattern):
+    """The same inside a compiled program, where the tangents are positive definite; nan where one is not."""
+    x, pressure, values, shared = jax.tree.unflatten(structure, leaves)
+    elimination = lax.optimization_barrier(elimination_of(pattern))
+    size = len(elimination.order)
+
+    def of_state(state):
+        rhs, x, pressure, value = state
+        now, mu = shared.at(value)
+        blocks = tangent_blocks(now, x, pressure, linearise(now, x, pressure, mu))
+        factors = elimination.cholesky(blocks)
+
+        def solve(b):
+            v = jnp.zeros_like(b).at[:size].set(elimination.solve(factors, b[:size]))
+            left = b - gather(pair_product(blocks, now.operators.pairs, scatter(v, shared.free)), shared.free)
+            return v.at[:size].add(elimination.solve(factors, left[:size]))
+
+        return solve(rhs) if rhs.ndim == 1 else jax.vmap(solve, 1, 1)(rhs)
+
+    return lax.map(of_state, (rhs, x, pressure, values))
 
 
-def _solved_batch(args, axes, *, structure):
+def _solved_batch(args, axes, *, structure, pattern):
     """Right-hand sides (b, k, f) for the same states are columns."""
     (rhs, *states), (axis, *others) = args, axes
     if any(other is not None for other in others):
-        _refuse()
+        return jax.vmap(functools.partial(_solved_in_program, structure=structure, pattern=pattern), axes)(*args), 0
     columns = jnp.moveaxis(rhs, axis, -1)
-    found = solutions.bind(columns.reshape(*columns.shape[:2], -1), *states, structure=structure)
+    found = solutions.bind(columns.reshape(*columns.shape[:2], -1), *states, structure=structure, pattern=pattern)
     return found.reshape(columns.shape), columns.ndim - 1
 
 
 solutions = primitive(
     "equilibrium_solutions",
     value=_solved,
-    traced=_refuse,
+    traced=_solved_in_program,
     shapes=lambda rhs, *_, **__: rhs,
     jvp=_solutions_jvp,
     transpose=_solutions_transpose,
@@ -115,4 +134,5 @@ solutions = primitive(
     several=False,
 )
 """Solutions as the right-hand sides (k, f) or (k, f, r) for the tangents of the states that the other arguments describe: the leaves of
-(x (k, n, 2), pressure (k, g), values (k,) of the control, `Problem`) with the tree ``structure``."""
+(x (k, n, 2), pressure (k, g), values (k,) of the control, `Problem`) with the tree ``structure``. In a program the last is its shared
+form, and the ``pattern`` that of its tangents; else it is None."""

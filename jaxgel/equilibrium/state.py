@@ -140,12 +140,12 @@ def as_number(mu: Chemical) -> float | Float[np.ndarray, " g"]:
 
 def control_force(problem: Problem, state: State) -> Float[np.ndarray, " f"]:
     """Derivative (f,) of the residual of a state by the control, kT/v mm over the control's unit, edges that it moves included."""
-    return _control_rates(_with_acting_contact(problem, state).prepared, state.x, state.value)[0]
+    return control_rates(_with_acting_contact(problem, state).prepared, state.x, state.value)[0]
 
 
 def control_pressure(problem: Problem, state: State) -> Float[np.ndarray, " g"]:
     """Derivative (g,) by the control of the pressures in a Newton step with the unknowns at rest, kT/v over the control's unit."""
-    return _control_rates(_with_acting_contact(problem, state).prepared, state.x, state.value)[1]
+    return control_rates(_with_acting_contact(problem, state).prepared, state.x, state.value)[1]
 
 
 def pressure_rate(problem: Problem, state: State, rate: Float[Array, "n 2"]) -> Float[np.ndarray, " g"]:
@@ -155,7 +155,7 @@ def pressure_rate(problem: Problem, state: State, rate: Float[Array, "n 2"]) -> 
 
 
 @program(x="n", returns=("f", "g"))
-def _control_rates(problem, x, value):
+def control_rates(problem: Equations, x: Float[Array, "n 2"], value: Chemical) -> tuple[Float[Array, " f"], Float[Array, " g"]]:
     """Derivatives by the control at fixed unknowns: of the residual (f,) and of the pressures (g,)."""
     (forces, pressure) = jax.jvp(lambda value: condensed_forces(problem, x, value), (value,), (1.0,))[1]
     return gather(forces, problem.free), pressure

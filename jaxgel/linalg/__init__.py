@@ -3,6 +3,7 @@
 from .blocks import BlockFactor, Diagonal
 from .dissection import dissect
 from .eigen import Factorised, inverse_iteration, lowest_mode, lowest_of_factor, nearest_modes, network_matrix, rayleigh_ritz
+from .elimination import Elimination, Factors, elimination_of, is_definite
 from .factors import Bordered, Factor, SingularTangent, columnwise, factor
 from .kept_factors import RECENT_FACTORS, FactorCache
 from .multifrontal import factorise
@@ -14,17 +15,21 @@ __all__ = [
     "BlockFactor",
     "Bordered",
     "Diagonal",
+    "Elimination",
     "Factor",
     "FactorCache",
     "Factorised",
+    "Factors",
     "Pattern",
     "SingularTangent",
     "analyse",
     "columnwise",
     "dissect",
+    "elimination_of",
     "factor",
     "factorise",
     "inverse_iteration",
+    "is_definite",
     "lowest_mode",
     "lowest_of_factor",
     "nearest_modes",

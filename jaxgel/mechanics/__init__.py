@@ -1,6 +1,6 @@
 """Mechanics: the energy of a swollen gel, its contact and loads, its degrees of freedom, and its tangent."""
 
-from .assembly import factorised_tangent, tangent
+from .assembly import factorised_tangent, pair_product, tangent, tangent_blocks
 from .conditions import Free, constrained_part, gather, restrict, scatter, with_free_values
 from .contact import RANGE, STIFFNESS, closest, contact_energy, contact_force, pair_energy, step_limit, touches, with_contact
 from .dofs import (
@@ -149,6 +149,7 @@ __all__ = [
     "outline_loops",
     "overlaps",
     "pair_energy",
+    "pair_product",
     "periodic_images",
     "places",
     "places_of",
@@ -168,6 +169,7 @@ __all__ = [
     "step_limit",
     "stiffness_at",
     "tangent",
+    "tangent_blocks",
     "tangent_pattern",
     "total_energy",
     "touches",

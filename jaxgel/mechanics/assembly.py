@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._programs import program
-from .._types import Array, Float
+from .._types import Array, Float, Int
 from ..linalg import Factor, factor
 from ..materials import elementwise, gel_at_points, neo_hookean, network_at
 from .contact import contact_tangents
+from .equations import Equations
 from .mixed import Linearisation
 from .operators import add_matrices, area_form_sum
 from .pairs import contact_pairs, node_pairs
@@ -30,7 +31,7 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
 
     With contact the pairs of `contact_pairs` follow.
     """
-    blocks, lists = np.asarray(_tangent(problem, x, p, linearisation)), problem.model.lists
+    blocks, lists = np.asarray(tangent_blocks(problem, x, p, linearisation)), problem.model.lists
     cells = blocks[: len(node_pairs(lists)[0])]
     if problem.model.contact is None:
         return cells
@@ -39,8 +40,10 @@ def tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], lin
 
 
 @program(x="n", p="g")
-def _tangent(problem, x, p, linearisation):
-    """The tangent with room for more pairs after those that share a cell, and after the others."""
+def tangent_blocks(
+    problem: Equations, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation
+) -> Float[Array, "p 2 2"]:
+    """The `tangent` with room for more pairs after those that share a cell, and after the others."""
     model, gel, operators = problem.model, problem.gel, problem.operators
     quadratic, network = gel.network is neo_hookean, network_at(gel, model.axial_stretch)
     total = jnp.zeros((len(operators.pairs), 4))
@@ -72,6 +75,13 @@ def _tangent(problem, x, p, linearisation):
     for blocks, slot in zip(contact_tangents(x, model), operators.contact_slots, strict=True):
         total = add_matrices(total, blocks, slot)
     return total
+
+
+def pair_product(blocks: Float[Array, "p 2 2"], pairs: Int[Array, "p 2"], v: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
+    """Product (n, 2) of the matrix of pair ``blocks`` with a nodal field ``v`` (n, 2)."""
+    i, j = pairs.T
+    transposed = jnp.where((i != j)[:, None], jnp.einsum("pab,pa->pb", blocks, v[i]), 0.0)
+    return jnp.zeros_like(v).at[i].add(jnp.einsum("pab,pb->pa", blocks, v[j])).at[j].add(transposed)
 
 
 def factorised_tangent(problem: Problem, x: Float[Array, "n 2"], p: Float[Array, " g"], linearisation: Linearisation) -> Factor:

@@ -1,0 +1,141 @@
+"""Cholesky factors of sparse matrices inside compiled programs: the fronts of `multifrontal` as JAX functions.
+
+The host's factor has every inertia; this one is of a positive definite matrix, and nan of any other.
+"""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .._memo import once_per_owner
+from .._types import Array, Bool, Float, Int
+from .pattern import Pattern
+
+Factors = tuple[tuple[Float[Array, "k k"], Float[Array, "m k"]], ...]
+"""Per front the lower triangular corner L and the block B below it: the matrix is the sum of [L; B] [L; B]^T."""
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["entries", "below", "rows"], meta_fields=["children"])
+@dataclasses.dataclass(frozen=True, eq=False)
+class Columns:
+    """The columns of a front, with k pivots and m unknowns below them; s = k + m."""
+
+    entries: Int[Array, "s k"]
+    """Number of the matrix entry at each place, of the lower triangle; past the last entry for none."""
+    below: Int[Array, " m"]
+    """Ranks of the unknowns below, in the order of elimination."""
+    rows: tuple[Int[Array, " s"], ...]
+    """Per child the row of its update that is added at each place; past the last row for none."""
+    children: tuple[int, ...]
+    """Numbers of the fronts whose updates are added."""
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["order", "fronts", "joined"],
+    meta_fields=["n_pairs", "n_entries"],
+)
+@dataclasses.dataclass(frozen=True, eq=False)
+class Elimination:
+    """How matrices of one `Pattern` are factorised; a pytree of index arrays."""
+
+    order: Int[Array, " f"]
+    """Unknown of each rank."""
+    fronts: tuple[Columns, ...]
+    """The fronts, children before parents; ranks of their pivots follow each other."""
+    joined: tuple[Int[Array, " _"], Int[Array, " _"], Float[Array, " _"]] | None
+    """Rows, columns and values of ``Pattern.joined``."""
+    n_pairs: int
+    """Number of node pairs whose blocks are given."""
+    n_entries: int
+    """Number of entries that the fronts are made from."""
+
+    def cholesky(self, pairs: Float[Array, "p 2 2"]) -> Factors:
+        """`Factors` of the matrix of the pair blocks (p, 2, 2); nan in them if it is not positive definite."""
+        values, factors, updates = jnp.append(self._entries(pairs), 0.0), [], {}
+        for number, front in enumerate(self.fronts):
+            k, m = front.entries.shape[1], len(front.below)
+            matrix = jnp.pad(values[front.entries], ((0, 0), (0, m)))
+            for child, rows in zip(front.children, front.rows, strict=True):
+                matrix += jnp.pad(updates.pop(child), (0, 1))[rows[:, None], rows]
+            L, B, updates[number] = _eliminated(matrix[:k, :k], matrix[k:, :k], matrix[k:, k:])
+            factors.append((L, B))
+        return tuple(factors)
+
+    def _entries(self, pairs):
+        entries = pairs[: self.n_pairs].ravel()
+        if self.joined is None:
+            return entries
+        row, column, value = self.joined
+        return jnp.zeros(self.n_entries).at[row].add(value * entries[column])
+
+    def solve(self, factors: Factors, rhs: Float[Array, " f"]) -> Float[Array, " f"]:
+        """Solution (f,) for the right-hand side, without refinement."""
+        y, ends = rhs[self.order], np.cumsum([len(L) for L, _ in factors])
+        steps = [(slice(end - len(L), end), front.below, L, B) for end, front, (L, B) in zip(ends, self.fronts, factors, strict=True)]
+        for pivots, below, L, B in steps:
+            z = _forward(L, y[pivots])
+            y = y.at[pivots].set(z).at[below].add(-(B @ z))
+        for pivots, below, L, B in reversed(steps):
+            y = y.at[pivots].set(_backward(L, y[pivots] - y[below] @ B))
+        return jnp.zeros(rhs.shape).at[self.order].set(y)
+
+
+def is_definite(factors: Factors) -> Bool[Array, ""]:
+    """Whether the factorised matrix is positive definite."""
+    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(L)) for L, _ in factors]))
+
+
+# LAPACK's triangular solutions take one matrix; for many at once JAX 0.10 to 0.12 uses slow code of XLA's own.
+
+
+@jax.custom_batching.sequential_vmap
+def _eliminated(corner, side, rest):
+    """L and B of a front, and its update of the fronts above."""
+    L = lax.linalg.cholesky(corner, symmetrize_input=False)
+    B = lax.linalg.triangular_solve(L, side, left_side=False, lower=True, transpose_a=True)
+    return L, B, rest - B @ B.T
+
+
+@jax.custom_batching.sequential_vmap
+def _forward(L, z):
+    return lax.linalg.triangular_solve(L, z[:, None], left_side=True, lower=True)[:, 0]
+
+
+@jax.custom_batching.sequential_vmap
+def _backward(L, z):
+    return lax.linalg.triangular_solve(L, z[:, None], left_side=True, lower=True, transpose_a=True)[:, 0]
+
+
+@once_per_owner
+def elimination_of(pattern: Pattern) -> Elimination:
+    """The `Elimination` of a ``Pattern``, of NumPy arrays."""
+    tree, joined = pattern.tree, pattern.joined
+    n_entries = 4 * pattern.n_pairs if joined is None else joined.shape[0]
+    fronts = tuple(_columns(front, tree.fronts, n_entries) for front in tree.fronts)
+    if joined is not None:
+        entries = joined.tocoo()
+        joined = entries.row, entries.col, entries.data
+    return Elimination(tree.order, fronts, joined, pattern.n_pairs, n_entries)
+
+
+def _columns(front, fronts, n_entries):
+    """The `Columns` of one of the ``fronts``."""
+    k, m = front.end - front.first, len(front.below)
+    blocks = []
+    for (source, place), height in ((front.corner, k), (front.side, m)):
+        block = np.full(height * k, n_entries, np.int32)
+        block[place] = source
+        blocks.append(block.reshape(height, k, order="F"))
+    rows = []
+    for child, eliminated, runs in front.children:
+        row = np.full(k + m, len(fronts[child].below), np.int32)
+        for start, offset, part in ((0, 0, runs[0]), (k, eliminated, runs[1])):
+            for source, target in part:
+                row[start + target.start : start + target.stop] = np.arange(source.start, source.stop) + offset
+        rows.append(row)
+    return Columns(np.concatenate(blocks), front.below, tuple(rows), tuple(child for child, *_ in front.children))
