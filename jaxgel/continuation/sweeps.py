@@ -42,7 +42,9 @@ def sweep(
 
     Raises ValueError for a gel, control or values that cannot be used and ``SweepFailed`` where the first state is not found; later
     failures end the path early, with the reason in ``path.stop`` and ``path.stop_text``. Differentiating a state without a meaningful
-    derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap`` a sweep is refused.
+    derivative warns of it (``IllPosedDerivative``). Inside ``jax.jit`` and ``jax.vmap`` a sweep is
+    one program, for values that are given and without contact: where the branch loses stability or touches itself the states are nan from
+    there on, with their status.
     """
     check_kind("problem", problem, Problem, "a Problem, as Problem(model, gel) makes it")
     if until_contact and problem.has_contact:

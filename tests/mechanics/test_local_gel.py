@@ -32,7 +32,8 @@ def test_a_constant_field_is_the_plain_gel(network, tiny_model):
     )
     for name in ("x", "pressure", "energy"):
         np.testing.assert_allclose(getattr(field, name), getattr(plain, name), rtol=1e-12, atol=1e-13)
-    np.testing.assert_allclose(field.lowest_eigenvalue, plain.lowest_eigenvalue, rtol=1e-10)  # 4e-12 and 1.6e-11 found on two machines: an iteration's
+    # that of an iteration: 4e-12 and 1.6e-11 found on two machines
+    np.testing.assert_allclose(field.lowest_eigenvalue, plain.lowest_eigenvalue, rtol=1e-10)
     for read in (jaxgel.cauchy_stress, jaxgel.surface_ratio, jaxgel.volume_ratio):
         np.testing.assert_allclose(read(field), read(plain), rtol=1e-11, atol=1e-13)
 
