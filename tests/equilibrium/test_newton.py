@@ -206,6 +206,6 @@ def test_assembly_never_holds_the_matrices_of_all_points(coarse_model):
     then = linearise(problem, x, pressure, -4.9)
     shared = problem.shared
     at = shared, fitted(x, "n", shared.lengths), fitted(pressure, "g", shared.lengths)
-    for function, last in ((linearise, -4.9), (assembly._tangent, then)):
+    for function, last in ((linearise, -4.9), (assembly.tangent_blocks, then)):
         memory = jax.jit(function.__wrapped__).lower(*at, last).compile().memory_analysis()
         assert 0 < memory.temp_size_in_bytes < 8 * coarse_model.n_points * stencil**2 / 5
