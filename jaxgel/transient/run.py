@@ -168,20 +168,20 @@ def check_numbers(problem: Problem, baths: Iterable[Bath], D: Scalar) -> None:
 
 def _state(transport, moment, mu):
     """The `State` of a moment, with the negative pivots of its own tangent."""
-    stage, stability = moment.stage, None
+    stage, status, stability = moment.stage, moment.stage.status, None
     acting, potential = acting_problem(transport, stage.m), acting_potential(transport, stage.m)
     now = stage.linearisation or linearise(acting, stage.x, stage.pressure, potential)
-    if stage.status.ok:
+    if status.ok:
         try:
             stability = Stability(factorised_tangent(acting, stage.x, stage.pressure, now).negative_pivots)
         except SingularTangent:
-            stability = None
+            status = Status.SINGULAR
     return State(
         moment.t,
         mu,
         stage.x,
         stage.pressure,
-        status=stage.status,
+        status=status,
         newton_iterations=moment.iterations,
         residual=float(now.residual_norm),
         energy=float(now.energy),

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel.linalg import SingularTangent
 from jaxgel.mechanics import all_volumes, carried, solvent_of, volume_ratios
 from jaxgel.observables import events, history
+from jaxgel.transient import run as transient_run
 
 GOOD = jaxgel.Gel(1e-3, 0.1)
 TIMES = [1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0]
@@ -174,6 +176,21 @@ def test_a_state_that_loses_stability_ends_the_path(buckles):
     assert [int(status) for status in path.derivative] == [0, 0, 0, 13, 13]
     (event,) = [one for one in events(history(path)) if one["event"] == "bifurcation"]
     assert "from 0 to 1 between t = 0.5 and 2" in event["text"], event
+
+
+def test_a_singular_tangent_ends_the_path(coarse, monkeypatch):
+    """Whether its state is stable is not known; here the tangent of the second state counts as singular."""
+    pivots, factorised = [], transient_run.factorised_tangent
+
+    def singular(*args):
+        pivots.append(None)
+        if len(pivots) == 2:
+            raise SingularTangent("zero pivot")
+        return factorised(*args)
+
+    monkeypatch.setattr(transient_run, "factorised_tangent", singular)
+    path = jaxgel.swell(jaxgel.Problem(coarse, GOOD, contact=False), -0.4999, [0.1, 0.2], start=-0.5)
+    assert path.t.tolist() == [0.0] and path.stop is jaxgel.Status.SINGULAR and "the tangent is singular" in path.stop_text
 
 
 @pytest.mark.slow
