@@ -140,7 +140,7 @@ class Case:
         if self.time is not None:
             raise ValueError(f"time: is not accepted by jaxgel {command}, which is for equilibria; remove [time] and [bath]")
 
-    def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
+    def critical_points(self, model: Model, *, most: int = 4, observer: Observer = UNOBSERVED) -> list[CriticalPoint]:
         """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.
 
         The search chooses its own steps. ValueError for an imperfection, under which no branch bifurcates.
@@ -148,7 +148,7 @@ class Case:
         self.check_equilibrium("critical")
         if self.sweep.imperfection:
             raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} removes the bifurcations that are looked for; set it to 0")
-        return critical_points(self.problem(model), self.sweep.ends, most=most)
+        return critical_points(self.problem(model), self.sweep.ends, most=most, observer=observer)
 
     def loop(self, model: Model, *, observer: Observer = UNOBSERVED) -> Loop:
         """`Loop` between the ends of the case's sweep, up and down, with steps of its own.
