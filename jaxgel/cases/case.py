@@ -39,6 +39,7 @@ from .._validation import check, did_you_mean, entry_of, with_changes
 from ..bifurcation import CriticalPoint, Loop, critical_points, loop, problem_by_options, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions
+from ..controls import CONTROLS
 from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import UNOBSERVED, Observer
 from ..geometry import Plate, check_plate
@@ -92,7 +93,7 @@ class Case:
         one where it is not; ``cloud`` is that former one where it was made already.
         """
         check_edges(self.plate)
-        if self.sweep.control != "stretch":
+        if not CONTROLS[self.sweep.control].moves_edges:
             check_room(self.plate)
         cloud = self.cloud() if cloud is None else cloud
         if self.plate.reference is not None:
