@@ -179,9 +179,8 @@ def write_points(points: list[CriticalPoint], folder: File, options: dict[str, A
     ``control`` is the name under which the points' values are written before their mu, where that is another.
     """
     own = ("mu", "kind", "multiplicity", "unstable", "slope", "curvature", "imperfection", "text")
-    driven = () if control == "mu" else (control,)
-    rows = [dict.fromkeys(driven, point.value) | {name: getattr(point, name) for name in own} for point in points]
-    names = (*driven, *own)
+    rows = [{control: point.value} | {name: getattr(point, name) for name in own} for point in points]
+    names = tuple(dict.fromkeys((control, *own)))
     entries = [
         {k: None if v != v else v for k, v in row.items()} | {"symmetries": p.symmetries} for row, p in zip(rows, points, strict=True)
     ]
