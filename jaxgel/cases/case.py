@@ -24,7 +24,7 @@ A table has the sections of a case file, all but ``plate`` optional:
                        [sweep] has mu_start, the gel's equilibrium before time 0, and branch
     [bath]             mu (kT) of what wets holes and free edges from time 0 on; times, rising, if mu = [list]; or ramp, the time in
                        which it goes from mu_start to mu; needed with [time]
-    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, solver
+    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax
     [output]           figures, animation, paraview (true or false)
 
 Every table is checked against `schema.case_schema` first.

@@ -6,11 +6,10 @@ from .eigen import Factorised, inverse_iteration, lowest_mode, lowest_of_factor,
 from .factors import Bordered, Factor, SingularTangent, columnwise, factor
 from .kept_factors import RECENT_FACTORS, FactorCache
 from .multifrontal import factorise
-from .pattern import SOLVERS, Pattern, analyse
+from .pattern import Pattern, analyse
 
 __all__ = [
     "RECENT_FACTORS",
-    "SOLVERS",
     "BlockFactor",
     "Bordered",
     "Diagonal",

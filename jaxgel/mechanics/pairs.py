@@ -58,14 +58,14 @@ def contact_pairs(lists: Connectivity, dmax: float) -> tuple[Int[Array, "e 2"], 
 
 
 @once_per_owner
-def tangent_pattern(lists: Connectivity, solver: str = "auto", contact_dmax: float | None = None) -> Pattern:
+def tangent_pattern(lists: Connectivity, contact_dmax: float | None = None) -> Pattern:
     """`linalg.Pattern` of the tangent on the free degrees of freedom; with the pairs of self-contact where ``contact_dmax``, the model's
     ``dmax``, is given.
     """
     topology, pairs = lists.topology, node_pairs(lists)[0]
     free = unknowns(lists)
-    at = topology.partition.vertices[topology.node_vertices], free.masters, [free.matrix], solver
+    at = topology.partition.vertices[topology.node_vertices], free.masters, [free.matrix]
     if contact_dmax is None:
         return analyse(pairs, *at)
     wider = analyse(np.concatenate([pairs, contact_pairs(lists, contact_dmax)[0]]), *at)
-    return dataclasses.replace(wider, narrower=tangent_pattern(lists, solver))
+    return dataclasses.replace(wider, narrower=tangent_pattern(lists))
