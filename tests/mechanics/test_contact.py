@@ -168,7 +168,7 @@ def test_a_leap_into_contact_is_refused(slit):
     options = Following(symmetry="off", steps=jaxgel.StepControl(max_cuts=0), observer=jaxgel.Observer(refused=refused.append))
     assert not list(Followed(Problem(model, GEL).prepared, [MU[-1]], options, steps))
     (found,) = refused
-    assert found.status is Status.BEYOND_CONTACT
+    assert found.status is Status.NOT_CONVERGED
     assert np.abs(found.x - steps[0].x).max() > float(model.contact.range) and not touches(steps[0].x, model)
 
 

@@ -175,7 +175,7 @@ def test_a_state_that_loses_stability_ends_the_path(buckles):
     """Or, if the ``branch`` says so, the run goes on: the table of events has the times, and derivatives from there on are flagged."""
     refused, iterates = [], []
     path = buckles(-1.3, "stable", jaxgel.Observer(refused=refused.append, iteration=lambda state: iterates.append(state.value)))
-    assert [(state.value, state.status.name) for state in refused] == [(2.0, "LOST_STABILITY")]
+    assert [(state.value, state.status.name) for state in refused][-1] == (2.0, "LOST_STABILITY")
     assert len(iterates) > path.newton_iterations.sum() and max(iterates) == 2.0
     assert path.t.tolist() == [0.0, 0.01, 0.5] and not path.negative_pivots.any()
     assert path.stop.name == "LOST_STABILITY" and "stopped after t = 0.5: at t = 2 the state is unstable" in path.stop_text
