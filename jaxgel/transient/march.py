@@ -60,8 +60,7 @@ class Moment:
     def state(self, transport: Transport, mu: float) -> State:
         """The `State` in a bath of mean potential ``mu``, kT, linearised there; its stability is not computed."""
         stage, potential = self.stage, acting_potential(transport, self.stage.m)
-        acting = acting_problem(transport, stage.m)
-        about = stage.linearisation or linearise(acting, stage.x, stage.pressure, potential)
+        about = stage.linearisation or linearise(acting_problem(transport, stage.m), stage.x, stage.pressure, potential)
         return State(
             self.t,
             mu,
