@@ -1,6 +1,6 @@
 """Time and memory of jaxgel against the size of the cloud: sample 1 refined from 1e3 to 3e5 nodes and beyond.
 
-    python benchmarks/scale.py [--nodes 1000 3000 10000 30000 100000 300000] [--threads 1] [--limit 16] [--solver auto]
+    python benchmarks/scale.py [--nodes 1000 3000 10000 30000 100000 300000] [--threads 1] [--limit 16]
 
 Every size runs in a process of its own. Prints and writes scale.json beside this file: seconds of the setup (cloud, discretisation,
 constants and pattern), of the parts of a Newton step (medians of three: linearisation, tangent, factor, solve), of a sweep to two states
@@ -38,12 +38,11 @@ def main():
     parser.add_argument("--nodes", type=float, nargs="+", default=[1e3, 3e3, 1e4, 3e4, 1e5, 3e5], help="sizes (1e3 ... 3e5)")
     parser.add_argument("--threads", type=int, default=1, help="threads of XLA and BLAS, and processors (1)")
     parser.add_argument("--limit", type=float, default=16.0, help="GiB at which a process is stopped (16)")
-    parser.add_argument("--solver", default="auto", help="auto, direct or iterative, see jaxgel.linear_solve (auto)")
     parser.add_argument("--out", type=Path, default=HERE / "scale.json")
     parser.add_argument("--child", type=float, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
-        print(json.dumps(child(options.child, options.threads, options.solver)))
+        print(json.dumps(child(options.child, options.threads)))
         return
     print(
         f"{'nodes':>7} {'DOFs':>7}",
@@ -52,7 +51,7 @@ def main():
     )
     rows = []
     for nodes in options.nodes:
-        row = isolated(nodes, options.threads, options.limit, options.solver)
+        row = isolated(nodes, options.threads, options.limit)
         rows.append(row)
         if "stopped" in row:
             print(f"{nodes:7.0f} {row['stopped']}", flush=True)
@@ -77,11 +76,11 @@ def exponent(rows, name):
     return sum((a - x) * (b - y) for a, b in points) / sum((a - x) ** 2 for a, _ in points)
 
 
-def isolated(nodes, threads, limit, solver):
+def isolated(nodes, threads, limit):
     """Row of one size from a process with that many threads and processors, stopped above ``limit`` GiB (Linux)."""
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NPROC")
     environment = os.environ | dict.fromkeys(names, str(threads)) | {"PYTHONPATH": str(HERE.parent)}
-    command = [sys.executable, __file__, "--child", str(nodes), "--threads", str(threads), "--solver", solver]
+    command = [sys.executable, __file__, "--child", str(nodes), "--threads", str(threads)]
     with tempfile.TemporaryFile("w+") as printed:
         process = subprocess.Popen(command, env=environment, stdout=printed)
         while process.poll() is None:
@@ -103,7 +102,7 @@ def resident(pid):
         return 0.0
 
 
-def child(wanted, threads, solver):
+def child(wanted, threads):
     """Row of one size, measured in this process."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:threads])
@@ -133,7 +132,7 @@ def child(wanted, threads, solver):
         return result
 
     cloud = timed("cloud", lambda: jaxgel.make_cloud(plate, spacing=spacing))
-    model = timed("discretise", lambda: jaxgel.discretise(cloud, solver=solver))
+    model = timed("discretise", lambda: jaxgel.discretise(cloud))
     problem = timed("prepare", lambda: jaxgel.Problem(model, plate.gel, contact=False).prepared)
     timed("prepare", lambda: (problem.pattern, problem.operators.network.block_until_ready()))
     seconds["prepare"] = [sum(seconds["prepare"])]

@@ -67,7 +67,7 @@ class KeptPrograms:
                 each.mkdir(mode=0o700, parents=True, exist_ok=True)
                 check_private(each.stat())
         except OSError as problem:
-            LOG.debug("no programs are kept: %s", problem)
+            LOG.debug("no programs are kept: %s", problem, exc_info=True)
             self.root = None
             return None
         _register_linear_algebra()
@@ -89,7 +89,7 @@ class KeptPrograms:
         except FileNotFoundError:
             return None
         except Exception as problem:  # a pickle raises of every kind
-            LOG.debug("the kept program %s is not used: %s", name, problem)
+            LOG.debug("the kept program %s is not used: %s", name, problem, exc_info=True)
             return None
 
     def accepts(self, name: str) -> bool:
@@ -104,7 +104,7 @@ class KeptPrograms:
             if self.folder is None or pickle.loads(stored) != structure:  # noqa: S301
                 raise ValueError("its results hold an object that is compared by identity")
         except Exception as problem:
-            LOG.debug("the program %s is not kept: %s", name, problem)
+            LOG.debug("the program %s is not kept: %s", name, problem, exc_info=True)
             return lowered.compile()
         program = _compiled_anew(lowered)
         try:
@@ -112,7 +112,7 @@ class KeptPrograms:
             shapes = [(leaf.shape, leaf.dtype.str) for leaf in program.in_avals[0]]
             _write(self.folder / f"{name}{WAITING}", pickle.dumps((payload, shapes, stored, structure.num_leaves)))
         except Exception as problem:  # what a release of jaxlib cannot serialise, a full disk
-            LOG.debug("the program %s is not kept: %s", name, problem)
+            LOG.debug("the program %s is not kept: %s", name, problem, exc_info=True)
             with contextlib.suppress(OSError):
                 (self.folder / f"{name}{TRIED}").touch()  # later processes need not try
         return program
@@ -282,7 +282,7 @@ def try_waiting(root: str | Path) -> None:
             tried.rename(file)
             raise
         except Exception as problem:
-            LOG.debug("the program %s is not used: %s", file.stem, problem)
+            LOG.debug("the program %s is not used: %s", file.stem, problem, exc_info=True)
     signal.alarm(0)
     _remove_least_recent(Path(root))
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from .._types import Array, Float
 from .._validation import Inadmissible
-from ..continuation import Path, StabilityAnalysis, check_is_path
-from ..equilibrium import Conditions, State, StateNotFound, Status, accepted, solve, solve_bordered
+from ..continuation import Path, check_is_path
+from ..equilibrium import Conditions, Stability, State, StateNotFound, Status, accepted, solve, solve_bordered
 from ..mechanics import Problem, restrict, scatter
 from .critical import check_untraced
 from .points import CriticalPoint
@@ -42,16 +42,16 @@ def switch_branch(
     if point.kind == "fold":
         at = f"{problem.control.name} = {float(point.value):.6g}"
         raise Inadmissible(f"point: the {point.kind} at {at} has no other branch; use continue_branch")
-    analysis = StabilityAnalysis(problem.prepared)
+    problem = problem.prepared
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
-    states, stop = leaving(analysis, point, sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1))
-    return followed(analysis, states, end, max_step, max_states) if stop.ok else _path(analysis.problem, states, stop)
+    states, stop = leaving(problem, point, sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1))
+    return followed(problem, states, end, max_step, max_states) if stop.ok else _path(problem, states, stop)
 
 
-def leaving(analysis: StabilityAnalysis, point: CriticalPoint, mode: Float[Array, "n 2"]) -> tuple[list[State], Status]:
+def leaving(problem: Problem, point: CriticalPoint, mode: Float[Array, "n 2"]) -> tuple[list[State], Status]:
     """Two states next to a bifurcation of the branch that leaves it along a ``mode`` (n, 2), or fewer, and how the search ended."""
-    along = restrict(mode, analysis.problem.free)
-    size = FIRST_AMPLITUDE * analysis.problem.model.cloud.spacing / np.abs(along).max()
+    along = restrict(mode, problem.free)
+    size = FIRST_AMPLITUDE * problem.model.cloud.spacing / np.abs(along).max()
     row = along / np.linalg.norm(along)
     nothing, states = np.zeros((len(along), 0)), []
     for amplitude in (size, 2 * size):
@@ -59,10 +59,10 @@ def leaving(analysis: StabilityAnalysis, point: CriticalPoint, mode: Float[Array
         target = amplitude * np.linalg.norm(along)
         conditions = Conditions(row[:, None], np.zeros(1), point.x, float(point.value), np.array([target]))
         value = states[-1].value if states else float(point.value)
-        state, _ = solve_bordered(analysis.problem, value, start, point.pressure, nothing, conditions)
+        state, _ = solve_bordered(problem, value, start, point.pressure, nothing, conditions)
         if not state.status.ok:
             return states, state.status
-        states.append(_accepted(analysis, state, states))
+        states.append(_accepted(problem, state))
     return states, Status.CONVERGED
 
 
@@ -75,11 +75,11 @@ def continue_branch(path: Path, *, end: float | None = None, max_step: float = 0
     check_untraced("continue_branch", path.x)
     if len(path) < 2:
         raise Inadmissible(f"path: {len(path)} states do not give a direction; it needs two")
-    return followed(StabilityAnalysis(path.problem.prepared), [path[-2], path[-1]], end, max_step, max_states, given=2)
+    return followed(path.problem.prepared, [path[-2], path[-1]], end, max_step, max_states, given=2)
 
 
 def followed(
-    analysis: StabilityAnalysis,
+    problem: Problem,
     states: list[State],
     end: float | None,
     max_step: float,
@@ -91,7 +91,6 @@ def followed(
 
     It goes to the value ``end``, to the first state of which ``until`` says so, or to ``max_states`` states.
     """
-    problem = analysis.problem
     free, (weight, slack) = problem.free, _weights(problem)
     nothing, stop, length = np.zeros((len(free), 0)), Status.TOO_MANY_STEPS, None
     while len(states) - given < max_states:
@@ -112,10 +111,10 @@ def followed(
             continue
         if end is not None and (state.value - end) * (last.value - end) <= 0 and state.value != last.value:
             at_end = _interpolated_end(problem, last, state, end)
-            states += [_accepted(analysis, at_end, states)] if at_end.status.ok else []
+            states += [_accepted(problem, at_end)] if at_end.status.ok else []
             stop = at_end.status
             break
-        states.append(_accepted(analysis, state, states))
+        states.append(_accepted(problem, state))
         if until is not None and until(states[-1]):
             stop = Status.CONVERGED
             break
@@ -155,7 +154,6 @@ def _path(problem: Problem, states, stop):
     return Path.from_states(problem, states, stop=stop)
 
 
-def _accepted(analysis, state, states):
-    """A converged state with its stability; its factor is that of its own tangent."""
-    stability, state = analysis.check(state, states[-1].modes if states else None)
-    return accepted(analysis.problem, state, stability).light
+def _accepted(problem, state):
+    """A converged state with a factor of its own tangent, which gives the number of its negative eigenvalues, without it."""
+    return accepted(problem, state, Stability(state.factor.negative_pivots)).light

@@ -19,9 +19,9 @@ from .._compiled import compiled
 from .._programs import fitted
 from .._tracing import is_traced
 from .._validation import check_kind
-from ..continuation import Path
+from ..continuation import STEP_CONTROL, Path, StepControl
 from ..controls import check_values
-from ..equilibrium import UNOBSERVED, Observer, first_order_only, without_derivatives
+from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, first_order_only, without_derivatives
 from ..mechanics import Problem, curvature, residual, shared_tangents, touches
 from .points import CriticalPoint
 from .search import locate
@@ -30,7 +30,13 @@ Point = TypeVar("Point")
 
 
 def critical_points(
-    problem: Problem, between: tuple[float, float], *, most: int = 4, observer: Observer = UNOBSERVED
+    problem: Problem,
+    between: tuple[float, float],
+    *,
+    most: int = 4,
+    newton: Newton = NEWTON,
+    steps: StepControl = STEP_CONTROL,
+    observer: Observer = UNOBSERVED,
 ) -> list[CriticalPoint]:
     """``CriticalPoint``s of the branch that continues the dry state ``between`` two values (first, last) of the problem's control.
 
@@ -38,11 +44,11 @@ def critical_points(
     ``search.TOLERANCE``; a fold where the branch turns back, if it does (on other branches: see ``folds``). ``point.value``, which is
     ``point.mu`` without another control, is differentiable once in everything the problem depends on, forward and reverse; derivatives for
     designs that break the symmetry are those of the perfect branch, for a double eigenvalue those of the mean. A change of stability whose
-    point is not located is warned of (`PointNotLocated`). The ``observer`` is told of the states and of the points. ValueError inside jit
-    or vmap and for second derivatives.
+    point is not located is warned of (`PointNotLocated`). ``newton`` and ``steps`` are those of `sweep`; the ``observer`` is told of the
+    states and of the points. ValueError inside jit or vmap and for second derivatives.
     """
-    ends = ends_of(problem, between)
-    return located("critical_points", lambda problem: locate(problem, ends, most, observer), problem)
+    ends, options = ends_of(problem, between), {"newton": newton, "steps": steps}
+    return located("critical_points", lambda problem: locate(problem, ends, most, observer, **options), problem)
 
 
 def ends_of(problem: Problem, between: tuple[float, float]) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import Inadmissible, check_kind, keywords_of
 from ..continuation import Path, StabilityAnalysis, SweepOptions, sweep
+from ..controls import CONTROLS
 from ..discretisation import Model
 from ..materials import AnyGel
 from ..mechanics import Problem, restrict
@@ -27,10 +28,10 @@ def problem_by_options(
 ) -> Problem:
     """The `Problem` of a model and a gel with the options' control and contact, under the ``loads`` and their imperfection, kT/v mm.
 
-    The control "load" multiplies the loads, but not the imperfection, whose place ``push`` (n, 2), kT/v mm, takes. ValueError for an
+    A load factor multiplies the loads, but not the imperfection, whose place ``push`` (n, 2), kT/v mm, takes. ValueError for an
     imperfection if there is no bifurcation, or if model, gel or loads are traced: its load has no derivative.
     """
-    dead = None if options.control == "load" else loads
+    dead = None if CONTROLS[options.control].multiplies_loads else loads
     problem = Problem(model, gel, loads=dead, control=options.driver(loads), contact=options.contact == "on")
     push = _push(problem, options) if push is None else push
     return problem if push is None else problem.replace(loads=problem.loads + push)

@@ -9,8 +9,18 @@ from .._threads import few_threads
 from .._tracing import is_traced
 from .._types import Scalar
 from .._validation import Inadmissible
-from ..continuation import Adaptive, Followed, Following, Path, StabilityAnalysis, check_sweep, first_state_failed
-from ..equilibrium import UNOBSERVED, Change, Observer, Stability, State, StateNotFound, accepted, solve
+from ..continuation import (
+    STEP_CONTROL,
+    Adaptive,
+    Followed,
+    Following,
+    Path,
+    StabilityAnalysis,
+    StepControl,
+    check_sweep,
+    first_state_failed,
+)
+from ..equilibrium import NEWTON, UNOBSERVED, Change, Newton, Observer, Stability, State, StateNotFound, accepted, solve
 from ..mechanics import Problem, restrict
 from .branches import MAX_STATES, arc_length, followed, leaving
 from .critical import ends_of, located, with_floats, without_derivatives_by
@@ -81,8 +91,8 @@ class Loop:
         """
         if self.down is None:
             raise Inadmissible(f"{self._name}: the loop has no way down, {self.stop_text}")
-        still, analysis = self.still, self._analysis
-        states = _state_at(analysis, still.up, value, still.jumps_up), _state_at(analysis, still.down, value, still.jumps_down)
+        still = self.still
+        states = _state_at(still.up, value, still.jumps_up), _state_at(still.down, value, still.jumps_down)
         traced = is_traced(self.up.x)
         return without_derivatives_by(states, self.up.x, "states_at", "value of a jump of the loop") if traced else states
 
@@ -125,10 +135,6 @@ class Loop:
     def _unit(self):
         return f" {self.up.control.unit}".rstrip()
 
-    @property
-    def _analysis(self):
-        return StabilityAnalysis(self.up.problem.prepared)
-
 
 def loop(
     problem: Problem,
@@ -138,6 +144,8 @@ def loop(
     symmetry: str = "auto",
     until_contact: bool = False,
     max_steps: int = MAX_STEPS,
+    newton: Newton = NEWTON,
+    steps: StepControl = STEP_CONTROL,
     observer: Observer = UNOBSERVED,
 ) -> Loop:
     """`Loop` of the stable branch of a `Problem` ``between`` two values (first, last) of its control, and back, in steps of its own.
@@ -145,12 +153,12 @@ def loop(
     Where a stable branch ends, the gel relaxes to another stable state, whose ``switched`` says so; where there is none the loop ends,
     with the reason in ``stop_text``. The limits of stability are located to ``search.TOLERANCE``; their values, and so the width, are
     differentiable once in everything that the problem depends on, forward and reverse; the states are not (ValueError). With
-    ``unstable`` the branch between ``fold_up`` and ``fold_down`` is followed in arc length. ``symmetry``, ``until_contact`` and
-    ``observer`` are those of `sweep`; at most ``max_steps`` states are accepted. ValueError for unusable ends, gel or control, inside jit
-    or vmap and for second derivatives; ``SweepFailed`` where the first state is not found.
+    ``unstable`` the branch between ``fold_up`` and ``fold_down`` is followed in arc length. ``symmetry``, ``until_contact``, ``newton``,
+    ``steps`` and ``observer`` are those of `sweep`; at most ``max_steps`` states are accepted. ValueError for unusable ends, gel or
+    control, inside jit or vmap and for second derivatives; ``SweepFailed`` where the first state is not found.
     """
     first, last = ends_of(problem, between)
-    options = Following(symmetry=symmetry, eigenvalues=True, until_contact=until_contact, observer=observer, jumps=True)
+    options = Following("stable", symmetry, True, until_contact, newton, steps, observer, jumps=True)
     made = []
 
     def find(problem):
@@ -208,40 +216,40 @@ def _with_limits(problem, states, ends, stop, unstable):
 
 def _with_unstable(made, before, after):
     """The loop with the unstable branch from ``fold_up``, between the states ``before`` and ``after`` it."""
-    analysis, point, end = made._analysis, made.fold_up, made.fold_down  # noqa: SLF001 (of this module)
+    problem, point, end = made.up.problem.prepared, made.fold_up, made.fold_down
     if point.kind == "fold":
         at = _state_of(point)
-        start = [before, accepted(analysis.problem, at, at.stability)]
+        start = [before, accepted(problem, at, at.stability)]
     else:
-        start, stop = leaving(analysis, point, np.copysign(1.0, _along(analysis, point, after.x)) * point.modes[0])
+        start, stop = leaving(problem, point, np.copysign(1.0, _along(problem, point, after.x)) * point.modes[0])
         if not stop.ok:
             return made
     far = point if end is None else end
-    longest = max(LONGEST, arc_length(analysis.problem, (after.x, point.value), (far.x, far.value)) / FEWEST)
-    search = _End(analysis, made, longest)
-    path = followed(analysis, start, None, longest, MAX_STATES, given=1, until=search)
+    longest = max(LONGEST, arc_length(problem, (after.x, point.value), (far.x, far.value)) / FEWEST)
+    search = _End(made, longest)
+    path = followed(problem, start, None, longest, MAX_STATES, given=1, until=search)
     between = np.flatnonzero(path.negative_pivots > 0)
     between = between[:-1] if search.joined and end.kind != "fold" else between  # the last one may lie behind the end
     return dataclasses.replace(made, unstable=path[between] if len(between) else None, joined=search.joined)
 
 
-def _along(analysis, point, x):
+def _along(problem, point, x):
     """Amplitude of the first mode of a point at the positions ``x``."""
-    free = analysis.problem.free
-    return restrict(np.asarray(x) - np.asarray(point.x), free) @ (analysis.stiffness @ restrict(point.modes[0], free))
+    free, stiffness = problem.free, StabilityAnalysis(problem).stiffness
+    return restrict(np.asarray(x) - np.asarray(point.x), free) @ (stiffness @ restrict(point.modes[0], free))
 
 
 def _state_of(point):
-    """The `State` of a critical point, whose mode counts as stable."""
-    stability = Stability(point.unstable, np.asarray(point.eigenvalues))
+    """The `State` of a critical point; its negative eigenvalues are not counted, since one eigenvalue is 0 but for round-off."""
+    stability = Stability(-1, np.asarray(point.eigenvalues))
     return State(float(point.value), float(point.mu), point.x, point.pressure, stability=stability)
 
 
 class _End:
     """Whether a state is the last one of the unstable branch of a loop: where it joins the way down, or leaves the range of the control."""
 
-    def __init__(self, analysis, made, longest):
-        self.analysis, self.made, self.longest, self.joined = analysis, made, longest, False
+    def __init__(self, made, longest):
+        self.made, self.longest, self.joined = made, longest, False
         self.low, self.high = sorted(made.up.value[[0, -1]])
 
     def __call__(self, state):
@@ -253,20 +261,20 @@ class _End:
         if end.kind == "fold":
             self.joined = state.negative_pivots == 0 and inside(state.value, self.low, self.high) and self._is_stable_one(state)
         else:
-            self.joined = arc_length(self.analysis.problem, (state.x, state.value), (end.x, end.value)) < self.longest
+            self.joined = arc_length(self.made.up.problem, (state.x, state.value), (end.x, end.value)) < self.longest
         return self.joined
 
     def _is_stable_one(self, state):
         """Whether a stable state is that of the way down."""
         spacing = self.made.up.model.cloud.spacing
         try:
-            other = _state_at(self.analysis, self.made.down, state.value, self.made.jumps_down)
+            other = _state_at(self.made.down, state.value, self.made.jumps_down)
         except (StateNotFound, Inadmissible):  # no state was found, or the way down ended before
             return False
         return float(np.abs(np.asarray(other.x) - np.asarray(state.x)).max()) < SAME * spacing
 
 
-def _state_at(analysis, path, value, jumps):
+def _state_at(path, value, jumps):
     """Stable `State` at a ``value`` of the control on one way of a loop."""
     k = next((k for k in range(len(path) - 1) if min(path.value[k : k + 2]) <= value <= max(path.value[k : k + 2])), None)
     name = path.control.name
@@ -279,8 +287,8 @@ def _state_at(analysis, path, value, jumps):
         limits = [float(point.value) for point in jumps if inside(float(point.value), before.value, after.value)]
         share = 0.0 if limits and (value - limits[0]) * (after.value - before.value) < 0 else 1.0
     x, pressure = (here + share * (there - here) for here, there in ((before.x, after.x), (before.pressure, after.pressure)))
-    found = solve(analysis.problem, float(value), x, pressure, own_factor=True)
+    problem = path.problem.prepared
+    found = solve(problem, float(value), x, pressure, own_factor=True)
     if not found.status.ok:
         raise StateNotFound(f"no state at {name} = {value:.6g}: {found.status.text}")
-    stability, found = analysis.check(found)
-    return accepted(analysis.problem, found, stability).light
+    return accepted(problem, found, Stability(found.factor.negative_pivots)).light

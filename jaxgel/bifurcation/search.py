@@ -9,6 +9,7 @@ import dataclasses
 import functools
 import itertools
 import warnings
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,8 +32,11 @@ class PointNotLocated(UserWarning):
     """The number of negative eigenvalues changes between two states of a branch, and the critical point between them was not located."""
 
 
-def locate(problem: Problem, ends: tuple[float, float], most: int, observer: Observer) -> list[CriticalPoint]:
-    """The first ``most`` critical points of the branch that continues the dry state, in the order from one of the ``ends`` to the other."""
+def locate(problem: Problem, ends: tuple[float, float], most: int, observer: Observer, **options: Any) -> list[CriticalPoint]:
+    """The first ``most`` critical points of the branch that continues the dry state, in the order from one of the ``ends`` to the other.
+
+    Further ``options`` are those of the `sweep` along it.
+    """
     steps, control = [], problem.control
 
     def accepted(state):
@@ -40,7 +44,7 @@ def locate(problem: Problem, ends: tuple[float, float], most: int, observer: Obs
         observer.accepted(state)
 
     seen = dataclasses.replace(observer, accepted=accepted)
-    path = sweep(problem, Adaptive(*ends), branch="symmetric", eigenvalues=True, observer=seen)
+    path = sweep(problem, Adaptive(*ends), branch="symmetric", eigenvalues=True, observer=seen, **options)
     searches = Searches(problem)
     points = []
     for earlier, (before, after) in zip([None, *steps], itertools.pairwise(steps), strict=False):
@@ -62,7 +66,9 @@ def locate(problem: Problem, ends: tuple[float, float], most: int, observer: Obs
         for point in points[known:]:
             observer.located(point)
     if not path.stop.ok and len(points) < most and len(steps) > 1:
-        points += fold_next_to(searches.next_to(steps[-2]), *steps[-2:])
+        for fold in fold_next_to(searches.next_to(steps[-2]), *steps[-2:]):
+            points.append(fold)
+            observer.located(fold)
     return sorted(points, key=lambda point: abs(point.value - ends[0]))[:most]
 
 

@@ -24,7 +24,7 @@ A table has the sections of a case file, all but ``plate`` optional:
                        [sweep] has mu_start, the gel's equilibrium before time 0, and branch
     [bath]             mu (kT) of what wets holes and free edges from time 0 on; times, rising, if mu = [list]; or ramp, the time in
                        which it goes from mu_start to mu; needed with [time]
-    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax, solver
+    [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax
     [output]           figures, animation, paraview (true or false)
 
 Every table is checked against `schema.case_schema` first.
@@ -39,6 +39,7 @@ from .._validation import check, did_you_mean, entry_of, with_changes
 from ..bifurcation import CriticalPoint, Loop, critical_points, loop, problem_by_options, sweep_by_options
 from ..cloud import Cloud
 from ..continuation import Path, SweepOptions
+from ..controls import CONTROLS
 from ..discretisation import DiscretisationOptions, Model
 from ..equilibrium import UNOBSERVED, Observer
 from ..geometry import Plate, check_plate
@@ -92,7 +93,7 @@ class Case:
         one where it is not; ``cloud`` is that former one where it was made already.
         """
         check_edges(self.plate)
-        if self.sweep.control != "stretch":
+        if not CONTROLS[self.sweep.control].moves_edges:
             check_room(self.plate)
         cloud = self.cloud() if cloud is None else cloud
         if self.plate.reference is not None:
@@ -140,7 +141,7 @@ class Case:
         if self.time is not None:
             raise ValueError(f"time: is not accepted by jaxgel {command}, which is for equilibria; remove [time] and [bath]")
 
-    def critical_points(self, model: Model, *, most: int = 4) -> list[CriticalPoint]:
+    def critical_points(self, model: Model, *, most: int = 4, observer: Observer = UNOBSERVED) -> list[CriticalPoint]:
         """`critical_points` between the ends of the case's sweep, on the branch that continues the dry state of its ``model``.
 
         The search chooses its own steps. ValueError for an imperfection, under which no branch bifurcates.
@@ -148,7 +149,7 @@ class Case:
         self.check_equilibrium("critical")
         if self.sweep.imperfection:
             raise ValueError(f"sweep.imperfection: {self.sweep.imperfection:g} removes the bifurcations that are looked for; set it to 0")
-        return critical_points(self.problem(model), self.sweep.ends, most=most)
+        return critical_points(self.problem(model), self.sweep.ends, most=most, observer=observer)
 
     def loop(self, model: Model, *, observer: Observer = UNOBSERVED) -> Loop:
         """`Loop` between the ends of the case's sweep, up and down, with steps of its own.

@@ -30,7 +30,9 @@ def resumed(folder: File | str) -> Recorder:
         case, states = from_table(summary["options"], summary["case"]), []
         problem = case.problem(case.model())
     recorder = recorder_of(folder, case, problem)
-    recorder.begin(states, singly=True)
+    for state in states:
+        recorder.add([state])  # one by one, as they came, so that the rows of swelling in time are the same to the last digit
+    recorder.begin()
     return recorder
 
 

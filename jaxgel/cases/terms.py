@@ -6,6 +6,7 @@ from typing import Any
 
 from .._types import Array, Float
 from ..continuation import Path
+from ..controls import CONTROLS
 from ..design import SWITCHES, time_of
 from ..observables import CURVES, OF_EQUILIBRIA, area_reduction_per_hole
 from .case import Case
@@ -74,7 +75,7 @@ def switch_of(where: str, entry: dict[str, Any], case: Case) -> tuple[str, Calla
         raise ValueError(f"{where}.of: {of!r} needs a sweep from one value to another, and this one has {first:g} only")
     if of != "onset" and sweep.branch != "stable":
         raise ValueError(f"sweep.branch: {sweep.branch!r} is not accepted with {of!r}, a loop follows the stable branch")
-    driven = sweep.ends, CONTROL_OF, None if sweep.control == "load" else case.loads
+    driven = sweep.ends, CONTROL_OF, None if CONTROLS[sweep.control].multiplies_loads else case.loads
     if of != BARRIER:
         return of, SWITCHES[of](*driven)
     if "at" not in entry:

@@ -16,7 +16,7 @@ OPTIONS = {
         *("control", "mu_start", "mu_end", "from", "to", "back", "values", "at_mu", "direction"),
         *("steps", "branch", "imperfection", "contact", "eigenvalues"),
     ),
-    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax", "solver"),
+    "discretisation": ("spacing", "nodes_per_hole", "across", "basis", "dmax"),
 }  # sections of a case file and their entries that are options of commands
 
 
@@ -94,7 +94,6 @@ def _case_commands(add):
     p.add_argument("--across", type=_whole, metavar="N", help="at least N nodes across every ligament, by local refinement")
     _choice(p, "discretisation", "basis", "basis of the shape functions (default: quadratic)")
     p.add_argument("--dmax", type=_real, metavar="D", help="support radius over spacing (default: 2.95)")
-    _choice(p, "discretisation", "solver", "how linear systems are solved (default: auto, by their size)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation")
 
     p = add("runs.critical", "critical", "find where the symmetric branch becomes unstable or folds back")

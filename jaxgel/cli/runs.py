@@ -1,6 +1,7 @@
 """Commands on a case: run, critical, loop and check-grad."""
 
 import collections
+import contextlib
 import dataclasses
 import math
 import sys
@@ -66,12 +67,24 @@ def _computed(recorder, quiet):
     with Progress(quiet=quiet, done=done, **_way(recorder)) as progress, interruptible() as stop_if_asked:
 
         def on_step(step):
-            progress.show(step.value, step.newton_iterations)  # before the table, whose programs take a second to load
+            progress.show(step)  # before the table, whose programs take a second to load
             recorder(step)
-            progress.show(step.value, step.newton_iterations, recorder.records[-1][1]["rotation_deg"])
+            progress.show(step, recorder.records[-1][1]["rotation_deg"])
             stop_if_asked()
 
         return path_of(recorder, Observer(accepted=on_step))
+
+
+@contextlib.contextmanager
+def _watched(turns, control, quiet):
+    """An observer of a search along a ``control``, which shows its progress and by which Ctrl-C ends it."""
+    with Progress(turns, quiet, name=control.name, unit=control.unit) as progress, interruptible() as stop_if_asked:
+
+        def accepted(state):
+            progress.show(state)
+            stop_if_asked()
+
+        yield Observer(accepted=accepted)
 
 
 def _way(recorder):
@@ -146,7 +159,8 @@ def critical(args: Namespace) -> int:
     name = control.name
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from {name} = {first:g} to {last:g}")
     unit = f" {control.unit}".rstrip()
-    points = case.critical_points(model, most=args.most)
+    with _watched((first, last), control, args.quiet) as observer:
+        points = case.critical_points(model, most=args.most, observer=observer)
     write_points(points, folder, case.table(), name)
     for point in points:
         say(f"{name} = {point.value:.7f}{unit}: {point.text}")
@@ -167,14 +181,8 @@ def loop(args: Namespace) -> int:
     folder = open_folder(args.out or File("out") / f"{case.name}-loop")
     model, (first, last) = case.model(), case.sweep.ends
     control = case.problem(model).control
-    driven = {"name": control.name, "unit": control.unit}
-    with Progress((first, last, first), args.quiet, **driven) as progress, interruptible() as stop_if_asked:
-
-        def on_step(step):
-            progress.show(step.value, step.newton_iterations)
-            stop_if_asked()
-
-        found = case.loop(model, observer=Observer(accepted=on_step))
+    with _watched((first, last, first), control, args.quiet) as observer:
+        found = case.loop(model, observer=observer)
     write_loop(found, folder, case.table())
     if case.output.figures:
         from ..plotting import plot_loop, save_figure

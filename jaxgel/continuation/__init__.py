@@ -7,7 +7,7 @@ from .options import SweepOptions, check_sweep
 from .path import OF_SOLVENT, SCALARS, Path, check_is_path
 from .predictor import extrapolated, predict
 from .stability import ACCURACY, StabilityAnalysis, oriented
-from .steps import Adaptive, StepControl, given_values
+from .steps import STEP_CONTROL, Adaptive, StepControl, given_values
 from .sweeps import sweep
 from .switching import across
 
@@ -16,6 +16,7 @@ __all__ = [
     "BRANCHES",
     "OF_SOLVENT",
     "SCALARS",
+    "STEP_CONTROL",
     "Adaptive",
     "Followed",
     "Following",

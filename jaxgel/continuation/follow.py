@@ -172,13 +172,13 @@ class _Step:
             was_active = touches(last.x, problem.model) if last.contact_active is None else last.contact_active
             near = bool((was_active or far) and touches(x, problem.model))
             if far and (was_active or near):
-                return State(value, as_number(problem.at(value)[1]), x, pressure), Change.NONE
+                return State(value, as_number(problem.at(value)[1]), x, pressure, status=Status.BEYOND_CONTACT), Change.NONE
         found = self._solve(problem, value, x, pressure, near)
         short = abs(value - last.value) <= self.snap
         if found.status.ok and not short and _against_prediction(frame, found, x, last):
-            found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
+            found = dataclasses.replace(found, status=Status.AGAINST_PREDICTION)
         if found.status.ok and found.contact_active and not np.abs(np.asarray(found.x) - np.asarray(last.x)).max() < most:
-            found = dataclasses.replace(found, status=Status.NOT_CONVERGED)
+            found = dataclasses.replace(found, status=Status.BEYOND_CONTACT)
         if found.status.ok and _changes_phase(problem, found, x, self.options.steps):
             if abs(value - last.value) <= self.options.steps.leap * problem.control.scale:
                 return found, Change.PHASE
@@ -186,7 +186,7 @@ class _Step:
         relaxes = self.options.branch == "stable" and (problem.has_contact or self.options.jumps)
         if found.status.ok or not (short and relaxes):
             return found, Change.NONE
-        relaxed = relax(problem, value, last.x, last.pressure)
+        relaxed = relax(problem, value, last.x, last.pressure, self.options.newton)
         spent = found.newton_iterations + relaxed.newton_iterations
         return dataclasses.replace(relaxed, newton_iterations=spent), Change.RELAXATION if relaxed.status.ok else Change.NONE
 
@@ -201,7 +201,7 @@ class _Step:
         change = Change.BIFURCATION
         if other is None and (problem.has_contact or self.options.jumps):
             frame, change = self.frames.along_mode(whole, stability.vectors[:, 0]), Change.RELAXATION
-            relaxed = relax_along(frame.problem, frame.part(whole), frame.along(stability.vectors[:, 0]))
+            relaxed = relax_along(frame.problem, frame.part(whole), frame.along(stability.vectors[:, 0]), self.options.newton)
             if relaxed.status.ok:
                 stability, relaxed = frame.check(relaxed)
                 other = (frame.whole(relaxed), stability) if stability.negative == 0 else None

@@ -90,7 +90,7 @@ class RegionFrame(Frame):
     def _bases_of(self, whole):
         """The basis of each block, with the pairs of contact, which are many, where the problem of the whole plate has it."""
         model = whole.model
-        return bases(model.lists, self.group, model.solver, model.dmax if whole.has_contact else None)
+        return bases(model.lists, self.group, model.dmax if whole.has_contact else None)
 
     @functools.cached_property
     def _stiffnesses(self):

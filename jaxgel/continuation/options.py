@@ -66,19 +66,20 @@ class SweepOptions:
     def __post_init__(self) -> None:
         check_options("sweep", self)
         self._check_entries()
-        fields = ("mu_start", "mu_end") if self.control == "mu" else ("at_mu", *["direction"] * (self.control == "stretch"))
+        kind = CONTROLS[self.control]
+        fields = ("mu_start", "mu_end") if self.control == "mu" else ("at_mu", *["direction"] * kind.moves_edges)
         fields += () if self.listed else ("steps",)
         for field in dataclasses.fields(self):
             if field.name in fields and getattr(self, field.name) is None:
                 object.__setattr__(self, field.name, field.metadata["filled"])
-        numbers = check_values(self.numbers, self.control, CONTROLS[self.control].unit)
-        if self.control == "stretch" and numbers.min() <= 0:
-            raise ValueError(f"stretch: {numbers.min():g} is not accepted, it must be above 0")
+        numbers = check_values(self.numbers, self.control, kind.unit)
+        if kind.moves_edges and numbers.min() <= 0:
+            raise ValueError(f"{self.control}: {numbers.min():g} is not accepted, it must be above 0")
 
     def _check_entries(self):
         """ValueError for entries that do not go with the control or with each other, and for ends that are missing."""
         entries = {field.name: entry_of(field) for field in dataclasses.fields(self)}
-        foreign = [*(OF_OTHERS if self.control == "mu" else OF_MU), *["direction"] * (self.control != "stretch")]
+        foreign = [*(OF_OTHERS if self.control == "mu" else OF_MU), *["direction"] * (not CONTROLS[self.control].moves_edges)]
         known = "mu_start, mu_end, steps and back, or mu" if self.control == "mu" else "from, to, steps and back, or values; and at_mu"
         for name in foreign:
             if (value := getattr(self, name)) is not None:
@@ -142,10 +143,12 @@ class SweepOptions:
 
     def check(self, gel: AnyGel, plate: Plate, *, loaded: bool) -> None:
         """ValueError, one line, for a control that the gel, the edges of the ``plate`` or its loads do not know."""
-        if self.control == "stretch" and set(plate.edges.values()) == {"free"}:
-            raise ValueError("sweep.control: 'stretch' moves edges that are fixed, roller or periodic, and all edges of the plate are free")
+        stretches = CONTROLS[self.control].moves_edges
+        if stretches and set(plate.edges.values()) == {"free"}:
+            fixed = "moves edges that are fixed, roller or periodic, and all edges of the plate are free"
+            raise ValueError(f"sweep.control: {self.control!r} {fixed}")
         along = {"x": {(0, 0)}, "y": {(1, 1)}}.get(self.direction or "", {(0, 0), (1, 1)})
-        if self.control == "stretch" and along & set(plate.free_strains):
+        if stretches and along & set(plate.free_strains):
             raise ValueError(f"sweep.direction: the stretch along {self.direction!r} is free in this periodic cell, and cannot be driven")
         driver = self.driver(np.zeros((1, 2)) if loaded else None)
         try:
@@ -154,7 +157,7 @@ class SweepOptions:
             raise type(problem)(f"sweep.{problem}") from None
 
     def driver(self, loads: Float[Array, "n 2"] | None) -> Control:
-        """The control; ``loads`` (n, 2), kT/v mm, are those that "load" multiplies. ValueError for "load" without any."""
+        """The control; ``loads`` (n, 2), kT/v mm, are those that a load factor multiplies. ValueError for one without any."""
         own = {"mu": 0.0 if self.at_mu is None else self.at_mu, "direction": self.direction or "both", "loads": loads}
         return CONTROLS[self.control].make(own)
 

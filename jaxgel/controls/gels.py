@@ -1,4 +1,4 @@
-"""Controls that are a parameter of the gel: temperature, Flory's parameter, pH, salt."""
+"""The control that is a parameter of the gel, such as temperature, Flory's parameter, pH or salt."""
 
 import dataclasses
 from typing import Any
@@ -9,9 +9,6 @@ from .._tracing import is_traced
 from .._types import Scalar
 from ..materials import Composite, Filled, named_parameters, varies
 from .setting import Setting
-
-SCALES = {"temperature": 10.0, "pH": 1.0, "salt": 0.1, "chi": 0.1}
-UNITS = {"temperature": "°C", "salt": "mol/l"}
 
 
 @jax.tree_util.register_dataclass
@@ -52,28 +49,3 @@ class DrivenParameter:
         if own is not common and (is_traced(own, common) or own != common):
             raise ValueError(f"control: regions[{k}] has a {self.name!r} of its own, only one number of all gels can be driven")
         return self._with(value, gel.regions[k])
-
-
-def driven(name: str, mu: Scalar = 0.0) -> DrivenParameter:
-    """Control by the gel's parameter of this ``name`` at the chemical potential ``mu`` (kT)."""
-    return DrivenParameter(name, mu, unit=UNITS.get(name, ""), scale=SCALES.get(name, 1.0))
-
-
-def temperature(mu: Scalar = 0.0) -> DrivenParameter:
-    """Control by the temperature, in degrees Celsius, of a gel that has one."""
-    return driven("temperature", mu)
-
-
-def chi(mu: Scalar = 0.0) -> DrivenParameter:
-    """Control by Flory's parameter, dimensionless."""
-    return driven("chi", mu)
-
-
-def pH(mu: Scalar = 0.0) -> DrivenParameter:
-    """Control by the pH of the bath around a gel with acidic groups."""
-    return driven("pH", mu)
-
-
-def salt(mu: Scalar = 0.0) -> DrivenParameter:
-    """Control by the salt concentration, mol/l, of the bath around a gel with charges."""
-    return driven("salt", mu)

@@ -260,13 +260,14 @@ class Evaluation:
 
 
 def check_path(path: Path, allow_unstable: bool = False) -> None:
-    """Raise `Invalid`, in one line, for a path with a state that was not reached, is unstable, or touches itself."""
+    """Raise `Invalid`, in one line, for a path with a state that was not reached, has no derivative, is unstable, or touches itself."""
     name = path.control.name
     examined = np.asarray(path.ok) & ~np.isin(path.derivative, (Status.NOT_EXAMINED, Status.LOST_STABILITY))
     status = np.where(examined, path.derivative, path.status)
     if np.any(status != Status.CONVERGED):
         k = int(np.argmax(status != Status.CONVERGED))
-        raise Invalid(f"no state at {name} = {float(path.value[k]):.4f}: {Status(int(status[k])).text}")
+        lacking = "derivative" if path.ok[k] else "state"
+        raise Invalid(f"no {lacking} at {name} = {float(path.value[k]):.4f}: {Status(int(status[k])).text}")
     if np.any(np.asarray(path.negative_pivots) > 0) and not allow_unstable:
         k = int(np.argmax(np.asarray(path.negative_pivots) > 0))
         raise Invalid(f"unstable at {name} = {float(path.value[k]):.4f}")

@@ -6,13 +6,21 @@ from .consistency import consistent_gradients
 from .interpolation import Interpolation, evaluate_points
 from .ladder import MANY, NODES, PAIRS, room
 from .model import Model, discretise
-from .moving_least_squares import BASES, KINDS, n_monomials, shape_functions, shape_functions_and_gradients
+from .moving_least_squares import (
+    BASES,
+    KINDS,
+    definite_inverse,
+    monomials,
+    n_monomials,
+    shape_functions,
+    shape_functions_and_gradients,
+)
 from .neighbours import pad_nodes, reaching_nodes
 from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
 from .pressures import SIGNS, group_weights, n_carrying
 from .probes import MIDLINE_POINTS, NodalField, core_probe, make_probe, midline_points, midline_probe
-from .weights import cubic_spline_weight, singular_weight
+from .weights import safe_sqrt, singular_weight
 
 __all__ = [
     "BASES",
@@ -35,13 +43,14 @@ __all__ = [
     "cell_sizes",
     "consistent_gradients",
     "core_probe",
-    "cubic_spline_weight",
+    "definite_inverse",
     "discretise",
     "evaluate_points",
     "group_weights",
     "make_probe",
     "midline_points",
     "midline_probe",
+    "monomials",
     "n_carrying",
     "n_monomials",
     "numbered",
@@ -51,6 +60,7 @@ __all__ = [
     "reaching_nodes",
     "refreshed",
     "room",
+    "safe_sqrt",
     "shape_functions",
     "shape_functions_and_gradients",
     "singular_weight",

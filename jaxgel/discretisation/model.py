@@ -11,7 +11,6 @@ from .._tracing import is_traced
 from .._types import Scalar
 from .._validation import Inadmissible, check_kind, one_of
 from ..cloud import Cloud, Topology, refuse_ligament
-from ..linalg import SOLVERS
 from .body import Body, PatchBlock, carrying_groups, numbered, shared_body
 from .connectivity import Connectivity, make_connectivity
 from .consistency import consistent_patches
@@ -38,8 +37,6 @@ class Model(Body):
     """``"linear"`` or ``"quadratic"``."""
     dmax: float = dataclasses.field(metadata={"static": True})
     """Support radius over node spacing."""
-    solver: str = dataclasses.field(default="auto", metadata={"static": True})
-    """How linear systems are solved: ``"auto"``, ``"direct"`` or ``"iterative"``, see ``linalg``."""
 
     def __repr__(self) -> str:
         """Sizes of the model."""
@@ -76,19 +73,17 @@ def discretise(
     *,
     basis: str = "quadratic",
     dmax: float | None = None,
-    solver: str = "auto",
 ) -> Model:
     """``Model`` of a cloud: cells, quadrature points, shape function gradients.
 
     Pressures are linear over patches of 2 x 2 squares and constant over single cells along outlines and in narrow ligaments; what they do
     not see of the volume ratio J is held. The cells partition the gel, with curved sides along the outlines, and weights and gradients are
-    corrected so that linear fields are integrated exactly (patch test). ``dmax`` is the support radius over the node spacing (2.95),
-    ``solver`` ``"auto"``, ``"direct"`` or ``"iterative"``, see ``linalg``. Raises ValueError for unknown options and where a point has too
-    few neighbours for the basis. A moved cloud keeps its neighbour lists; see `quality` for how far.
+    corrected so that linear fields are integrated exactly (patch test). ``dmax`` is the support radius over the node spacing (2.95).
+    Raises ValueError for unknown options and where a point has too few neighbours for the basis. A moved cloud
+    keeps its neighbour lists; see `quality` for how far.
     """
     check_kind("cloud", cloud, Cloud, "a Cloud, as make_cloud(plate) makes it")
     one_of("basis", basis, BASES)
-    one_of("solver", solver, SOLVERS)
     dmax = DMAX if dmax is None else float(dmax)
     if not dmax > 1.0:
         raise ValueError(f"dmax: {dmax} is too small; the support must reach beyond the next node (dmax > 1)")
@@ -120,7 +115,6 @@ def discretise(
         lists=lists,
         basis=basis,
         dmax=dmax,
-        solver=solver,
     )
     _check_reproduction(model)
     return model

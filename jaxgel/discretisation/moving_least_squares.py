@@ -1,11 +1,11 @@
-"""Shape functions at one point: interpolating complex-variable MLS, its real twin, and the two methods they are compared with.
+"""Shape functions at one point: interpolating complex-variable MLS, and its real twin.
 
 One call maps a point and its neighbours to the neighbours' shape function values, or to values and gradients; ``jax.vmap`` makes the many
 points. Index letters: ``a`` neighbour, ``m n`` basis monomial. A neighbour whose support does not reach the point (in particular padding
 with support 0) gets the value 0.
 
 Sources: Deng et al. (2020), Eqs. (17)-(37), for the interpolating complex form; Lancaster & Salkauskas (1981) for the
-interpolating MLS; Belytschko, Lu & Gu (1994) for the MLS; Bai et al. (2012) for the improved complex variable MLS.
+interpolating MLS.
 """
 
 import functools
@@ -19,9 +19,9 @@ from jax.custom_derivatives import SymbolicZero
 
 from .._types import Array, Float, Inexact, Scalar
 from .._validation import one_of
-from .weights import cubic_spline_weight, safe_sqrt, singular_slope, singular_weight
+from .weights import safe_sqrt, singular_slope, singular_weight
 
-KINDS = ("iicvmls", "imls", "icvmls", "mls")
+KINDS = ("iicvmls", "imls")
 BASES = ("linear", "quadratic")
 # pivot over its diagonal entry: of 18,000 singular moment matrices three left more than 1e-11, none 1e-10; clouds have 1e-6 or more
 _VANISHING = 1e-9
@@ -45,11 +45,9 @@ def shape_functions(
     ``support`` () or (n,) is the radius of each node's weight function, in the unit of length of ``x``. ``kind``:
 
     - ``"iicvmls"``: Eq. (36) with the complete complex basis, Eqs. (18)-(19); complex dtype, the imaginary part is round-off;
-    - ``"imls"``: the same functions from the real basis that spans the same space; the fast path;
-    - ``"icvmls"``: not interpolating, basis (1, z) or (1, z, z^2); complex, acting on u1 + i u2;
-    - ``"mls"``: not interpolating, real basis.
+    - ``"imls"``: the same functions from the real basis that spans the same space; the fast path.
 
-    The interpolating kinds satisfy phi_a(x_b) = delta_ab; value and gradient are finite at the nodes. A point with fewer
+    They satisfy phi_a(x_b) = delta_ab; value and gradient are finite at the nodes. A point with fewer
     neighbours than monomials has a singular moment matrix and gives NaN: ``discretise`` refuses such a cloud.
 
     >>> nodes = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
@@ -57,11 +55,9 @@ def shape_functions(
     Array([0., 1., 0., 0.], dtype=float64)
     """
     order, support = _checked(neighbours, support, basis, kind)
-    if kind in ("iicvmls", "imls"):
-        fit = _fit(x, neighbours, support, order, kind)
-        y = _coefficients(fit.w, fit.p, fit.inverse_w_k, fit.p_x, _factor(fit, order, kind))
-        return fit.nearest * y[0] + fit.w * _polynomial(y, fit.p, fit.inverse_w_k)
-    return _least_squares(x, neighbours, support, order, kind)
+    fit = _fit(x, neighbours, support, order, kind)
+    y = _coefficients(fit.w, fit.p, fit.inverse_w_k, fit.p_x, _factor(fit, order, kind))
+    return fit.nearest * y[0] + fit.w * _polynomial(y, fit.p, fit.inverse_w_k)
 
 
 def shape_functions_and_gradients(
@@ -74,8 +70,8 @@ def shape_functions_and_gradients(
 ) -> tuple[Inexact[Array, " a"], Inexact[Array, "a 2"]]:
     """The values (n,) of `shape_functions` and their gradients (n, 2) by ``x``, over the unit of length.
 
-    The gradients are those of automatic differentiation. Those of the interpolating kinds are written out: all of them share one
-    solution y, each costs one more, and what depends on the neighbours alone is not differentiated.
+    The gradients are those of automatic differentiation, written out: all of them share one solution y, each costs one more, and what
+    depends on the neighbours alone is not differentiated.
 
     >>> nodes = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     >>> _, gradients = shape_functions_and_gradients(nodes.mean(axis=0), nodes, 2.0, basis="linear", kind="imls")
@@ -84,8 +80,6 @@ def shape_functions_and_gradients(
            [0., 1.]], dtype=float64)
     """
     order, support = _checked(neighbours, support, basis, kind)
-    if kind not in ("iicvmls", "imls"):
-        return jax.jacfwd(lambda x: 2 * (_least_squares(x, neighbours, support, order, kind),), has_aux=True)(x)[::-1]
     fit = _fit(x, neighbours, support, order, kind)
     nearest, w, p, inverse_w_k, p_x, along = fit
     factor = _factor(fit, order, kind)
@@ -133,10 +127,10 @@ def _fit(x, neighbours, support, order, kind):
     reach = rho_k - safe_sqrt(d2_k)
 
     per_length = 1 / lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
-    p = _monomials(*_coordinates(*((node - k) * per_length for node, k in zip(nodes, x_k, strict=True)), kind), order)
+    p = monomials(*_coordinates(*((node - k) * per_length for node, k in zip(nodes, x_k, strict=True)), kind), order)
 
     def basis(*away):
-        return _monomials(*_coordinates(*(a * per_length for a in away), kind), order)
+        return monomials(*_coordinates(*(a * per_length for a in away), kind), order)
 
     others = jnp.where(nearest > 0, 0.0, support)
     slope, slope_k = singular_slope(distance_squared, others), 2 * rho_k / reach**3
@@ -172,7 +166,7 @@ def _factor(fit, order, kind):
     moments = jnp.concatenate([p @ (w * p[of]) for of in (0, len(p) - 1 - order, len(p) - 1)])  # of the basis times 1, u^order, v^order
     M = moments[_products(order, kind)]
     v_k = 1 / (1 + inverse_w_k * M[0, 0])
-    return M[0, 1:], M[1:, 0], v_k, _inverse(M[1:, 1:] - inverse_w_k * v_k * M[1:, :1] * M[0, 1:])
+    return M[0, 1:], M[1:, 0], v_k, definite_inverse(M[1:, 1:] - inverse_w_k * v_k * M[1:, :1] * M[0, 1:])
 
 
 @jax.custom_jvp
@@ -200,26 +194,16 @@ def _coefficients_jvp(primals, tangents):
     return y, _coefficients(*system, jnp.broadcast_to(change, rhs.shape), factor)
 
 
-def _least_squares(x, neighbours, support, order, kind):
-    """Moving least squares, phi = p(x)^T A^-1 B."""
-    scale = lax.stop_gradient(jnp.max(support))  # phi does not depend on the scale of the basis, so neither does its derivative
-    w, r = cubic_spline_weight(jnp.sum((neighbours - x) ** 2, axis=1), support), (neighbours - x) / scale
-    u, v = _coordinates(r[:, 0], r[:, 1], kind)
-    p = (jnp.stack([u**k for k in range(order + 1)]) if kind == "icvmls" else _monomials(u, v, order)).T
-    weighted = w[:, None] * p.conj()
-    return weighted @ _inverse((weighted.T @ p).T)[:, 0]
-
-
 def _coordinates(x, y, kind):
     """What the monomials of offsets are made of: x and y, or z and its conjugate, Eqs. (18)-(19)."""
-    return (lax.complex(x, y), lax.complex(x, -y)) if kind in ("iicvmls", "icvmls") else (x, y)
+    return (lax.complex(x, y), lax.complex(x, -y)) if kind == "iicvmls" else (x, y)
 
 
 def _exponents(degree):
     return [(total - j, j) for total in range(degree + 1) for j in range(total + 1)]
 
 
-def _monomials(u, v, degree):
+def monomials(u: Inexact[Array, "..."], v: Inexact[Array, "..."], degree: int) -> Inexact[Array, "m ..."]:
     """The monomials (m, ...) u^i v^j up to a degree: 1, u, v, u^2, u v, v^2, ..."""
     rows = last = [jnp.ones_like(u)]
     for _ in range(degree):
@@ -241,7 +225,7 @@ def _products(order, kind):
 
 
 @jax.custom_jvp
-def _inverse(matrix):
+def definite_inverse(matrix: Inexact[Array, "m m"]) -> Inexact[Array, "m m"]:
     """Inverse (m, m) of a Hermitian positive definite matrix, by elimination in place: few operations for many matrices.
 
     NaN for a singular one, whose last pivots are round-off of the diagonal, rarely exactly 0.
@@ -255,9 +239,9 @@ def _inverse(matrix):
     return matrix
 
 
-@_inverse.defjvp
-def _inverse_jvp(primals, tangents):
-    inverse = _inverse(primals[0])
+@definite_inverse.defjvp
+def _definite_inverse_jvp(primals, tangents):
+    inverse = definite_inverse(primals[0])
     return inverse, -inverse @ tangents[0] @ inverse
 
 

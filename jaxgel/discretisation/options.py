@@ -5,7 +5,6 @@ import dataclasses
 from .._validation import POSITIVE, check_options, keywords_of, option, whole, word
 from ..cloud import Cloud, make_cloud
 from ..geometry import Plate
-from ..linalg import SOLVERS
 from .model import Model, discretise
 from .moving_least_squares import BASES
 from .placement import refreshed
@@ -28,8 +27,6 @@ class DiscretisationOptions:
     """Basis of the shape functions"""
     dmax: float | None = option(None, POSITIVE | {"maximum": 10.0}, "model")
     """Support radius over spacing."""
-    solver: str = option("auto", word(SOLVERS), "model")
-    """How linear systems are solved"""
 
     def __post_init__(self) -> None:
         check_options("discretisation", self)

@@ -20,14 +20,6 @@ def singular_slope(distance_squared: Float[Array, "..."], support: Float[Array, 
     return -2 * support * inverse**3 * _positive(support * inverse - 1)
 
 
-def cubic_spline_weight(distance_squared: Float[Array, "..."], support: Float[Array, "..."] | Scalar) -> Float[Array, "..."]:
-    """The cubic spline weight of the element free Galerkin method, of d^2: 2/3 at d = 0, 0 from d = ``support`` on, C2."""
-    inside = distance_squared < support**2
-    s = safe_sqrt(jnp.where(inside, distance_squared, 0.0)) / jnp.where(support > 0, support, 1.0)
-    near = 2 / 3 - 4 * s**2 + 4 * s**3
-    return jnp.where(inside, jnp.where(s < 0.5, near, 4 / 3 * (1 - s) ** 3), 0.0)
-
-
 @jax.custom_jvp
 def _inverse_root(squared):
     """1 / sqrt, constant below `_TINY`; a maximum, not a choice, is what XLA vectorises."""

@@ -12,7 +12,7 @@ import numpy as np
 from .._types import Array, Chemical, Float
 from ..linalg import Factor, SingularTangent, factor
 from ..mechanics import Problem, condensed_rhs, scatter, tangent
-from .newton import NEWTON, Correction, advanced, iterate, starting
+from .newton import NEWTON, Correction, Newton, advanced, iterate, starting
 from .state import State
 from .status import of_outlines
 
@@ -22,19 +22,19 @@ MAX_ITERATIONS = 200
 KICK = 0.02  # of the spacing: largest displacement along the mode that starts the motion
 
 
-def relax(problem: Problem, value: Chemical, x: Float[Array, "n 2"], pressure: Float[Array, " g"]) -> State:
+def relax(problem: Problem, value: Chemical, x: Float[Array, "n 2"], pressure: Float[Array, " g"], newton: Newton = NEWTON) -> State:
     """Stable `State` at a ``value`` of the control into which positions ``x`` with pressures relax; its status says if none was found."""
     now, mu = problem.at(value)
-    found = iterate(now, starting(now, mu, problem.placed(x, value), pressure), Damped())
+    found = iterate(now, starting(now, mu, problem.placed(x, value), pressure), Damped(newton))
     found = dataclasses.replace(found, value=float(value), contact_active=problem.has_contact)
     return dataclasses.replace(found, status=of_outlines(found.x, problem.model, contact=True)) if found.status.ok else found
 
 
-def relax_along(problem: Problem, state: State, mode: Float[np.ndarray, " f"]) -> State:
+def relax_along(problem: Problem, state: State, mode: Float[np.ndarray, " f"], newton: Newton = NEWTON) -> State:
     """`relax` from an unstable state, pushed along ``mode``."""
     amplitude = KICK * problem.model.cloud.spacing / np.abs(mode).max()
     x = state.x + scatter(amplitude * mode, problem.free)
-    found = relax(problem, state.value, x, state.pressure)
+    found = relax(problem, state.value, x, state.pressure, newton)
     return dataclasses.replace(found, newton_iterations=found.newton_iterations + state.newton_iterations)
 
 
@@ -42,6 +42,7 @@ def relax_along(problem: Problem, state: State, mode: Float[np.ndarray, " f"]) -
 class Damped(Correction):
     """Newton's corrections with the damped tangent K + alpha N, positive definite."""
 
+    newton: Newton = NEWTON
     damping: float = FIRST_DAMPING
     factor: Factor | None = None
     size_before: float | None = None
@@ -49,7 +50,7 @@ class Damped(Correction):
 
     def assess(self, problem: Problem, state: State) -> tuple[float, bool]:  # noqa: ARG002
         """See `newton.Correction`; the damping follows the residual."""
-        size, solved = NEWTON.assess(state)
+        size, solved = self.newton.assess(state)
         if self.size_before is not None:  # switched evolution relaxation, biased to longer steps
             self.damping *= np.clip(size / self.size_before, 0.2, 0.9)
         self.size_before = size

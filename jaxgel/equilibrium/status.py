@@ -32,6 +32,8 @@ class Status(enum.IntEnum):
     UNSTABLE = 11
     NOT_EXAMINED = 12
     LOST_STABILITY = 13
+    BEYOND_CONTACT = 14
+    AGAINST_PREDICTION = 15
 
     @property
     def ok(self) -> bool:
@@ -78,6 +80,8 @@ _TEXTS = {
     "changes only",
     Status.LOST_STABILITY: "the state is unstable at its chemical potentials, or one before it was: a perturbation grows from there",
     Status.NOT_EXAMINED: "whether derivatives are well posed was not asked",
+    Status.BEYOND_CONTACT: "a node moved farther in one step than contact acts: sides may have passed each other; use smaller steps",
+    Status.AGAINST_PREDICTION: "the step goes along the softest mode against the prediction, to another branch; use smaller steps",
     Status.UNSTABLE: "the stable branch ends, and no stable state was found by relaxation from there",
 }
 

@@ -64,9 +64,7 @@ def read_dxf(file: File) -> Drawing:
 
     try:
         document = ezdxf.readfile(file)
-    except OSError:
-        raise
-    except Exception as problem:  # of many kinds, for a damaged file
+    except (ezdxf.DXFError, ArithmeticError, AttributeError, LookupError, StopIteration, TypeError, ValueError) as problem:
         raise ValueError(str(problem)) from problem
     unit = document.units if UNIT.search(file.read_bytes()) else 0  # without one ezdxf gives the default of new files, metres
     if unit not in range(len(UNITS)):

@@ -6,6 +6,7 @@ import json
 import os
 import traceback
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path as File
 from typing import Any, BinaryIO
@@ -86,7 +87,7 @@ def guarded(file: File, read: Callable[[bytes], Any]) -> Any:
             raise ValueError(f"it has {file.stat().st_size} bytes, more than the {MAX_BYTES} allowed")
         return read(file.read_bytes())
     except (OSError, ValueError, RecursionError, csv.Error) as problem:
-        raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {one_line(problem)[:200]}") from None
+        raise ValueError(f"folder: {str(file)!r} is damaged or not written by jaxgel: {one_line(problem)[:200]}") from problem
 
 
 def read_arrays(content: bytes) -> dict[str, np.ndarray]:
@@ -98,5 +99,5 @@ def read_arrays(content: bytes) -> dict[str, np.ndarray]:
             raise ValueError(f"its arrays take {size} bytes, more than the {MAX_BYTES} allowed")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return {name: np.asarray(arrays[name]) for name in arrays.files}
-    except Exception as problem:  # zipfile, zlib and numpy raise many kinds for damaged bytes
+    except (zipfile.BadZipFile, zlib.error, EOFError, MemoryError, RuntimeError) as problem:  # of damaged bytes
         raise ValueError(one_line(problem)) from problem

@@ -57,17 +57,15 @@ class Recorder:
         self.stored = 0  # states that are on disk for good
         self.started, self.begun = time.perf_counter(), False
 
-    def begin(self, before: Sequence[State] = (), *, singly: bool = False) -> None:
-        """Begin the files, with the states ``before`` of a run that was interrupted.
+    def begin(self, before: Sequence[State] = ()) -> None:
+        """Begin the files, with the states ``before``.
 
-        Rows that are computed ``singly``, as the states came, are those of an uninterrupted run to the
-        last digit; together they take less time.
         Without states the results of an earlier run are removed from the folder; other files stay.
         """
         self.begun = True
-        for steps in [[step] for step in before] if singly else [before] if before else []:
-            self.add(steps)
-        if not before:
+        if before:
+            self.add(before)
+        if not self.records:
             _clear(self.folder)
         self.finish("running", "the run has not ended")
 
@@ -181,9 +179,8 @@ def write_points(points: list[CriticalPoint], folder: File, options: dict[str, A
     ``control`` is the name under which the points' values are written before their mu, where that is another.
     """
     own = ("mu", "kind", "multiplicity", "unstable", "slope", "curvature", "imperfection", "text")
-    driven = () if control == "mu" else (control,)
-    rows = [dict.fromkeys(driven, point.value) | {name: getattr(point, name) for name in own} for point in points]
-    names = (*driven, *own)
+    rows = [{control: point.value} | {name: getattr(point, name) for name in own} for point in points]
+    names = tuple(dict.fromkeys((control, *own)))
     entries = [
         {k: None if v != v else v for k, v in row.items()} | {"symmetries": p.symmetries} for row, p in zip(rows, points, strict=True)
     ]

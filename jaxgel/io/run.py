@@ -129,10 +129,9 @@ def _read_history(content: bytes, control: str) -> dict[str, Any]:
     header, *rows = csv.reader(complete) if complete else [[]]
     if any(len(row) != len(header) for row in rows):
         raise ValueError(f"a row has not {len(header)} columns")
-    driven = () if control == "mu" else (control,)
-    known = (*driven, *COLUMNS, *(name for name in (*OF_CELLS, *IN_TIME) if name in header))
+    known = dict.fromkeys((control, *COLUMNS, *(name for name in (*OF_CELLS, *IN_TIME) if name in header)))
     kinds = {name: kind_of(name) for name in known}
-    missing = next((name for name in known if name not in header and (name in (*driven, "mu", "status") or kinds[name] is int)), None)
+    missing = next((name for name in known if name not in header and (name in (control, "mu", "status") or kinds[name] is int)), None)
     if missing is not None:
         raise ValueError(f"it has no column {missing}")
     fills = {str: "", float: "nan"}

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 from tqdm import tqdm
 
+from ..equilibrium import State
+
 
 class Progress:
     """A bar over the way of the control on the terminal, with its value, Newton iterations and rotation of the last state.
@@ -41,8 +43,9 @@ class Progress:
     def __exit__(self, *_: object) -> None:
         self.bar.close()
 
-    def show(self, value: float, iterations: int, rotation: float | None = None) -> None:
-        """A state at a ``value`` that took so many Newton iterations, with its rotation in degrees where that is known yet."""
+    def show(self, state: State, rotation: float | None = None) -> None:
+        """An accepted state, with its rotation in degrees where that is known yet; `Observer(accepted=progress.show)`."""
+        value, iterations = state.value, state.newton_iterations
         at = self.scale(value)
         self.way, self.last = self.way + abs(at - self.last), at
         self.bar.n = min(self.way, self.bar.total)

@@ -3,6 +3,7 @@
 import collections
 import concurrent.futures
 import contextlib
+import logging
 import multiprocessing
 import os
 import queue
@@ -18,6 +19,7 @@ from tqdm import tqdm
 from .files import one_line
 from .terminal import interruptible
 
+LOG = logging.getLogger(__name__)
 TRIES = 3  # times that a call is begun, as its process may be killed
 
 
@@ -53,6 +55,7 @@ def run_calls(
         try:
             results[k] = future.result()
         except Exception as problem:
+            LOG.warning("call %d was lost, try %d of %d", k, tries[k], TRIES, exc_info=problem)
             if tries[k] < TRIES:
                 waiting.append(k)
             else:

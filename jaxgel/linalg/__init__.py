@@ -7,11 +7,10 @@ from .elimination import Elimination, Factors, elimination_of, is_definite
 from .factors import Bordered, Factor, SingularTangent, columnwise, factor
 from .kept_factors import RECENT_FACTORS, FactorCache
 from .multifrontal import factorise
-from .pattern import SOLVERS, Pattern, analyse
+from .pattern import Pattern, analyse
 
 __all__ = [
     "RECENT_FACTORS",
-    "SOLVERS",
     "BlockFactor",
     "Bordered",
     "Diagonal",

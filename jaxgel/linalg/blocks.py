@@ -36,10 +36,6 @@ class Diagonal:
         """See `Factor.apply`."""
         return self._by_block(rhs, Factor.apply)
 
-    def inverse(self, rhs: Columns) -> Columns:
-        """See `Factor.inverse`."""
-        return self._by_block(rhs, Factor.inverse)
-
     def product(self, vectors: Columns) -> Columns:
         """Products (b,) or (b, r) with vectors."""
         return self._by_block(vectors, Factor.product)

@@ -75,7 +75,7 @@ def nearest_modes(
     ``which`` "SA" takes the negative ones, "LA" the positive ones. With the modes ``before`` (f, count) of a nearby tangent they keep
     their signs.
     """
-    inverse = sla.LinearOperator(stiffness.shape, matvec=factor.inverse, dtype=float)
+    inverse = sla.LinearOperator(stiffness.shape, matvec=factor.apply, dtype=float)
     start = _without_symmetry(stiffness.shape[0]) if before is None else before.sum(axis=1)
     values, modes = sla.eigsh(factor.matrix, count, stiffness, 0.0, which=which, OPinv=inverse, v0=start)
     if before is not None:

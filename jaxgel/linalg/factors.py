@@ -2,12 +2,7 @@
 
 The tangent is handed over as 2 x 2 blocks of node pairs (i <= j); a ``Pattern`` knows where they go in the matrix of the free degrees
 of freedom. Factors are ``multifrontal``; the residual of every solution is checked, which finds the tangents that are singular to
-working precision.
-
-The solver ``"direct"`` keeps factors in double precision, ``"iterative"`` in single precision: half the memory, as the preconditioner of
-an iteration in double precision that ends at the same residual. Both eliminate in double precision, so the inertia is the same, and both
-serve derivatives. ``"auto"``, the default, is the direct one up to ``LARGE_BYTES`` of factor. A `Bordered` matrix is not symmetric and has
-LU factors.
+working precision. A `Bordered` matrix is not symmetric and has LU factors.
 """
 
 import dataclasses
@@ -28,7 +23,7 @@ Columns = Float[Array, " f"] | Float[Array, "f r"]
 
 MAX_REFINEMENTS = 20
 BACKWARD_ERROR = 1e-12  # largest of an accepted solution
-ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement: that of a factor in double precision
+ENOUGH = 1e-15  # backward error of a solution that Newton's method takes without refinement
 PIVOTING = 1e-3  # of a bordered matrix: a pivot below this share of its column's largest entry leaves the order of least fill
 COLUMNS_TOGETHER = 20_000  # of a matrix whose entries are looked at together, lest a copy of it all be made
 
@@ -61,10 +56,6 @@ class Factor:
         """Solution (f,) or (f, r) for the right-hand side without refinement or check: enough for a correction."""
         with few_threads(self.pattern.size):
             return self.fronts.solve(rhs)
-
-    def inverse(self, rhs: Columns) -> Columns:
-        """Solution (f,) or (f, r) as accurate as that of a factor in double precision; not checked where the factor is one."""
-        return self.apply(rhs) if self.pattern.precision is np.float64 else self.solve(rhs)[0]
 
     def accurate(self, rhs: Columns) -> Columns:
         """Solution of `solve`; raises ``SingularTangent``."""
@@ -129,7 +120,7 @@ def factor(pattern: Pattern, pairs: Float[Array, "p 2 2"]) -> Factor:
         raise SingularTangent("the tangent is not finite")
     try:
         with few_threads(pattern.size), np.errstate(over="ignore", invalid="ignore"):
-            return Factor(pattern, matrix, factorise(pattern.tree, entries, pattern.precision))
+            return Factor(pattern, matrix, factorise(pattern.tree, entries))
     except np.linalg.LinAlgError as error:
         raise SingularTangent(str(error)) from error
 

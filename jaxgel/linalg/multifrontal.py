@@ -12,8 +12,7 @@ import functools
 
 import numpy as np
 import scipy.linalg
-from scipy.linalg import get_blas_funcs
-from scipy.linalg.blas import dsyrk, dtrsm
+from scipy.linalg.blas import dsyrk, dtrsm, dtrsv
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from .._types import Array, Float
@@ -52,19 +51,14 @@ class Fronts:
         return [(slice(front.first, front.end), front.below, *own) for front, *own in numbers]
 
     def solve(self, rhs: Float[Array, " f"] | Float[Array, "f r"]) -> Float[np.ndarray, " f"] | Float[np.ndarray, "f r"]:
-        """Solution (f,) or (f, r), without refinement: as accurate as the precision in which the factor is kept."""
+        """Solution (f,) or (f, r), without refinement."""
         y = np.asarray(rhs, dtype=float)[self.tree.order]
         y = y.ravel() if y.size == len(y) else y  # one vector: BLAS of level 2, which takes three quarters of the time
-        scale = 1.0
-        if self.numbers.dtype != y.dtype:  # single precision has a small range
-            scale = np.abs(y).max(axis=0) + np.finfo(float).tiny
-            y = (y / scale).astype(self.numbers.dtype)
-        trsv, trsm = get_blas_funcs(("trsv", "trsm"), dtype=y.dtype)
 
         def triangular(L, z, transposed=0):
             if not len(z):  # a front whose nodes are all held
                 return z
-            return trsv(L, z, lower=1, trans=transposed, overwrite_x=1) if z.ndim == 1 else trsm(1.0, L, z, lower=1, trans_a=transposed)
+            return dtrsv(L, z, lower=1, trans=transposed, overwrite_x=1) if z.ndim == 1 else dtrsm(1.0, L, z, lower=1, trans_a=transposed)
 
         for pivots, below, L, B, signs in self._steps:
             z = y[pivots] = triangular(L, y[pivots]) if signs is None else (signs * (L.T @ y[pivots]).T).T
@@ -74,19 +68,16 @@ class Fronts:
             z = y[pivots] - (z if signs is None else (signs * z.T).T)
             y[pivots] = triangular(L, z, transposed=1) if signs is None else L @ z
         solution = np.empty(y.shape)
-        solution[self.tree.order] = scale * y
+        solution[self.tree.order] = y
         return solution.reshape(np.shape(rhs))
 
 
-def factorise(tree: Tree, values: Float[Array, "..."], dtype: type = float) -> Fronts:
+def factorise(tree: Tree, values: Float[Array, "..."]) -> Fronts:
     """``Fronts`` of the matrix whose entries are ``values`` (s,), finite; LinAlgError if the pivot block of a front is singular.
 
     A pivot of round-off passes: next to a fold or bifurcation one is that small. `Factor.solve` finds a singular matrix by its residual.
-
-    All arithmetic is in double precision; ``dtype`` is that in which the factor is kept. In single precision its error acts on L, whose
-    condition number is the square root of the matrix's: the matrix itself, rounded so, would not even keep its inertia.
     """
-    values, numbers, used = np.ravel(values), np.empty(tree.fill, dtype), 0
+    values, numbers, used = np.ravel(values), np.empty(tree.fill), 0
     corners, sides, signs, updates = [], [], [], {}
     for number, front in enumerate(tree.fronts):
         corner, side, update = _assembled(front, values, updates)

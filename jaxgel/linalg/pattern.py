@@ -10,9 +10,6 @@ import scipy.sparse as sp
 from .._types import Array, Float, Int
 from .dissection import Tree, dissect
 
-SOLVERS = ("auto", "direct", "iterative")
-LARGE_BYTES = 2**31  # of a factor in double precision, above which "auto" is "iterative": 1.3e5 nodes of sample 1
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pattern:
@@ -30,19 +27,11 @@ class Pattern:
     """Takes the entries of the pair blocks (4 n_pairs,) to those of the pairs of nodes that stand for others; None where none does."""
     narrower: "Pattern | None" = None
     """``Pattern`` of the first pairs alone, for tangents whose other blocks are zero; None without."""
-    solver: str = "auto"
-    """``"direct"``, ``"iterative"``, or ``"auto"``: by the size of the factor."""
 
     @property
     def size(self) -> int:
         """Number f of unknowns."""
         return self.structure.shape[0]
-
-    @property
-    def precision(self) -> type:
-        """Type of the numbers in which factors are kept."""
-        large = 8 * self.tree.fill > LARGE_BYTES
-        return np.float32 if self.solver == "iterative" or (self.solver == "auto" and large) else np.float64
 
     @property
     def source(self) -> Int[np.ndarray, " nnz"]:
@@ -74,7 +63,6 @@ def analyse(
     points: Float[np.ndarray, "n 2"],
     masters: Int[np.ndarray, " f"],
     fields: Sequence[sp.csr_matrix] | None = None,
-    solver: str = "auto",
     late: int | None = None,
 ) -> Pattern:
     """``Pattern`` of C^T K C for node pairs (p, 2) with i <= j of K between nodes at ``points`` (n, 2), the mean over the C (2n, f).
@@ -100,7 +88,7 @@ def analyse(
         last=len(points) - n,
         late=None if late is None else nodes >= late,
     )
-    return Pattern(n_pairs, masters, structure.T, tree, joined, solver=solver)
+    return Pattern(n_pairs, masters, structure.T, tree, joined)
 
 
 def _sources(pairs, n):

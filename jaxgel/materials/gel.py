@@ -103,7 +103,7 @@ def check_stretched_network(gel: Any) -> None:
 def free_energy(F: Float[Array, "2 2"], mu: Scalar, gel: Any) -> Float[Array, ""]:
     """Free energy () per dry volume, in kT/v, at the deformation gradient ``F`` (2, 2); NaN unless det F > 1.
 
-    The Legendre transform of Eq. (1) with 1 + vC = J; Eq. (5) is this divided by J_mu, see ``paper_free_energy``.
+    The Legendre transform of Eq. (1) with 1 + vC = J; Eq. (5) is this divided by J_mu.
     """
     J = _det(F)
     return gel.network(F, gel) + gel.volumetric(J, gel) - mu * (J - 1)

@@ -29,7 +29,7 @@ from .mixed import (
 )
 from .operators import Operators, precomputed_operators
 from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
-from .pairs import contact_pairs, node_pairs, tangent_pattern
+from .pairs import contact_pairs, node_pairs, pair_slots, tangent_pattern
 from .problem import Problem, check_driven, constraints_of, shared_tangents
 from .solvent import (
     FEWEST_PLACES,
@@ -150,6 +150,7 @@ __all__ = [
     "overlaps",
     "pair_energy",
     "pair_product",
+    "pair_slots",
     "periodic_images",
     "places",
     "places_of",

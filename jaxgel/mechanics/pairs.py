@@ -1,18 +1,43 @@
 """Which nodes interact: the node pairs of a model's cells and hole outlines, and the pattern of its tangent; NumPy on the host."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from .._memo import once_per_owner
-from .._types import Array, Int
+from .._types import Array, Bool, Int
 from ..discretisation import Connectivity
 from ..linalg import Pattern, analyse
 from .contact import contact_groups
 from .dofs import unknowns
 
-CELLS_TOGETHER = 1024  # cells whose node pairs are listed together
+ROWS_TOGETHER = 1024  # whose pairs are listed together
+
+
+def pair_slots(
+    lists: Sequence[tuple[Int[np.ndarray, "c a"], Bool[np.ndarray, "c a"]]], n: int
+) -> tuple[Int[np.ndarray, "p 2"], tuple[Int[np.ndarray, "c t"], ...]]:
+    """Pairs (p, 2), i <= j, of numbers below ``n`` that share a row of an array (c, a), and per array their slots (c, t) by two columns.
+
+    Beside each array stands where its numbers count; the slot of others is p.
+    """
+    slots, parts = [], []
+    for numbers, real in lists:
+        a, b = np.triu_indices(numbers.shape[1])
+        slots.append(np.empty((len(numbers), len(a)), np.int32))
+        for first in range(0, len(numbers), ROWS_TOGETHER):  # neighbouring rows share most of their pairs, so their list is short
+            rows = slice(first, first + ROWS_TOGETHER)
+            i, j, on = numbers[rows, a].astype(np.int64), numbers[rows, b], real[rows, a] & real[rows, b]
+            keys, index = np.unique(np.where(on, np.minimum(i, j) * n + np.maximum(i, j), n * n), return_inverse=True)
+            slots[-1][rows] = index.reshape(i.shape)
+            parts.append((keys, slots[-1][rows]))
+    unique = np.unique(np.concatenate([keys for keys, _ in parts]))
+    unique = unique[unique < n * n]
+    for keys, slot in parts:
+        slot[:] = np.searchsorted(unique, keys)[slot]
+    return np.stack([unique // n, unique % n], axis=1), tuple(slots)
 
 
 @once_per_owner
@@ -21,21 +46,9 @@ def node_pairs(lists: Connectivity) -> tuple[Int[Array, "p 2"], tuple[Any, ...]]
 
     ``lists`` are the model's ``lists``.
     """
-    n, slots, parts = len(lists.topology.node_vertices), [], []
-    for cells in lists.patches:
-        a, b = np.triu_indices(int((lists.support[cells] > 0).sum(axis=1).max()))
-        slots.append(np.empty((len(cells), len(a)), np.int32))
-        for first in range(0, len(cells), CELLS_TOGETHER):  # neighbouring cells share most of their pairs, so their list is short
-            some, slot = cells[first : first + CELLS_TOGETHER], slots[-1][first : first + CELLS_TOGETHER]
-            nodes, real = lists.nodes[some].astype(np.int64), lists.support[some] > 0
-            keys, index = np.unique(np.where(real[:, a] & real[:, b], nodes[:, a] * n + nodes[:, b], n * n), return_inverse=True)
-            slot[:] = index.reshape(slot.shape)
-            parts.append((keys, slot))
-    unique = np.unique(np.concatenate([keys for keys, _ in parts]))
-    unique = unique[unique < n * n]
-    for keys, slot in parts:
-        slot[:] = np.searchsorted(unique, keys)[slot]
-    return np.stack([unique // n, unique % n], axis=1), tuple(slots)
+    sizes = [int((lists.support[cells] > 0).sum(axis=1).max()) for cells in lists.patches]
+    blocks = [(lists.nodes[cells, :size], lists.support[cells, :size] > 0) for cells, size in zip(lists.patches, sizes, strict=True)]
+    return pair_slots(blocks, len(lists.topology.node_vertices))
 
 
 @once_per_owner
@@ -58,14 +71,14 @@ def contact_pairs(lists: Connectivity, dmax: float) -> tuple[Int[Array, "e 2"], 
 
 
 @once_per_owner
-def tangent_pattern(lists: Connectivity, solver: str = "auto", contact_dmax: float | None = None) -> Pattern:
+def tangent_pattern(lists: Connectivity, contact_dmax: float | None = None) -> Pattern:
     """`linalg.Pattern` of the tangent on the free degrees of freedom; with the pairs of self-contact where ``contact_dmax``, the model's
     ``dmax``, is given.
     """
     topology, pairs = lists.topology, node_pairs(lists)[0]
     free = unknowns(lists)
-    at = topology.partition.vertices[topology.node_vertices], free.masters, [free.matrix], solver
+    at = topology.partition.vertices[topology.node_vertices], free.masters, [free.matrix]
     if contact_dmax is None:
         return analyse(pairs, *at)
     wider = analyse(np.concatenate([pairs, contact_pairs(lists, contact_dmax)[0]]), *at)
-    return dataclasses.replace(wider, narrower=tangent_pattern(lists, solver))
+    return dataclasses.replace(wider, narrower=tangent_pattern(lists))

@@ -100,7 +100,7 @@ class Problem(Equations):
     def pattern(self) -> Pattern:
         """Pattern of the tangent; with contact it couples all nodes near a hole."""
         model = self.model
-        return tangent_pattern(model.lists, model.solver, model.dmax if self.has_contact else None)
+        return tangent_pattern(model.lists, model.dmax if self.has_contact else None)
 
 
 def _shared(problem, body, constraints):

@@ -216,7 +216,7 @@ def columns_of(plate: Plate, control: str = "mu") -> tuple[str, ...]:
     """Columns of ``history.csv`` of a plate, in order, under a control of that name: another than mu comes first."""
     own = (*COLUMNS, *OF_CELLS) if plate.free_strains else COLUMNS
     own = (*own, *IN_TIME) if control == Time.name else own
-    return own if control == "mu" else (control, *own)
+    return tuple(dict.fromkeys((control, *own)))
 
 
 CURVES = {quantity.name: quantity.function for quantity in _TABLE if quantity.studied}

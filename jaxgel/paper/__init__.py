@@ -1,6 +1,7 @@
 """The table and figures of Deng et al. (2020) computed again, with a report."""
 
 from .items import FINITE_ELEMENTS
+from .least_squares import KINDS, cubic_spline_weight, shape_functions
 from .newton import SchemePath, equilibria, scheme_path
 from .runs import REPORT, run_paper
 from .scheme import Scheme, make_scheme, scheme_energy
@@ -8,9 +9,11 @@ from .stress import paper_free_energy, paper_stress, paper_tangent, voigt
 
 __all__ = [
     "FINITE_ELEMENTS",
+    "KINDS",
     "REPORT",
     "Scheme",
     "SchemePath",
+    "cubic_spline_weight",
     "equilibria",
     "make_scheme",
     "paper_free_energy",
@@ -19,5 +22,6 @@ __all__ = [
     "run_paper",
     "scheme_energy",
     "scheme_path",
+    "shape_functions",
     "voigt",
 ]

@@ -101,7 +101,7 @@ class Runs:
 
         def compute():
             model = self.model(name, spacing)
-            problem, observer = Problem(model, model.cloud.plate.gel, contact=contact), Observer(accepted=self._report(name, model.n_nodes))
+            problem, observer = Problem(model, model.cloud.plate.gel, contact=contact), self.observer(f"{name}, {model.n_nodes} nodes")
             return sweep(problem, list(mu), branch=branch, until_contact=not contact, observer=observer)
 
         return self.once((name, tuple(mu), contact, spacing, branch), compute)
@@ -114,8 +114,9 @@ class Runs:
         """Cloud of a sample."""
         return self.once(("cloud", name, spacing), lambda: make_cloud(sample(name), spacing=spacing))
 
-    def _report(self, name: str, n_nodes: int) -> Callable:
-        return lambda step: self.on_state(f"{name}, {n_nodes} nodes, mu = {step.mu:.4f}")
+    def observer(self, name: str) -> Observer:
+        """Observer of a sweep with this name in the progress that is shown."""
+        return Observer(accepted=lambda state: self.on_state(f"{name}, mu = {state.mu:.4f}"))
 
     def stopping(self, number: int, intervals: int = GRID) -> Path:
         """Path of sample ``number`` as the paper computes it, without contact, until outlines overlap, on the symmetric branch.
@@ -139,8 +140,8 @@ class Runs:
         def compute():
             name = f"sample-{number}"
             scheme, mu = make_scheme(self.cloud(name), basis="quadratic", kind="imls"), [mu for mu in DETAILED + BEYOND if mu <= -0.2678]
-            report = self._report(name, len(scheme.cloud.nodes))
-            return scheme_path(scheme, scheme.cloud.plate.gel, mu, until_overlap=True, on_step=report)
+            observer = self.observer(f"{name}, {len(scheme.cloud.nodes)} nodes")
+            return scheme_path(scheme, scheme.cloud.plate.gel, mu, until_overlap=True, observer=observer)
 
         return self.once(("stiff", number), compute)
 

@@ -10,7 +10,7 @@ Every p is feasible, and the matrix is the Hessian of the energy wherever J = J*
 
 import dataclasses
 import functools
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from typing import Any
 
 import jax
@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from .._types import Array, Float
 from .._validation import one_of
 from ..continuation import Path, extrapolated, first_state_failed, given_values
-from ..equilibrium import NEWTON, Stability, State, Status, of_outlines
+from ..equilibrium import NEWTON, UNOBSERVED, Observer, Stability, State, Status, of_outlines
 from ..linalg import SingularTangent
 from ..materials import Gel, bulk_stiffness, flory_rehner, neo_hookean, volume_ratio_at
 from ..mechanics import ROUND_OFF, Problem, state_pressure
@@ -74,10 +74,10 @@ def equilibria(
     return given_values(attempt, list(map(float, mu)), [])
 
 
-def scheme_path(scheme: Scheme, gel: Gel, mu: Sequence[float], *, on_step: Callable[[State], object] = id, **options: Any) -> SchemePath:
+def scheme_path(scheme: Scheme, gel: Gel, mu: Sequence[float], *, observer: Observer = UNOBSERVED, **options: Any) -> SchemePath:
     """`SchemePath` of the `equilibria`, with the same ``options``, for interpolating shape functions; SweepFailed without a state.
 
-    Its pressures are those at the volume ratios that its ``model`` has. ``on_step`` is called with each state.
+    Its pressures are those at the volume ratios that its ``model`` has. The ``observer`` is told of each state.
     """
     path_problem, stop, states = Problem(scheme.model, gel, contact=False), Status.CONVERGED, []
 
@@ -86,7 +86,7 @@ def scheme_path(scheme: Scheme, gel: Gel, mu: Sequence[float], *, on_step: Calla
         stop, _ = yield from equilibria(scheme, gel, mu, **options)
 
     for state in followed():
-        on_step(state)
+        observer.accepted(state)
         pressure = state_pressure(jnp.asarray(state.x), path_problem.model, gel, state.mu)
         states.append(dataclasses.replace(state, pressure=np.asarray(pressure)))
     if not states:

@@ -26,16 +26,16 @@ from jax import lax
 from .._types import Array, Float, Inexact, Int, Scalar
 from .._validation import one_of
 from ..cloud import Cloud
-from ..discretisation import BASES, KINDS, Model, discretise, pad_nodes, reaching_nodes, shape_functions, shape_functions_and_gradients
+from ..discretisation import BASES, Model, discretise, pad_nodes, reaching_nodes, shape_functions_and_gradients
 from ..geometry import Plate, edge_lines, held_components, inside_holes
 from ..materials import Gel
 from ..mechanics import free_dofs
+from .least_squares import INTERPOLATING, KINDS, shape_functions
 
 CELLS = {"lattice": 20}
 """Cells per side of a case of the paper; the others have one for each square of their background."""
 METHODS = ("displacement", "cells")
 CONDITIONS = ("nodes", "penalty", "lagrange")
-INTERPOLATING = ("iicvmls", "imls")
 DMAX = 3.5  # support radius over spacing, the paper's
 PENALTY = 1e3  # kT/v per mm, the paper's
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)  # in each direction of a cell, and on each stretch of wall between two nodes
@@ -194,7 +194,10 @@ def _gradients(points, neighbours, supports, *, basis, kind):
     """Shape function gradients (c, q, a, 2) at points (c, q, 2) with the neighbours (c, a, 2) and supports (c, a) of their cells."""
 
     def at_point(point, neighbours, support):
-        gradients = shape_functions_and_gradients(point, neighbours, support, basis=basis, kind=kind)[1]
+        if kind in INTERPOLATING:
+            gradients = shape_functions_and_gradients(point, neighbours, support, basis=basis, kind=kind)[1]
+        else:
+            gradients = jax.jacfwd(shape_functions)(point, neighbours, support, basis=basis, kind=kind)
         return jnp.where((support > 0)[:, None], gradients.real if kind == "iicvmls" else gradients, 0.0)
 
     def of_cell(cell):

@@ -11,7 +11,7 @@ from ..cases import sample
 from ..cloud import Cloud, make_cloud
 from ..continuation import sweep
 from ..discretisation import discretise, make_probe
-from ..equilibrium import Observer, State
+from ..equilibrium import UNOBSERVED, Observer, State
 from ..geometry import Plate
 from ..materials import uniaxial_swelling
 from ..mechanics import Problem
@@ -50,7 +50,7 @@ def stretches(runs: Runs) -> dict[str, np.ndarray]:
 
 def _stretches(runs, name):
     cloud, values = runs.cloud("square"), np.full(len(MU), np.nan)
-    states, positions = _swollen(cloud, name, MU, lambda state: runs.on_state(f"{name}, mu = {state.mu:.2f}"))
+    states, positions = _swollen(cloud, name, MU, runs.observer(name))
     half = cloud.plate.height / 2
     for k, state in enumerate(states):
         (_, below), (_, above) = positions(state.x, np.array([[0.0, -half], [0.0, half]]))
@@ -58,17 +58,17 @@ def _stretches(runs, name):
     return values
 
 
-def _swollen(cloud: Cloud, name: str, mu: list[float], on_step: Callable[[State], Any] = lambda _: None) -> tuple[list[State], Callable]:
+def _swollen(cloud: Cloud, name: str, mu: list[float], observer: Observer = UNOBSERVED) -> tuple[list[State], Callable]:
     """States of the square by a method, and the function of nodal values and points of the dry plate that gives deformed positions."""
     options, gel = METHODS[name], cloud.plate.gel
     if options is None:
         model = discretise(cloud)
-        path = sweep(Problem(model, gel), mu, branch="symmetric", observer=Observer(accepted=on_step))
+        path = sweep(Problem(model, gel), mu, branch="symmetric", observer=observer)
         return [path[k] for k in range(len(path))], lambda x, points: np.asarray(make_probe(model, points).position(x))
     scheme = make_scheme(cloud, **options)
     states = []
     for state in equilibria(scheme, gel, mu):
-        on_step(state)
+        observer.accepted(state)
         states.append(state)
     return states, scheme.positions
 

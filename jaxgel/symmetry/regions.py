@@ -146,17 +146,17 @@ def _holes(lists, group):
 
 
 @once_per_owner
-def bases(lists: Connectivity, group: tuple[str, ...], solver: str, contact_dmax: float | None) -> tuple[Basis, ...]:
+def bases(lists: Connectivity, group: tuple[str, ...], contact_dmax: float | None) -> tuple[Basis, ...]:
     """The `Basis` of every representation's block, that of the symmetric fields first, but for blocks without fields.
 
-    ``solver`` and ``contact_dmax`` as in ``mechanics.tangent_pattern``.
+    ``contact_dmax`` as in ``mechanics.tangent_pattern``.
     """
     own, found = _region_lists(lists, group), []
     points, pairs = lists.topology.partition.vertices[lists.topology.node_vertices], node_pairs(own)[0]
     for representation in representations(group):
         unknowns = unknowns_of(lists, representation)
         if len(unknowns):
-            at = points, unknowns.masters, [turned_fields(unknowns, lists, turn) for turn in representation.turns], solver
+            at = points, unknowns.masters, [turned_fields(unknowns, lists, turn) for turn in representation.turns]
             pattern = analyse(pairs, *at)
             if contact_dmax is not None:
                 wider = np.concatenate([pairs, contact_pairs(own, contact_dmax)[0]])

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .._types import Float
-from ..equilibrium import Newton, Status
-from ..mechanics import Bath
+from ..equilibrium import Newton, Observer, State, Status
+from ..mechanics import Bath, linearise
 from .problem import Transport
-from .stage import Stage, solve_stage
+from .stage import Stage, acting_potential, acting_problem, solve_stage
 
 GAMMA = 1 - 1 / np.sqrt(2)
 MAX_HALVINGS = 14  # of a step at which Newton's method fails
@@ -57,41 +57,74 @@ class Moment:
     steps: tuple[Step, ...] = ()
     """The steps since the moment before."""
 
+    def state(self, transport: Transport, mu: float) -> State:
+        """The `State` in a bath of mean potential ``mu``, kT, linearised there; its stability is not computed."""
+        stage, potential = self.stage, acting_potential(transport, self.stage.m)
+        about = stage.linearisation or linearise(acting_problem(transport, stage.m), stage.x, stage.pressure, potential)
+        return State(
+            self.t,
+            mu,
+            stage.x,
+            stage.pressure,
+            status=stage.status,
+            newton_iterations=self.iterations,
+            residual=float(about.residual_norm),
+            energy=float(about.energy),
+            linearisation=about,
+            potential=potential,
+            supplied=self.supplied,
+        )
 
-def advance(transport: Transport, before: Moment | None, now: Moment, end: float, bath: Instant, newton: Newton) -> Moment:
+
+def advance(
+    transport: Transport, before: Moment | None, now: Moment, end: float, bath: Instant, newton: Newton, observer: Observer
+) -> Moment:
     """The `Moment` at ``end``, in one step or, if Newton's method fails, in steps that are halved and doubled again.
 
     The step that the moment ``before`` led to says where to start. The status of its stage says if no step was short enough, or too many
-    were tried, or if the matrix is singular there.
+    were tried, or if the matrix is singular there. The ``observer`` is told of iterates and of refused steps.
     """
     step, spent, halvings, tried, steps = end - now.t, 0, 0, 0, ()
     while now.t < end:
         target = end if step > (1 - ROUND_OFF) * (end - now.t) else now.t + step
-        last, tried = _step(transport, before, now, target, bath, newton), tried + 1
+        last, tried = _step(transport, before, now, target, bath, newton, observer), tried + 1
         spent += last.iterations
         if last.stage.status.ok:
             before, now, steps = now, last, steps + last.steps
             step, halvings = 2 * step, max(halvings - 1, 0)
-        elif halvings == MAX_HALVINGS or tried >= MAX_STEPS:
+            continue
+        observer.refused(last.state(transport, _mean(bath, last.t)))
+        if halvings == MAX_HALVINGS or tried >= MAX_STEPS:
             return dataclasses.replace(last, iterations=spent)
-        else:
-            before, step, halvings = None, step / 2, halvings + 1
+        before, step, halvings = None, step / 2, halvings + 1
     return dataclasses.replace(now, iterations=spent, steps=steps)
 
 
-def _step(transport, before, now, end, bath, newton):
+def _step(transport, before, now, end, bath, newton, observer):
     """The moment at ``end`` by one step of two stages; of a stage that fails the iterate."""
+
+    def solved(start, old, tau, t):
+        def iterated(stage):
+            observer.iteration(Moment(t, stage, now.supplied, stage.iterations).state(transport, _mean(bath, t)))
+
+        return solve_stage(transport, start, old, tau, bath(t), newton=newton, iterated=iterated)
+
     dt, old = end - now.t, now.stage.ratios
     middle = now.t + GAMMA * dt
     start = now.stage if before is None else _extrapolated(before, now, middle)
-    first = solve_stage(transport, start, old, GAMMA * dt, bath(middle), newton=newton)
+    first = solved(start, old, GAMMA * dt, middle)
     if not first.status.ok:
         return Moment(middle, first, now.supplied, first.iterations)
     target = old + (1 - GAMMA) / GAMMA * (first.ratios - old)
     start = _extrapolated(now, Moment(middle, first, now.supplied), end)
-    second = solve_stage(transport, start, target, GAMMA * dt, bath(end), newton=newton)
+    second = solved(start, target, GAMMA * dt, end)
     supplied = now.supplied + dt * ((1 - GAMMA) * first.inflow + GAMMA * second.inflow) if second.status.ok else now.supplied
     return Moment(end, second, supplied, first.iterations + second.iterations, (Step(now.t, end, first.light, second.light),))
+
+
+def _mean(bath, t):
+    """Mean potential of the bath at a time, kT."""
+    return float(np.mean(bath(t).mu))
 
 
 def _extrapolated(before, now, t):

@@ -12,7 +12,19 @@ from .._tracing import is_traced
 from .._types import Bool, Int, Scalar
 from ..discretisation import Body, Connectivity
 from ..linalg import Pattern, analyse
-from ..mechanics import MOMENTS, Equations, Problem, Solvent, node_pairs, places_of, reference_groups, solvent_of, unknowns, wetted_groups
+from ..mechanics import (
+    MOMENTS,
+    Equations,
+    Problem,
+    Solvent,
+    node_pairs,
+    pair_slots,
+    places_of,
+    reference_groups,
+    solvent_of,
+    unknowns,
+    wetted_groups,
+)
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["problem", "solvent", "D"], meta_fields=["wetted"])
@@ -91,7 +103,8 @@ def saddle(lists: Connectivity, wetted: tuple[str | int, ...]) -> Saddle:
     nodes, n = lists.topology.partition.vertices[lists.topology.node_vertices], len(lists.topology.node_vertices)
     values, groups = _values(lists, first, len(positions))
     at, supports = places_of(lists, wetted)[0]
-    pairs, slots = _place_pairs(lists, at, supports, len(positions))
+    counts = (supports > 0) & (at < len(positions))  # places that are groups
+    pairs, slots = pair_slots([(at[patches], counts[patches]) for patches in lists.patches], len(positions))
     real = tuple(lists.support[patches][:, : int((lists.support[patches] > 0).sum(axis=1).max())] > 0 for patches in lists.patches)
     means, couplings, sides = [], [], []
     wet = wetted_groups(lists, wetted)
@@ -126,15 +139,3 @@ def _values(lists, first, size):
     row, column, values = (part.ravel() for part in np.broadcast_arrays(row, column, MOMENTS))
     rows, columns = np.concatenate([row, alone]), np.concatenate([column, np.searchsorted(kept, alone)])
     return sp.csr_array((np.concatenate([values, np.ones(len(alone))]), (rows, columns)), (size, len(kept))), kept
-
-
-def _place_pairs(lists, at, supports, size):
-    """Pairs of places that are groups, and their slots, see `Saddle`."""
-    a, b = np.triu_indices(at.shape[1])
-    low, high = np.minimum(at[:, a], at[:, b]), np.maximum(at[:, a], at[:, b])
-    real = (supports > 0) & (at < size)
-    keys = np.where(real[:, a] & real[:, b], low.astype(np.int64) * size + high, size * size)
-    unique = np.unique(keys)
-    unique = unique[unique < size * size]
-    slots = np.searchsorted(unique, keys).astype(np.int32)  # past the end for what is no pair
-    return np.stack([unique // size, unique % size], axis=1), tuple(slots[patches] for patches in lists.patches)

@@ -19,11 +19,11 @@ from ..equilibrium import Newton, Observer, Stability, State, Status
 from ..linalg import SingularTangent
 from ..materials import Filled, gel_in_groups, rises_always
 from ..mechanics import Bath as Instant
-from ..mechanics import Problem, factorised_tangent, linearise, moments, of_groups, overlaps, volume_ratios
+from ..mechanics import Problem, factorised_tangent, moments, of_groups, overlaps, volume_ratios
 from .bath import Bath, Time, values_of
 from .march import Moment, Step, advance
 from .problem import Transport
-from .stage import Stage, acting_potential, acting_problem
+from .stage import Stage, acting_problem
 
 
 class Start(NamedTuple):
@@ -104,20 +104,23 @@ def _march(transport, baths, states, steps, times, branch, newton, observer):
         smooth = before is not None and not any(before.value < kink <= now.value for kink in kinks)
         before, following, spent = _of_state(transport, before) if smooth else None, _of_state(transport, now), 0
         for end in (*(kink for kink in kinks if now.value < kink < t), t):
-            following = advance(transport, before, following, end, instant, newton)
+            following = advance(transport, before, following, end, instant, newton, observer)
             before, spent = None, spent + following.iterations
             if not following.stage.status.ok:
                 break
             steps += following.steps
         state = _state(transport, dataclasses.replace(following, iterations=spent), float(np.mean(instant(t).mu)))
         if not state.status.ok:
-            observer.refused(state)
+            if following.stage.status.ok:  # otherwise `advance` has told it
+                observer.refused(state)
             text = f"{state.status.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
             return state.status, f"stopped after t = {now.value:.6g}: {text}"
         if branch == "stable" and state.negative_pivots > 0:
+            observer.refused(dataclasses.replace(state, status=Status.LOST_STABILITY))
             text = f"at t = {t:.6g} the state is unstable at its chemical potentials, negative pivots: {state.negative_pivots}"
             return Status.LOST_STABILITY, f'stopped after t = {now.value:.6g}: {text}; branch = "symmetric" goes on'
         if overlaps(state.x, transport.model):
+            observer.refused(dataclasses.replace(state, status=Status.SELF_CONTACT))
             return Status.SELF_CONTACT, f"stopped after t = {now.value:.6g}: {Status.SELF_CONTACT.text}"
         observer.accepted(state)
         states.append(state)
@@ -168,24 +171,11 @@ def check_numbers(problem: Problem, baths: Iterable[Bath], D: Scalar) -> None:
 
 def _state(transport, moment, mu):
     """The `State` of a moment, with the negative pivots of its own tangent."""
-    stage, stability = moment.stage, None
-    acting, potential = acting_problem(transport, stage.m), acting_potential(transport, stage.m)
-    now = stage.linearisation or linearise(acting, stage.x, stage.pressure, potential)
-    if stage.status.ok:
-        try:
-            stability = Stability(factorised_tangent(acting, stage.x, stage.pressure, now).negative_pivots)
-        except SingularTangent:
-            stability = None
-    return State(
-        moment.t,
-        mu,
-        stage.x,
-        stage.pressure,
-        status=stage.status,
-        newton_iterations=moment.iterations,
-        residual=float(now.residual_norm),
-        energy=float(now.energy),
-        stability=stability,
-        potential=potential,
-        supplied=moment.supplied,
-    )
+    found = moment.state(transport, mu)
+    if not found.status.ok:
+        return found.light
+    try:
+        made = factorised_tangent(acting_problem(transport, moment.stage.m), found.x, found.pressure, found.linearisation)
+    except SingularTangent:
+        return dataclasses.replace(found.light, status=Status.SINGULAR)
+    return dataclasses.replace(found.light, stability=Stability(made.negative_pivots))

@@ -16,6 +16,7 @@ factor preconditions GMRES.
 """
 
 import dataclasses
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -24,7 +25,7 @@ import numpy as np
 
 from .._programs import program
 from .._types import Array, Float, Scalar
-from ..equilibrium import NEWTON, Newton, Status, of_iterate
+from ..equilibrium import Newton, Status, of_iterate
 from ..linalg import SingularTangent
 from ..mechanics import (
     Bath,
@@ -88,8 +89,20 @@ class Stage:
         return dataclasses.replace(self, linearisation=None)
 
 
-def solve_stage(transport: Transport, start: Stage, old: Float[Array, " g"], tau: float, bath: Bath, *, newton: Newton = NEWTON) -> Stage:
-    """The `Stage` of length ``tau`` from the volume ratios ``old`` (g,), with the ``bath`` at its end, from the iterate ``start``."""
+def solve_stage(
+    transport: Transport,
+    start: Stage,
+    old: Float[Array, " g"],
+    tau: float,
+    bath: Bath,
+    *,
+    newton: Newton,
+    iterated: Callable[[Stage], object],
+) -> Stage:
+    """The `Stage` of length ``tau`` from the volume ratios ``old`` (g,), with the ``bath`` at its end, from the iterate ``start``.
+
+    ``iterated`` is called with each iterate.
+    """
     x, p, m, made, before, iterations = start.x, start.pressure, start.m, None, np.inf, 0
     f, moved = len(transport.problem.free), np.inf
     while True:
@@ -102,6 +115,7 @@ def solve_stage(transport: Transport, start: Stage, old: Float[Array, " g"], tau
         error = max(residual / newton.tolerance, violation / newton.constraint_tolerance, (balance / BALANCE) * (moved > ROUND_OFF))
         status = of_iterate(error, error < 1, iterations >= newton.max_iterations)
         found = Stage(x, p, m, J, Status.NOT_CONVERGED if status is None else status, iterations, residual, balance, inflow, now)
+        iterated(found)
         if status is not None:
             return found
         flow = FlowMatrices.of(transport, x, tau, now, rates)

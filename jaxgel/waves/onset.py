@@ -247,7 +247,7 @@ def _derivatives(problem, state, modes, same_in_all):
         system = Bordered(problem.pattern.tree.order, problem.pattern.matrix(pairs), held, held, np.zeros((held.shape[1],) * 2))
         correction, _ = system.solve(pull, np.zeros(held.shape[1]))
     else:
-        correction = factor(problem.pattern, pairs).inverse(pull)
+        correction = factor(problem.pattern, pairs).apply(pull)
     by_mu = control_force(problem, state)
     slope = (float(slope) - correction @ by_mu) / (len(modes) if same_in_all else 1)
     return slope, np.asarray(scatter(correction, problem.free))

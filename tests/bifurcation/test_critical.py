@@ -11,6 +11,7 @@ import pytest
 
 import jaxgel
 from jaxgel.cli import command_line as cli
+from jaxgel.continuation import SweepFailed
 
 WINDOW = (-1.8, -1.5)  # one bifurcation of sample 4 on the cloud of these tests
 
@@ -200,6 +201,20 @@ def test_the_onset_of_a_gel_that_keeps_its_volume_is_found():
     )
     # at -8 the gel has swollen by J - 1 = exp(mu - 1), by half of it along x, and is shortened from there
     assert stiffer[0].value == pytest.approx(softer[0].value / (1 + np.exp(-9) / 2), abs=5e-6)  # 2e-6 measured; the shift is 6e-5
+
+
+def test_an_observer_is_told_of_states_and_points(buckling_model, point):
+    states, points = [], []
+    problem = jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel)
+    observer = jaxgel.Observer(accepted=lambda state: states.append(state.value), located=points.append)
+    found = jaxgel.critical_points(problem, (-1.8, -1.5), observer=observer)
+    assert points == found and found[0].value == point.value and (states[0], states[-1]) == (-1.8, -1.5)
+
+
+@pytest.mark.parametrize("search", [jaxgel.critical_points, jaxgel.loop])
+def test_tolerances_of_newtons_method_are_options(search, buckling_model):
+    with pytest.raises(SweepFailed):
+        search(jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel), (-1.8, -1.5), newton=jaxgel.Newton(max_iterations=1))
 
 
 def test_a_point_that_is_not_located_is_warned_of(buckling_model, monkeypatch):

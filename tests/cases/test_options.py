@@ -23,7 +23,6 @@ VALUES = {
     "across": 3,
     "basis": "linear",
     "dmax": 2.7,
-    "solver": "direct",
     "mu_start": -3.5,
     "mu_end": -1.2,
     "steps": 3,
@@ -200,7 +199,7 @@ def test_every_option_has_a_stage_that_takes_it_and_none_of_it_is_a_default_of_a
     options = DiscretisationOptions()
     options.model(options.cloud(load_case("square").plate))
     assert asked["cloud"][1] == dict(spacing=None, nodes_per_hole=None, across=None)
-    assert asked["model"][1] == dict(basis="quadratic", dmax=None, solver="auto")
+    assert asked["model"][1] == dict(basis="quadratic", dmax=None)
     assert {f.name for f in dataclasses.fields(OutputOptions)} == {"figures", "animation", "paraview"}
 
 

@@ -166,10 +166,11 @@ def test_a_finished_map_is_not_run_again(holes):
         )
 
 
-def test_a_lost_point_is_tried_again_and_then_given_up_until_resumed(tmp_path):
+def test_a_lost_point_is_tried_again_and_then_given_up_until_resumed(tmp_path, caplog):
     mapped, executor = study(tmp_path, QUICK), Inline(point_0000=1, point_0002=TRIES)
     rows = run_map(mapped, tmp_path / "out", executor)
     assert [row["status"] for row in rows] == ["complete", "complete", "lost"]
+    assert "call 2 was lost, try 3 of 3" in caplog.text and "BrokenExecutor" in caplog.text  # with its traceback
     assert executor.calls == 3 + 1 + (TRIES - 1)
     assert "its process died" in table(tmp_path / "out")[2]["reason"]
     kept = (tmp_path / "out" / "0000" / POINT).stat().st_mtime_ns

@@ -64,13 +64,12 @@ def test_options_reach_the_model(tmp_path, tiny_plate, monkeypatch):
     (tmp_path / "tiny.toml").write_text(CASE.replace("22.0", "4.0") + 'edges = { top = "free" }\n' + hole(0.1, -0.2, 1.1))
     options = dict(spacing=tiny_plate.spacing, nodes_per_hole=12, basis="linear", dmax=2.5)
     arguments = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
-    arguments += ["--solver", "iterative", "--mu-start", "-4.9", "--mu-end", "-4.8", "--steps", "2", "--no-plots", "--quiet"]
+    arguments += ["--mu-start", "-4.9", "--mu-end", "-4.8", "--steps", "2", "--no-plots", "--quiet"]
     assert cli.main(["run", str(tmp_path / "tiny.toml"), *arguments, "--out", str(tmp_path / "out")]) == 3
-    options |= {"solver": "iterative"}
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["options"]["discretisation"] == options
     (model,) = models
     assert model.n_nodes == len(jaxgel.make_cloud(tiny_plate).nodes)
-    assert all(getattr(model, name) == options[name] for name in ("basis", "dmax", "solver"))
+    assert all(getattr(model, name) == options[name] for name in ("basis", "dmax"))
 
 
 def test_unusable_arguments_are_one_line_and_exit_code_2(capsys):

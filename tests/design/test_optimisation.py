@@ -437,6 +437,18 @@ def test_what_the_package_refuses_in_a_users_function_is_an_invalid_design(probl
         assert message in looked.log[-1]["invalid"] and looked.log[-1]["values"] is None
 
 
+def test_a_state_without_a_derivative_is_named_as_one(problem, cloud):
+    """It satisfies equilibrium, but a bifurcation is near; one that was not reached is no state."""
+    path = problem.path(problem.parameters(problem.vector), cloud)
+    for field, status, message in [
+        ("derivative", jaxgel.Status.NEARLY_SINGULAR, "no derivative at mu = -1.8000: converged, but a fold or bifurcation is near"),
+        ("status", jaxgel.Status.NOT_CONVERGED, "no state at mu = -1.8000: Newton did not converge"),
+    ]:
+        wrong = dataclasses.replace(path, **{field: np.array([jaxgel.Status.CONVERGED, status])})
+        with pytest.raises(lagrangian.Invalid, match=f"^{re.escape(message)}"):
+            search.check_path(wrong)
+
+
 def _invalid(_):
     raise jaxgel.design.Invalid("not printable")
 

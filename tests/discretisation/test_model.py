@@ -236,7 +236,6 @@ def test_unknown_options_are_refused(cloud_of, refused):
         lambda options: jaxgel.discretise(cloud_of("square"), **options),
         [
             ({"basis": "cubic"}, r"basis: 'cubic' is not one of linear, quadratic"),
-            ({"solver": "gmres"}, r"solver: 'gmres' is not one of auto, direct, iterative"),
             ({"dmax": 1.0}, r"dmax: 1.0 is too small; the support must reach beyond the next node"),
             ({"dmax": np.nan}, r"dmax: nan is too small"),
         ],

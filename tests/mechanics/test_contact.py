@@ -160,15 +160,16 @@ def test_sides_that_touch_do_not_overlap_and_are_in_equilibrium(closed):
     assert overlaps(apart.x[-1], apart.model)
 
 
-def test_a_leap_into_contact_is_refused(slit):
+@pytest.mark.parametrize(("value", "status"), [(MU[-1], Status.NOT_CONVERGED), (MU[3], Status.BEYOND_CONTACT)])
+def test_a_leap_into_contact_is_refused(value, status, slit):
     """Prediction and last state are apart; where Newton's method closes the slit from there is not where a gel that swells slowly would."""
     steps, model = [], with_contact(jaxgel.discretise(slit), GEL)
     jaxgel.sweep(jaxgel.Problem(model, GEL), MU[:1], observer=jaxgel.Observer(accepted=steps.append))
     refused = []
     options = Following(symmetry="off", steps=jaxgel.StepControl(max_cuts=0), observer=jaxgel.Observer(refused=refused.append))
-    assert not list(Followed(Problem(model, GEL).prepared, [MU[-1]], options, steps))
+    assert not list(Followed(Problem(model, GEL).prepared, [value], options, steps))
     (found,) = refused
-    assert found.status is Status.NOT_CONVERGED
+    assert found.status is status
     assert np.abs(found.x - steps[0].x).max() > float(model.contact.range) and not touches(steps[0].x, model)
 
 

@@ -71,7 +71,7 @@ def test_blocks_are_those_of_the_whole_tangent(problem, whole_and_region):
     pairs = np.asarray(tangent(reduced.problem, found.x, found.pressure, found.linearisation))
     network = reduced.problem.network
     N = network_matrix(problem.pattern, problem.network)
-    blocks = bases(problem.model.lists, group, "auto", None)
+    blocks = bases(problem.model.lists, group, None)
     size, negative = 0, 0
     for basis in blocks:
         made = factor(basis.pattern, pairs)

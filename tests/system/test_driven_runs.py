@@ -13,6 +13,7 @@ from studies import TINY, killed
 from jaxgel.cases import load_path
 from jaxgel.cases.page import page
 from jaxgel.cli import command_line as cli
+from jaxgel.equilibrium import State
 from jaxgel.io import Progress, export, load_run, swollen_gel, write_outline, write_series
 from jaxgel.observables import COLUMNS, events, history
 from jaxgel.plotting import plot_curve, plot_curves, plot_pattern, plot_patterns
@@ -133,5 +134,5 @@ def test_an_outline_is_that_at_a_value_of_the_control(folder, tmp_path):
 
 def test_progress_goes_on_where_the_control_turns():
     with Progress([25.0, 40.0, 25.0], quiet=True, name="temperature", unit="°C", done=[25.0, 40.0]) as progress:
-        progress.show(30.0, 4)
+        progress.show(State(30.0, 0.0, np.zeros((1, 2)), np.zeros(1)))
         assert progress.way == 25.0 and progress.bar.total == 30.0

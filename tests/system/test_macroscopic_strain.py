@@ -193,7 +193,7 @@ def test_a_square_cell_has_all_symmetries_and_its_blocks_make_the_tangent():
     own = np.asarray(path.pressure[-1])[reduced.own]
     whole = factorised_tangent(problem, x, path.pressure[-1], linearise(problem, x, path.pressure[-1], mu)).matrix
     pairs, size = np.asarray(tangent(reduced.problem, x, own, linearise(reduced.problem, x, own, mu))), 0
-    for basis in bases(path.model.lists, group, "auto", None):
+    for basis in bases(path.model.lists, group, None):
         block = basis.pattern.matrix(pairs)
         for fields in basis.fields:
             np.testing.assert_allclose((fields.T @ whole @ fields - block).toarray(), 0, atol=1e-11 * np.abs(whole).max())

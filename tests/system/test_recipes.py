@@ -77,7 +77,7 @@ class Shear:
         return Setting(self.mu, gel, deformation=jnp.eye(2).at[0, 1].set(value))
 '''
 KINDS_OF_CONTROLS = '''    "shear": Kind(lambda own: edges.Shear(own["mu"]), "", "shear", "shear of the edges", ".4f"),
-    "Nv": Kind(_driven("Nv"), "", "Nv", "density of chains", ".4g"),
+    "Nv": Kind(_driven("Nv"), "", "Nv", "density of chains", ".4g", 1e-3),
 }
 """Name -> what'''
 COMMAND = '''
@@ -112,7 +112,6 @@ RECIPES = {  # recipe -> file below jaxgel/, what is replaced (the end of the fi
     ],
     "control": [
         ("controls/edges.py", None, CONTROL),
-        ("controls/gels.py", 'SCALES = {', 'SCALES = {"Nv": 1e-3, '),
         ("controls/registry.py", '}\n"""Name -> what', KINDS_OF_CONTROLS),
     ],
     "command": [

@@ -5,8 +5,11 @@ import numpy as np
 import pytest
 
 import jaxgel
+from jaxgel.equilibrium import UNOBSERVED
+from jaxgel.linalg import SingularTangent
 from jaxgel.mechanics import all_volumes, carried, solvent_of, volume_ratios
 from jaxgel.observables import events, history
+from jaxgel.transient import run as transient_run
 
 GOOD = jaxgel.Gel(1e-3, 0.1)
 TIMES = [1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0]
@@ -159,14 +162,21 @@ def test_what_mu_moves_has_its_slope_in_layers_of_any_steepness(coarse):
 
 @pytest.fixture(scope="module")
 def buckles(buckling_model):
-    """Function: bath, branch -> path of sample 4, which keeps its symmetry when that becomes unstable."""
+    """Function: bath, branch, observer -> path of sample 4, which keeps its symmetry when that becomes unstable."""
     problem = jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel, contact=False)
-    return lambda bath, branch: jaxgel.swell(problem, bath, [0.01, 0.5, 2.0, 8.0], start=-4.9678, branch=branch)
+
+    def path(bath, branch, observer=UNOBSERVED):
+        return jaxgel.swell(problem, bath, [0.01, 0.5, 2.0, 8.0], start=-4.9678, branch=branch, observer=observer)
+
+    return path
 
 
 def test_a_state_that_loses_stability_ends_the_path(buckles):
     """Or, if the ``branch`` says so, the run goes on: the table of events has the times, and derivatives from there on are flagged."""
-    path = buckles(-1.3, "stable")
+    refused, iterates = [], []
+    path = buckles(-1.3, "stable", jaxgel.Observer(refused=refused.append, iteration=lambda state: iterates.append(state.value)))
+    assert [(state.value, state.status.name) for state in refused][-1] == (2.0, "LOST_STABILITY")
+    assert len(iterates) > path.newton_iterations.sum() and max(iterates) == 2.0
     assert path.t.tolist() == [0.0, 0.01, 0.5] and not path.negative_pivots.any()
     assert path.stop.name == "LOST_STABILITY" and "stopped after t = 0.5: at t = 2 the state is unstable" in path.stop_text
     path = buckles(-1.3, "symmetric")
@@ -174,6 +184,21 @@ def test_a_state_that_loses_stability_ends_the_path(buckles):
     assert [int(status) for status in path.derivative] == [0, 0, 0, 13, 13]
     (event,) = [one for one in events(history(path)) if one["event"] == "bifurcation"]
     assert "from 0 to 1 between t = 0.5 and 2" in event["text"], event
+
+
+def test_a_singular_tangent_ends_the_path(coarse, monkeypatch):
+    """Whether its state is stable is not known; here the tangent of the second state counts as singular."""
+    pivots, factorised = [], transient_run.factorised_tangent
+
+    def singular(*args):
+        pivots.append(None)
+        if len(pivots) == 2:
+            raise SingularTangent("zero pivot")
+        return factorised(*args)
+
+    monkeypatch.setattr(transient_run, "factorised_tangent", singular)
+    path = jaxgel.swell(jaxgel.Problem(coarse, GOOD, contact=False), -0.4999, [0.1, 0.2], start=-0.5)
+    assert path.t.tolist() == [0.0] and path.stop is jaxgel.Status.SINGULAR and "the tangent is singular" in path.stop_text
 
 
 @pytest.mark.slow
@@ -286,9 +311,11 @@ def test_a_step_ends_at_its_time_whatever_round_off_says(coarse):
 
 
 def test_steps_between_two_times_are_finite_in_number(coarse, monkeypatch):
-    """With Newton's method that never ends the path ends, and says so."""
+    """With Newton's method that never ends the path ends, and says so; the observer is told of each step."""
     monkeypatch.setattr("jaxgel.transient.march.MAX_STEPS", 5)
     problem = jaxgel.Problem(coarse, GOOD, contact=False)
-    start = jaxgel.sweep(problem, [-0.6])[0]
-    path = jaxgel.swell(problem, -0.5, [1.0], start=start, newton=jaxgel.equilibrium.Newton(max_iterations=1))
+    start, refused = jaxgel.sweep(problem, [-0.6])[0], []
+    observer = jaxgel.Observer(refused=refused.append)
+    path = jaxgel.swell(problem, -0.5, [1.0], start=start, newton=jaxgel.Newton(max_iterations=1), observer=observer)
+    assert [state.status for state in refused] == 5 * [jaxgel.Status.NOT_CONVERGED]
     assert path.stop is jaxgel.Status.NOT_CONVERGED and path.t.tolist() == [0.0] and "solvent" in path.stop_text
