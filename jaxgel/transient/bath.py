@@ -20,7 +20,8 @@ from ..controls import Setting, check_values
 class Bath:
     """A bath with the chemical potential ``mu``, kT, from time 0 on, or with values ``mu`` at ``times``, linear in between.
 
-    Before its first time it has its first value; the step from what the gel has at the start to that is a jump at time 0.
+    Before its first time it has its first value, and beyond its last time it keeps its last one. The
+    step from what the gel has at the start to its first value is a jump at time 0.
 
     JAX differentiates by both.
 
