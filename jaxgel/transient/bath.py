@@ -31,7 +31,7 @@ class Bath:
     """
 
     mu: Scalar | Sequence[float]
-    """Chemical potential, kT, or its values."""
+    """Chemical potential, kT, or its values; at most 0, that of the pure solvent."""
     times: Sequence[float] | None = None
     """Times of the values, rising from 0 or later, in the unit of time of D; None for one value."""
 
@@ -45,6 +45,8 @@ class Bath:
         mu = finite_numbers(np.atleast_1d(np.asarray(self.mu, dtype=float)), (len(times),), "bath.mu")
         if times[0] < 0:
             raise ValueError(f"bath.times: {times[0]:g} is not accepted, a bath begins at time 0 or later")
+        if max(mu) > 0:
+            raise ValueError(f"bath.mu: {max(mu):g} is not accepted, it must be at most 0 kT, that of the pure solvent")
         object.__setattr__(self, "mu", tuple(map(float, mu)))
         object.__setattr__(self, "times", tuple(map(float, times)))
 

@@ -163,7 +163,7 @@ def check_numbers(problem: Problem, baths: Iterable[Bath], D: Scalar) -> None:
         raise ValueError(f"D: {D} is not accepted, it must be a number > 0 (mm^2 per unit of time)")
     mu = [bath.mu for bath in baths]
     if not is_traced(problem, mu):
-        check_sweep(problem, np.concatenate(mu))
+        check_sweep(problem, np.concatenate(mu), field="bath.mu")
 
 
 def _state(transport, moment, mu):

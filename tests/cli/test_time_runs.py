@@ -52,6 +52,15 @@ def assert_same(folder, other):
     assert [name for name in one if one[name] != two[name]] == []
 
 
+@pytest.mark.parametrize(("mu", "text"), [(-60.0, "bath.mu: -60 is too low"), (0.5, "bath.mu: 0.5 is not accepted")])
+def test_a_bath_that_is_refused_leaves_former_results(run, tmp_path, capsys, mu, text):
+    """Too dry for the gel, or above the pure solvent."""
+    folder = shutil.copytree(run, tmp_path / "former")
+    (tmp_path / "other.toml").write_text(changed(CASE, ("mu = -1.5\n", f"mu = {mu}\n")))
+    assert cli.main(["run", str(tmp_path / "other.toml"), "--out", str(folder)]) == 2
+    assert text in capsys.readouterr().err and contents(folder) == contents(run)
+
+
 def test_a_run_in_time_leaves_its_files(run):
     """Time is the first column and the control; the states hold what the solvent needs."""
     found = load_run(run)
