@@ -265,6 +265,15 @@ def test_what_time_does_not_cover_is_refused_in_one_line(coarse):
         jaxgel.swell(problem, -0.5, [1.0], start=-0.6, D=0.0)
 
 
+def test_a_wetted_part_of_one_node_is_refused(monkeypatch):
+    """Clouds have two at least on every piece of the boundary, the ends of an edge that a hole cuts off."""
+    model = film(0.25)
+    nodes = jaxgel.mechanics.wetted_parts(model.lists)["top"]
+    monkeypatch.setattr("jaxgel.mechanics.solvent.wetted_parts", lambda lists: {"top": nodes[:1]})  # noqa: ARG005
+    with pytest.raises(ValueError, match=r"^bath: 'top' has one node alone, what is wetted needs two at least; use a smaller spacing$"):
+        solvent_of(model, ("top",))
+
+
 @pytest.mark.parametrize("kept", [1, 3, 4])
 def test_a_path_that_was_interrupted_goes_on_to_the_same_bits(kept, coarse):
     """After its first state, and before and after a kink of the bath between two of its times."""
