@@ -178,6 +178,34 @@ def test_states_without_the_solvent_are_not_continued(run, tmp_path, capsys):
         assert {file.name: file.read_bytes() for file in folder.glob("*.*")} == before
 
 
+BUCKLING = """
+[plate]
+sample = "sample-4"
+[sweep]
+mu_start = -4.9678
+[time]
+times = [0.01, 0.5, 2.0]
+[bath]
+mu = -1.3
+[discretisation]
+spacing = 1.1
+[output]
+figures = false
+animation = false
+"""
+
+
+def test_a_loss_of_stability_that_ends_a_run_is_an_event_of_its_summary(tmp_path, capsys):
+    """With its time; on the branch that goes on the table of states has it."""
+    (tmp_path / "buckling.toml").write_text(BUCKLING)
+    assert cli.main(["run", str(tmp_path / "buckling.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 3
+    assert "stopped after t = 0.5: at t = 2 the state is unstable" in capsys.readouterr().err
+    found = load_run(tmp_path / "out")
+    (event,) = [one for one in found.summary["events"] if one["event"] == "bifurcation"]
+    assert (event["state"], event["t_before"], event["t"]) == (3, 0.5, 2.0) and len(found.value) == 3
+    assert event["text"] == "the state becomes unstable, with which the run ends, between t = 0.5 and 2"
+
+
 MAP = '[map]\nsamples = "grid"\n[[parameters]]\nof = "chi"\nvalues = [0.1, 0.2]\n'
 
 
