@@ -56,6 +56,8 @@ class Moment:
     """Corrections of Newton's method since the moment before, those of refused steps included."""
     steps: tuple[Step, ...] = ()
     """The steps since the moment before."""
+    began: float = 0.0
+    """Time at which the last step began."""
 
 
 def advance(transport: Transport, before: Moment | None, now: Moment, end: float, bath: Instant, newton: Newton) -> Moment:
@@ -86,12 +88,13 @@ def _step(transport, before, now, end, bath, newton):
     start = now.stage if before is None else _extrapolated(before, now, middle)
     first = solve_stage(transport, start, old, GAMMA * dt, bath(middle), newton=newton)
     if not first.status.ok:
-        return Moment(middle, first, now.supplied, first.iterations)
+        return Moment(middle, first, now.supplied, first.iterations, began=now.t)
     target = old + (1 - GAMMA) / GAMMA * (first.ratios - old)
     start = _extrapolated(now, Moment(middle, first, now.supplied), end)
     second = solve_stage(transport, start, target, GAMMA * dt, bath(end), newton=newton)
     supplied = now.supplied + dt * ((1 - GAMMA) * first.inflow + GAMMA * second.inflow) if second.status.ok else now.supplied
-    return Moment(end, second, supplied, first.iterations + second.iterations, (Step(now.t, end, first.light, second.light),))
+    iterations, step = first.iterations + second.iterations, Step(now.t, end, first.light, second.light)
+    return Moment(end, second, supplied, iterations, (step,), now.t)
 
 
 def _extrapolated(before, now, t):

@@ -23,7 +23,7 @@ from ..mechanics import Problem, factorised_tangent, linearise, moments, of_grou
 from .bath import Bath, Time, values_of
 from .march import Moment, Step, advance
 from .problem import Transport
-from .stage import Stage, acting_potential, acting_problem
+from .stage import BALANCE, Stage, acting_potential, acting_problem
 
 
 class Start(NamedTuple):
@@ -112,7 +112,7 @@ def _march(transport, baths, states, steps, times, branch, newton, observer):
         state = _state(transport, dataclasses.replace(following, iterations=spent), float(np.mean(instant(t).mu)))
         if not state.status.ok:
             observer.refused(state)
-            text = f"{state.status.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
+            text = f"the last step, from t = {following.began:.6g}, failed: {state.status.text}; {_missed(following.stage, newton)}"
             return state.status, f"stopped after t = {now.value:.6g}: {text}"
         if branch == "stable" and state.negative_pivots > 0:
             text = f"at t = {t:.6g} the state is unstable at its chemical potentials, negative pivots: {state.negative_pivots}"
@@ -122,6 +122,16 @@ def _march(transport, baths, states, steps, times, branch, newton, observer):
         observer.accepted(state)
         states.append(state)
     return Status.CONVERGED, ""
+
+
+def _missed(stage, newton):
+    """The errors of an iterate that are above their tolerances."""
+    errors = {
+        "residual of the forces": (stage.residual, newton.tolerance),
+        "error of the volume ratios": (float(stage.linearisation.violation), newton.constraint_tolerance),
+        "balance of the solvent": (stage.balance, BALANCE),
+    }
+    return ", ".join(f"{name} {error:.1e}, tolerance {most:.0e}" for name, (error, most) in errors.items() if not error < most)
 
 
 def kinks_of(baths: Iterable[Bath]) -> list[float]:

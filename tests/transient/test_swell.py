@@ -1,5 +1,7 @@
 """Transient swelling: films with known uptake, balances, limits, and what is refused."""
 
+import re
+
 import jax
 import numpy as np
 import pytest
@@ -269,7 +271,7 @@ def test_a_wetted_part_of_one_node_is_refused(monkeypatch):
     """Clouds have two at least on every piece of the boundary, the ends of an edge that a hole cuts off."""
     model = film(0.25)
     nodes = jaxgel.mechanics.wetted_parts(model.lists)["top"]
-    monkeypatch.setattr("jaxgel.mechanics.solvent.wetted_parts", lambda lists: {"top": nodes[:1]})  # noqa: ARG005
+    monkeypatch.setattr("jaxgel.mechanics.solvent.wetted_parts", lambda lists: {"top": nodes[:1]})
     with pytest.raises(ValueError, match=r"^bath: 'top' has one node alone, what is wetted needs two at least; use a smaller spacing$"):
         solvent_of(model, ("top",))
 
@@ -292,6 +294,44 @@ def test_a_step_ends_at_its_time_whatever_round_off_says(coarse):
     a, b = next((a, 4.7 * a) for a in np.geomspace(1e-5, 1e-4, 50) if a + (4.7 * a - a) < 4.7 * a)
     path = jaxgel.swell(jaxgel.Problem(coarse, GOOD, contact=False), -0.5, [a, b, 3 * b], start=-0.6)
     assert path.stop.ok and path.t.tolist() == [0.0, a, b, 3 * b]
+
+
+def test_a_step_at_which_newton_fails_is_cut(coarse):
+    """With six corrections at most the step to 0.01 fails; its halves succeed, and the state is that of a run with both as times."""
+    problem = jaxgel.Problem(coarse, GOOD, contact=False)
+    start = jaxgel.sweep(problem, [-1.0])[0]
+    few = jaxgel.swell(problem, -0.1, [0.01], start=start, newton=jaxgel.equilibrium.Newton(max_iterations=6))
+    whole, halves = (jaxgel.swell(problem, -0.1, times, start=start) for times in ([0.01], [0.005, 0.01]))
+    assert few.stop.ok and few.t.tolist() == [0.0, 0.01] and few.newton_iterations[1] > halves.newton_iterations.sum()
+    assert np.abs(few.x[1] - halves.x[2]).max() < 1e-9 < 1e-5 < np.abs(few.x[1] - whole.x[1]).max()  # Newton's tolerance; one step for two
+
+
+@pytest.mark.parametrize(
+    ("newton", "missed"),
+    [
+        (jaxgel.equilibrium.Newton(tolerance=1e-30, max_iterations=6), r"residual of the forces \S+, tolerance 1e-30"),
+        (jaxgel.equilibrium.Newton(constraint_tolerance=1e-30, max_iterations=6), r"error of the volume ratios \S+, tolerance 1e-30"),
+    ],
+    ids=["forces", "volume ratios"],
+)
+def test_a_step_that_fails_after_all_cuts_says_when_it_began_and_what_failed(newton, missed, coarse):
+    """What is within its tolerance is not named."""
+    problem = jaxgel.Problem(coarse, GOOD, contact=False)
+    path = jaxgel.swell(problem, -0.5, [0.01, 0.1], start=-0.6)
+    path = jaxgel.swell(problem, -0.5, [0.01, 0.1], start=path[:2], newton=newton)
+    assert path.stop is jaxgel.Status.NOT_CONVERGED and path.t.tolist() == [0.0, 0.01]
+    began, text = "stopped after t = 0.01: the last step, from t = 0.01, failed", "Newton did not converge[^;]*;[^;]*"
+    assert re.fullmatch(f"{began}: {text}; {missed}", path.stop_text)
+
+
+def test_a_failed_step_may_begin_between_two_times(coarse, monkeypatch):
+    """At a kink of the bath, before which the gel rests and no correction is needed; then neither forces nor solvent are in balance."""
+    monkeypatch.setattr("jaxgel.transient.march.MAX_HALVINGS", 2)
+    problem, bath = jaxgel.Problem(coarse, GOOD, contact=False), jaxgel.Bath([-0.6, -0.6, -0.3], times=[0.0, 0.5, 0.6])
+    start, newton = jaxgel.sweep(problem, [-0.6])[0], jaxgel.equilibrium.Newton(max_iterations=1)
+    path = jaxgel.swell(problem, bath, [1.0], start=start, newton=newton)
+    assert path.stop_text.startswith("stopped after t = 0: the last step, from t = 0.5, failed: ")
+    assert all(text in path.stop_text for text in ("residual of the forces", "balance of the solvent", "tolerance 1e-12"))
 
 
 def test_steps_between_two_times_are_finite_in_number(coarse, monkeypatch):
