@@ -63,8 +63,9 @@ def test_the_uptake_of_a_film_is_that_of_finite_volumes(name, coarse):
     assert np.abs(errors[:3]).max() < 0.1  # the layer is thinner than a square: -0.9 to -0.5 without its own term at 1e-3
     assert np.abs(errors[3:]).max() < 0.05  # drying 4.7 %, the other 0.3 %
     assert np.abs(errors[5:]).max() < 0.01  # at most 0.5 %, a fifth of it by five steps to a decade
-    supplied = contents(path) - contents(path)[0] - path.supplied[:, 0]
-    assert np.abs(supplied).max() < 1e-10 * contents(path).max()
+    imbalance = np.diff(contents(path)) - np.diff(path.supplied[:, 0])
+    solvent = contents(path)[1:] - volumes(path.model).sum()
+    assert np.abs(imbalance / solvent).max() < 1e-11  # of each step; of each unknown of mu Newton's method leaves 1e-12
 
 
 @pytest.mark.slow
@@ -201,7 +202,7 @@ def test_loads_alone_move_no_solvent_at_once(coarse):
     path = jaxgel.swell(jaxgel.Problem(coarse, GOOD, loads=loads, contact=False), -0.5, [1e-13], start=before)
     carries = np.asarray(coarse.carries)
     J = [np.asarray(volume_ratios(x, coarse))[carries] for x in path.x]
-    assert np.abs(J[1] - J[0]).max() < 1e-8 and np.abs(path.potential[1] - path.potential[0])[carries].max() > 1e-5
+    assert np.abs(J[1] - J[0]).max() < 1e-10 and np.abs(path.potential[1] - path.potential[0])[carries].max() > 1e-5
 
 
 def test_times_that_differ_by_round_off_are_one_step_and_none(coarse):
