@@ -3,19 +3,21 @@
     python benchmarks/swelling.py [--rows film sample-1 gradient block] [--spacings 0.1 0.05] [--quick] [--figure FILE]
 
 ``film``: error of the uptake in % at some times, of a film of thickness 1 held sideways, sealed below and wetted above, in four baths; with
-and without the term for layers thinner than the cells; Newton's corrections per step. The uptakes beside it are those of one-dimensional
-finite volumes.
+and without the term for layers thinner than the cells; Newton's corrections per step; the error in % of the time at which half is taken up;
+the largest error of the balance of the solvent in a step, over the solvent in the gel. The uptakes beside it are those of one-dimensional
+finite volumes. Then the largest change of J of a group at once under a load alone.
 
 ``sample-1``: mean volume ratio less that at the start over 0.08513 sqrt(t), what its outlines take up as half-spaces, less 1 in %; the
-core's rotation; the time of half the rotation; the distance of the last state from equilibrium; how far J falls below its first value, in %
-of its mean change; seconds of a warm step over those of a state of a sweep. With and without that term.
+core's rotation; the time of half the rotation; the distance of the last state from equilibrium, and the largest difference of a column of
+``history.csv`` over its largest value; how far J falls below its first value, in % of its mean change; that balance; seconds of a warm step
+over those of a state of a sweep. With and without that term.
 
 ``gradient``: seconds of the gradient of sample 1's rotation by 60 parameters, 20 of holes and 40 of a field, over those of its run, both
 warm; the derivative along a random direction over difference quotients of three steps, less 1, by holes and by the field.
 
 ``block``: a square of 1 mm, free and wetted on two sides, in a bath that rises from -1 to -0.1 kT until t = 0.1: uptake over that in
 equilibrium, and positions of the corner and of the middle of a side, less those by finite elements (NGSolve, extra ``[bench]``), in %; the
-elements on two meshes, which say how far these can be trusted.
+elements on two meshes, which say how far these can be trusted; Newton's corrections per step and that balance.
 
 ``--figure`` draws sample 1 alone: patterns coloured by mu at four times, the uptake against the square root of time beside that law, and
 the rotation of the core, whose half is marked; a minute.
@@ -32,19 +34,20 @@ from jax.flatten_util import ravel_pytree
 
 import jaxgel
 from jaxgel.mechanics import all_volumes, volume_ratios
-from jaxgel.observables import core_rotation, mean_volume_ratio
+from jaxgel.observables import core_rotation, history, mean_volume_ratio
 from jaxgel.plotting import plot_curve, plot_patterns
 from jaxgel.plotting.curves import MARKS
 from jaxgel.plotting.style import COLOURS, LINE, WALL, styled
 
 TIMES = (1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 GOOD = jaxgel.Gel(1e-3, 0.1)
-FILMS = {  # gel, mu before and after, uptake at TIMES over that at the end
-    "small jump": (GOOD, -0.5, -0.4999, (0.01797, 0.05683, 0.09844, 0.17972, 0.31129, 0.56622, 0.87604)),
-    "swelling": (GOOD, -1.0, -0.1, (0.01013, 0.03204, 0.05549, 0.10131, 0.17548, 0.31880, 0.52152)),
-    "dry": (jaxgel.Gel(1e-3, 1e-4), -4.9678, -0.9178, (0.02793, 0.08833, 0.15300, 0.27933, 0.48236, 0.80008, 0.98145)),
-    "drying": (GOOD, -0.1, -1.0, (0.01528, 0.04832, 0.08369, 0.15280, 0.26466, 0.48320, 0.83323)),
+FILMS = {  # gel, mu before and after, uptake at TIMES over that at the end, time at which it is 1/2
+    "small jump": (GOOD, -0.5, -0.4999, (0.01797, 0.05683, 0.09844, 0.17972, 0.31129, 0.56622, 0.87604), 0.7755),
+    "swelling": (GOOD, -1.0, -0.1, (0.01013, 0.03204, 0.05549, 0.10131, 0.17548, 0.31880, 0.52152), 2.704),
+    "dry": (jaxgel.Gel(1e-3, 1e-4), -4.9678, -0.9178, (0.02793, 0.08833, 0.15300, 0.27933, 0.48236, 0.80008, 0.98145), 0.3231),
+    "drying": (GOOD, -0.1, -1.0, (0.01528, 0.04832, 0.08369, 0.15280, 0.26466, 0.48320, 0.83323), 1.0707),
 }
+NUMERICAL = {"t", "residual", "lowest_eigenvalue"}  # columns of history.csv that are no observables
 START, BATH, HALF_SPACES = -4.9678, -0.9678, 0.08513  # of sample 1: kT; uptake over the root of time
 
 
@@ -60,23 +63,28 @@ BATHS = {"with": jaxgel.Bath, "without": WithoutLayers}
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", nargs="*", default=["film", "sample-1"], choices=["film", "sample-1", "gradient", "block"])
-    parser.add_argument("--spacings", nargs="*", type=float, default=[0.1, 0.05])
+    parser.add_argument(
+        "--rows", nargs="*", choices=["film", "sample-1", "gradient", "block"], help="film and sample-1; quick gradient too"
+    )
+    parser.add_argument("--spacings", nargs="*", type=float, help="mm; 0.1 and 0.05 of film and block, the default one of sample-1")
     parser.add_argument("--quick", action="store_true", help="coarse clouds and few steps")
     parser.add_argument("--figure", help="file of the figure of sample 1; nothing else is computed")
     given = parser.parse_args()
     if given.figure:
         draw(given.figure, 2.2 if given.quick else None, 3 if given.quick else 10)
         return
-    if "film" in given.rows:
-        for spacing in [0.2] if given.quick else given.spacings:
+    rows = given.rows or ["film", "sample-1", *["gradient"] * given.quick]
+    small = [0.2] if given.quick else given.spacings or [0.1, 0.05]
+    if "film" in rows:
+        for spacing in small:
             films(spacing, 3 if given.quick else 10)
-    if "sample-1" in given.rows:
-        sample_1(2.2 if given.quick else None, 3 if given.quick else 10)
-    if "gradient" in given.rows:
+    if "sample-1" in rows:
+        for spacing in [2.2] if given.quick else given.spacings or [None]:
+            sample_1(spacing, 3 if given.quick else 10)
+    if "gradient" in rows:
         gradient(2.2 if given.quick else None, 3 if given.quick else 16)
-    if "block" in given.rows:
-        block([0.2] if given.quick else given.spacings, [0.5] if given.quick else [0.15, 0.1], 2 if given.quick else 10)
+    if "block" in rows:
+        block(small, [0.5] if given.quick else [0.15, 0.1], 2 if given.quick else 10)
 
 
 def mean_ratio(path):
@@ -86,22 +94,35 @@ def mean_ratio(path):
     return np.array([volumes @ np.asarray(volume_ratios(x, model)) for x in path.x]) / volumes.sum()
 
 
+def imbalance(path):
+    """Largest error of the balance of the solvent in a step, over the solvent in the gel."""
+    ratio, dry = mean_ratio(path), np.asarray(all_volumes(path.model))[np.asarray(path.model.carries)].sum()
+    return np.abs((np.diff(ratio) * dry - np.diff(path.supplied.sum(axis=1))) / (dry * (ratio[1:] - 1))).max()
+
+
 def films(spacing, per_decade):
-    print(f"film, spacing {spacing}: error of the uptake in % at t =", *TIMES, "; Newton's corrections per step")
+    print(f"film, spacing {spacing}: error of the uptake in % at t =", *TIMES, "; corrections per step; error of the time of 1/2; balance")
     model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(8 * spacing, 1.0, edges={"top": "free"}), spacing=spacing))
     times = sorted({*jaxgel.TimeSteps(3.0, first=1e-6, per_decade=per_decade).values(spacing, 1.0), *TIMES})
-    for name, (gel, start, end, expected) in FILMS.items():
+    for name, (gel, start, end, expected, half) in FILMS.items():
         problem = jaxgel.Problem(model, gel, contact=False)
         last = mean_ratio(jaxgel.sweep(problem, [end]))[0]
         for term, kind in BATHS.items():
             path = jaxgel.swell(problem, kind(end), times, start=start)
             ratio = mean_ratio(path)
-            errors = 100 * (np.interp(TIMES, path.t, (ratio - ratio[0]) / (last - ratio[0])) / expected - 1)
+            share = (ratio - ratio[0]) / (last - ratio[0])
+            errors = 100 * (np.interp(TIMES, path.t, share) / expected - 1)
+            of_half = 100 * (float(jaxgel.time_to(path, share, 0.5)) / half - 1)
             print(
                 f"{name:12}{term:8}",
                 *(f"{error:+7.2f}" for error in errors),
-                f"; {path.newton_iterations.sum() / len(times):.1f}; {path.stop.text}",
+                f"; {path.newton_iterations.sum() / len(times):.1f}; {of_half:+.2f}; {imbalance(path):.1e}; {path.stop.text}",
             )
+    loads = jaxgel.load_vector(model, traction={"top": (0.0, 1e-4)})
+    rest = jaxgel.sweep(jaxgel.Problem(model, GOOD, contact=False), [-0.5])[0]
+    path = jaxgel.swell(jaxgel.Problem(model, GOOD, loads=loads, contact=False), -0.5, [1e-13], start=rest)
+    J = np.stack([np.asarray(volume_ratios(x, model)) for x in path.x])[:, np.asarray(model.carries)]
+    print(f"load alone: J changes by at most {np.abs(J[1] - J[0]).max():.1e}")
 
 
 def sample_1(spacing, per_decade):
@@ -121,8 +142,13 @@ def sample_1(spacing, per_decade):
         J = np.stack([np.asarray(volume_ratios(x, model)) for x in path.x])[:, np.asarray(model.carries)]
         below = 100 * (J[0] - J).max() / (ratio[-1] - ratio[0])
         off, corrections = np.abs(path.x[-1] - end.x[0]).max(), path.newton_iterations.sum() / len(times)
+        table, last = history(path), history(end)
+        names = [name for name, column in last.items() if name in table and name not in NUMERICAL and np.asarray(column).dtype == float]
+        apart = {name: abs(table[name][-1] - last[name][0]) / np.abs(table[name]).max() for name in names}
+        worst = max(apart, key=apart.get)
         print(f"sample 1, {model.n_nodes} nodes, {term} the term: uptake over the law less 1, in %, at {TIMES[1:4]}: {errors}")
         print(f"  half the rotation at t = {half:.3f}; from equilibrium {off:.1e} mm; J falls by {below:.2f} %; {path.stop.text}")
+        print(f"  columns from equilibrium: at most {apart[worst]:.1e}, {worst}; balance of the solvent {imbalance(path):.1e}")
         print(f"  {corrections:.1f} corrections, {step:.2f} s a step, {step / of_sweep:.0f} states of a sweep")
 
 
@@ -153,6 +179,7 @@ def block(spacings, sizes, per_decade):
         own = np.stack([100 * (ratio - ratio[0]) / (last - ratio[0]), path.x[:, at[0], 0] + 0.5, path.x[:, at[1], 0] + 0.5])
         errors = 100 * (own[:, [int(np.argmin(np.abs(path.t - t))) for t in BLOCK_TIMES]] / expected - 1)
         print(f"spacing {spacing}, error in %:", *(" ".join(f"{error:+.2f}" for error in row) + ";" for row in errors))
+        print(f"  {path.newton_iterations.sum() / len(times):.1f} corrections per step; balance of the solvent {imbalance(path):.1e}")
 
 
 def by_elements(mesh, gel, start, bath, times, wanted, points):

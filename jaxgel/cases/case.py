@@ -46,7 +46,7 @@ from ..geometry import Plate, check_plate
 from ..io import mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
 from ..mechanics import Loads, Problem, check_edges, check_room
-from ..transient import Bath, BathOptions, TimeOptions, check_swelling, resolved_time, step_times, swell
+from ..transient import Bath, BathOptions, TimeOptions, check_numbers, check_swelling, resolved_time, step_times, swell
 from .baths import baths, check_time, start_entries
 from .plates import moved_plate, outline_tables, pixel_tables, plate_of_tables
 from .samples import built_in
@@ -104,14 +104,16 @@ class Case:
     def problem(self, model: Model, *, imperfect: bool = True) -> Problem:
         """The `Problem` of the case on its ``model``: its gel, control, contact and loads, and with ``imperfect`` its imperfection.
 
-        ValueError for what swelling in time does not cover.
+        ValueError for what swelling in time does not cover, and a bath that is too dry for the gel.
         """
         options = self.sweep if imperfect else dataclasses.replace(self.sweep, imperfection=0.0)
         problem = problem_by_options(model, self.gel, options, loads=self.loads.of(model))
         if self.time is None:
             return problem
+        baths = self.baths()
         check_swelling(problem)
-        return problem.replace(control=self.time.control(self.baths()))
+        check_numbers(problem, baths.values(), self.time.D)
+        return problem.replace(control=self.time.control(baths))
 
     def path(self, model: Model, *, observer: Observer = UNOBSERVED) -> Path:
         """`Path` of the case's sweep, or swelling in time, on its ``model``."""

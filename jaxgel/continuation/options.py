@@ -162,17 +162,20 @@ class SweepOptions:
         return CONTROLS[self.control].make(own)
 
 
-def check_sweep(problem: Problem, values: Float[np.ndarray, " k"]) -> None:
-    """Raise ValueError, one line, for a gel, a control with these ``values`` or edges of the plate that no sweep can use."""
+def check_sweep(problem: Problem, values: Float[np.ndarray, " k"], *, field: str = "mu") -> None:
+    """Raise ValueError, one line, for a gel, a control with these ``values`` or edges of the plate that no sweep can use.
+
+    ``field`` names mu in the text.
+    """
     check_gel(problem.gel)
     check_control(problem.control, problem.gel, values)
-    _check_round_off(problem, values)
+    _check_round_off(problem, values, field)
     if not problem.moves_edges:
         check_room(problem.model.cloud.plate)
     check_driven(problem, values)
 
 
-def _check_round_off(problem, values):
+def _check_round_off(problem, values, field):
     """ValueError for a mu so low that the tangent has hardly a digit of the network's stiffness Nv beside the bulk stiffness 1 / (J - 1).
 
     J is that under the pressure -Nv of the gel that swells least.
@@ -188,5 +191,5 @@ def _check_round_off(problem, values):
         if lowest < least:
             where = "" if problem.control.name == "mu" else f" at {problem.control.name} = {value:g}"
             raise Inadmissible(
-                f"mu: {lowest:g}{where} is too low, J - 1 would be lost in round-off; give at least {np.ceil(10 * least) / 10:.1f} kT"
+                f"{field}: {lowest:g}{where} is too low, J - 1 would be lost in round-off; give at least {np.ceil(10 * least) / 10:.1f} kT"
             )

@@ -154,10 +154,22 @@ class Recorder:
             "control": {"name": self.control.name, "unit": self.control.unit},
             "value_reached": float(self.steps[-1].value) if self.records else None,
             "mu_reached": float(table["mu"][-1]) if self.records else None,
-            "events": events(table),
+            "events": events(table) + self._last_event(stop),
         } | self.notes
         encoded = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False).encode()
         write_atomically(self.folder / "summary.json", lambda stream: stream.write(encoded))
+
+    def _last_event(self, stop: Status) -> list[dict[str, Any]]:
+        """The loss of stability with which swelling in time has ended, as `events` has it, if that was why.
+
+        Its state is the next one, which the run does not have.
+        """
+        if stop is not Status.LOST_STABILITY:
+            return []
+        k, before = len(self.records), float(self.steps[-1].value)
+        t = self.case.times(self.problem)[k - 1]
+        text = f"the state becomes unstable, with which the run ends, between t = {before:.4g} and {t:.4g}"
+        return [{"event": "bifurcation", "state": k, "t": t, "t_before": before, "text": text}]
 
 
 def _clear(folder: File) -> None:

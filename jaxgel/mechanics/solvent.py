@@ -135,7 +135,7 @@ def _boundary(lists):
 def solvent_of(model: Model, wetted: tuple[str | int, ...]) -> Solvent:
     """`Solvent` of a model whose boundary is ``wetted`` in these parts, see `wetted_parts`; their places in it number the parts.
 
-    ValueError where too few nodes are wetted, or the cloud is too coarse for gradients.
+    ValueError if one of the parts has one node alone, or the cloud is too coarse for gradients.
     """
     lists, cloud = model.lists, model.cloud
     nodes, parts = wetted_nodes(lists, wetted)
@@ -179,10 +179,10 @@ def wetted_nodes(lists: Connectivity, wetted: tuple[str | int, ...]) -> tuple[In
     all_parts = wetted_parts(lists)
     found = {}
     for number, part in enumerate(wetted):
+        if len(all_parts[part]) < 2:
+            raise ValueError(f"bath: {part!r} has one node alone, what is wetted needs two at least; use a smaller spacing")
         for node in all_parts[part].tolist():
             found.setdefault(node, number)
-    if len(found) == 1:
-        raise ValueError("bath: one node alone is wetted, it needs two at least; use a smaller spacing")
     nodes = np.array(sorted(found), dtype=int)
     return nodes, np.array([found[node] for node in nodes.tolist()], dtype=int)
 

@@ -20,7 +20,8 @@ from ..controls import Setting, check_values
 class Bath:
     """A bath with the chemical potential ``mu``, kT, from time 0 on, or with values ``mu`` at ``times``, linear in between.
 
-    Before its first time it has its first value; the step from what the gel has at the start to that is a jump at time 0.
+    Before its first time it has its first value, and beyond its last time it keeps its last one. The
+    step from what the gel has at the start to its first value is a jump at time 0.
 
     JAX differentiates by both.
 
@@ -30,7 +31,7 @@ class Bath:
     """
 
     mu: Scalar | Sequence[float]
-    """Chemical potential, kT, or its values."""
+    """Chemical potential, kT, or its values; at most 0, that of the pure solvent."""
     times: Sequence[float] | None = None
     """Times of the values, rising from 0 or later, in the unit of time of D; None for one value."""
 
@@ -44,6 +45,8 @@ class Bath:
         mu = finite_numbers(np.atleast_1d(np.asarray(self.mu, dtype=float)), (len(times),), "bath.mu")
         if times[0] < 0:
             raise ValueError(f"bath.times: {times[0]:g} is not accepted, a bath begins at time 0 or later")
+        if max(mu) > 0:
+            raise ValueError(f"bath.mu: {max(mu):g} is not accepted, it must be at most 0 kT, that of the pure solvent")
         object.__setattr__(self, "mu", tuple(map(float, mu)))
         object.__setattr__(self, "times", tuple(map(float, times)))
 

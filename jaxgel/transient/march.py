@@ -56,6 +56,8 @@ class Moment:
     """Corrections of Newton's method since the moment before, those of refused steps included."""
     steps: tuple[Step, ...] = ()
     """The steps since the moment before."""
+    began: float = 0.0
+    """Time at which the last step began."""
 
     def state(self, transport: Transport, mu: float) -> State:
         """The `State` in a bath of mean potential ``mu``, kT, linearised there; its stability is not computed."""
@@ -114,12 +116,13 @@ def _step(transport, before, now, end, bath, newton, observer):
     start = now.stage if before is None else _extrapolated(before, now, middle)
     first = solved(start, old, GAMMA * dt, middle)
     if not first.status.ok:
-        return Moment(middle, first, now.supplied, first.iterations)
+        return Moment(middle, first, now.supplied, first.iterations, began=now.t)
     target = old + (1 - GAMMA) / GAMMA * (first.ratios - old)
     start = _extrapolated(now, Moment(middle, first, now.supplied), end)
     second = solved(start, target, GAMMA * dt, end)
     supplied = now.supplied + dt * ((1 - GAMMA) * first.inflow + GAMMA * second.inflow) if second.status.ok else now.supplied
-    return Moment(end, second, supplied, first.iterations + second.iterations, (Step(now.t, end, first.light, second.light),))
+    iterations, step = first.iterations + second.iterations, Step(now.t, end, first.light, second.light)
+    return Moment(end, second, supplied, iterations, (step,), now.t)
 
 
 def _mean(bath, t):

@@ -23,7 +23,7 @@ from ..mechanics import Problem, factorised_tangent, moments, of_groups, overlap
 from .bath import Bath, Time, values_of
 from .march import Moment, Step, advance
 from .problem import Transport
-from .stage import Stage, acting_problem
+from .stage import BALANCE, Stage, acting_problem
 
 
 class Start(NamedTuple):
@@ -113,7 +113,8 @@ def _march(transport, baths, states, steps, times, branch, newton, observer):
         if not state.status.ok:
             if following.stage.status.ok:  # otherwise `advance` has told it
                 observer.refused(state)
-            text = f"{state.status.text}; residual {state.residual:.1e}, solvent {following.stage.balance:.1e}"
+            missed = "".join(f"; {error}" for error in _missed(following.stage, newton))
+            text = f"the last step, from t = {following.began:.6g}, failed: {state.status.text}{missed}"
             return state.status, f"stopped after t = {now.value:.6g}: {text}"
         if branch == "stable" and state.negative_pivots > 0:
             observer.refused(dataclasses.replace(state, status=Status.LOST_STABILITY))
@@ -125,6 +126,16 @@ def _march(transport, baths, states, steps, times, branch, newton, observer):
         observer.accepted(state)
         states.append(state)
     return Status.CONVERGED, ""
+
+
+def _missed(stage, newton):
+    """The errors of an iterate that are above their tolerances, in words."""
+    errors = {
+        "residual of the forces": (stage.residual, newton.tolerance),
+        "error of the volume ratios": (float(stage.linearisation.violation), newton.constraint_tolerance),
+        "balance of the solvent": (stage.balance, BALANCE),
+    }
+    return [f"{name} {error:.1e}, tolerance {most:.0e}" for name, (error, most) in errors.items() if not error < most]
 
 
 def kinks_of(baths: Iterable[Bath]) -> list[float]:
@@ -166,7 +177,7 @@ def check_numbers(problem: Problem, baths: Iterable[Bath], D: Scalar) -> None:
         raise ValueError(f"D: {D} is not accepted, it must be a number > 0 (mm^2 per unit of time)")
     mu = [bath.mu for bath in baths]
     if not is_traced(problem, mu):
-        check_sweep(problem, np.concatenate(mu))
+        check_sweep(problem, np.concatenate(mu), field="bath.mu")
 
 
 def _state(transport, moment, mu):

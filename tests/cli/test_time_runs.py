@@ -52,6 +52,15 @@ def assert_same(folder, other):
     assert [name for name in one if one[name] != two[name]] == []
 
 
+@pytest.mark.parametrize(("mu", "text"), [(-60.0, "bath.mu: -60 is too low"), (0.5, "bath.mu: 0.5 is not accepted")])
+def test_a_bath_that_is_refused_leaves_former_results(run, tmp_path, capsys, mu, text):
+    """Too dry for the gel, or above the pure solvent."""
+    folder = shutil.copytree(run, tmp_path / "former")
+    (tmp_path / "other.toml").write_text(changed(CASE, ("mu = -1.5\n", f"mu = {mu}\n")))
+    assert cli.main(["run", str(tmp_path / "other.toml"), "--out", str(folder)]) == 2
+    assert text in capsys.readouterr().err and contents(folder) == contents(run)
+
+
 def test_a_run_in_time_leaves_its_files(run):
     """Time is the first column and the control; the states hold what the solvent needs."""
     found = load_run(run)
@@ -167,6 +176,34 @@ def test_states_without_the_solvent_are_not_continued(run, tmp_path, capsys):
         assert cli.main(["resume", str(folder)]) == 2
         assert re.fullmatch(rf"jaxgel: error: folder: [^\n]*{message}[^\n]*\n", capsys.readouterr().err)
         assert {file.name: file.read_bytes() for file in folder.glob("*.*")} == before
+
+
+BUCKLING = """
+[plate]
+sample = "sample-4"
+[sweep]
+mu_start = -4.9678
+[time]
+times = [0.01, 0.5, 2.0]
+[bath]
+mu = -1.3
+[discretisation]
+spacing = 1.1
+[output]
+figures = false
+animation = false
+"""
+
+
+def test_a_loss_of_stability_that_ends_a_run_is_an_event_of_its_summary(tmp_path, capsys):
+    """With its time; on the branch that goes on the table of states has it."""
+    (tmp_path / "buckling.toml").write_text(BUCKLING)
+    assert cli.main(["run", str(tmp_path / "buckling.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 3
+    assert "stopped after t = 0.5: at t = 2 the state is unstable" in capsys.readouterr().err
+    found = load_run(tmp_path / "out")
+    (event,) = [one for one in found.summary["events"] if one["event"] == "bifurcation"]
+    assert (event["state"], event["t_before"], event["t"]) == (3, 0.5, 2.0) and len(found.value) == 3
+    assert event["text"] == "the state becomes unstable, with which the run ends, between t = 0.5 and 2"
 
 
 MAP = '[map]\nsamples = "grid"\n[[parameters]]\nof = "chi"\nvalues = [0.1, 0.2]\n'
