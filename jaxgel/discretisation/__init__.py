@@ -5,6 +5,7 @@ from .connectivity import Connectivity, plate_edge_ends
 from .consistency import consistent_gradients
 from .interpolation import Interpolation, evaluate_points
 from .ladder import MANY, NODES, PAIRS, room
+from .layout import Cells, cells_of
 from .model import Model, discretise
 from .moving_least_squares import BASES, KINDS, n_monomials, shape_functions, shape_functions_and_gradients
 from .neighbours import pad_nodes, reaching_nodes
@@ -25,6 +26,7 @@ __all__ = [
     "SIGNS",
     "SPENT",
     "Body",
+    "Cells",
     "Connectivity",
     "DiscretisationOptions",
     "Interpolation",
@@ -33,6 +35,7 @@ __all__ = [
     "PatchBlock",
     "Quality",
     "cell_sizes",
+    "cells_of",
     "consistent_gradients",
     "core_probe",
     "cubic_spline_weight",
