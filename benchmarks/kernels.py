@@ -6,7 +6,9 @@ Prints, for each case on its default cloud: the linearisation, tangent, factor a
 step at mu = -3 (medians of ``--repeats``); the same factor and solve by SciPy's SuperLU in symmetric mode,
 and their time over jaxgel's; the seconds of a sweep of 30 steps to -0.9178 on the stable branch and the
 whole plate (``symmetry="off"``), the share of its eigenvalues and pivots, and the share outside compiled
-programs and LAPACK ("rest"). BLAS and SuperLU use one thread, XLA what the machine has.
+programs and LAPACK ("rest"). BLAS and SuperLU use one thread, XLA what the machine has. With jax 0.12 or later ``--library`` prints
+instead the processor seconds of linearise and tangent with the library to which XLA hands small reductions, and over those without it:
+medians of 20 times as many calls, with and without in turn.
 """  # fmt: skip
 
 import argparse
@@ -19,10 +21,12 @@ from scipy.sparse.linalg import splu
 
 import jaxgel
 from jaxgel import Problem
+from jaxgel._programs import fitted
 from jaxgel.continuation.frames import Frame
 from jaxgel.equilibrium import newton
 from jaxgel.linalg import Factor, factor
 from jaxgel.mechanics import linearise, tangent
+from jaxgel.mechanics.assembly import _tangent
 
 MU = np.linspace(-4.9678, -0.9178, 30)  # kT
 STABILITY = ((Frame, "factorised"), (Frame, "check"))
@@ -31,6 +35,7 @@ KERNELS = (
     *((newton, name) for name in ("linearise", "condensed_rhs", "_stepped", "factorised_tangent", "touches")),
     (Factor, "solve"),
 )  # what a sweep calls besides its own Python; none calls another of them, but once
+WITHOUT_LIBRARY = {"xla_cpu_experimental_ynn_fusion_type": ""}
 SUPERLU = dict(permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True, Equil=False))
 
 
@@ -38,7 +43,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", nargs="+", default=["sample-1", "sample-7", "sample-4", "lattice"], help="built-in names")
     parser.add_argument("--repeats", type=int, default=15, help="runs of which the median is taken (15)")
+    parser.add_argument("--library", action="store_true", help="compare with and without XLA's library for small reductions")
     options = parser.parse_args()
+    if options.library:
+        for name in options.cases:
+            plate = jaxgel.sample(name)
+            print(name, *library(jaxgel.discretise(jaxgel.make_cloud(plate)), plate.gel, 20 * options.repeats), flush=True)
+        return
     names = ("DOFs", "linearise", "tangent", "factor", "solve", "SuperLU", "solve", "ratio", "sweep")
     names += ("stability", "rest")
     print(f"{'case':10}", *(name.rjust(9) for name in names))
@@ -75,6 +86,24 @@ def newton_step(model, gel, repeats):
             "its solve": median(lambda: lu.solve(rhs), repeats),
         },
     )
+
+
+def library(model, gel, repeats):
+    """For linearise and tangent, in words, processor seconds with XLA's library for small reductions, and over those without."""
+    path = jaxgel.sweep(jaxgel.Problem(model, gel, contact=False), [-3.5, -3.0])
+    shared = Problem(model, gel, contact=False).prepared.shared
+    at = fitted(path.x[-1], "n", shared.lengths), fitted(path.pressure[-1], "g", shared.lengths)
+    now = linearise(shared, *at, -3.0)
+    for function, args in ((linearise, (shared, *at, -3.0)), (_tangent, (shared, *at, now))):
+        lowered = jax.jit(function.__wrapped__).lower(*args)
+        programs, seconds = [lowered.compile(compiler_options=options) for options in ({}, WITHOUT_LIBRARY)], ([], [])
+        for number in range(2 * (repeats + 1)):
+            begin = time.process_time()
+            jax.block_until_ready(programs[number % 2](*args))
+            seconds[number % 2].append(time.process_time() - begin)
+        own, other = (statistics.median(some[1:]) for some in seconds)
+        count = programs[0].as_text().count("ynn_fusion")
+        yield f"{function.__name__} {1e3 * own:.2f} ms, ratio {own / other:.2f}, ynn_fusion {count} times;"
 
 
 def sweep(model, gel, repeats):

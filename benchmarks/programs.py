@@ -1,8 +1,9 @@
 """Programs that JAX compiles, stage by stage, in one process that begins without any: python benchmarks/programs.py [--functions N]
 
 A stage prints how many programs it compiled or loaded, and its seconds: in all, of tracing, of lowering, and of compiling (or loading from
-a compilation cache, where JAX_COMPILATION_CACHE_DIR names one); then the functions whose programs took longest. The two plates have four
-holes each and nearly as many nodes. ``--quick`` takes a wide spacing.
+a compilation cache, where JAX_COMPILATION_CACHE_DIR names one); then the functions whose programs took longest, each with its seconds of
+the three kinds and its number of programs. The two plates have four holes each and nearly as many nodes; the table is that of
+``history.csv``, with the fields of figures and files. ``--quick`` takes a wide spacing.
 
 With ``--plates N`` that many different plates are swept and differentiated instead. Every tenth line
 has programs compiled so far, memory mappings and memory.
@@ -20,7 +21,9 @@ import numpy as np
 from jax import monitoring
 
 import jaxgel
+from jaxgel import observables
 from jaxgel._programs import mappings
+from jaxgel.design import DesignProblem, bound, optimise, value_at
 
 KINDS = {"jaxpr_trace_duration": "tracing", "jaxpr_to_mlir_module_duration": "lowering", "backend_compile_duration": "compiling"}
 GEL = jaxgel.Gel(Nv=1e-3, chi=0.2)
@@ -82,16 +85,18 @@ def main():
         many(options.plates, spacing, programs)
         return
     print(f"{'stage':<34} {'programs':>8} {'seconds':>8} {'tracing':>8} {'lowering':>8} {'compiling':>9}  nodes")
-    clouds = {}
+    clouds, paths = {}, {}
     for name, axes in {"first": (6.0, 4.5), "second": (5.7, 4.9)}.items():
         made = plate(axes, spacing)
 
         def swept(made=made, name=name):
             clouds[name] = made, jaxgel.make_cloud(made)
-            path = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(clouds[name][1]), GEL), VALUES)
-            return jaxgel.core_rotation(path)
+            paths[name] = jaxgel.sweep(jaxgel.Problem(jaxgel.discretise(clouds[name][1]), GEL), VALUES)
+            return jaxgel.core_rotation(paths[name])
 
         stage(f"{name} plate: sweep", swept, programs, options.functions, lambda name=name: clouds[name][1])
+    for name, path in paths.items():
+        stage(f"{name} plate: table and fields", lambda path=path: observed(path), programs, options.functions)
     for name, axes in {"first": (6.0, 4.5), "second": (5.7, 4.9)}.items():
         of = jax.value_and_grad(rotation(*clouds[name]))
         stage(f"{name} plate: gradient", lambda of=of, axes=axes: of(jnp.array(axes)), programs, options.functions)
@@ -104,6 +109,28 @@ def main():
         return jax.value_and_grad(rotation(moved, jaxgel.make_cloud(moved)))(jnp.array([6.2, 4.4]))
 
     stage("a cloud made anew: gradient", again, programs, options.functions)
+    for name, (made, _) in clouds.items():
+        stage(f"{name} plate: evaluation of a study", lambda made=made: evaluated(made), programs, options.functions)
+
+
+def observed(path):
+    """The table of a path, and its fields for figures and files."""
+    table = observables.history(path)
+    fields = [of(path) for of in (observables.outlines, observables.deformed_vertices, observables.volume_ratio, observables.cauchy_stress)]
+    return table["rotation_deg"], fields
+
+
+def evaluated(made):
+    """The first evaluation of a study, with its gradient: the most rotation for a bounded surface ratio and gap."""
+    start = {"axes": np.array(made.holes[0].semi_axes, float)}
+    bounds = {"axes": (start["axes"] - 0.5, start["axes"] + 0.5)}
+    limits = bound("surface_ratio", below=3.0), bound("gap", above=0.5)
+
+    def plate_of(parameters):
+        return made.at([{"semi_axes": parameters["axes"]}] * 4)
+
+    problem = DesignProblem(start, bounds, plate_of, GEL, VALUES, value_at(jaxgel.rotation_angle, VALUES[-1]), constraints=limits)
+    return optimise(problem, evaluations=1).parameters
 
 
 def many(count, spacing, programs):
@@ -130,11 +157,19 @@ def stage(name, run, programs, count, cloud=None):
     of_kind = [covered(spans[kind]) for kind in ("tracing", "lowering", "compiling")]
     nodes = "" if cloud is None else len(cloud().nodes)
     print(f"{name:<34} {len(compiled):8} {seconds:8.1f} {of_kind[0]:8.1f} {of_kind[1]:8.1f} {of_kind[2]:9.1f}  {nodes}")
-    by_function = collections.defaultdict(list)
-    for start, end, function in compiled:
-        by_function[function].append(end - start)
-    dearest = sorted(by_function.items(), key=lambda item: -sum(item[1]))[:count]
-    print("    " + ", ".join(f"{function} {sum(taken):.2f} s ({len(taken)})" for function, taken in dearest), flush=True)
+    by_function = collections.defaultdict(lambda: [0.0] * 3)
+    for number, kind in enumerate(("tracing", "lowering", "compiling")):
+        for start, end, function in spans[kind]:
+            by_function[bare(function)][number] += end - start
+    numbers = collections.Counter(bare(function) for _, _, function in compiled)
+    dearest = sorted(by_function, key=lambda function: -sum(by_function[function]))[:count]
+    told = ("+".join(f"{seconds:.2f}" for seconds in by_function[function]) for function in dearest)
+    print("    " + ", ".join(f"{name} {text} s ({numbers[name]})" for name, text in zip(dearest, told, strict=True)), flush=True)
+
+
+def bare(function):
+    """The name of a function, which JAX calls jit(name) when it compiles it."""
+    return function.removeprefix("jit(").removesuffix(")")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from .connectivity import Connectivity, plate_edge_ends
 from .consistency import consistent_gradients
 from .interpolation import Interpolation, evaluate_points
 from .ladder import MANY, NODES, PAIRS, room
+from .layout import Cells, cells_of
 from .model import Model, discretise
 from .moving_least_squares import (
     BASES,
@@ -33,6 +34,7 @@ __all__ = [
     "SIGNS",
     "SPENT",
     "Body",
+    "Cells",
     "Connectivity",
     "DiscretisationOptions",
     "Interpolation",
@@ -41,6 +43,7 @@ __all__ = [
     "PatchBlock",
     "Quality",
     "cell_sizes",
+    "cells_of",
     "consistent_gradients",
     "core_probe",
     "definite_inverse",

@@ -151,5 +151,4 @@ def _padded(block, patches):
 @once_per_owner
 def _padded_outline(outline):
     """An interpolation with room for more points."""
-    points = rung(len(outline.points))
-    return jax.tree.map(lambda values: resized(values, (points, *values.shape[1:]), edge=True), outline)
+    return outline.with_room(rung(len(outline.points)))

@@ -49,6 +49,10 @@ class Interpolation:
         """Deformation gradients at the points."""
         return jnp.einsum("pai,paj->pij", x[self.nodes], self.dphi)
 
+    def with_room(self, count: int) -> "Interpolation":
+        """The same with room for ``count`` points: the last one again."""
+        return jax.tree.map(lambda values: padded(values, count), self)
+
 
 def interpolate(
     cloud: Cloud, points: Float[Array, "p 2"], neighbours: tuple[Int[np.ndarray, "p a"], Float[np.ndarray, "p a"]], basis: str

@@ -37,6 +37,23 @@ class Layout(NamedTuple):
     """Per block the numbers (c, q) of the patches' points, -1 for padding."""
 
 
+class Cells(NamedTuple):
+    """The integration cells as programs take them that sum over each."""
+
+    of_points: tuple[Int[np.ndarray, "c q"], ...]
+    """Per block of a shared body the cell of each quadrature point; of padding, which has no weight, that of another point."""
+    patch: Int[np.ndarray, " cells"]
+    """Patch number of each cell."""
+
+
+@once_per_owner
+def cells_of(lists: Connectivity) -> Cells:
+    """The ``Cells`` of a ``Connectivity``."""
+    layout = layout_of(lists)
+    of_points = (layout.quadrature.owner[np.where(numbers >= 0, numbers, numbers[:, :1])] for numbers in layout.points_of)
+    return Cells(tuple(of_points), layout.patch)
+
+
 @once_per_owner
 def layout_of(lists: Connectivity) -> Layout:
     """The ``Layout`` of a ``Connectivity``."""

@@ -53,6 +53,11 @@ class Model(Body):
         return shared_body(self)
 
     @property
+    def lengths(self) -> dict[str, int]:
+        """Numbers of nodes, volume groups, cells and points of the outlines, by letter."""
+        return {**super().lengths, "c": self.n_cells, "p": 0 if self.outline is None else len(self.outline.points)}
+
+    @property
     def n_nodes(self) -> int:
         """Number of nodes."""
         return len(self.lists.topology.node_vertices)

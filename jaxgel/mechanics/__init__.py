@@ -11,6 +11,7 @@ from .dofs import (
     free_dofs,
     held_dofs,
     periodic_images,
+    periods_of,
     unknowns,
 )
 from .energy import curvature, energy_at, hessian_product, network_energy, residual, total_energy
@@ -28,7 +29,7 @@ from .mixed import (
     state_pressure,
 )
 from .operators import Operators, precomputed_operators
-from .outlines import crosses, holes_of_loops, outline_arcs, outline_loops, overlaps
+from .outlines import Loops, crosses, holes_of_loops, loop_points, loops_of, outline_arcs, overlaps
 from .pairs import contact_pairs, node_pairs, pair_slots, tangent_pattern
 from .problem import Problem, check_driven, constraints_of, shared_tangents
 from .solvent import (
@@ -93,6 +94,7 @@ __all__ = [
     "Free",
     "Linearisation",
     "Loads",
+    "Loops",
     "Operators",
     "Problem",
     "Solvent",
@@ -140,18 +142,20 @@ __all__ = [
     "linearised_about",
     "load_vector",
     "localised",
+    "loop_points",
+    "loops_of",
     "mean_stiffness",
     "moments",
     "network_energy",
     "node_pairs",
     "of_groups",
     "outline_arcs",
-    "outline_loops",
     "overlaps",
     "pair_energy",
     "pair_product",
     "pair_slots",
     "periodic_images",
+    "periods_of",
     "places",
     "places_of",
     "potentials",

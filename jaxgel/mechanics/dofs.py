@@ -7,6 +7,7 @@ holds the component normal to its edge, a fixed edge both.
 
 import dataclasses
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -153,17 +154,32 @@ def _period(topology, axis):
     return int(topology.edge_nodes[edge][0]), int(topology.edge_nodes[opposite][0])
 
 
-def deformation_of(x: Float[Array, "n 2"], topology: Topology, held: Float[Array, "2 2"] | None = None) -> Float[Array, "2 2"]:
-    """Macroscopic deformation gradient (2, 2) of a plate with the nodal positions ``x`` (n, 2): between the sides of a periodic cell that
-    of the positions, free components included, elsewhere the one that is ``held``, by default that of the plate.
-    """
+class Periods(NamedTuple):
+    """The periods of a cell along x and y."""
+
+    ends: Int[np.ndarray, "2 2"]
+    """Far and near node of each."""
+    length: Float[np.ndarray, " 2"]
+    """Their dry lengths, mm."""
+    periodic: Bool[np.ndarray, " 2"]
+    """Whether the plate is periodic along each."""
+
+
+@once_per_owner
+def periods_of(topology: Topology) -> Periods:
+    """The ``Periods`` of a plate."""
     plate = topology.plate
-    columns = list(jnp.asarray(np.array(plate.dry_deformation) if held is None else held).T)
-    for axis, (edge, length) in enumerate((("right", plate.width), ("top", plate.height))):
-        if plate.edges[edge] == "periodic":
-            far, near = _period(topology, axis)
-            columns[axis] = (x[far] - x[near]) / length
-    return jnp.stack(columns, axis=1)
+    periodic = [plate.edges[edge] == "periodic" for edge in ("right", "top")]
+    ends = [_period(topology, axis) if periodic[axis] else (0, 0) for axis in range(2)]
+    return Periods(np.array(ends), np.array([plate.width, plate.height], float), np.array(periodic))
+
+
+def deformation_of(x: Float[Array, "n 2"], periods: Periods, held: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
+    """Macroscopic deformation gradient (2, 2) of a plate with the nodal positions ``x`` (n, 2): between the sides of a periodic cell that
+    of the positions, free components included, elsewhere the one that is ``held``.
+    """
+    between = (x[periods.ends[:, 0]] - x[periods.ends[:, 1]]) / periods.length[:, None]
+    return jnp.where(periods.periodic, between.T, held)
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["deformation", "displacement", "fields"], meta_fields=["at_rest"])

@@ -13,7 +13,8 @@ import numpy as np
 
 from .._compiled import compiled
 from .._memo import once_per_owner
-from .._sizes import joined, resized, taken
+from .._programs import program
+from .._sizes import joined, resized, rung, taken
 from .._tracing import is_traced
 from .._types import Array, Float, Int, Scalar
 from .._validation import check_kind, kind_in_words
@@ -147,13 +148,14 @@ def _surface_points(model):
 
 
 def shared_gel(gel: LocalGel, body: Body) -> LocalGel:
-    """A `localised` gel as the programs of a ``shared`` body take it; what it is on the outline, which they do not ask for, is left out."""
+    """A `localised` gel as the programs of a ``shared`` body take it."""
 
     def padded(part):
         if not isinstance(part, LocalValues):
             return part
         points = tuple(resized(values, block.weight.shape, edge=True) for values, block in zip(part.points, body.blocks, strict=True))
-        return LocalValues(points, resized(part.groups, body.carries.shape, edge=True), np.zeros(0))
+        outline = resized(part.outline, (rung(len(part.outline)),), edge=True)
+        return LocalValues(points, resized(part.groups, body.carries.shape, edge=True), outline)
 
     return with_parameters(gel, padded)
 
@@ -162,10 +164,10 @@ def mean_stiffness(gel: LocalGel, model: Model) -> Scalar:
     """The mean of Nv over the dry volume of a `localised` gel, that of elastomers left out."""
     if not isinstance(gel.Nv, LocalValues):
         return gel.Nv
-    return _mean_of_local_stiffness(gel, model)
+    return _mean_of_local_stiffness(shared_gel(gel, model.shared), model)
 
 
-@compiled()
+@program()
 def _mean_of_local_stiffness(gel, model):
     volumes = jnp.where(model.carries & takes_solvent(gel_in_groups(gel)), all_volumes(model), 0.0)
     return jnp.sum(volumes * gel.Nv.groups) / jnp.sum(volumes)

@@ -7,17 +7,19 @@ inverse of the dry distance. So a loop is exact along held edges and in every af
 """
 
 import dataclasses
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
 
-from .._compiled import compiled
 from .._memo import once_per_owner
-from .._types import Array, Float, Int
+from .._programs import program
+from .._sizes import rung
+from .._types import Array, Bool, Float, Int
 from ..cloud import Topology
-from ..discretisation import Model
+from ..discretisation import Body, Model
 from ..geometry import edge_lines, held_components
 
 WALL_CROSSING = 1e-9  # of a wall's length: distance beyond it at which an outline crosses it
@@ -37,29 +39,107 @@ class _Arc:
     """Per corner: component of the displacement -> edge of the plate through it that prescribes it."""
 
 
-def outline_loops(x: Float[Array, "n 2"], model: Model) -> list[Array]:
-    """Closed loops (m, 2), mm, of the holes at nodal positions ``x`` (n, 2), along the plate's edge where it cuts a hole.
+class Corners(NamedTuple):
+    """Corners of the plate inside holes, and what their deformed positions follow from.
 
-    One for each hole, in their order; one for each part of a hole that the plate's edge cuts into several, see `holes_of_loops`.
+    Index letters: ``j`` corner, ``e`` end of its arc, ``i`` component.
     """
-    points, loops = model.outline.position(x), []
-    for arc in _arcs(model.lists.topology):
-        loops.append(jnp.concatenate([points[arc.points], _deformed_corners(x, model, arc)]) if len(arc.corners) else points[arc.points])
-    return loops
+
+    dry: Float[np.ndarray, "j 2"]
+    """Dry positions, mm."""
+    ends: Int[np.ndarray, "j e"]
+    """First and last point of the arc, by their numbers in ``model.outline``."""
+    edges: Int[np.ndarray, "j i 2"]
+    """First and last node of the edge of the plate that prescribes a component."""
+    along: Int[np.ndarray, "j i"]
+    """Axis along that edge."""
+    prescribed: Bool[np.ndarray, "j i"]
+    """Whether there is such an edge."""
 
 
-def outline_arcs(x: Float[Array, "n 2"], model: Model) -> list[Array]:
-    """Surfaces of the holes at nodal positions ``x`` (n, 2): lines (m, 2), mm, without the plate's edge.
+class Loops(NamedTuple):
+    """Closed loops around what the holes take of the plate, as programs take them; padding has no length and no hole."""
+
+    corners: Corners
+    """Corners of the plate on loops."""
+    sides: Int[np.ndarray, "3 s"]
+    """First and last point of each side, by their numbers in `loop_points`, and its hole."""
+    arcs: Int[np.ndarray, "3 m"]
+    """Those along the surfaces of the holes."""
+    holes: Int[np.ndarray, " h"]
+    """Numbers of the holes, with room for more."""
+
+    def over_holes(self, values: Float[Array, "s ..."], holes: Int[np.ndarray, " s"]) -> Float[Array, "h ..."]:
+        """Sums of values over the ``holes`` to which they belong."""
+        return jax.ops.segment_sum(values, holes, len(self.holes))
+
+
+def loop_points(x: Float[Array, "n 2"], model: Body, corners: Corners) -> Float[Array, "_ 2"]:
+    """Positions, mm, of the points of the outlines and, after them, of ``corners`` of the plate, at nodal positions ``x`` (n, 2)."""
+    points = model.outline.position(x)
+    return jnp.concatenate([points, _deformed_corners(x, points, model, corners)]) if len(corners.dry) else points
+
+
+def loops_of(model: Model) -> tuple[Loops, list[Int[np.ndarray, " m"]]]:
+    """The ``Loops`` of a model for its shared body, and the `loop_points` of each loop.
+
+    There is a loop for each hole, in their order; one for each part of a hole that the plate's edge cuts into several, see
+    `holes_of_loops`.
+    """
+    return _loops(model.lists.topology, len(model.shared.outline.points))
+
+
+@once_per_owner
+def _loops(topology: Topology, first_corner: int) -> tuple[Loops, list[Int[np.ndarray, " m"]]]:
+    found, sides, of_arcs, of_holes = [], [np.zeros((3, 0), int)], [np.zeros((3, 0), int)], holes_of_loops(topology)
+    arcs, holes = _arcs(topology), rung(len(topology.plate.holes))
+    for arc, hole in zip(arcs, of_holes, strict=True):
+        numbers = np.arange(arc.points.start, arc.points.stop)
+        loop = np.concatenate([numbers, first_corner + np.arange(len(arc.corners))])
+        first_corner += len(arc.corners)
+        found.append(loop)
+        sides.append(np.stack([loop, np.roll(loop, -1), np.full(len(loop), hole)]))
+        of_arcs.append(sides[-1] if arc.closed else np.stack([numbers[:-1], numbers[1:], np.full(len(numbers) - 1, hole)]))
+
+    def with_room(parts):
+        values = np.concatenate(parts, axis=1)
+        count = values.shape[1]
+        return np.append(values, np.tile([[0], [0], [holes]], rung(count) - count), axis=1)
+
+    return Loops(_corners(topology, arcs), with_room(sides), with_room(of_arcs), np.arange(holes)), found
+
+
+def _corners(topology, arcs):
+    """The ``Corners`` of all arcs."""
+    lines = edge_lines(topology.plate)
+    corners = [(arc, corner, edges) for arc in arcs for corner, edges in zip(arc.corners, arc.edges, strict=True)]
+    dry, ends = np.array([corner for _, corner, _ in corners]), [(arc.points.start, arc.points.stop - 1) for arc, *_ in corners]
+    nodes, along = np.zeros((len(corners), 2, 2), int), np.zeros((len(corners), 2), int)
+    prescribed = np.zeros((len(corners), 2), bool)
+    for number, (_, _, edges) in enumerate(corners):
+        for component, edge in edges.items():
+            nodes[number, component] = topology.edge_nodes[edge][[0, -1]]
+            along[number, component], prescribed[number, component] = 1 - lines[edge][0], True
+    return Corners(dry.reshape(-1, 2), np.array(ends, int).reshape(-1, 2), nodes, along, prescribed)
+
+
+def outline_arcs(x: Float[Array, "n 2"], model: Model) -> list[Float[np.ndarray, "m 2"]]:
+    """Surfaces of the holes at nodal positions ``x`` (n, 2): lines (m, 2), mm, without the plate's edge; host.
 
     The line of a whole hole ends at its first point.
     """
-    points = model.outline.position(x)
+    points = np.asarray(_outline_points(x, model))
     lines = [(points[arc.points], arc.closed) for arc in _arcs(model.lists.topology)]
-    return [jnp.concatenate([line, line[:1]]) if closed else line for line, closed in lines]
+    return [np.concatenate([line, line[:1]]) if closed else line for line, closed in lines]
+
+
+@program(x="n", returns="p")
+def _outline_points(x, model):
+    return model.outline.position(x)
 
 
 def holes_of_loops(topology: Topology) -> Int[np.ndarray, " l"]:
-    """Number of the hole (l,) of each loop of `outline_loops`."""
+    """Number of the hole (l,) of each loop of `loops_of`."""
     return np.array([outline.arc.hole for outline in topology.outlines], dtype=int)
 
 
@@ -95,27 +175,19 @@ def _corners_inside(topology, outline):
     return corners[(passed - 1) % 4], prescribed
 
 
-def _deformed_corners(x: Float[Array, "n 2"], model: Model, arc: _Arc) -> Float[Array, "j 2"]:
-    """Deformed positions (j, 2) of the corners of the plate inside a hole, mm."""
-    ends = jax.tree.map(lambda part: part[np.array([arc.points.start, arc.points.stop - 1])], model.outline)
-    position, F = ends.position(x), ends.deformation_gradient(x)
-    found = []
-    for corner, edges in zip(arc.corners, arc.edges, strict=True):
-        away = corner - ends.points
-        distance = jnp.sqrt(jnp.sum(away**2, axis=1))
-        weight = distance[::-1] / jnp.sum(distance)
-        free = weight @ (position + jnp.einsum("eij,ej->ei", F, away))
-        components = [_along_edge(x, model, edges[i], corner)[i] if i in edges else free[i] for i in range(2)]
-        found.append(jnp.stack(components))
-    return jnp.stack(found)
-
-
-def _along_edge(x, model, edge, corner):
-    """Where an edge that moves as a straight line takes a ``corner`` (2,) of the dry plate, (2,) mm."""
-    nodes, along = model.lists.topology.edge_nodes[edge], 1 - edge_lines(model.lists.topology.plate)[edge][0]
-    first, last = nodes[0], nodes[-1]
-    dry = model.cloud.nodes
-    return x[first] + (x[last] - x[first]) * (corner[along] - dry[first, along]) / (dry[last, along] - dry[first, along])
+def _deformed_corners(x: Float[Array, "n 2"], points: Float[Array, "p 2"], model: Body, corners: Corners) -> Float[Array, "j 2"]:
+    """Deformed positions (j, 2) of the corners of the plate inside holes, mm, between the deformed ``points`` of the outlines."""
+    away = corners.dry[:, None] - model.outline.points[corners.ends]
+    distance = jnp.sqrt(jnp.sum(away**2, axis=2))
+    weight = distance[:, ::-1] / jnp.sum(distance, axis=1, keepdims=True)
+    F = model.outline.deformation_gradient(x)[corners.ends]
+    free = jnp.einsum("je,jei->ji", weight, points[corners.ends] + jnp.einsum("jeik,jek->jei", F, away))
+    (first, last), component = np.moveaxis(corners.edges, 2, 0), np.arange(2)
+    before, after = model.nodes[first, corners.along], model.nodes[last, corners.along]
+    span = jnp.where(corners.prescribed, after - before, 1.0)
+    share = (jnp.take_along_axis(corners.dry, corners.along, axis=1) - before) / span
+    on_edges = x[first, component] + (x[last, component] - x[first, component]) * share
+    return jnp.where(corners.prescribed, on_edges, free)
 
 
 def walls(x: Float[Array, "n 2"], topology: Topology) -> Float[Array, "e 2 2"]:
@@ -144,9 +216,6 @@ def crosses(arcs: list[np.ndarray], held: Float[np.ndarray, "e 2 2"]) -> bool:
     return bool(np.any(first != second))
 
 
-_compiled_arcs = compiled()(outline_arcs)
-
-
 def overlaps(x: Float[Array, "n 2"], model: Model) -> bool:
     """Whether a hole's outline crosses itself, another one or an edge of the plate."""
-    return crosses([np.asarray(arc) for arc in _compiled_arcs(x, model)], np.asarray(walls(x, model.lists.topology)))
+    return crosses(outline_arcs(x, model), np.asarray(walls(x, model.lists.topology)))

@@ -1,16 +1,18 @@
 """Outlines of the holes, their areas and aspect ratios; lengths in mm."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._memo import once_per_owner
+from .._sizes import resized
+from .._tracing import is_traced
 from .._types import Array, Float, Int
 from ..cloud import Topology, boundary_edges
-from ..discretisation import Model, make_probe
+from ..discretisation import Body, Model, make_probe
 from ..geometry import edge_lines, inside_holes
-from ..mechanics import holes_of_loops, outline_loops
-from .states import States, of_path, over_states
+from ..mechanics import Loops, loop_points, loops_of
+from .states import States, of_path, outlines_of, over_outlines, positions_of
 
 EDGE_SIDES = 8  # chords of a free edge between two vertices, as of an outline between two nodes
 TINY = 1e-300  # mm^2: square of a side of an outline that has two equal points
@@ -22,19 +24,19 @@ def area_reduction(path: States) -> Float[Array, " k"]:
 
     In a rigid box the cells give the same, (<J> - 1)(1 - phi)/phi with the porosity phi: to 5e-4 of it, until the holes are closed.
     """
-    return over_states(_area_reduction, path)
+    return over_outlines(_area_reduction, path)
 
 
 @of_path
 def area_reduction_per_hole(path: States) -> Float[Array, "k holes"]:
     """Area reduction 1 - A/A0 (k, holes) of each hole."""
-    return over_states(_area_reduction_per_hole, path)
+    return _of_holes(_area_reduction_per_hole, path)
 
 
 @of_path
 def aspect_ratio(path: States) -> Float[Array, "k holes"]:
     """Length over width (k, holes) of each hole: the root of the ratio of its principal second moments of area; 2 for a 2:1 ellipse."""
-    return over_states(_aspect_ratio, path)
+    return _of_holes(_aspect_ratio, path)
 
 
 @of_path
@@ -45,12 +47,40 @@ def outlines(path: States) -> list[Float[Array, "k _ 2"]]:
     edges that prescribe its motion and else continues the deformation at the two ends of the outline. A hole that the edge cuts into
     several parts has a loop for each.
     """
-    return over_states(outline_loops, path)
+    points = points_on_loops(path)
+    points = points if is_traced(points) else np.asarray(points)
+    return [points[:, loop] for loop in loops_of(path.model)[1]]
 
 
 def dry_outlines(model: Model) -> list[Float[Array, "_ 2"]]:
     """Outlines of the holes on the dry plate, closed loops (m, 2), mm, in the order of `outlines`."""
-    return outline_loops(model.cloud.nodes, model)
+    points = dry_points_on_loops(model)
+    points = points if is_traced(points) else np.asarray(points)
+    return [points[loop] for loop in loops_of(model)[1]]
+
+
+def points_on_loops(path: States) -> Float[Array, "k _ 2"]:
+    """Positions, mm, of the points that `mechanics.loops_of` numbers."""
+    return over_outlines(_points_on_loops, path)
+
+
+def _points_on_loops(x, body, loops):
+    return loop_points(x, body, loops.corners)
+
+
+def dry_points_on_loops(model: Model) -> Float[Array, "_ 2"]:
+    """Those on the dry plate."""
+    return _dry_points(outlines_of(model.shared), loops_of(model)[0])
+
+
+@compiled()
+def _dry_points(body, loops):
+    return _points_on_loops(body.nodes, body, loops)
+
+
+def _of_holes(function, path):
+    """Values (k, holes) of a ``function`` as of `over_outlines`."""
+    return resized(over_outlines(function, path), (len(path.x), len(path.model.lists.topology.plate.holes)))
 
 
 @of_path
@@ -73,7 +103,7 @@ def deformed_boundary(path: States) -> Float[np.ndarray, "k e 2 2"]:
     )
     _, first, number = np.unique(of_reference, axis=0, return_index=True, return_inverse=True)  # sides that join have the same end
     probe = make_probe(path.model, dry[first], of_reference[first])
-    position = np.asarray(jax.vmap(probe.position)(jnp.asarray(path.x)))[:, number.ravel()]
+    position = np.asarray(positions_of(probe, path))[:, number.ravel()]
     whole, fine = np.split(position, [2 * int((~free).sum())], axis=1)
     fine = fine.reshape(len(position), EDGE_SIDES + 1, -1, 2)
     sides = np.stack([fine[:, :-1], fine[:, 1:]], axis=3).reshape(len(position), -1, 2, 2)
@@ -115,70 +145,49 @@ def _free_sides(topology: Topology) -> Int[np.ndarray, "2 s"]:
     return np.concatenate(sides, axis=1)
 
 
-def _hole_areas(x: Float[Array, "n 2"], model: Model) -> Float[Array, " holes"]:
+def _hole_areas(x: Float[Array, "n 2"], body: Body, loops: Loops) -> Float[Array, " h"]:
     """Area inside each hole's outline, mm^2: that of a polygon by the shoelace formula, and that between its sides and the outline.
 
     The outline between two vertices is the cubic arc with the outline's tangents F dX at both. The polygon alone misses 2e-4 of the dry
     holes of sample 4 where these close, at mu = -0.2678: a third of the difference between the areas by outlines and by cells.
     """
-    loops, (start, end, hole) = outline_loops(x, model), _sides(model.lists.topology)
-    if not loops:
-        return jnp.zeros(0)
-    polygons = jnp.stack([0.5 * jnp.sum(_cross(loop, jnp.roll(loop, -1, axis=0))) for loop in loops])
-    y, F, dX = model.outline.position(x), model.outline.deformation_gradient(x), model.outline.points[end] - model.outline.points[start]
-    first, last = (jnp.einsum("mij,mj->mi", F[at], dX) for at in (start, end))
-    beyond = _cross(y[end] - y[start], last - first) / 10 - _cross(first, last) / 60
-    of_loops, holes = holes_of_loops(model.lists.topology), len(model.lists.topology.plate.holes)
-    return jax.ops.segment_sum(polygons, of_loops, holes) + jax.ops.segment_sum(beyond, hole, holes)
+    y, F, X = loop_points(x, body, loops.corners), body.outline.deformation_gradient(x), body.outline.points
+    (start, end, hole), (first, last, of_arc) = loops.sides, loops.arcs
+    tangents = [jnp.einsum("mij,mj->mi", F[at], X[last] - X[first]) for at in (first, last)]
+    beyond = _cross(y[last] - y[first], tangents[1] - tangents[0]) / 10 - _cross(*tangents) / 60
+    return loops.over_holes(_cross(y[start], y[end]) / 2, hole) + loops.over_holes(beyond, of_arc)
 
 
 def _cross(a: Float[Array, "m 2"], b: Float[Array, "m 2"]) -> Float[Array, " m"]:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-@once_per_owner
-def _sides(topology: Topology) -> Int[np.ndarray, "3 m"]:
-    """First and last vertex (m,), (m,) of each side of the outlines, in the numbering of ``model.outline``, and its hole (m,)."""
-    first, sides = 0, [np.zeros((3, 0), dtype=int)]
-    for outline in topology.outlines:
-        number = first + np.arange(len(outline.s))
-        first += len(outline.s)
-        start, end = (number, np.roll(number, -1)) if outline.closed else (number[:-1], number[1:])
-        sides.append(np.stack([start, end, np.full(len(start), outline.arc.hole)]))
-    return np.concatenate(sides, axis=1)
+def _area_reduction(x: Float[Array, "n 2"], body: Body, loops: Loops) -> Float[Array, ""]:
+    return 1 - jnp.sum(_hole_areas(x, body, loops)) / jnp.sum(_hole_areas(body.nodes, body, loops))
 
 
-def _area_reduction(x: Float[Array, "n 2"], model: Model) -> Float[Array, ""]:
-    return 1 - jnp.sum(_hole_areas(x, model)) / jnp.sum(_hole_areas(model.cloud.nodes, model))
+def _area_reduction_per_hole(x: Float[Array, "n 2"], body: Body, loops: Loops) -> Float[Array, " h"]:
+    dry = _hole_areas(body.nodes, body, loops)
+    return 1 - _hole_areas(x, body, loops) / jnp.where(dry == 0, 1.0, dry)
 
 
-def _area_reduction_per_hole(x: Float[Array, "n 2"], model: Model) -> Float[Array, " holes"]:
-    return 1 - _hole_areas(x, model) / _hole_areas(model.cloud.nodes, model)
+def _aspect_ratio(x: Float[Array, "n 2"], body: Body, loops: Loops) -> Float[Array, " h"]:
+    """Aspect ratios (h,) of the ellipses with the second moments of the holes' polygons, by Green's theorem side by side; 1 for padding."""
+    y, (start, end, hole) = loop_points(x, body, loops.corners), loops.sides
+    count = loops.over_holes(np.ones(len(hole)), hole)
+    centre = (loops.over_holes(y[start], hole) / jnp.maximum(count, 1.0)[:, None])[hole]
+    a, b = y[start] - centre, y[end] - centre
+    twice, total = _cross(a, b), a + b
+    products = sum(v[:, :, None] * v[:, None] for v in (total, a, b))
+    area, first = loops.over_holes(twice / 2, hole), loops.over_holes(twice[:, None] * total / 6, hole)
+    second = loops.over_holes(twice[:, None, None] * products / 24, hole)
+    is_hole = area != 0
+    second = second - first[:, :, None] * first[:, None] / jnp.where(is_hole, area, 1.0)[:, None, None]
+    mean, spread = (second[:, 0, 0] + second[:, 1, 1]) / 2, _hypot((second[:, 0, 0] - second[:, 1, 1]) / 2, second[:, 0, 1])
+    return jnp.sqrt(jnp.where(is_hole, mean + spread, 1.0) / jnp.where(is_hole, mean - spread, 1.0))
 
 
-def _aspect_ratio(x: Float[Array, "n 2"], model: Model) -> Float[Array, " holes"]:
-    loops, of_loops = outline_loops(x, model), holes_of_loops(model.lists.topology)
-    if not loops:
-        return jnp.zeros(0)
-    return jnp.stack([_length_over_width([loops[i] for i in np.flatnonzero(of_loops == k)]) for k in np.unique(of_loops)])
-
-
-def _length_over_width(loops: list[Array]) -> Float[Array, ""]:
-    """Aspect ratio () of the ellipse with the second moments of polygons (m, 2) together, by Green's theorem edge by edge."""
-    centre = jnp.mean(jnp.concatenate(loops), axis=0)
-    a, b = (jnp.concatenate([jnp.roll(loop, -turn, axis=0) for loop in loops]) - centre for turn in (0, 1))
-    twice = _cross(a, b)
-    area, first = jnp.sum(twice) / 2, twice @ (a + b) / 6
-    total = a + b
-    second = (
-        jnp.einsum("m,mi,mj->ij", twice, total, total) + jnp.einsum("m,mi,mj->ij", twice, a, a) + jnp.einsum("m,mi,mj->ij", twice, b, b)
-    ) / 24
-    second = second - jnp.outer(first, first) / area
-    mean, spread = (second[0, 0] + second[1, 1]) / 2, _hypot((second[0, 0] - second[1, 1]) / 2, second[0, 1])
-    return jnp.sqrt((mean + spread) / (mean - spread))
-
-
-def _hypot(a: Float[Array, ""], b: Float[Array, ""]) -> Float[Array, ""]:
-    """sqrt(a^2 + b^2) (), with derivative 0 at 0."""
+def _hypot(a: Float[Array, " h"], b: Float[Array, " h"]) -> Float[Array, " h"]:
+    """sqrt(a^2 + b^2) (h,), with derivative 0 at 0."""
     square = a**2 + b**2
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

@@ -9,10 +9,12 @@ import numpy as np
 
 from .._compiled import compiled
 from .._memo import once_per_owner
+from .._programs import program
+from .._sizes import resized
 from .._tracing import is_traced
 from .._types import Array, Float, Scalar
 from ..continuation import Path
-from ..discretisation import Model, make_probe
+from ..discretisation import Body, Cells, Connectivity, Model, cells_of, make_probe, room
 from ..materials import (
     LocalGel,
     LocalValues,
@@ -26,8 +28,8 @@ from ..materials import (
     with_parameters,
 )
 from ..materials import cauchy_stress as cauchy_stress_at
-from ..mechanics import at_points, axial_stretch, by_block, deformation_of, gradients_by_block, volume_law, volume_ratios
-from .states import States, of_path, over_states
+from ..mechanics import at_points, axial_stretch, by_block, deformation_of, gradients_by_block, periods_of, volume_law, volume_ratios
+from .states import States, of_path, positions_of
 
 
 @of_path
@@ -37,27 +39,47 @@ def volume_ratio(path: States) -> Float[Array, "k c"]:
     In a film and in generalised plane strain the areal stretch is that field, and J follows from it and from the ``gel`` and ``mu`` of the
     path.
     """
-    if path.model.film:
-        return _film_volume_ratio(path.x, path.value, path.problem)
-    return over_states(_areal_stretch, path) * axial_stretch(path.model)
+    cells = cells_of(path.model.lists)
+    return _film_volume_ratio(path.x, path.value, path.problem, cells) if path.model.film else _volume_ratio(path.x, path.model, cells)
+
+
+@program(x="kn", returns="kc")
+@functools.partial(jax.vmap, in_axes=(0, None, None))
+def _volume_ratio(x, model, cells):
+    return axial_stretch(model) * _areal_stretch(x, model, cells)
+
+
+@program(x="kn", returns="kc")
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
+def _film_volume_ratio(x, at, problem, cells):
+    now, mu = problem.at(at)
+    A, carries = volume_ratios(x, now.model), now.model.carries
+    J = volume_law(now.model, gel_in_groups(now.gel), mu).volume_ratio(jnp.where(carries, A, 2.0))
+    return means_over_cells(J, now.model, cells)
 
 
 @of_path
 def thickness_stretch(path: Path) -> Float[Array, "k c"]:
     """Stretch of the thickness of every cell; 1 in plane strain."""
-    return volume_ratio(path) / over_states(_areal_stretch, path)
+    return volume_ratio(path) / _areal_stretches(path.x, path.model, cells_of(path.model.lists))
+
+
+@program(x="kn", returns="kc")
+@functools.partial(jax.vmap, in_axes=(0, None, None))
+def _areal_stretches(x, model, cells):
+    return _areal_stretch(x, model, cells)
 
 
 @of_path
 def macroscopic_deformation(path: Path) -> Float[Array, "k 2 2"]:
     """Macroscopic deformation gradient F (k, 2, 2) of every state, rows first: of a periodic cell that of its sides, else the held one."""
-    return _macroscopic_deformation(path.x, path.value, path.problem)
+    return _macroscopic_deformation(path.x, path.value, path.problem, periods_of(path.model.lists.topology))
 
 
-@compiled()
-@functools.partial(jax.vmap, in_axes=(0, 0, None))
-def _macroscopic_deformation(x, at, problem):
-    return deformation_of(x, problem.model.lists.topology, problem.edges(at).deformation)
+@program(x="kn")
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
+def _macroscopic_deformation(x, at, problem, periods):
+    return deformation_of(x, periods, problem.edges(at).deformation)
 
 
 @of_path
@@ -71,7 +93,7 @@ def membrane_stress(path: Path) -> Float[Array, " k"]:
     return _membrane_stress(path.x, path.pressure, path.value, path.problem)
 
 
-@compiled()
+@program(x="kn", p="kg")
 @functools.partial(jax.vmap, in_axes=(0, 0, 0, None))
 def _membrane_stress(x, p, at, problem):
     problem, _ = problem.at(at)
@@ -89,13 +111,19 @@ def _membrane_stress(x, p, at, problem):
 @of_path
 def parameter_values(path: Path) -> dict[str, Float[Array, " c"]]:
     """The parameters of the gel that vary over the plate, by name: their means over the cells."""
-    model, volumes = path.model, cell_volumes(path.model)
     found = {name: part for name, part in named_parameters(path.gel).items() if isinstance(part, LocalValues)}
-    return {name: _cell_mean(part, model, volumes) for name, part in found.items()}
+    means = _parameter_means(path.problem, tuple(found), cells_of(path.model.lists)) if found else ()
+    return {name: resized(values, (path.model.n_cells,)) for name, values in zip(found, means, strict=True)}
 
 
-def _cell_mean(part, model, volumes):
-    return over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], model) / volumes
+@program(static=("names",))
+def _parameter_means(problem, names, cells):
+    parameters, volumes = named_parameters(problem.gel), volumes_of(problem.model, cells)
+    return [_cell_mean(parameters[name], problem.model, volumes, cells) for name in names]
+
+
+def _cell_mean(part, model, volumes, cells):
+    return over_cells([block.weight * values for block, values in zip(model.blocks, part.points, strict=True)], cells) / volumes
 
 
 @once_per_owner
@@ -112,15 +140,31 @@ def mean_volume_ratio(path: States) -> Float[Array, " k"]:
     """
     volumes = cell_volumes(path.model)
     if is_traced(path.x, getattr(path, "value", None), volumes):
-        return volume_ratio(path) @ volumes / jnp.sum(volumes)
+        cells = len(cells_of(path.model.lists).patch)
+        return _mean(resized(volume_ratio(path), (len(path.x), cells)), resized(volumes, (cells,)))
     volumes = np.asarray(volumes)
     return host_volume_ratio(path) @ volumes / volumes.sum()
 
 
 @compiled()
+def _mean(J, volumes):
+    return J @ volumes / jnp.sum(volumes)
+
+
 def cell_volumes(model: Model) -> Float[Array, " c"]:
     """Dry volume of every cell, mm^2 (per unit depth)."""
-    return over_cells([block.weight for block in model.blocks], model)
+    return _cell_volumes(model, cells_of(model.lists))
+
+
+@program(returns="c")
+def _cell_volumes(model, cells):
+    return over_cells([block.weight for block in model.blocks], cells)
+
+
+def volumes_of(model: Body, cells: Cells) -> Float[Array, " c"]:
+    """The volumes of the cells, by which sums over these are divided; 1 for padding."""
+    volumes = _cell_volumes(model, cells)
+    return jnp.where(volumes > 0, volumes, 1.0)
 
 
 @of_path
@@ -145,13 +189,7 @@ def _at_each(stretch, path):
 def deformed_vertices(path: States) -> Float[Array, "k v 2"]:
     """Deformed positions (k, v, 2) of all vertices of the cells, mm, for pictures."""
     probe = make_probe(path.model, path.model.cloud.vertices, path.model.cloud.topology.partition.vertices)
-    return _positions(probe, path.x)
-
-
-@compiled()
-@functools.partial(jax.vmap, in_axes=(None, 0))
-def _positions(probe, x):
-    return probe.position(x)
+    return positions_of(probe, path)
 
 
 @of_path
@@ -163,20 +201,26 @@ def cauchy_stress(path: Path) -> Float[Array, "k n 3"]:
     """
     model = path.model
     probe = make_probe(model, model.nodes, model.lists.topology.partition.vertices[model.lists.topology.node_vertices])
-    return _cauchy_stress(path.x, path.pressure, path.value, path.problem, probe)
+    probe = probe.with_room(len(model.shared.nodes))
+    return _cauchy_stress(path.x, path.pressure, path.value, path.problem, probe, cells_of(model.lists), _cells_of_nodes(model.lists))
 
 
-@compiled()
-@functools.partial(jax.vmap, in_axes=(0, 0, 0, None, None))
-def _cauchy_stress(x, p, value, problem, probe):
+@program(x="kn", p="kg", returns="kn")
+@functools.partial(jax.vmap, in_axes=(0, 0, 0, None, None, None, None))
+def _cauchy_stress(x, p, value, problem, probe, cells, around):
     model, (now, mu) = problem.model, problem.at(value)
-    mean, axial = _node_mean(model), model.axial_stretch
+    axial = model.axial_stretch
+
+    def mean(values):
+        """Means over the cells around each node, 0 for padding."""
+        node, cell, share = around
+        return jnp.zeros(len(model.nodes)).at[node].add(share * values[cell])
 
     def stress(F, gel, p):
         return _film_stress(F, gel, p) if model.film else cauchy_stress_at(F, mu, gel, p / axial_stretch(model), axial)
 
-    F, gel = probe.deformation_gradient(x), _gel_at_nodes(now.gel, model, mean)
-    sigma = elementwise(stress, F, gel, mean(cell_means(p, model)), signature="(i,j)->(i,j)")
+    F, gel = probe.deformation_gradient(x), _gel_at_nodes(now.gel, model, mean, cells)
+    sigma = elementwise(stress, F, gel, mean(means_over_cells(p, model, cells)), signature="(i,j)->(i,j)")
     return jnp.stack([sigma[:, 0, 0], sigma[:, 1, 1], sigma[:, 0, 1]], axis=1)
 
 
@@ -186,53 +230,46 @@ def _film_stress(F: Float[Array, "2 2"], gel: LocalGel, p: Scalar) -> Float[Arra
     return (gel.Nv * F @ F.T / A + p * jnp.eye(2)) / jnp.sqrt(jnp.where(p < 0, -p * A / gel.Nv, 1.0))
 
 
-def _gel_at_nodes(gel: LocalGel, model: Model, mean: Callable) -> LocalGel:
+def _gel_at_nodes(gel: LocalGel, model: Body, mean: Callable, cells: Cells) -> LocalGel:
     """The gel at the nodes: parameters that vary as means over the cells, as the pressure."""
 
     def at_nodes(part):
         if not isinstance(part, LocalValues):
             return part
-        return mean(_cell_mean(part, model, cell_volumes(model)))
+        return mean(_cell_mean(part, model, volumes_of(model, cells), cells))
 
     return with_parameters(gel, at_nodes)
 
 
-@compiled()
-@functools.partial(jax.vmap, in_axes=(0, 0, None))
-def _film_volume_ratio(x, at, problem):
-    now, mu = problem.at(at)
-    A, carries = volume_ratios(x, now.model), now.model.carries
-    return cell_means(volume_law(now.model, gel_in_groups(now.gel), mu).volume_ratio(jnp.where(carries, A, 2.0)), now.model)
+def _areal_stretch(x: Float[Array, "n 2"], model: Body, cells: Cells) -> Float[Array, " c"]:
+    return means_over_cells(volume_ratios(x, model), model, cells)
 
 
-def _areal_stretch(x: Float[Array, "n 2"], model: Model) -> Float[Array, " c"]:
-    return cell_means(volume_ratios(x, model), model)
-
-
-@compiled()
-def cell_means(values: Float[Array, " g"], model: Model) -> Float[Array, " c"]:
-    """Means over the cells of the fields with these values in the volume groups."""
+def means_over_cells(values: Float[Array, " g"], model: Body, cells: Cells) -> Float[Array, " c"]:
+    """Means over the cells of the fields with these values in the volume groups; 0 for padding."""
     fields = [block.weight * at_points(part, block) for block, part in zip(model.blocks, by_block(values, model), strict=True)]
-    return over_cells(fields, model) / cell_volumes(model)
+    return over_cells(fields, cells) / volumes_of(model, cells)
 
 
-def over_cells(values: list[Float[Array, "_ _"]], model: Model) -> Float[Array, " c"]:
-    """Sums over each cell of values at the quadrature points, per block."""
-    total = jnp.zeros(model.n_cells)
-    for points, part in zip(model.lists.points, values, strict=True):
-        total = total.at[model.lists.cell_of_point[points]].add(jnp.where(points >= 0, part, 0.0))
+def over_cells(values: list[Float[Array, "_ _"]], cells: Cells) -> Float[Array, " c"]:
+    """Sums over each cell of values at the quadrature points, per block; 0 where a point is padding."""
+    total = jnp.zeros(len(cells.patch))
+    for cell, part in zip(cells.of_points, values, strict=True):
+        total = total.at[cell].add(part)
     return total
 
 
-def _node_mean(model: Model) -> Callable[[Float[Array, " c"]], Float[Array, " n"]]:
-    """Function that takes values of the cells to their means over the cells around each node, see `cauchy_stress`."""
-    topology, part = model.lists.topology, model.lists.topology.partition
+@once_per_owner
+def _cells_of_nodes(lists: Connectivity) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of a node and a cell around it, see `cauchy_stress`, and one over the number of the node's cells; 0 for padding."""
+    topology, part = lists.topology, lists.topology.partition
     number = np.full(len(part.vertices), -1)
-    number[topology.node_vertices] = np.arange(model.n_nodes)
+    number[topology.node_vertices] = np.arange(len(topology.node_vertices))
     corners = number[part.triangles]
     pairs = np.stack([corners, np.broadcast_to(part.cell_of_triangle[:, None], corners.shape)], axis=-1)[corners >= 0]
     node_region = topology.regions_at(part.vertices[topology.node_vertices])
     pairs = pairs[node_region[pairs[:, 0]] == part.region_of_cell[pairs[:, 1]]]
     node, cell = np.unique(pairs, axis=0).T
-    share = 1 / np.bincount(node, minlength=model.n_nodes)[node]
-    return lambda values: jnp.zeros(model.n_nodes).at[node].add(share * values[cell])
+    share = 1 / np.bincount(node)[node]
+    size = (room(len(node)),)
+    return resized(node, size), resized(cell, size), resized(share, size)

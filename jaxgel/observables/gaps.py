@@ -7,16 +7,21 @@ At a free edge a hole is open, and its mouth is a gap between the two ends of it
 gel between them and no gap to each other.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compiled import compiled
 from .._memo import once_per_owner
-from .._types import Array, Float, Int
+from .._tracing import is_traced
+from .._types import Array, Float
 from ..continuation import Path
 from ..equilibrium import Change, Status
 from ..geometry import Plate, edge_lines
-from .areas import dry_outlines, outlines
+from ..mechanics import loops_of
+from .areas import dry_outlines, dry_points_on_loops, outlines, points_on_loops
 from .double_normals import OPEN, WALL, Pair, kinds_of_sides, shortest_double_normal
 from .fields import membrane_stress
 from .states import States, of_path
@@ -52,14 +57,15 @@ def gap(path: States) -> Float[Array, " k"]:
     line if several are equally short, and nan if an outline crosses itself.
     """
     plate = path.model.lists.topology.plate
-    loops, largest = outlines(path), jnp.full(len(path.x), min(plate.width, plate.height))
+    loops, largest = loops_of(path.model)[1], min(plate.width, plate.height)
     if not loops:
-        return largest
-    states = len(path.x)
-    shapes = [(jax.ShapeDtypeStruct((states, 3), int), *[jax.ShapeDtypeStruct((states,), float)] * 2) for _ in loops]
-    arguments = jax.lax.stop_gradient((_edges(plate), dry_outlines(path.model), loops))
-    pairs = jax.pure_callback(_pairs_as_arrays, shapes, *arguments, vmap_method="sequential")
-    return jnp.min(jnp.stack([largest, *(_length(loop, *pair) for loop, pair in zip(loops, pairs, strict=True))]), axis=0)
+        return jnp.full(len(path.x), largest)
+    points, dry = points_on_loops(path), dry_points_on_loops(path.model)
+    places = len(path.x), len(loops)
+    shapes = jax.ShapeDtypeStruct((*places, 3), int), *[jax.ShapeDtypeStruct(places, float)] * 2
+    pairs, arguments = functools.partial(_numbered_pairs, loops, _edges(plate)), jax.lax.stop_gradient((dry, points))
+    pairs = jax.pure_callback(pairs, shapes, *arguments, vmap_method="sequential") if is_traced(arguments) else pairs(*arguments)
+    return _smallest_length(points, *pairs, float(largest))
 
 
 min_gap_once = once_per_owner(min_gap)
@@ -98,14 +104,23 @@ def _pairs(edges: Array, dry: list[Array], loops: list[Array]) -> list[list[Pair
     return [[shortest_double_normal(loop, sides) for loop in np.asarray(states)] for states, sides in zip(loops, kinds, strict=True)]
 
 
-def _pairs_as_arrays(edges: Array, dry: list[Array], loops: list[Array]) -> list[tuple[np.ndarray, ...]]:
-    """`_pairs` as the arrays of each hole: vertices (k, 3), fractions (k,), lengths (k,)."""
-    return [tuple(np.array(values) for values in zip(*states, strict=True)) for states in _pairs(edges, dry, loops)]
+def _numbered_pairs(loops: list[np.ndarray], edges: Array, dry: Array, points: Array) -> tuple[np.ndarray, ...]:
+    """`_pairs` of loops through numbered ``points``, as arrays: numbers of the vertices (k, l, 3), fractions (k, l), lengths (k, l)."""
+    dry, points = np.asarray(dry), np.asarray(points)
+    found = _pairs(edges, [dry[loop] for loop in loops], [points[:, loop] for loop in loops])
+    vertices = [loop[np.array([pair.vertices for pair in states])] for loop, states in zip(loops, found, strict=True)]
+    rest = [[(pair.fraction, pair.length) for pair in states] for states in found]
+    return np.stack(vertices, axis=1), *np.moveaxis(np.array(rest, float), (0, 1, 2), (2, 1, 0))
 
 
-def _length(loop: Float[Array, "k m 2"], vertices: Int[Array, "k 3"], fraction: Float[Array, " k"], length: Float[Array, " k"]):
-    """Lengths (k,) of `Pair`s of the states as functions of the outline; inf for none, and without derivatives of no length."""
-    start, before, after = jnp.moveaxis(jnp.take_along_axis(loop, vertices[..., None], axis=1), 1, 0)
-    exists = length != jnp.inf
-    squared = jnp.sum((start - before - fraction[:, None] * (after - before)) ** 2, axis=1)
-    return jnp.where(exists, jnp.sqrt(jnp.where(exists, squared, 1.0)), jnp.inf)
+@compiled()
+def _smallest_length(points, vertices, fraction, length, largest):
+    """The least (k,) of the lengths of the `Pair`s of each state and of ``largest``; without derivatives of no length."""
+
+    def of_state(points, vertices, fraction, length):
+        start, before, after = jnp.moveaxis(points[vertices], 1, 0)
+        exists = length != jnp.inf
+        squared = jnp.sum((start - before - fraction[:, None] * (after - before)) ** 2, axis=1)
+        return jnp.min(jnp.where(exists, jnp.sqrt(jnp.where(exists, squared, 1.0)), jnp.inf), initial=largest)
+
+    return jax.vmap(of_state)(points, vertices, fraction, length)

@@ -25,7 +25,9 @@ def angle_of_extrema(x: Float[Array, "k n 2"], model: Model) -> Float[Array, " k
     """Angle (k,) to the x axis, degrees, of the line through the midline's highest and lowest point in each state of ``x`` (k, n, 2)."""
     line, topology = midline_probe(model), model.lists.topology
     kinks = _kinks(topology, model.dmax)
-    samples = _next_to_extrema(with_room(x), line, kinks, model.dmax * topology.spacing)
+    count = len(line.points)
+    kinks = np.append(kinks, np.ones(MIDLINE_POINTS - count, bool))
+    samples = _next_to_extrema(with_room(x), line.with_room(MIDLINE_POINTS), kinks, count, model.dmax * topology.spacing)
     return _angle_between(_extrema(*samples), len(x))
 
 
@@ -42,24 +44,22 @@ def _kinks(topology: Topology, dmax: float) -> Bool[np.ndarray, " p"]:
 
 
 @compiled()
-def _next_to_extrema(x, line, kinks, radius):
+def _next_to_extrema(x, line, kinks, count, radius):
     """The arguments of `_extremum` for the highest and the lowest sample of the midline in each state of ``x`` (k, n, 2).
 
-    They are padded with the first one and with samples of no weight: one program of the extrema serves most paths.
+    The line has ``count`` points, and the last one again; they are padded with the first one: one program of the extrema serves most paths.
     """
-    at = line.points[:, 0]
+    at, real = line.points[:, 0], jnp.arange(len(line.points)) < count
     apart = jnp.diff(at)
-    gap = (apart > 1.5 * jnp.min(apart)) | kinks  # a hole or kink: the line ends there, and an extremum is no root of its slope
+    least = _least(apart, real[1:])
+    gap = (apart > 1.5 * least) | kinks  # a hole or kink: the line ends there, and an extremum is no root of its slope
     end, piece = jnp.append(True, gap) | jnp.append(gap, True), jnp.cumsum(jnp.append(False, gap))
-    radius = jnp.maximum(radius, SAMPLES * jnp.min(apart))
-    room = (0, MIDLINE_POINTS - len(at))
+    radius = jnp.maximum(radius, SAMPLES * least)
 
     def one(x):
         position = line.position(x)
-        i = jnp.stack([jnp.argmax(position[:, 1]), jnp.argmin(position[:, 1])])
-        same = jnp.pad(piece == piece[i][:, None], ((0, 0), room))
-        samples = jnp.pad(at, room), jnp.pad(position, (room, (0, 0)))
-        return at[i], position[i], end[i], same, *(jnp.stack([value] * 2) for value in (*samples, radius))
+        i = jnp.stack([jnp.argmax(position[:, 1]), jnp.argmin(position[:, 1])])  # the first, no padding
+        return at[i], position[i], end[i], piece == piece[i][:, None], *(jnp.stack([value] * 2) for value in (at, position, radius))
 
     def padded(values):
         values = values.reshape(-1, *values.shape[2:])

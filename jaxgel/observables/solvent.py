@@ -11,13 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .._compiled import compiled
 from .._memo import once_per_owner
+from .._programs import program
+from .._sizes import resized
 from .._tracing import is_traced
 from .._types import Array, Float, Int
 from .._validation import check_kind
 from ..continuation import Path
-from ..discretisation import Connectivity, Model, evaluate_points, pad_nodes
+from ..discretisation import Connectivity, Model, cells_of, evaluate_points, pad_nodes
 from ..equilibrium import State
 from ..geometry import inside_holes
 from ..mechanics import (
@@ -36,7 +37,7 @@ from ..mechanics import (
     wetted_nodes,
 )
 from ..transient import Time
-from .fields import cell_means, cell_volumes, over_cells
+from .fields import means_over_cells, over_cells, volumes_of
 from .in_time import rates
 from .states import of_path
 
@@ -107,7 +108,7 @@ def uptake_fraction(path: Path, end: Path | State) -> Float[Array, " k"]:
     return taken / (whole - first + taken[0])
 
 
-@compiled()
+@program(x="n")
 def _content(x, model):
     """Volume () of the deformed plate over the dry thickness, mm^2."""
     return axial_stretch(model) * jnp.sum(jnp.where(model.carries, all_volumes(model) * volume_ratios(x, model), 0.0))
@@ -121,7 +122,10 @@ def solvent_potential(path: Path) -> Float[Array, "k c"]:
     """Chemical potential (k, c) of the solvent, kT: the mean in every cell; in equilibrium it is ``mu`` everywhere."""
     if path.potential is None:
         return jnp.broadcast_to(jnp.asarray(path.mu)[:, None], (len(path), path.model.n_cells))
-    return jax.vmap(cell_means, in_axes=(0, None))(jnp.asarray(path.potential), path.model)
+    return _means_over_cells(jnp.asarray(path.potential), path.model, cells_of(path.model.lists))
+
+
+_means_over_cells = program(values="kg", returns="kc")(jax.vmap(means_over_cells, in_axes=(0, None, None)))
 
 
 @of_path
@@ -143,14 +147,15 @@ def potential_at(path: Path, points: Points) -> Float[Array, "k p"]:
     groups = group_positions(path.model.blocks)
     places = jnp.concatenate([groups, jnp.asarray(path.model.cloud.nodes)[nodes]])
     (phi,) = evaluate_points(places, jnp.asarray(points), *near, np.arange(len(points)), basis="linear", gradients=False)
-    return jnp.einsum("pb,kpb->kp", phi, _values_at_places(path, parts, nearest)[:, near[0]])
+    values = jnp.concatenate(_values_at_places(path, parts, nearest), axis=1)
+    return jnp.einsum("pb,kpb->kp", phi, values[:, near[0]])
 
 
 def _values_at_places(path, parts, nearest):
-    """Mu (k, v) of all groups and of the wetted nodes, kT."""
+    """Mu (k, g) of all groups and (k, w) of the wetted nodes, kT."""
     t, potential = jnp.asarray(path.value), jnp.asarray(path.potential)
     baths = _bath_values(path)
-    return jnp.concatenate([potential, jnp.where(t[:, None] > 0, baths[:, parts], potential[:, nearest])], axis=1)
+    return potential, jnp.where(t[:, None] > 0, baths[:, parts], potential[:, nearest])
 
 
 def _bath_values(path):
@@ -233,15 +238,18 @@ def solvent_flux(path: Path, *, deformed: bool = False) -> Float[Array, "k c 2"]
     model, control = path.model, path.control
     if not control.wetted:
         raise ValueError("path: its control does not name the wetted parts, which the flux needs")
-    solvent = solvent_of(model, control.wetted)
+    solvent = solvent_of(model, control.wetted).shared(model.shared, model)
     _, parts = wetted_nodes(model.lists, control.wetted)
-    values = _values_at_places(path, parts, _nearest_groups(model.lists, control.wetted))
-    arrays = jnp.asarray(path.x), jnp.asarray(path.pressure), values
-    return _cell_flux(*arrays, jnp.asarray(control.D, float), model, path.gel, solvent, deformed=deformed)
+    potential, wet = _values_at_places(path, parts, _nearest_groups(model.lists, control.wetted))
+    wet = resized(wet, (len(path), len(solvent.wetting.node_parts)))
+    arrays = jnp.asarray(path.x), jnp.asarray(path.pressure), potential, wet
+    return _cell_flux(*arrays, jnp.asarray(control.D, float), path.problem, solvent, cells_of(model.lists), deformed=deformed)
 
 
-@compiled(static=("deformed",))
-def _cell_flux(x, p, values, D, model, gel, solvent, *, deformed):
+@program(x="kn", p="kg", potential="kg", returns="kc", static=("deformed",))
+def _cell_flux(x, p, potential, wet, D, problem, solvent, cells, *, deformed):
+    model, gel, values = problem.model, problem.gel, jnp.concatenate([potential, wet], axis=1)
+
     def of_state(state):
         x, p, values = state
         work, fluxes = carried(p, values, model, gel, solvent).work, []
@@ -249,8 +257,8 @@ def _cell_flux(x, p, values, D, model, gel, solvent, *, deformed):
             turned = cofactors(deformation_gradients(x, block))
             flux = -D * jnp.einsum("cqij,cqbj,cb->cqi", turned, on_block.dpsi, w)
             fluxes.append(block.weight[..., None] * (flux if deformed else jnp.einsum("cqji,cqj->cqi", turned, flux)))
-        volumes = cell_volumes(model)
-        return jnp.stack([over_cells([part[..., axis] for part in fluxes], model) / volumes for axis in range(2)], axis=1)
+        volumes = volumes_of(model, cells)
+        return jnp.stack([over_cells([part[..., axis] for part in fluxes], cells) / volumes for axis in range(2)], axis=1)
 
     return jax.lax.map(of_state, (x, p, values))
 
@@ -266,7 +274,7 @@ def flux_at(path: Path, points: Points) -> Float[Array, "k p 2"]:
     points, lists = _in_the_gel(path.model, points), path.model.lists
     reference = _centroids(lists)
     near = _lists(reference, PLACE_SUPPORT * _spacing_at(lists, reference), points)
-    centroids = _moved_centroids(path.model)
+    centroids = _moved_centroids(path.model, cells_of(lists))
     (phi,) = evaluate_points(centroids, jnp.asarray(points), *near, np.arange(len(points)), basis="linear", gradients=False)
     return jnp.einsum("pb,kpbi->kpi", phi, solvent_flux(path)[:, near[0]])
 
@@ -281,8 +289,8 @@ def _centroids(lists: Connectivity) -> Float[np.ndarray, "c 2"]:
     return sums[:, 1:] / sums[:, :1]
 
 
-@compiled()
-def _moved_centroids(model):
+@program(returns="c")
+def _moved_centroids(model, cells):
     """Centroids (c, 2) of the cells on the dry plate, mm."""
-    parts = [over_cells([block.weight * block.position[..., axis] for block in model.blocks], model) for axis in range(2)]
-    return jnp.stack(parts, axis=1) / cell_volumes(model)[:, None]
+    parts = [over_cells([block.weight * block.position[..., axis] for block in model.blocks], cells) for axis in range(2)]
+    return jnp.stack(parts, axis=1) / volumes_of(model, cells)[:, None]

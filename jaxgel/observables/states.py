@@ -1,5 +1,6 @@
 """A function of one state, evaluated at all states of a path."""
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, ParamSpec, Protocol, TypeVar, runtime_checkable
@@ -12,7 +13,8 @@ from .._sizes import resized
 from .._types import Array, Float
 from .._validation import kind_in_words
 from ..continuation import Path
-from ..discretisation import NODES, Model, room
+from ..discretisation import NODES, Body, Interpolation, Model, room
+from ..mechanics import Loops, loops_of
 
 ROUNDED = 1e-3  # of the values of a path, or of their range: values that people type are rounded
 
@@ -49,14 +51,31 @@ def with_room(x: Float[Array, "k n 2"]) -> Float[Array, "k m 2"]:
     return resized(x, (x.shape[0], room(x.shape[1], NODES), 2))
 
 
-def over_states(function: Callable[[Float[Array, "n 2"], Model], Any], path: States) -> Any:
-    """``function(x, model)`` at every state: its arrays with a leading axis of k."""
-    return _mapped(function, path.x, path.model)
+def over_outlines(function: Callable[[Float[Array, "n 2"], Body, Loops], Any], path: States) -> Any:
+    """``function(x, body, loops)`` of the shared outlines at every state: its arrays with a leading axis of k."""
+    return _mapped(function, with_room(path.x), outlines_of(path.model.shared), loops_of(path.model)[0])
 
 
 @compiled(static=("function",))
-def _mapped(function: Callable, x: Float[Array, "k n 2"], model: Model) -> Any:
-    return jax.vmap(function, in_axes=(0, None))(x, model)
+def _mapped(function: Callable, x: Float[Array, "k n 2"], body: Body, loops: Loops) -> Any:
+    return jax.vmap(function, in_axes=(0, None, None))(x, body, loops)
+
+
+def outlines_of(body: Body) -> Body:
+    """A body with its nodes and outlines alone, where no patch is needed: programs have no derivatives by patches then."""
+    return dataclasses.replace(body, blocks=(), contact=None)
+
+
+def positions_of(probe: Interpolation, path: States) -> Float[Array, "k p 2"]:
+    """Deformed positions (k, p, 2) of the points of a ``probe`` in every state, mm."""
+    count = len(probe.points)
+    return resized(_positions(probe.with_room(room(count, NODES)), with_room(path.x)), (len(path.x), count, 2))
+
+
+@compiled()
+@functools.partial(jax.vmap, in_axes=(None, 0))
+def _positions(probe, x):
+    return probe.position(x)
 
 
 def state_at(path: Path, value: float) -> int:

@@ -13,10 +13,11 @@ import numpy as np
 
 from .._compiled import compiled
 from .._memo import once_per_owner
+from .._sizes import padded, resized, rung
 from .._types import Array, Float, Int, Scalar
 from ..cloud import OUTLINE_SEGMENTS, Topology
 from ..continuation import Path
-from ..discretisation import Model
+from ..discretisation import Body
 from ..materials import (
     VolumeLaw,
     elementwise,
@@ -29,8 +30,8 @@ from ..materials import (
     surface_volume_ratio,
     takes_solvent,
 )
-from ..mechanics import SOFT, Problem, volume_law
-from .states import of_path
+from ..mechanics import SOFT, Equations, Problem, volume_law
+from .states import of_path, outlines_of, with_room
 
 VERTICES = 512  # to a multiple of which the places at which surface ratios are found are padded
 PHASE_ITERATIONS = 6  # of Newton's method, for that at the free surface of a swollen gel in a poor solvent
@@ -47,16 +48,19 @@ def surface_ratio(path: Path) -> Float[Array, " k"]:
     from zero traction. The surface of a nearly incompressible block in plane strain creases at 2.4 (stretch 0.647; Hong, Zhao & Suo
     2009). Where a surface wrinkles depends on the gel, see `surface_stability`.
     """
-    return jnp.max(surface_ratios(path), axis=1, initial=1.0)
+    return _largest(_chord_ratios(path)[1])
+
+
+@compiled()
+def _largest(ratios):
+    return jnp.max(ratios, axis=1, initial=1.0)
 
 
 @of_path
 def surface_ratios(path: Path) -> Float[Array, "k m"]:
     """The ratio of `surface_ratio` at every fine outline vertex (k, m); none for other than plane strain, and without holes."""
-    chords = chords_of(path.model.lists.topology)
-    if len(chords) == 0 or not _has_surface_ratios(path.model):
-        return jnp.zeros((len(path.x), 0))
-    return _ratio(*_chord_stretches(path.x, path.value, path.problem))[:, : len(chords)]
+    count, ratios = _chord_ratios(path)
+    return resized(ratios, (len(path.x), count))
 
 
 @of_path
@@ -65,10 +69,31 @@ def mean_surface_ratios(path: Path, share: float) -> Float[Array, "k m"]:
 
     They converge as the cloud is refined; the ratio over one node spacing grows at every crease.
     """
-    _, ends = _arcs(path.model.lists.topology, share)
+    count, ratios = _arc_ratios(path, share)
+    return resized(ratios, (len(path.x), count))
+
+
+def _chord_ratios(path):
+    """Number m of chords, and their ratios with those of padding, the last one again."""
+    chords = chords_of(path.model.lists.topology)
+    if len(chords) == 0 or not _has_surface_ratios(path.model):
+        return 0, jnp.zeros((len(path.x), 0))
+    return len(chords), _ratio(*_chord_stretches(with_room(path.x), path.value, on_outlines(path.problem), padded_ends(chords)))
+
+
+def _arc_ratios(path, share):
+    """The same of arcs."""
+    segments, ends = _arcs(path.model.lists.topology, share)
     if len(ends) == 0 or not _has_surface_ratios(path.model):
-        return jnp.zeros((len(path.x), 0))
-    return _ratio(*_arc_stretches(path.x, path.value, path.problem, share))[:, : len(ends)]
+        return 0, jnp.zeros((len(path.x), 0))
+    arcs = padded(segments, rung(len(segments))), padded_ends(ends)
+    return len(ends), _ratio(*_arc_stretches(with_room(path.x), path.value, on_outlines(path.problem), *arcs))
+
+
+def on_outlines(problem: Problem) -> Equations:
+    """The shared equations of a problem with the nodes and outlines of the model alone, see `outlines_of`."""
+    shared = problem.shared
+    return shared.replace(model=outlines_of(shared.model), operators=None)
 
 
 def _has_surface_ratios(model):
@@ -81,33 +106,32 @@ def _ratio(tangential, near, law):
 
 
 @compiled()
-@functools.partial(jax.vmap, in_axes=(0, 0, None))
-def _chord_stretches(x: Any, at: Any, problem: Problem) -> Any:
-    """The arguments of `surface_swelling` for chords, padded."""
-    model, chords = problem.model, _padded(chords_of(problem.model.lists.topology))
-    dry, deformed = (lengths(model.outline.position(y), chords) for y in (model.cloud.nodes, x))
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
+def _chord_stretches(x: Any, at: Any, problem: Equations, chords: Any) -> Any:
+    """The arguments of `surface_swelling` for chords."""
+    model = problem.model
+    dry, deformed = (lengths(model.outline.position(y), chords) for y in (model.nodes, x))
     now, mu = problem.at(at)
     return deformed / dry, areal_stretches(x, model, chords), volume_law(model, gel_on_outline(now.gel, chords), mu)
 
 
-@compiled(static=("share",))
-@functools.partial(jax.vmap, in_axes=(0, 0, None, None))
-def _arc_stretches(x: Any, at: Any, problem: Problem, share: float) -> Any:
-    """The arguments of `surface_swelling` for arcs, padded."""
-    model, (segments, ends) = problem.model, _arcs(problem.model.lists.topology, share)
-    sums = [jnp.append(0.0, jnp.cumsum(lengths(model.outline.position(y), segments))) for y in (model.cloud.nodes, x)]
-    ends = _padded(ends)
+@compiled()
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None, None))
+def _arc_stretches(x: Any, at: Any, problem: Equations, segments: Any, ends: Any) -> Any:
+    """The arguments of `surface_swelling` for arcs."""
+    model = problem.model
+    sums = [jnp.append(0.0, jnp.cumsum(lengths(model.outline.position(y), segments))) for y in (model.nodes, x)]
     dry, deformed = (total[ends[:, 1]] - total[ends[:, 0]] for total in sums)
-    ends, (now, mu) = np.stack([segments[ends[:, 0], 0], segments[ends[:, 1] - 1, 1]], axis=1), problem.at(at)
+    ends, (now, mu) = jnp.stack([segments[ends[:, 0], 0], segments[ends[:, 1] - 1, 1]], axis=1), problem.at(at)
     return deformed / dry, areal_stretches(x, model, ends), volume_law(model, gel_on_outline(now.gel, ends), mu)
 
 
-def _padded(ends: Int[np.ndarray, "m 2"]) -> Int[np.ndarray, "p 2"]:
+def padded_ends(ends: Int[np.ndarray, "m 2"]) -> Int[np.ndarray, "p 2"]:
     """Ends of chords or arcs, the last ones repeated: one program of `surface_swelling` serves many plates."""
     return np.pad(ends, ((0, -len(ends) % VERTICES), (0, 0)), mode="edge")
 
 
-def areal_stretches(x: Float[Array, "n 2"], model: Model, ends: Int[Array, "m 2"]) -> Float[Array, " m"]:
+def areal_stretches(x: Float[Array, "n 2"], model: Body, ends: Int[Array, "m 2"]) -> Float[Array, " m"]:
     """Areal stretches (m,) of the gel at the ``ends`` (m, 2) of arcs, the mean of both, without derivatives: near those of the surface."""
     return jax.lax.stop_gradient(jnp.linalg.det(model.outline.deformation_gradient(x))[ends].mean(axis=1))
 
@@ -198,9 +222,11 @@ def crease_indicator(path: Path) -> Float[Array, " k"]:
     quasi-Newton methods fail on it; the softened one is smooth and lies below the maximum by at most log(m) / a, where one of m points
     has a larger ratio than all others, and by 0 where all m are equal.
     """
-    return _softened_maximum(mean_surface_ratios(path, CREASE_SHARE))
+    return _softened_maximum(*_arc_ratios(path, CREASE_SHARE))
 
 
 @compiled()
-def _softened_maximum(ratios):
-    return jax.nn.logsumexp(SHARPNESS * ratios, axis=1) / SHARPNESS - np.log(max(ratios.shape[1], 1)) / SHARPNESS
+def _softened_maximum(count, ratios):
+    """That of the first ``count`` of the ratios (k, m)."""
+    ratios = jnp.where(jnp.arange(ratios.shape[1]) < count, ratios, -jnp.inf)
+    return jax.nn.logsumexp(SHARPNESS * ratios, axis=1) / SHARPNESS - jnp.log(jnp.maximum(count, 1)) / SHARPNESS

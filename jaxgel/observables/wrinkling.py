@@ -15,9 +15,9 @@ from ..continuation import Path
 from ..geometry import inside_holes
 from ..materials import VolumeLaw, elementwise, gel_on_outline
 from ..materials import surface_stability as stability_at
-from ..mechanics import Problem, gradients_by_block, volume_law
-from .states import of_path
-from .surface import VERTICES, areal_stretches, chords_of, lengths, normal_stretch, surface_swelling, traction_free_pressure
+from ..mechanics import Equations, gradients_by_block, volume_law
+from .states import of_path, with_room
+from .surface import areal_stretches, chords_of, lengths, normal_stretch, on_outlines, padded_ends, surface_swelling, traction_free_pressure
 
 
 @of_path
@@ -29,38 +29,42 @@ def surface_stability(path: Path) -> Float[Array, " k"]:
     out of it are by `membrane_stress`. The tangential stretch is that of the chord over one node spacing, the finest that the cloud
     resolves.
     """
-    model = path.model
-    if not any(map(len, _free_surfaces(model.lists.topology))):
+    model, topology = path.model, path.model.lists.topology
+    chords, edges = _free_surfaces(topology)
+    if not len(chords) + len(edges):
         return jnp.ones(len(path.x))
-    tangential, near, law = _surface_stretches(path.x, path.value, path.problem)
+    problem = path.problem.shared if len(edges) else on_outlines(path.problem)
+    on_edges = len(model.outline.points) + np.searchsorted(topology.free_edge_nodes, edges)
+    tangential, near, law = _surface_stretches(with_room(path.x), path.value, problem, chords, edges, on_edges)
     return jnp.min(_stability(tangential, surface_swelling(tangential, near, law), law), axis=1)
 
 
 @compiled()
-@functools.partial(jax.vmap, in_axes=(0, 0, None))
-def _surface_stretches(x: Any, at: Any, problem: Problem) -> Any:
-    """The arguments of `surface_swelling` for the chords of all free surfaces, padded."""
+@functools.partial(jax.vmap, in_axes=(0, 0, None, None, None, None))
+def _surface_stretches(x: Any, at: Any, problem: Equations, chords: Any, edges: Any, on_edges: Any) -> Any:
+    """The arguments of `surface_swelling` for the chords of all free surfaces.
+
+    ``on_edges`` are the nodes of those of free ``edges`` as `gel_on_outline` numbers them.
+    """
     model, (now, mu) = problem.model, problem.at(at)
-    chords, edges = _free_surfaces(model.lists.topology)
-    points = _nearest_points(model.cloud.nodes[edges].mean(axis=1), model)
-    F = jnp.concatenate([part.reshape(-1, 2, 2) for part in gradients_by_block(x, model)])[points]
-    near = jnp.concatenate([areal_stretches(x, model, chords), jax.lax.stop_gradient(jnp.linalg.det(F))])
-    dry, deformed = (jnp.concatenate([lengths(model.outline.position(y), chords), lengths(y, edges)]) for y in (model.cloud.nodes, x))
-    on_edges = len(model.outline.points) + np.searchsorted(model.lists.topology.free_edge_nodes, edges)
-    return deformed / dry, near, volume_law(model, gel_on_outline(now.gel, np.concatenate([chords, on_edges])), mu)
+    near = areal_stretches(x, model, chords)
+    if len(edges):
+        points = _nearest_points(model.nodes[edges].mean(axis=1), model)
+        F = jnp.concatenate([part.reshape(-1, 2, 2) for part in gradients_by_block(x, model)])[points]
+        near = jnp.concatenate([near, jax.lax.stop_gradient(jnp.linalg.det(F))])
+    dry, deformed = (jnp.concatenate([lengths(model.outline.position(y), chords), lengths(y, edges)]) for y in (model.nodes, x))
+    return deformed / dry, near, volume_law(model, gel_on_outline(now.gel, jnp.concatenate([chords, on_edges])), mu)
 
 
 @once_per_owner
 def _free_surfaces(topology: Topology) -> tuple[Int[np.ndarray, "m 2"], Int[np.ndarray, "e 2"]]:
-    """`chords_of` the outlines, and nodes (e, 2) of the chords of the plate's free edges, together padded as by `_padded`."""
+    """`chords_of` the outlines, and nodes (e, 2) of the chords of the plate's free edges, padded as by `padded_ends`."""
     chords, edges, nodes = chords_of(topology), [np.zeros((0, 2), dtype=int)], topology.partition.vertices[topology.node_vertices]
     for edge, condition in topology.plate.edges.items():
         ends = np.stack([topology.edge_nodes[edge][:-1], topology.edge_nodes[edge][1:]], axis=1)
         edges += [ends[~inside_holes(topology.plate, nodes[ends].mean(axis=1))]] if condition == "free" else []
     edges = np.concatenate(edges)
-    missing = -(len(chords) + len(edges)) % VERTICES
-    pads = (0, missing) if len(edges) else (missing if len(chords) else 0, 0)
-    return tuple(np.pad(ends, ((0, more), (0, 0)), mode="edge") if more else ends for ends, more in zip((chords, edges), pads, strict=True))
+    return padded_ends(chords), padded_ends(edges)
 
 
 def _nearest_points(middles, model):

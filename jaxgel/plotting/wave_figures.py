@@ -13,7 +13,7 @@ from .._types import Float
 from ..cloud import boundary_edges
 from ..discretisation import Model
 from ..geometry import SYMMETRIES
-from ..mechanics import deformation_of
+from ..mechanics import deformation_of, periods_of
 from ..observables import deformed_vertices
 from ..waves import LatticeOnset
 from .style import COLOURS, LINE, length_unit, state_text, styled
@@ -62,9 +62,10 @@ def plot_lattice(onset: LatticeOnset, model: Model, *, ax: Axes | None = None) -
     times the cell's shorter side.
     """
     ax = plt.subplots(figsize=(3.3, 3.3), layout="constrained")[1] if ax is None else ax
+    topology = model.lists.topology
     plate, wave = model.cloud.plate, onset.modes[0] + (1j * onset.modes[1] if len(onset.modes) > 1 else 0.0)
     sides = np.array([plate.width, plate.height])
-    deformation = np.asarray(deformation_of(np.asarray(onset.x), model.lists.topology))
+    deformation = np.asarray(deformation_of(np.asarray(onset.x), periods_of(topology), np.array(topology.plate.dry_deformation)))
     wave = wave * WAVE_SIZE * sides.min() / np.linalg.norm(np.abs(wave), axis=1).max()
     periodic = onset.periodic
     repeats = onset.periods or (1, 1)

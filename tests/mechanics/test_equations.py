@@ -10,6 +10,7 @@ import pytest
 from jax import monitoring
 
 import jaxgel
+from jaxgel import observables
 from jaxgel.discretisation import body, consistency, ladder, layout, neighbours
 from jaxgel.mechanics import conditions
 
@@ -97,3 +98,29 @@ def test_a_second_plate_compiles_nothing():
 
     run((2.4, 1.6))
     assert compiled(lambda: run((2.38, 1.63))) == []
+
+
+OBSERVED = (jaxgel.area_reduction, jaxgel.rotation_angle, observables.gap, observables.surface_ratio, observables.mean_volume_ratio)
+FIELDS = (observables.outlines, observables.deformed_vertices, observables.cauchy_stress, observables.aspect_ratio)
+
+
+def test_the_observables_of_a_second_plate_compile_nothing():
+    """Neither the table and the fields of its path nor gradients by its holes, though it has other numbers of nodes and vertices."""
+    sizes = []
+
+    def run(axes):
+        def observed(axes):
+            path = turned(axes, plate)[1]
+            return sum(of(path)[-1] for of in OBSERVED), path
+
+        plate = plate_of(axes, core=(3.0, 3.0))
+        path = jax.value_and_grad(observed, has_aux=True)(jnp.array(axes))[0][1]
+        path = dataclasses.replace(path)
+        sizes.append((path.model.n_nodes, len(path.model.cloud.vertices)))
+        observables.history(path)
+        for field in FIELDS:
+            field(path)
+
+    run((2.4, 1.6))
+    assert compiled(lambda: run((2.3, 1.75))) == []
+    assert sizes[0][0] != sizes[1][0] and sizes[0][1] != sizes[1][1]

@@ -12,9 +12,13 @@ SMALL = {
     "contact": ["--spacing", "0.9"],
     "convergence": ["--quick"],
     "fields": ["--repeats", "1"],
+    "first": ["--quick"],
     "gpu": ["--spacing", "2.2", "--batch", "2", "--states", "3", "--repeats", "1", "--out", "gpu.json"],
     "gradient": ["--spacing", "2.2", "--repeats", "1"],
+    "howto": ["--quick"],
     "kernels": ["--cases", "sample-7", "--repeats", "1"],
+    "kill": ["1", "given"],
+    "lattice": ["--quick", "--out", "."],
     "map": ["--points", "2", "--workers", "1", "--spacing", "1.5", "--out", "map.json"],
     "programs": ["--quick"],
     "scale": ["--nodes", "500", "--out", "scale.json"],
@@ -22,7 +26,7 @@ SMALL = {
     "swelling": ["--quick"],
     "symmetry": ["--cases", "sample-1", "--spacing", "1.5", "--runs", "1"],
 }
-LONG = {"first", "howto", "kill", "lattice", "waves"}  # minutes at their only setting
+LONG = {"waves"}  # minutes at its only setting
 ELEMENTS = {"barrier", "bloch_elements", "design_step", "finite_elements", "peers", "printed", "references", "studies", "sweep", "switches"}
 MODULES = {"ngsolve_gel", "ngsolve_swelling", "ngsolve_sweep", "skfem_gel"}  # what others import
 NEEDS = dict.fromkeys(ELEMENTS | {"waves"}, "ngsolve") | {"solvers": "pyamg"}  # of the extra "bench"
