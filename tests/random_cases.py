@@ -1,12 +1,13 @@
 """Random cases, and what every outcome must satisfy: a path that obeys mechanics, or one clear line.
 
-    python tests/random_cases.py [CASES] [FIRST]
+    python tests/random_cases.py [CASES] [FIRST] [--time]
 
 Draws plates, holes, gels, ranges of mu, discretisations and boundary conditions at random, sensible or not; number FIRST + k depends on
-nothing else. Prints a line per case; exit code 1 if one ends otherwise than as a path without ``faults``, or a ValueError or
-SweepFailed of one line. test_random_cases.py is the short form.
+nothing else. With ``--time`` the plates swell in time, in random baths. Prints a line per case; exit code 1
+if one ends otherwise than as a path without ``faults``, or a ValueError or SweepFailed of one line. test_random_cases.py is the short form.
 """
 
+import argparse
 import collections
 import dataclasses
 import gc
@@ -28,6 +29,7 @@ from jaxgel.mechanics import ROUND_OFF, all_volumes, free_dofs, network_energy, 
 QUADRATURE = 0.2  # error of the area over area x reduction^2 of the pores x (spacing / size)^3 of them: 0.14 is seen, an eighth at half h
 OUTLINE = 2e-3  # error of the area over spacing and length of outlines: chords of spacing / 8 at curvatures of 1 / spacing miss 1.3e-3
 IMBALANCE = 10  # of forces computed from the energy alone, over what Newton's two tolerances let through; see `_imbalance`
+BALANCE = 1e-10  # largest error of the balance of the solvent in a step, over the solvent in the gel: that of 100 unknowns of mu at once
 SECONDS = 300  # a case that takes longer is reported
 FORCE, NETWORK_FORCE = jax.jit(residual), jax.jit(jax.grad(network_energy))
 
@@ -39,7 +41,9 @@ def faults(path):
     states = [dataclasses.replace(path, mu=path.mu[k : k + 1], x=path.x[k : k + 1]) for k in range(len(path))]  # compiled once
     gap, loads = np.array([jaxgel.min_gap(one)[0] for one in states]), np.zeros((model.n_nodes, 2))
     areas = [np.asarray(jaxgel.area_reduction_per_hole(one))[0] if plate.holes else np.zeros(0) for one in states]
-    lowest = np.asarray(jaxgel.continuation.lowest_eigenvalue(path))
+    lowest = np.asarray(jaxgel.continuation.lowest_eigenvalue(path)) if path.t is None else None
+    potential = path.mu if path.t is None else path.potential
+    found += [] if path.t is None else _solvent_faults(path)
     for k, mu in enumerate(path.mu):
         x, volumes = path.x[k], np.asarray(all_volumes(model))
         carries = model.carries & (volumes > 0)
@@ -52,14 +56,14 @@ def faults(path):
             continue
         if not path.residual[k] < NEWTON.tolerance:
             found.append(f"mu = {mu:.4g}: residual {path.residual[k]:.2g}")
-        f, scale = np.asarray(FORCE(x, model, gel, mu, loads)), np.linalg.norm(NETWORK_FORCE(x, model, gel))
+        f, scale = np.asarray(FORCE(x, model, gel, potential[k], loads)), np.linalg.norm(NETWORK_FORCE(x, model, gel))
         most = _imbalance(J, gel)
         if not np.linalg.norm(f.ravel()[free]) < most * scale:
             found.append(f"mu = {mu:.4g}: imbalance {np.linalg.norm(f.ravel()[free]) / scale:.2g}")
         touching = model.contact is not None and touches(x, model)  # where a wall's mirror image may push
         if not touching and not np.all(np.abs(f.sum(axis=0)) < most * scale):
             found.append(f"mu = {mu:.4g}: forces add up to {f.sum(axis=0)}")
-        if (lowest[k] < 0) != (path.negative_pivots[k] > 0):
+        if lowest is not None and (lowest[k] < 0) != (path.negative_pivots[k] > 0):
             found.append(f"mu = {mu:.4g}: eigenvalue {lowest[k]:.3g} with {path.negative_pivots[k]} negative pivots")
         found += [] if gap[k] <= 0 else _area_faults(model, mu, J @ volumes[carries], areas[k])
     return found
@@ -69,6 +73,15 @@ def _imbalance(J, gel):
     """Largest imbalance over the network's forces: the residual's, and the bulk stiffness times the error in J that is accepted."""
     error = np.asarray(bulk_stiffness(J, gel)) * NEWTON.constraint_tolerance * (J - 1 + ROUND_OFF)
     return IMBALANCE * (NEWTON.tolerance + float(error.max()) / float(gel.Nv))
+
+
+def _solvent_faults(path):
+    """Steps in which the gel takes up another volume of solvent than comes in through what is wetted."""
+    model, carries = path.model, np.asarray(path.model.carries)
+    volumes = np.asarray(all_volumes(model))[carries]
+    network = np.array([volumes @ np.asarray(volume_ratios(x, model))[carries] for x in path.x])
+    error = np.abs(np.diff(network) - np.diff(path.supplied.sum(axis=1))) / (network[1:] - volumes.sum())
+    return [f"t = {path.t[k + 1]:.4g}: solvent misses its balance by {error[k]:.2g}" for k in np.flatnonzero(~(error < BALANCE))]
 
 
 def _area_faults(model, mu, gel, reductions):
@@ -123,6 +136,33 @@ def random_table(rng):
     }
 
 
+def random_time_table(rng):
+    """The table of a random case that swells in time, on a cloud of some tens of nodes."""
+    table = random_table(rng)
+    end, start = 10 ** rng.uniform(-2, 3), table["sweep"]["mu_start"]
+    table["sweep"] = {"mu_start": start, "branch": table["sweep"]["branch"]}
+    table["gel"]["chi"] = rng.uniform(1e-6, 0.6)  # of more than about 0.5 most gels can separate into phases, which is refused
+    table["discretisation"]["spacing"] = min(table["plate"]["width"], table["plate"]["height"]) / rng.uniform(4, 8)
+    table["time"] = {"end": end, "steps_per_decade": int(rng.integers(1, 5)), "D": 10 ** rng.uniform(-1, 1)}
+    table["time"] |= {"first": end * 10 ** rng.uniform(-6, -1)} if rng.uniform() < 0.7 else {}
+    table["bath"] = random_bath(rng, end)
+    for hole in table["holes"]:
+        hole |= [{}, {}, {"wet": False}, {"bath": random_bath(rng, end)}][rng.integers(4)]
+    sealed = [edge for edge, condition in table["plate"]["edges"].items() if condition == "free" and rng.uniform() < 0.3]
+    table["plate"] |= {"wet": dict.fromkeys(sealed, False)} if sealed else {}
+    return table
+
+
+def random_bath(rng, end):
+    """The table of a random bath: a number, a ramp or values at times; a few are above that of the pure solvent."""
+    mu = -rng.uniform(-0.2, 6.0)
+    kind = rng.integers(3)
+    if kind < 2:
+        return {"mu": mu} | ({"ramp": end * 10 ** rng.uniform(-4, 0.5)} if kind else {})
+    times = np.append(np.sort(rng.uniform(0, 0.9 * end, 3)), end)
+    return {"mu": (-rng.uniform(0, 6.0, 4)).tolist(), "times": times.tolist()}
+
+
 def random_hole(rng, width, height):
     """The table of a random hole, somewhere in the plate or cut by its edge."""
     kind, size = str(rng.choice(list(KINDS))), min(width, height) * rng.uniform(0.08, 0.3)
@@ -142,13 +182,18 @@ def random_hole(rng, width, height):
 
 def main():
     """Run the cases and count their outcomes."""
-    count, first = (int(word) for word in [*sys.argv[1:], *["100", "0"][len(sys.argv) - 1 :]])
+    parser = argparse.ArgumentParser()
+    parser.add_argument("count", nargs="?", type=int, default=100)
+    parser.add_argument("first", nargs="?", type=int, default=0)
+    parser.add_argument("--time", action="store_true")
+    given = parser.parse_args()
+    count, first, drawn = given.count, given.first, random_time_table if given.time else random_table
     outcomes, wrong = collections.Counter(), 0
     warnings.simplefilter("error")
     for number in range(first, first + count):
         began = time.perf_counter()
         try:
-            text, bad = outcome(random_table(np.random.default_rng(number)))
+            text, bad = outcome(drawn(np.random.default_rng(number)))
         except Exception as problem:
             text, bad = "broken", [f"{type(problem).__name__}: {' '.join(str(problem).split())[:200]}"]
         seconds = time.perf_counter() - began

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from random_cases import faults
+from random_cases import faults, outcome, random_time_table
 
 import jaxgel
 from jaxgel.continuation import SweepFailed
@@ -56,6 +56,14 @@ def check(path, last):
     assert faults(path) == []
     assert path.stop.ok == (path.mu[-1] == last)
     assert path.stop.ok or path.stop_text.startswith(f"stopped after mu = {path.mu[-1]:.6g}: ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [3, 11, 13])
+def test_random_plates_in_random_baths_obey_mechanics_or_say_why_not(number):
+    """Forces, solvent and J of every state."""
+    text, bad = outcome(random_time_table(np.random.default_rng(number)))
+    assert bad == [] and "\n" not in text
 
 
 def test_the_faults_of_a_broken_path_are_found(path):
