@@ -25,8 +25,7 @@ from jaxgel._programs import fitted
 from jaxgel.continuation.frames import Frame
 from jaxgel.equilibrium import newton
 from jaxgel.linalg import Factor, factor
-from jaxgel.mechanics import linearise, tangent
-from jaxgel.mechanics.assembly import _tangent
+from jaxgel.mechanics import linearise, tangent, tangent_blocks
 
 MU = np.linspace(-4.9678, -0.9178, 30)  # kT
 STABILITY = ((Frame, "factorised"), (Frame, "check"))
@@ -91,10 +90,10 @@ def newton_step(model, gel, repeats):
 def library(model, gel, repeats):
     """For linearise and tangent, in words, processor seconds with XLA's library for small reductions, and over those without."""
     path = jaxgel.sweep(jaxgel.Problem(model, gel, contact=False), [-3.5, -3.0])
-    shared = Problem(model, gel, contact=False).prepared.shared
-    at = fitted(path.x[-1], "n", shared.lengths), fitted(path.pressure[-1], "g", shared.lengths)
-    now = linearise(shared, *at, -3.0)
-    for function, args in ((linearise, (shared, *at, -3.0)), (_tangent, (shared, *at, now))):
+    problem, x, pressure = Problem(model, gel, contact=False).prepared, path.x[-1], path.pressure[-1]
+    shared, now = problem.shared, linearise(problem, x, pressure, -3.0)
+    at = fitted(x, "n", shared.lengths), fitted(pressure, "g", shared.lengths)
+    for function, args in ((linearise, (shared, *at, -3.0)), (tangent_blocks, (shared, *at, now))):
         lowered = jax.jit(function.__wrapped__).lower(*args)
         programs, seconds = [lowered.compile(compiler_options=options) for options in ({}, WITHOUT_LIBRARY)], ([], [])
         for number in range(2 * (repeats + 1)):

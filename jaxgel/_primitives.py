@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import numpy as np
 from jax.core import Tracer
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
@@ -17,14 +16,6 @@ try:
     MESH = (mesh if hasattr(mesh, "abstract_mesh_context_manager") else config).abstract_mesh_context_manager
 except (ImportError, AttributeError):  # a later version of JAX
     MESH = UNSET = None
-
-try:  # cotangents that NumPy has computed, of `_sizes`: JAX would compile their sum for each of their shapes
-    from jax._src import ad_util
-
-    SUM = ad_util.raw_jaxval_adders[np.ndarray]
-    ad_util.raw_jaxval_adders[np.ndarray] = lambda one, other: one + other if type(other) is np.ndarray else SUM(one, other)
-except (ImportError, AttributeError, KeyError):  # a later version of JAX
-    pass
 
 
 def primitive(

@@ -146,11 +146,6 @@ def _add(values, *, rows):
     return np.stack(sums, axis=1).reshape(rows.count, *values.shape[rows.numbers.ndim :])
 
 
-def _reversed(made, by_numpy, cotangent, **sizes):
-    """Values of a linear map in a reverse pass: NumPy's arrays, whose sums `primitive` has NumPy compute, too."""
-    return made.bind(cotangent, **sizes) if is_traced(cotangent) else by_numpy(cotangent, **sizes)
-
-
 def _linear(name, by_numpy, by_jax, shape, reverse):
     """The primitive of a linear map of an array: ``shape(own, **sizes)`` is that of its values."""
 
@@ -182,21 +177,21 @@ _resized = _linear(
     _resize,
     _resize_by_jax,
     lambda _, shape, **__: shape,
-    lambda cotangent, own, shape, edge: _reversed(_resized, _resize, cotangent, own=shape, shape=own, edge=edge),
+    lambda cotangent, own, shape, edge: _resized.bind(cotangent, own=shape, shape=own, edge=edge),
 )
 _taken = _linear(
     "taken",
     _take,
     lambda values, rows: values[rows.numbers],
     lambda own, rows: (*rows.numbers.shape, *own[1:]),
-    lambda cotangent, rows: _reversed(_added, _add, cotangent, rows=rows),
+    lambda cotangent, rows: _added.bind(cotangent, rows=rows),
 )
 _added = _linear(
     "added",
     _add,
     lambda values, rows: jnp.zeros((rows.count, *values.shape[rows.numbers.ndim :])).at[rows.numbers].add(values),
     lambda own, rows: (rows.count, *own[rows.numbers.ndim :]),
-    lambda cotangent, rows: _reversed(_taken, _take, cotangent, rows=rows),
+    lambda cotangent, rows: _taken.bind(cotangent, rows=rows),
 )
 
 
@@ -215,7 +210,7 @@ _multiplied = _linear(
     _multiply,
     _multiply_by_jax,
     lambda own, matrices: (matrices.columns[0].shape[0], *own[1:]),
-    lambda cotangent, matrices: _reversed(_multiplied, _multiply, cotangent, matrices=matrices.transposed),
+    lambda cotangent, matrices: _multiplied.bind(cotangent, matrices=matrices.transposed),
 )
 
 
