@@ -90,7 +90,7 @@ def is_definite(factors: Factors) -> Bool[Array, ""]:
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(L)) for L, _ in factors]))
 
 
-# LAPACK's triangular solutions take one matrix; for many at once JAX 0.10 to 0.12 uses slow code of XLA's own.
+# LAPACK's triangular solutions take one matrix; for many at once JAX 0.10 has code of XLA's own, which takes twice the time.
 
 
 @jax.custom_batching.sequential_vmap
