@@ -252,7 +252,7 @@ def _cell_flux(x, p, potential, wet, D, problem, solvent, cells, *, deformed):
 
     def of_state(state):
         x, p, values = state
-        work, fluxes = carried(p, values, model, gel, solvent).work, []
+        work, fluxes = carried(p, values, model, gel, solvent, reverse=True).work, []
         for block, on_block, w in zip(model.blocks, solvent.blocks, work, strict=True):
             turned = cofactors(deformation_gradients(x, block))
             flux = -D * jnp.einsum("cqij,cqbj,cb->cqi", turned, on_block.dpsi, w)
