@@ -8,7 +8,7 @@ import numpy as np
 
 from .._memo import once_per_owner
 from .._sizes import padded
-from .._types import Float, Int
+from .._types import Array, Float, Int
 from ..cloud import Quadrature
 from .connectivity import Connectivity, Contour
 from .interpolation import size_of_groups, widened
@@ -40,9 +40,9 @@ class Layout(NamedTuple):
 class Cells(NamedTuple):
     """The integration cells as programs take them that sum over each."""
 
-    of_points: tuple[Int[np.ndarray, "c q"], ...]
+    of_points: tuple[Int[Array, "c q"], ...]
     """Per block of a shared body the cell of each quadrature point; of padding, which has no weight, that of another point."""
-    patch: Int[np.ndarray, " cells"]
+    patch: Int[Array, " cells"]
     """Patch number of each cell."""
 
 

@@ -157,11 +157,11 @@ def _period(topology, axis):
 class Periods(NamedTuple):
     """The periods of a cell along x and y."""
 
-    ends: Int[np.ndarray, "2 2"]
+    ends: Int[Array, "2 2"]
     """Far and near node of each."""
-    length: Float[np.ndarray, " 2"]
+    length: Float[Array, " 2"]
     """Their dry lengths, mm."""
-    periodic: Bool[np.ndarray, " 2"]
+    periodic: Bool[Array, " 2"]
     """Whether the plate is periodic along each."""
 
 

@@ -33,7 +33,7 @@ class _Arc:
     """Its points among those of ``model.outline``."""
     closed: bool
     """Whether it is a whole hole."""
-    corners: Float[np.ndarray, "j 2"]
+    corners: Float[Array, "j 2"]
     """Dry corners of the plate inside the hole, mm."""
     edges: list[dict[int, str]]
     """Per corner: component of the displacement -> edge of the plate through it that prescribes it."""
@@ -45,15 +45,15 @@ class Corners(NamedTuple):
     Index letters: ``j`` corner, ``e`` end of its arc, ``i`` component.
     """
 
-    dry: Float[np.ndarray, "j 2"]
+    dry: Float[Array, "j 2"]
     """Dry positions, mm."""
-    ends: Int[np.ndarray, "j e"]
+    ends: Int[Array, "j e"]
     """First and last point of the arc, by their numbers in ``model.outline``."""
-    edges: Int[np.ndarray, "j i 2"]
+    edges: Int[Array, "j i 2"]
     """First and last node of the edge of the plate that prescribes a component."""
-    along: Int[np.ndarray, "j i"]
+    along: Int[Array, "j i"]
     """Axis along that edge."""
-    prescribed: Bool[np.ndarray, "j i"]
+    prescribed: Bool[Array, "j i"]
     """Whether there is such an edge."""
 
 
@@ -62,14 +62,14 @@ class Loops(NamedTuple):
 
     corners: Corners
     """Corners of the plate on loops."""
-    sides: Int[np.ndarray, "3 s"]
+    sides: Int[Array, "3 s"]
     """First and last point of each side, by their numbers in `loop_points`, and its hole."""
-    arcs: Int[np.ndarray, "3 m"]
+    arcs: Int[Array, "3 m"]
     """Those along the surfaces of the holes."""
-    holes: Int[np.ndarray, " h"]
+    holes: Int[Array, " h"]
     """Numbers of the holes, with room for more."""
 
-    def over_holes(self, values: Float[Array, "s ..."], holes: Int[np.ndarray, " s"]) -> Float[Array, "h ..."]:
+    def over_holes(self, values: Float[Array, "s ..."], holes: Int[Array, " s"]) -> Float[Array, "h ..."]:
         """Sums of values over the ``holes`` to which they belong."""
         return jax.ops.segment_sum(values, holes, len(self.holes))
 
@@ -80,7 +80,7 @@ def loop_points(x: Float[Array, "n 2"], model: Body, corners: Corners) -> Float[
     return jnp.concatenate([points, _deformed_corners(x, points, model, corners)]) if len(corners.dry) else points
 
 
-def loops_of(model: Model) -> tuple[Loops, list[Int[np.ndarray, " m"]]]:
+def loops_of(model: Model) -> tuple[Loops, list[Int[Array, " m"]]]:
     """The ``Loops`` of a model for its shared body, and the `loop_points` of each loop.
 
     There is a loop for each hole, in their order; one for each part of a hole that the plate's edge cuts into several, see
@@ -90,7 +90,7 @@ def loops_of(model: Model) -> tuple[Loops, list[Int[np.ndarray, " m"]]]:
 
 
 @once_per_owner
-def _loops(topology: Topology, first_corner: int) -> tuple[Loops, list[Int[np.ndarray, " m"]]]:
+def _loops(topology: Topology, first_corner: int) -> tuple[Loops, list[Int[Array, " m"]]]:
     found, sides, of_arcs, of_holes = [], [np.zeros((3, 0), int)], [np.zeros((3, 0), int)], holes_of_loops(topology)
     arcs, holes = _arcs(topology), rung(len(topology.plate.holes))
     for arc, hole in zip(arcs, of_holes, strict=True):
@@ -123,7 +123,7 @@ def _corners(topology, arcs):
     return Corners(dry.reshape(-1, 2), np.array(ends, int).reshape(-1, 2), nodes, along, prescribed)
 
 
-def outline_arcs(x: Float[Array, "n 2"], model: Model) -> list[Float[np.ndarray, "m 2"]]:
+def outline_arcs(x: Float[Array, "n 2"], model: Model) -> list[Float[Array, "m 2"]]:
     """Surfaces of the holes at nodal positions ``x`` (n, 2): lines (m, 2), mm, without the plate's edge; host.
 
     The line of a whole hole ends at its first point.
@@ -138,7 +138,7 @@ def _outline_points(x, model):
     return model.outline.position(x)
 
 
-def holes_of_loops(topology: Topology) -> Int[np.ndarray, " l"]:
+def holes_of_loops(topology: Topology) -> Int[Array, " l"]:
     """Number of the hole (l,) of each loop of `loops_of`."""
     return np.array([outline.arc.hole for outline in topology.outlines], dtype=int)
 
@@ -201,7 +201,7 @@ def walls(x: Float[Array, "n 2"], topology: Topology) -> Float[Array, "e 2 2"]:
     return x[np.array(ends, dtype=int).reshape(-1, 2)]
 
 
-def crosses(arcs: list[np.ndarray], held: Float[np.ndarray, "e 2 2"]) -> bool:
+def crosses(arcs: list[np.ndarray], held: Float[Array, "e 2 2"]) -> bool:
     """Whether a hole's deformed outline, one of the `outline_arcs` (m, 2), crosses itself, another one or one of the `walls`; host."""
     lines = [shapely.LineString(arc) for arc in arcs]
     if not all(line.is_simple for line in lines):
