@@ -15,8 +15,8 @@ from .._memo import once_per_owner
 from .._types import Array, Bool, Float, Int
 from .pattern import Pattern
 
-Factors = tuple[tuple[Float[Array, "k k"], Float[Array, "m k"]], ...]
-"""Per front the lower triangular corner L and the block B below it: the matrix is the sum of [L; B] [L; B]^T."""
+Factors = tuple[tuple[Float[Array, "..."], Float[Array, "..."]], ...]
+"""Per front the lower triangular corner L (k, k) and the block B (m, k) below it: the matrix is the sum of [L; B] [L; B]^T."""
 
 
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["entries", "below", "rows"], meta_fields=["children"])

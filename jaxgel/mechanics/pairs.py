@@ -17,8 +17,8 @@ ROWS_TOGETHER = 1024  # whose pairs are listed together
 
 
 def pair_slots(
-    lists: Sequence[tuple[Int[np.ndarray, "c a"], Bool[np.ndarray, "c a"]]], n: int
-) -> tuple[Int[np.ndarray, "p 2"], tuple[Int[np.ndarray, "c t"], ...]]:
+    lists: Sequence[tuple[Int[np.ndarray, "..."], Bool[np.ndarray, "..."]]], n: int
+) -> tuple[Int[np.ndarray, "p 2"], tuple[Int[np.ndarray, "..."], ...]]:
     """Pairs (p, 2), i <= j, of numbers below ``n`` that share a row of an array (c, a), and per array their slots (c, t) by two columns.
 
     Beside each array stands where its numbers count; the slot of others is p.
