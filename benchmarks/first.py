@@ -95,17 +95,16 @@ def of_command(folder, quick):
         subprocess.run(command, env=environment, check=True, capture_output=True)
         return time.perf_counter() - began
 
-    first = ("--values", "-2.9678", "--no-plots")
-    run(written(folder, *AXES[0]), *first)
+    run(written(folder, *AXES[0]), "--no-plots")
     tried(folder / "command")
-    of_first = run(written(folder, *AXES[1]), *first)
+    of_first = run(written(folder, *AXES[1]), "--no-plots")
     run("sample-1", *(("--steps", "3") if quick else ()))
     tried(folder / "command")
     return {"first state, new plate": of_first, "jaxgel run sample-1": run("sample-1", *(("--steps", "3") if quick else ()))}
 
 
 def written(folder, length, width):
-    """A case file of a plate like sample 1 with ellipses of these semi-axes, mm."""
+    """A case file of one state of a plate like sample 1 with ellipses of these semi-axes, mm."""
     plate = jaxgel.sample("sample-1")
     lines = ["[plate]", f"width = {plate.width}", f"height = {plate.height}"]
     for hole in plate.holes:
@@ -117,7 +116,7 @@ def written(folder, length, width):
             f"semi_axes = [{length}, {width}]",
             f"angle = {float(hole.angle)}",
         ]
-    lines += ["[gel]", f"Nv = {plate.gel.Nv}", f"chi = {plate.gel.chi}"]
+    lines += ["[sweep]", "mu = [-2.9678]", "[gel]", f"Nv = {plate.gel.Nv}", f"chi = {plate.gel.chi}"]
     lines += ["[discretisation]", f"spacing = {plate.spacing}", f"nodes_per_hole = {plate.nodes_per_hole}"]
     file = folder / f"{length}_{width}.toml"
     file.write_text("\n".join(lines))
