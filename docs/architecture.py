@@ -28,12 +28,13 @@ PLACES = {  # column and row of each box
     "bifurcation": (6, 0),
     "waves": (6, 2),
     "observables": (6, 1),
-    "io": (7, 0),
-    "design": (7, 1),
-    "plotting": (7, 2),
-    "cases": (8, 1),
-    "paper": (9, 1),
-    "cli": (9, 0),
+    "verification": (7, 1),
+    "io": (8, 0),
+    "design": (8, 1),
+    "plotting": (8, 2),
+    "cases": (9, 1),
+    "paper": (10, 1),
+    "cli": (10, 0),
 }
 WIDTH, HEIGHT = 1.16, 0.62
 HOLDS = {
@@ -51,6 +52,7 @@ HOLDS = {
     "bifurcation": "critical points,\nbranches",
     "waves": "waves of a\nperiodic cell",
     "observables": "what is read\noff a path",
+    "verification": "error bars,\nresolution",
     "io": "files of a run",
     "design": "inverse design",
     "plotting": "figures",

@@ -18,6 +18,7 @@ from . import paper as paper
 from . import plotting as plotting
 from . import symmetry as symmetry
 from . import transient as transient
+from . import verification as verification
 from . import waves as waves
 from ._kept import keep_programs as keep_programs
 from .bifurcation import Barrier as Barrier
@@ -107,6 +108,8 @@ from .paper import paper_tangent as paper_tangent
 from .transient import Bath as Bath
 from .transient import TimeSteps as TimeSteps
 from .transient import swell as swell
+from .verification import Resolution as Resolution
+from .verification import resolution as resolution
 from .waves import LatticeOnset as LatticeOnset
 from .waves import lattice_onset as lattice_onset
 from .waves import primitive_cell as primitive_cell

@@ -19,6 +19,7 @@ from ..io import Progress, Recorder, interruptible, open_folder, write_csv, writ
 from ..materials import varies
 from ..observables import OF_POSITIONS, events
 from ..symmetry import NAMES
+from ..verification import resolution
 from .environment import DONE, INTERRUPTED, STOPPED
 from .parser import changes
 
@@ -33,6 +34,8 @@ def run(args: Namespace) -> int:
     model = case.model()
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, {model.n_points} quadrature points, {model.basis} basis")
     recorder = recorder_of(folder, case, case.problem(model))
+    for line in recorder.resolution.warnings:
+        print(f"jaxgel: warning: {line}", file=sys.stderr)
     recorder.begin()
     return run_recorded(recorder, args)
 
@@ -103,15 +106,19 @@ def _time(recorder, t):
 def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
     """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
     from ..io import write_series
-    from ..plotting import animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
+    from ..plotting import add_warning, animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
 
     if output.paraview:
         write_series(path, folder, table=table)
     figures = {"pattern.png": lambda: plot_patterns(path), "curves.png": lambda: plot_curves(path, table=table)} if output.figures else {}
     if output.figures and varies(path.gel):
         figures["gel.png"] = lambda: plot_gel(path)
+    coarse = resolution(path.model.cloud).warnings
     for name, draw in figures.items():
-        save_figure(np.ravel(draw())[0].figure, folder / name)
+        figure = np.ravel(draw())[0].figure
+        if coarse:
+            add_warning(figure, coarse[0])
+        save_figure(figure, folder / name)
     if output.animation:
         animate_pattern(path, folder / "pattern.gif")
 

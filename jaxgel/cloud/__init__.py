@@ -5,7 +5,7 @@ from .checks import refuse_ligament
 from .clearance import CLEARANCE
 from .cloud import Cloud, make_cloud, place
 from .edges import boundary_edges, find_rows, opposite_edges
-from .ligaments import find_ligaments
+from .ligaments import find_ligaments, shortest_lines
 from .morph import thin_plate_matrix
 from .outlines import OUTLINE_SEGMENTS, Outline, loop, sample_lines
 from .quadrature import EDGE_POINTS, Quadrature
@@ -36,6 +36,7 @@ __all__ = [
     "place",
     "refuse_ligament",
     "sample_lines",
+    "shortest_lines",
     "signed_areas",
     "thin_plate_matrix",
 ]

@@ -6,9 +6,8 @@ from scipy.spatial import cKDTree
 
 from .._types import Float
 from .._validation import Inadmissible
-from ..geometry import EDGES, Plate, periods
-from .images import translated
-from .ligaments import sides_of
+from ..geometry import Plate, periods
+from .ligaments import shortest_lines
 from .outlines import OUTLINE_SEGMENTS, Lines
 
 NARROW = 0.5  # spacings: width of a ligament that may be why shape functions cannot be made next to it
@@ -47,7 +46,7 @@ def check_sizes(plate: Plate, spacing: float | None, nodes_per_hole: int | None,
 def check_ligaments(lines: Lines, spacing: float, nodes: Float[np.ndarray, "n 2"]) -> None:
     """Refuse a ligament narrower than the ``spacing`` with none of the ``nodes`` (n, 2) of the background in it."""
     tree, along = cKDTree(nodes) if len(nodes) else None, periods(lines.plate)
-    for name, other_name, line in _shortest_lines(lines):
+    for name, other_name, line in shortest_lines(lines):
         if line.length >= spacing:
             continue
         middle = np.asarray(line.centroid.coords)[0]
@@ -64,23 +63,10 @@ def refuse_ligament(lines: Lines, spacing: float, place: Float[np.ndarray, " 2"]
     is below ``NARROW`` spacings.
     """
     point = shapely.Point(place)
-    near = [(line.length, name, other) for name, other, line in _shortest_lines(lines) if line.distance(point) < reach]
+    near = [(line.length, name, other) for name, other, line in shortest_lines(lines) if line.distance(point) < reach]
     width, name, other = min(near, default=(np.inf, "", ""))
     if width < NARROW * spacing:
         raise Inadmissible(
             f"holes: a ligament of {width:.3g} mm between {name} and {other} is too narrow for the spacing {spacing:g} mm; move the "
             "outlines apart, or across the edge, or use a smaller spacing"
         )
-
-
-def _shortest_lines(lines):
-    """(hole, hole or edge, line) of the shortest line across every ligament: not within one hole, nor from a cut hole to an edge.
-
-    Of a periodic cell images of the holes count, those of a hole itself too.
-    """
-    outlines = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(o.line)) for o in lines.outlines]
-    edges = [(f"the {edge} edge", line) for edge, line in zip(EDGES, sides_of(lines.plate), strict=True) if not line.is_empty]
-    images = [(f"an image of {name}", image) for name, _, curve in outlines for image in translated(lines.plate, curve)]
-    for k, (name, closed, curve) in enumerate(outlines):
-        others = [(other, line) for other, _, line in outlines[k + 1 :] if other != name] + (edges if closed else []) + images
-        yield from ((name, other, shapely.shortest_line(curve, line)) for other, line in others)

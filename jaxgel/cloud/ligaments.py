@@ -3,6 +3,8 @@
 A periodic edge is no end of the gel: behind it are the images of holes and regions.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 import shapely
 
@@ -55,6 +57,19 @@ def across_regions(lines: Lines, spacing: float) -> tuple[np.ndarray, Float[np.n
             found.append(parts[near & (shapely.length(parts) > CLOSE * spacing)])
     parts = np.concatenate(found)
     return parts, shapely.length(parts)
+
+
+def shortest_lines(lines: Lines) -> Iterator[tuple[str, str, shapely.LineString]]:
+    """(hole, hole or edge, line) of the shortest line across every ligament: not within one hole, nor from a cut hole to an edge.
+
+    Of a periodic cell images of the holes count, those of a hole itself too.
+    """
+    outlines = [(f"holes[{o.arc.hole}]", o.closed, shapely.LineString(o.line)) for o in lines.outlines]
+    edges = [(f"the {edge} edge", line) for edge, line in zip(EDGES, sides_of(lines.plate), strict=True) if not line.is_empty]
+    images = [(f"an image of {name}", image) for name, _, curve in outlines for image in translated(lines.plate, curve)]
+    for k, (name, closed, curve) in enumerate(outlines):
+        others = [(other, line) for other, _, line in outlines[k + 1 :] if other != name] + (edges if closed else []) + images
+        yield from ((name, other, shapely.shortest_line(curve, line)) for other, line in others)
 
 
 def sides_of(plate: Plate) -> list[shapely.LineString]:

@@ -24,6 +24,7 @@ from ..continuation import OF_SOLVENT, Path
 from ..equilibrium import State, Status
 from ..mechanics import Problem
 from ..observables import SELF_CONTACT, columns_of, events, history, outlines
+from ..verification import resolution
 from .files import open_folder, write_atomically, write_csv, write_json
 from .run import FORMAT, STEP_ARRAYS, kind_of
 
@@ -52,7 +53,7 @@ class Recorder:
 
     def __init__(self, folder: str | File, case: Any, problem: Problem, notes: dict[str, Any] | None = None) -> None:
         self.folder, self.case, self.problem, self.model, self.control = open_folder(folder), case, problem, problem.model, problem.control
-        self.notes = notes or {}
+        self.notes, self.resolution = notes or {}, resolution(problem.model.cloud)
         self.records = []  # (step, row, outlines) of each accepted state
         self.stored = 0  # states that are on disk for good
         self.started, self.begun = time.perf_counter(), False
@@ -150,6 +151,8 @@ class Recorder:
             "stop": stop.name,
             "wall_seconds": round(time.perf_counter() - self.started, 3),
             "states": len(self.records),
+            "newton_per_state": round(float(np.mean(table["newton_iterations"])), 2) if self.records else None,
+            "resolution": self.resolution.table() | {"warnings": self.resolution.warnings},
             "symmetry": dict(collections.Counter(step.symmetry for step in self.steps)),
             "control": {"name": self.control.name, "unit": self.control.unit},
             "value_reached": float(self.steps[-1].value) if self.records else None,

@@ -5,12 +5,13 @@ from .curves import CURVES, plot_curve, plot_curves
 from .design import draw_study
 from .loops import plot_loop
 from .patterns import plot_gel, plot_modes, plot_pattern, plot_patterns
-from .style import STYLE, colour_scale, save_figure
+from .style import STYLE, add_warning, colour_scale, save_figure
 from .wave_figures import plot_lattice, plot_zone
 
 __all__ = [
     "CURVES",
     "STYLE",
+    "add_warning",
     "animate_pattern",
     "colour_scale",
     "draw_study",

@@ -2,6 +2,7 @@
 
 import functools
 import os
+import textwrap
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -26,6 +27,7 @@ STYLE: dict[str, Any] = {
     "savefig.dpi": 200,
     "figure.dpi": 120,
 }
+WARNING_WIDTH = 90  # characters of a line below a figure
 LEAST, LARGEST = 1e-3, 1e5  # of numbers that are written without a power of ten
 GEL, LINE, WALL, SHADE = "#b7cfe2", "#1c2733", "#5c6670", "#e9e4de"
 COLOURS = ("#0072b2", "#d55e00", "#009e73")  # Okabe and Ito: distinguishable with every kind of colour vision
@@ -53,6 +55,11 @@ def save_figure(figure: Figure, file: str | os.PathLike[str]) -> None:
 
     figure.savefig(file)
     plt.close(figure)
+
+
+def add_warning(figure: Figure, text: str) -> None:
+    """A line below a figure that says why its numbers may be wrong."""
+    figure.supxlabel("\n".join(textwrap.wrap(text, WARNING_WIDTH)), fontsize=7, color=COLOURS[1])
 
 
 def length_unit(cloud: Cloud) -> str:
