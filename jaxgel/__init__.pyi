@@ -108,7 +108,10 @@ from .paper import paper_tangent as paper_tangent
 from .transient import Bath as Bath
 from .transient import TimeSteps as TimeSteps
 from .transient import swell as swell
+from .verification import Accuracy as Accuracy
 from .verification import Resolution as Resolution
+from .verification import accuracy as accuracy
+from .verification import grid_convergence_index as grid_convergence_index
 from .verification import resolution as resolution
 from .waves import LatticeOnset as LatticeOnset
 from .waves import lattice_onset as lattice_onset

@@ -31,9 +31,11 @@ Every table is checked against `schema.case_schema` first.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path as File
 from typing import Any
+
+import numpy as np
 
 from .._validation import check, did_you_mean, entry_of, with_changes
 from ..bifurcation import CriticalPoint, Loop, critical_points, loop, problem_by_options, sweep_by_options
@@ -47,6 +49,7 @@ from ..io import mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
 from ..mechanics import Loads, Problem, check_edges, check_room
 from ..transient import Bath, BathOptions, TimeOptions, check_numbers, check_swelling, resolved_time, step_times, swell
+from ..verification import ACCURACY, Accuracy, accuracy
 from .baths import baths, check_time, start_entries
 from .plates import moved_plate, outline_tables, pixel_tables, plate_of_tables
 from .samples import built_in
@@ -119,6 +122,23 @@ class Case:
         """`Path` of the case's sweep, or swelling in time, on its ``model``."""
         problem = self.problem(model)
         return sweep_by_options(problem, self.sweep, observer=observer) if self.time is None else self.swell(problem, observer=observer)
+
+    def accuracy(self, path: Path, *, quantities: Sequence[str] = ACCURACY, observer: Observer = UNOBSERVED) -> Accuracy:
+        """`verification.accuracy` of the case's ``path``: the same states on other clouds."""
+        cloud = path.model.cloud
+        own, values = cloud.topology.spacing, np.asarray(path.value).tolist()
+
+        def path_at(spacing):
+            if spacing == own:
+                return path
+            case = dataclasses.replace(self, discretisation=self.discretisation.scaled(cloud, spacing))
+            if self.time is None:
+                problem = case.problem(case.model())
+                return sweep_by_options(problem, self.sweep, values=values, observer=observer)
+            times = dataclasses.replace(self.time, end=None, steps_per_decade=None, first=None, times=tuple(values[1:]))
+            return dataclasses.replace(case, time=times).path(case.model(), observer=observer)
+
+        return accuracy(path_at, own, quantities=quantities)
 
     def swell(self, problem: Problem, *, before: Path | None = None, observer: Observer = UNOBSERVED) -> Path:
         """`Path` of the case's `problem` in time; it begins with the states of the path ``before``, if that is given."""

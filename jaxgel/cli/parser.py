@@ -108,6 +108,17 @@ def _case_commands(add):
     p.add_argument("--quantity", default="core_rotation", metavar="NAME", help="of the figure, such as J_mean (default: core_rotation)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")
 
+    p = add("accuracy.accuracy", "accuracy", "error bars of a case's numbers, from clouds of several spacings")
+    _case_options(p, "out/CASE-accuracy")
+    p.add_argument(
+        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values each way, both ends included (default: 40)"
+    )
+    _control_options(p)
+    _branch_option(p)
+    p.add_argument("--at", type=_reals, metavar="A,B,...", help="values of the control at which error bars are printed (default: three)")
+    p.add_argument("--quantities", metavar="NAME,...", help="columns of history.csv that get error bars (default: the main ones)")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figure")
+
     p = add("wave_runs.waves", "waves", "find the onset of an infinite lattice from one periodic cell")
     _case_options(p, "out/CASE-waves")
     p.add_argument("--divisions", type=_whole, default=8, metavar="N", help="steps from the middle of the zone to its edge (default: 8)")

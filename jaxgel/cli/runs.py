@@ -6,7 +6,7 @@ import dataclasses
 import math
 import sys
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path as File
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from .._validation import one_of
 from ..cases import Case, OutputOptions, load_case, path_of, recorder_of
 from ..continuation import Path
+from ..controls import Control
 from ..equilibrium import Observer
 from ..io import Progress, Recorder, interruptible, open_folder, write_csv, write_loop, write_points
 from ..materials import varies
@@ -79,7 +80,7 @@ def _computed(recorder, quiet):
 
 
 @contextlib.contextmanager
-def _watched(turns, control, quiet):
+def watched(turns: Sequence[float], control: Control, quiet: bool) -> Iterator[Observer]:
     """An observer of a search along a ``control``, which shows its progress and by which Ctrl-C ends it."""
     with Progress(turns, quiet, name=control.name, unit=control.unit) as progress, interruptible() as stop_if_asked:
 
@@ -166,7 +167,7 @@ def critical(args: Namespace) -> int:
     name = control.name
     say(f"{case.name}: {len(model.cloud.nodes)} nodes, searching from {name} = {first:g} to {last:g}")
     unit = f" {control.unit}".rstrip()
-    with _watched((first, last), control, args.quiet) as observer:
+    with watched((first, last), control, args.quiet) as observer:
         points = case.critical_points(model, most=args.most, observer=observer)
     write_points(points, folder, case.table(), name)
     for point in points:
@@ -188,7 +189,7 @@ def loop(args: Namespace) -> int:
     folder = open_folder(args.out or File("out") / f"{case.name}-loop")
     model, (first, last) = case.model(), case.sweep.ends
     control = case.problem(model).control
-    with _watched((first, last, first), control, args.quiet) as observer:
+    with watched((first, last, first), control, args.quiet) as observer:
         found = case.loop(model, observer=observer)
     write_loop(found, folder, case.table())
     if case.output.figures:

@@ -46,3 +46,10 @@ class DiscretisationOptions:
     def at_spacing(self, spacing: float) -> "DiscretisationOptions":
         """These options with another spacing, mm: nodes on outlines in proportion, at least as many nodes across ligaments."""
         return dataclasses.replace(self, spacing=float(spacing), nodes_per_hole=None)
+
+    def scaled(self, cloud: Cloud, spacing: float) -> "DiscretisationOptions":
+        """These options for a cloud like the given one with another spacing, mm: all its distances change by the same factor."""
+        made, factor = cloud.topology, cloud.topology.spacing / spacing
+        nodes = None if self.nodes_per_hole is None else max(8, 4 * round(made.nodes_per_hole * factor / 4))
+        across = None if self.across is None else max(2, 1 + round((self.across - 1) * factor))
+        return dataclasses.replace(self, spacing=float(spacing), nodes_per_hole=nodes, across=across)

@@ -1,4 +1,4 @@
-"""Files of a loop and of ``jaxgel waves``."""
+"""Files of a loop, of ``jaxgel waves`` and of ``jaxgel accuracy``."""
 
 from pathlib import Path as File
 from typing import Any
@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..bifurcation import Loop
-from ..observables import history
+from ..observables import QUANTITIES, history
+from ..verification import Accuracy
 from ..waves import LatticeOnset
 from .files import write_atomically, write_csv, write_json
 
@@ -62,3 +63,32 @@ def _onset_entry(onset):
         return None
     names = ("kind", "periods", "slope", "text")
     return {"mu": float(onset.mu), "wave_vector": onset.wave_vector.tolist()} | {name: getattr(onset, name) for name in names}
+
+
+def write_accuracy(found: Accuracy, folder: File, options: dict[str, Any]) -> None:
+    """``accuracy.csv`` with a row for every state and quantity, ``accuracy.json`` with the clouds besides, in a folder.
+
+    Values are in the unit that people read; those on the clouds come last, coarsest first. A number that is not known is empty, or null.
+    """
+    control, clouds = found.path.control, [f"on {nodes} nodes" for nodes in found.nodes]
+    columns = [control.name, "quantity", "unit", "value", "error", "extrapolated", "order", *clouds]
+    rows = []
+    for k, value in enumerate(np.asarray(found.path.value)):
+        for name, bars in found.bars.items():
+            numbers = (bars.own[k], bars.error[k], bars.extrapolated[k], bars.order[k], *bars.values[:, k])
+            rows.append([float(value), name, unit_of(name), *(float(n) if np.isfinite(n) else None for n in numbers)])
+    write_csv(folder / "accuracy.csv", columns, rows)
+    record = {
+        "options": options,
+        "spacings": found.spacings.tolist(),
+        "nodes": found.nodes.tolist(),
+        "ended": list(found.ended),
+        "states": [dict(zip(columns, row, strict=True)) for row in rows],
+    }
+    write_json(folder / "accuracy.json", record)
+
+
+def unit_of(name: str) -> str:
+    """Unit in which people read a quantity of `QUANTITIES`, as files write it."""
+    quantity = QUANTITIES[name]
+    return "%" if quantity.percent else quantity.unit

@@ -1,5 +1,6 @@
 """Figures of paths, modes and designs."""
 
+from .accuracy import plot_accuracy
 from .animation import animate_pattern
 from .curves import CURVES, plot_curve, plot_curves
 from .design import draw_study
@@ -15,6 +16,7 @@ __all__ = [
     "animate_pattern",
     "colour_scale",
     "draw_study",
+    "plot_accuracy",
     "plot_curve",
     "plot_curves",
     "plot_gel",

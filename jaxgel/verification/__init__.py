@@ -1,5 +1,18 @@
-"""How far numbers can be trusted: what a cloud resolves, error bars from several clouds, and from uncertain inputs."""
+"""How far numbers can be trusted: what a cloud resolves, and error bars from several clouds."""
 
+from .accuracy import ACCURACY, Accuracy, accuracy
+from .convergence import FEWEST, ErrorBars, GridConvergence, error_bars, grid_convergence_index
 from .resolution import Resolution, resolution
 
-__all__ = ["Resolution", "resolution"]
+__all__ = [
+    "ACCURACY",
+    "FEWEST",
+    "Accuracy",
+    "ErrorBars",
+    "GridConvergence",
+    "Resolution",
+    "accuracy",
+    "error_bars",
+    "grid_convergence_index",
+    "resolution",
+]

@@ -50,8 +50,8 @@ class Resolution:
         if self.turn > MOST_TURN:
             nodes = 4 * int(np.ceil(self.nodes_per_hole * self.turn / MOST_TURN * 2 / 4))
             found.append(
-                f"nodes_per_hole: the outline of {self.turns} turns by {self.turn:.0f} degrees between two nodes, at most {MOST_TURN:g} are "
-                f"resolved; use a smaller spacing, or nodes_per_hole = {nodes}"
+                f"nodes_per_hole: the outline of {self.turns} turns by {self.turn:.0f} degrees between two nodes, and at most "
+                f"{MOST_TURN:g} are resolved; use a smaller spacing, or nodes_per_hole = {nodes}"
             )
         return found
 

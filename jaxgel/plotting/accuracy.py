@@ -1,0 +1,31 @@
+"""The figure of error bars: curves with bands."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from ..observables import QUANTITIES
+from ..verification import Accuracy
+from .style import COLOURS, WALL, length_unit, quantity_of, styled
+
+COLUMNS = 4  # of panels
+
+
+@styled
+def plot_accuracy(found: Accuracy) -> np.ndarray:
+    """Axes, one for each quantity: its values on the path's cloud with a band of their errors, and grey lines of the other clouds."""
+    names, x = list(found.bars), np.asarray(found.path.value, dtype=float)
+    rows = -(-len(names) // COLUMNS)
+    across = min(len(names), COLUMNS)
+    axes = np.atleast_1d(plt.subplots(rows, across, figsize=(2.1 * across, 1.9 * rows), layout="constrained")[1]).ravel()
+    unit, driven = length_unit(found.path.model.cloud), quantity_of(found.path.control)
+    for ax, name in zip(axes, names, strict=False):
+        bars = found.bars[name]
+        others = [row for row in bars.values if row is not bars.own and not np.array_equal(row, bars.own, equal_nan=True)]
+        for row in others:
+            ax.plot(x, row, color=WALL, linewidth=0.5, alpha=0.7)
+        ax.fill_between(x, bars.own - bars.error, bars.own + bars.error, color=COLOURS[0], alpha=0.25, linewidth=0)
+        ax.plot(x, bars.own, color=COLOURS[0])
+        ax.set(xlabel=driven.axis_label(), ylabel=QUANTITIES[name].axis_label(unit))
+    for ax in axes[len(names) :]:
+        ax.remove()
+    return axes[: len(names)]
