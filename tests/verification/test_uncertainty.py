@@ -120,7 +120,8 @@ def test_command_writes_table_figure_and_samples(tmp_path, capsys):
     """The deviations on the terminal are those of the files; samples are beside them."""
     file = tmp_path / "tilted.toml"
     file.write_text(
-        "[plate]\nwidth = 4.0\nheight = 4.0\nspacing = 0.6\nnodes_per_hole = 8\ncore = [1.6, 1.5]\n[[holes]]\nkind = 'ellipse'\ncentre = [0.15, -0.1]\n"
+        "[plate]\nwidth = 4.0\nheight = 4.0\nspacing = 0.6\nnodes_per_hole = 8\n"
+        "core = [1.6, 1.5]\n[[holes]]\nkind = 'ellipse'\ncentre = [0.15, -0.1]\n"
         "semi_axes = [1.2, 0.8]\nangle_deg = 20.0\n[sweep]\nmu = [-4.0, -3.0]\n[uncertainty]\nNv = '5 %'\n"
     )
     arguments = [
