@@ -1,7 +1,8 @@
 """Continuation: many states along a branch, and their stability."""
 
-from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed, warn_of_ill_posed
+from .autodiff import IllPosedDerivative, warn_of_ill_posed
 from .eigenvalue import lowest_eigenvalue
+from .first import SweepFailed, first_state_failed
 from .follow import BRANCHES, Followed, Following
 from .options import SweepOptions, check_sweep
 from .path import OF_SOLVENT, SCALARS, Path, check_is_path

@@ -12,10 +12,9 @@ from jax.custom_derivatives import SymbolicZero
 
 from .._compiled import tangents as tangents_of
 from .._programs import fitted
-from .._threads import few_threads
 from .._tracing import is_traced
-from ..controls import Control, check_values
-from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents
+from ..controls import check_values
+from ..equilibrium import Status, no_tangents, state_tangents
 from ..linalg import RECENT_FACTORS
 from ..mechanics import Problem, shared_tangents, state_pressure, total_energy
 from .follow import Followed, Following
@@ -29,10 +28,6 @@ WITHOUT_DERIVATIVES = {
     "lowest_eigenvalue": "path.lowest_eigenvalue: the attribute has no derivative; use jaxgel.continuation.lowest_eigenvalue(path)",
     "residual": "path.residual: the residual of a converged state is round-off and has no derivative; use path.energy or path.x",
 }
-
-
-class SweepFailed(StateNotFound):
-    """Not even the first state of a sweep was found; the text says why."""
 
 
 class IllPosedDerivative(UserWarning):
@@ -98,14 +93,10 @@ def _states(search, floats):
     values = check_values(search.ends.values if search.ends else np.asarray(values), control.name, control.unit)
     check_sweep(problem, values)
     problem = problem.prepared
-    with few_threads(2 * problem.model.n_nodes):
-        followed = Followed(problem, search.ends or values.tolist(), search.options)
-        states = followed.light_states(lambda state: _keep_factor(problem, state))
-    if not states:
-        raise first_state_failed(control, values[0], followed.stop)
-    path = Path.from_states(problem, states)
-    ended = "" if followed.stop.ok else f"stopped after {control.name} = {followed.value:.6g}: {followed.stop.text}"
-    search.found.update(symmetry=path.symmetry, stop=followed.stop, stop_text=ended or followed.stop.text)
+    followed = Followed(problem, search.ends or values.tolist(), search.options)
+    states = followed.light_states(lambda state: _keep_factor(problem, state))
+    path = Path.from_states(problem, states, stop=followed.stop, stop_text=followed.stop_text)
+    search.found.update(symmetry=path.symmetry, stop=path.stop, stop_text=path.stop_text)
     touching = np.array([state.contact_active is not False for state in states])
     return _columns(problem, path, touching, followed.stop, path.value if search.ends else values)
 
@@ -144,11 +135,6 @@ def _states_jvp(search, primals, tangents):
     report_dot |= {name: fitted(dot, axes, problem.lengths) for dot, (name, axes) in zip(dots, OF_STATES.items(), strict=True)}
     report_dot |= {name: no_tangents(report[name], [x_dot], text) for name, text in WITHOUT_DERIVATIVES.items()}
     return (x, report), (x_dot, report_dot)
-
-
-def first_state_failed(control: Control, value: float, status: Status) -> SweepFailed:
-    """The error of a sweep whose first state was not found."""
-    return SweepFailed(f"sweep: no equilibrium at {control.name} = {value:.6g}: {status.text}{remedy(status, control.name)}")
 
 
 @dataclasses.dataclass(frozen=True)
