@@ -11,11 +11,13 @@ from .stability import ACCURACY, StabilityAnalysis, oriented
 from .steps import STEP_CONTROL, Adaptive, StepControl, given_values
 from .sweeps import sweep
 from .switching import across
+from .traced_search import RESIDUAL, TracedSearch, padded_columns
 
 __all__ = [
     "ACCURACY",
     "BRANCHES",
     "OF_SOLVENT",
+    "RESIDUAL",
     "SCALARS",
     "STEP_CONTROL",
     "Adaptive",
@@ -27,6 +29,7 @@ __all__ = [
     "StepControl",
     "SweepFailed",
     "SweepOptions",
+    "TracedSearch",
     "across",
     "check_is_path",
     "check_sweep",
@@ -35,6 +38,7 @@ __all__ = [
     "given_values",
     "lowest_eigenvalue",
     "oriented",
+    "padded_columns",
     "predict",
     "sweep",
     "warn_of_ill_posed",
