@@ -1,4 +1,4 @@
-"""Error bars of a case's numbers: the same states on other clouds."""
+"""Error bars of a case's numbers and of their derivatives: the same states on other clouds."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,8 +8,9 @@ import numpy as np
 from ..bifurcation import sweep_by_options
 from ..continuation import Path
 from ..equilibrium import UNOBSERVED, Observer
-from ..verification import ACCURACY, Accuracy, accuracy
+from ..verification import ACCURACY, Accuracy, ErrorBars, accuracy, error_bars, on_clouds
 from .case import Case
+from .uncertain import uncertain_inputs, uncertainty_of
 
 
 def accuracy_of(case: Case, path: Path, *, quantities: Sequence[str] = ACCURACY, observer: Observer = UNOBSERVED) -> Accuracy:
@@ -27,3 +28,28 @@ def accuracy_of(case: Case, path: Path, *, quantities: Sequence[str] = ACCURACY,
         return sweep_by_options(other.problem(other.model()), case.sweep, values=values, observer=observer)
 
     return accuracy(path_at, own, quantities=quantities)
+
+
+def slope_accuracy_of(case: Case, names: Sequence[str], quantities: Sequence[str]) -> dict[tuple[str, str], ErrorBars]:
+    """(quantity, input) -> `verification.ErrorBars` (1,) of the derivative of the quantity at the case's last state.
+
+    ``names`` are inputs as in the section ``uncertainty``; derivatives by angles in degrees are per degree. ValueError as of
+    `uncertain.uncertainty_of`.
+    """
+    inputs, cloud = uncertain_inputs(case, dict.fromkeys(names, 1.0)), case.cloud()
+    nodes = {}
+
+    def slopes_at(spacing):
+        other = dataclasses.replace(case, discretisation=case.discretisation.scaled(cloud, spacing))
+        nodes[spacing] = len(other.cloud().nodes)
+        return uncertainty_of(other, inputs, quantities)
+
+    found = on_clouds(slopes_at, cloud.topology.plate, cloud.topology.spacing)
+    sizes, own = np.array([nodes[h] ** -0.5 for h in found]), list(found).index(cloud.topology.spacing)
+    slopes = np.array([one.slopes for one in found.values()])
+    first = found[cloud.topology.spacing]
+    return {
+        (name, which): error_bars(sizes, slopes[:, k, i : i + 1], own)
+        for k, name in enumerate(first.names)
+        for i, which in enumerate(first.inputs)
+    }

@@ -6,9 +6,9 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import one_of
-from ..cases import accuracy_of, load_case
-from ..io import open_folder, unit_of, write_accuracy
-from ..observables import QUANTITIES, state_at
+from ..cases import accuracy_of, load_case, slope_accuracy_of
+from ..io import open_folder, unit_of, write_accuracy, write_csv
+from ..observables import CURVES, OF_EQUILIBRIA, QUANTITIES, state_at
 from ..verification import ACCURACY, FEWEST
 from .environment import DONE, STOPPED
 from .parser import changes
@@ -41,10 +41,25 @@ def accuracy(args: Namespace) -> int:
         say(f"  {'':26} {'value':>11} {'error':>10} {'extrapolated':>13} {'order':>6}")
         for name in names:
             say(_line(name, found.bars[name], k))
+    if args.gradient:
+        _slopes(args, case, names, folder)
     say(f"{len(path)} states in {folder}")
     if len(found.nodes) < FEWEST:
         say(f"no error bars: they need {FEWEST} clouds, and others than these {len(found.nodes)} cannot be made; use a smaller spacing")
     return DONE if path.stop.ok else STOPPED
+
+
+def _slopes(args, case, names, folder):
+    """Print and write the error bars of the derivatives by the inputs that the option names, of the quantities that have some."""
+    found = slope_accuracy_of(case, args.gradient.split(","), [name for name in names if name in CURVES and name not in OF_EQUILIBRIA])
+    say, rows = printer(args), []
+    say(f"derivatives at {case.sweep.control} = {case.sweep.numbers[-1]:g}")
+    say(f"  {'':44} {'value':>11} {'error':>10} {'extrapolated':>13}")
+    for (name, which), bars in found.items():
+        value, error, limit = (QUANTITIES[name].scale * float(numbers[0]) for numbers in (bars.own, bars.error, bars.extrapolated))
+        say(f"  {f'd {name} / d {which}':44} {value:11.4g} {error:10.2g} {limit:13.4g}")
+        rows.append([name, unit_of(name), which, value, error, limit])
+    write_csv(folder / "slopes.csv", ["quantity", "unit", "input", "slope", "error", "extrapolated"], rows)
 
 
 def _evenly(count):

@@ -117,6 +117,9 @@ def _case_commands(add):
     _branch_option(p)
     p.add_argument("--at", type=_reals, metavar="A,B,...", help="values of the control at which error bars are printed (default: three)")
     p.add_argument("--quantities", metavar="NAME,...", help="columns of history.csv that get error bars (default: the main ones)")
+    p.add_argument(
+        "--gradient", metavar="NAME,...", help="also error bars of the derivatives at the last state by these inputs, such as Nv"
+    )
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")
 
     p = add("uncertainty.uncertainty", "uncertainty", "standard deviations of a case's numbers from those of its inputs")

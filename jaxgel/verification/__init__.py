@@ -1,6 +1,6 @@
 """How far numbers can be trusted: what a cloud resolves, error bars from several clouds, and from uncertain inputs."""
 
-from .accuracy import ACCURACY, Accuracy, accuracy
+from .accuracy import ACCURACY, Accuracy, accuracy, on_clouds
 from .convergence import FEWEST, ErrorBars, GridConvergence, error_bars, grid_convergence_index
 from .resolution import Resolution, resolution
 from .uncertainty import Uncertainty, uncertainty
@@ -16,6 +16,7 @@ __all__ = [
     "accuracy",
     "error_bars",
     "grid_convergence_index",
+    "on_clouds",
     "resolution",
     "uncertainty",
 ]

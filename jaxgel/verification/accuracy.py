@@ -1,7 +1,9 @@
 """Error bars of a path's numbers, from the same problem on clouds of several spacings."""
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from ..geometry import Plate
 from ..observables import QUANTITIES
 from .convergence import ErrorBars, error_bars
 
+T = TypeVar("T")
 ACCURACY = ("rotation", "core_rotation", "area_reduction", "J_mean", "energy", "min_gap", "surface_ratio", "surface_stability")
 """Quantities that get error bars unless others are asked for."""
 REVERSED = ("rotation", "core_rotation", "F12")  # quantities that are reversed in the mirror image of a state
@@ -52,16 +55,7 @@ def accuracy(path_at: Callable[[float], Path], spacing: float, *, quantities: Se
         one_of("quantities", name, QUANTITIES)
     own = path_at(spacing)
     check_kind("path_at", own, Path, "a function that returns a Path for a spacing")
-    plate = own.model.cloud.topology.plate
-    paths = {float(spacing): own}
-    finer = spacings_near(plate, spacing, [FINER])
-    for h in spacings_near(plate, spacing):
-        try:
-            paths[h] = path_at(h)
-        except Inadmissible:
-            continue
-    paths |= {h: path_at(h) for h in finer if len(paths) <= len(FACTORS) and h not in paths}
-    paths = dict(sorted(paths.items(), reverse=True))
+    paths = on_clouds(lambda h: own if h == spacing else path_at(h), own.model.cloud.topology.plate, spacing)
     for h, path in paths.items():
         if not np.array_equal(path.value, own.value[: len(path)]):
             raise ValueError(
@@ -71,6 +65,19 @@ def accuracy(path_at: Callable[[float], Path], spacing: float, *, quantities: Se
     at = list(paths).index(float(spacing))
     bars = {name: error_bars(nodes**-0.5, _values(name, list(paths.values()), own), at) for name in quantities}
     return Accuracy(own, np.array(list(paths)), nodes, bars, tuple(path.stop_text for path in paths.values()))
+
+
+def on_clouds(found_at: Callable[[float], T], plate: Plate, spacing: float) -> dict[float, T]:
+    """Spacing, mm -> ``found_at(spacing)`` on the clouds of a plate that error bars need, coarsest first, with that of the given spacing.
+
+    In place of a cloud that cannot be made, since it leaves a ligament empty, a finer one is taken.
+    """
+    found = {float(spacing): found_at(spacing)}
+    for h in spacings_near(plate, spacing):
+        with contextlib.suppress(Inadmissible):
+            found[h] = found_at(h)
+    found |= {h: found_at(h) for h in spacings_near(plate, spacing, [FINER]) if len(found) <= len(FACTORS) and h not in found}
+    return dict(sorted(found.items(), reverse=True))
 
 
 def spacings_near(plate: Plate, spacing: float, factors: Sequence[float] = FACTORS) -> list[float]:

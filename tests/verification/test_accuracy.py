@@ -86,6 +86,7 @@ def test_what_cannot_be_compared_is_refused(refused):
 def test_command_writes_what_it_prints(tmp_path, capsys):
     """Table on the terminal, accuracy.csv with every state, accuracy.json with the clouds, a figure."""
     arguments = ["accuracy", "sample-1", "--spacing", "1.1", "--steps", "3", "--mu-end", "-3", "--quantities", "core_rotation,energy"]
+    arguments += ["--gradient", "Nv"]
     assert jaxgel.cli.main([*arguments, "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     rows = list(csv.DictReader((tmp_path / "accuracy.csv").read_text().splitlines()))
@@ -96,6 +97,9 @@ def test_command_writes_what_it_prints(tmp_path, capsys):
     assert record["nodes"] == sorted(record["nodes"]) and len(record["states"]) == 6
     assert float(last[f"on {record['nodes'][-1]} nodes"]) == record["states"][4][f"on {record['nodes'][-1]} nodes"]
     assert (tmp_path / "accuracy.png").stat().st_size > 10_000
+    (slope,) = csv.DictReader((tmp_path / "slopes.csv").read_text().splitlines())
+    assert (slope["quantity"], slope["input"]) == ("core_rotation", "Nv") and f"{float(slope['slope']):.4g}" in printed
+    assert 0 < float(slope["error"]) < abs(float(slope["slope"]))
 
 
 def test_a_cloud_that_leaves_a_ligament_empty_is_replaced_by_a_finer_one(found):
