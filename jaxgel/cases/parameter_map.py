@@ -12,6 +12,7 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
 
 import dataclasses
 import itertools
+from collections.abc import Sequence
 from pathlib import Path as File
 
 import numpy as np
@@ -54,6 +55,7 @@ MAPS = {
     "file": tabled(OPTIONS | {"points": TEXT | {"$comment": "it names a CSV file with a column for each parameter"}}, ["points"]),
 }  # samples -> rule of the section [map]
 MAP = "map.json"
+Vector = Sequence[float] | Float[np.ndarray, " d"]
 FORMAT = 2  # of map.json and point.json
 
 
@@ -95,7 +97,7 @@ class MapStudy:
                 text = f"its {np.size(p['own'])} components are not accepted for samples of a file, gradients and jaxgel serve"
                 raise ValueError(f"parameters: {p['name']}: {text}; give at most {MOST_COLUMNS}")
 
-    def point(self, vector: Float[np.ndarray, " d"]) -> dict:
+    def point(self, vector: Vector) -> dict:
         """The point with these components (d,); ValueError, one line, for one that is not finite or out of its bounds."""
         vector = np.asarray(vector, dtype=float)
         check_bounds("", self.names, vector, self.bounds)

@@ -17,7 +17,7 @@ from ..cloud import Cloud
 from ..continuation import Path
 from ..equilibrium import StateNotFound
 from ..observables import QUANTITIES, is_flat
-from .parameter_map import MapStudy
+from .parameter_map import MapStudy, Vector
 from .parameters import gel_of, plate_of
 
 DIFFERENTIABLE = tuple(name for name, quantity in QUANTITIES.items() if quantity.differentiable and not quantity.in_time)
@@ -41,7 +41,7 @@ class Response:
             if name not in DIFFERENTIABLE:
                 raise ValueError(f"quantities: {name!r} is unknown; {did_you_mean(name, DIFFERENTIABLE)}")
 
-    def path(self, vector: Float[np.ndarray, " d"]) -> Path:
+    def path(self, vector: Vector) -> Path:
         """The `Path` of a point, as ``jaxgel map`` computes it.
 
         ValueError for parameters out of bounds, or of a plate or gel that cannot be; `StateNotFound` if the sweep does not reach its end.
@@ -60,7 +60,7 @@ class Response:
                 raise ArithmeticError(f"{name}: has no value at the last state of this case")
         return values
 
-    def jacobian(self, vector: Float[np.ndarray, " d"], path: Path) -> Float[np.ndarray, "r d"]:
+    def jacobian(self, vector: Vector, path: Path) -> Float[np.ndarray, "r d"]:
         """Derivatives (r, d) of the quantities at the last state, by the implicit function theorem in reverse mode.
 
         ``path`` is the `path` of the point ``vector``. A row is nan if its quantity has no derivative, as the rotation of a level

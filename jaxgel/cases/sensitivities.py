@@ -36,7 +36,10 @@ class Sensitivity:
 
 
 def sensitivity(
-    gradients: Float[np.ndarray, "p d"], values: Float[np.ndarray, " p"], bounds: Float[np.ndarray, "d 2"], names: Sequence[str] = ()
+    gradients: Sequence[Sequence[float]] | Float[np.ndarray, "p d"],
+    values: Sequence[float] | Float[np.ndarray, " p"],
+    bounds: Sequence[Sequence[float]] | Float[np.ndarray, "d 2"],
+    names: Sequence[str] = (),
 ) -> Sensitivity:
     """`Sensitivity` of a function with these ``values`` (p,) and ``gradients`` (p, d) at samples that are uniform between ``bounds``.
 

@@ -39,4 +39,4 @@ def served(response: Response) -> ServedFunction:
     def jacobian(vector: tuple[float, ...]) -> np.ndarray:
         return response.jacobian(vector, path(vector))
 
-    return ServedFunction(MODEL, len(response.study.names), len(response.quantities), values, jacobian)
+    return ServedFunction(MODEL, len(response.study.names), response.quantities, values, jacobian)

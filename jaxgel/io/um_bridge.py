@@ -9,7 +9,7 @@ import dataclasses
 import json
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
@@ -37,9 +37,9 @@ class ServedFunction:
     name: str
     """Name of the model."""
     inputs: int
-    """d."""
-    outputs: int
-    """r."""
+    """Size d of its input vector."""
+    outputs: Sequence[str]
+    """Names (r) of its values."""
     values: Callable[[tuple[float, ...]], Float[np.ndarray, " r"]]
     """The values; ValueError for a vector that is not accepted, ArithmeticError if they do not exist."""
     jacobian: Callable[[tuple[float, ...]], Float[np.ndarray, "r d"]]
@@ -54,7 +54,7 @@ class ServedFunction:
         plain = {
             "ModelInfo": {"support": SUPPORTED},
             "InputSizes": {"inputSizes": [self.inputs]},
-            "OutputSizes": {"outputSizes": [self.outputs]},
+            "OutputSizes": {"outputSizes": [len(self.outputs)]},
         }
         if call in plain:
             return plain[call]
@@ -70,13 +70,13 @@ class ServedFunction:
         for key in ("outWrt", "inWrt"):
             if request.get(key) != 0:
                 raise UnusableRequest(f"{key}: {request.get(key)!r} is not accepted; 0 is the only vector")
-        key, size = ("sens", self.outputs) if call == "Gradient" else ("vec", self.inputs)
+        key, size = ("sens", len(self.outputs)) if call == "Gradient" else ("vec", self.inputs)
         direction = np.array(_vector(key, request.get(key), size))
         jacobian = self.jacobian(vector)
-        used = direction != 0 if call == "Gradient" else np.full(self.outputs, True)
+        used = direction != 0 if call == "Gradient" else np.full(len(self.outputs), True)
         if not np.all(np.isfinite(jacobian[used])):
-            missing = np.flatnonzero(used & ~np.all(np.isfinite(jacobian), axis=1)).tolist()
-            raise ArithmeticError(f"outputs {missing} have no derivative at input = {list(vector)}")
+            missing = [self.outputs[k] for k in np.flatnonzero(used & ~np.all(np.isfinite(jacobian), axis=1))]
+            raise ArithmeticError(f"{', '.join(missing)}: no derivative at input = {list(vector)}")
         return {"output": (direction[used] @ jacobian[used] if call == "Gradient" else jacobian @ direction).tolist()}
 
 

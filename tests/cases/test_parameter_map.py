@@ -17,7 +17,7 @@ import pytest
 from studies import TINY
 
 import jaxgel
-from jaxgel.cases import POINT, PROBLEM, TABLE, load_map, load_path, map_runs, parameter_map, resumed_map, run_map
+from jaxgel.cases import POINT, PROBLEM, TABLE, load_map, load_path, map_runs, map_sensitivity, parameter_map, resumed_map, run_map
 from jaxgel.cli import command_line as cli
 from jaxgel.io import TRIES, InThisProcess, Workers, load_run
 
@@ -219,6 +219,37 @@ def test_a_point_lies_on_the_studys_cloud_placed_or_where_that_is_too_poor_on_it
     own = dataclasses.replace(mapped.at(mapped.points[1]).plate, reference=None)
     np.testing.assert_allclose(nodes[1], np.asarray(jaxgel.make_cloud(own, spacing=2 / 3, nodes_per_hole=12).nodes), atol=1e-12)
     assert len(nodes[1]) != len(placed[1])
+
+
+@pytest.fixture(scope="module")
+def derived(tmp_path_factory):
+    """Folder and rows of a map of three chi 1e-4 apart, with derivatives."""
+    folder = tmp_path_factory.mktemp("gradients")
+    chi = '[map]\ngradients = true\n[[parameters]]\nof = "chi"\nlower = 0.0999\nupper = 0.1001\nnumber = 3\n'
+    return folder / "out", run_map(study(folder, HOLE + chi), folder / "out", Inline())
+
+
+def test_derivatives_of_a_map_agree_with_differences_of_its_points(derived):
+    _, rows = derived
+    for column in ("rotation_deg", "area_reduction"):
+        difference = (rows[2][column] - rows[0][column]) / 2e-4
+        assert rows[1][f"d_{column}_d_chi"] == pytest.approx(difference, rel=1e-6)  # error of the difference: 1e-8
+    assert rows[1]["core_rotation_deg"] is None and rows[1]["d_core_rotation_deg_d_chi"] is None  # the core lies in the hole
+
+
+def test_measures_of_a_map_come_from_its_table(derived, refused):
+    folder, rows = derived
+    found = map_sensitivity(folder, "area_reduction")
+    assert found.names == ["chi"]
+    np.testing.assert_allclose(found.mean_squares, np.mean([row["d_area_reduction_d_chi"] ** 2 for row in rows]), rtol=1e-12)
+    refused(
+        map_sensitivity,
+        [
+            (folder, "area_redaction", "quantity: 'area_redaction' is unknown; did you mean 'area_reduction'"),
+            (folder / "0000", "rotation", "folder: .* is not accepted .*; give one written by jaxgel map"),
+            (folder, "core_rotation", "is not accepted|at least 2"),
+        ],
+    )
 
 
 def test_a_finished_map_is_not_run_again(holes):

@@ -1,13 +1,11 @@
-"""Derivative-based global sensitivity measures: closed forms, SALib, and those of a map."""
+"""Derivative-based global sensitivity measures: closed forms and SALib."""
 
 import itertools
 
 import numpy as np
 import pytest
-from studies import TINY
 
-from jaxgel.cases import load_map, map_sensitivity, run_map, sensitivity
-from jaxgel.io import InThisProcess
+from jaxgel.cases import sensitivity
 
 A, B = 7.0, 0.1  # of the Ishigami function
 
@@ -69,37 +67,5 @@ def test_unusable_samples_are_refused(refused):
             ([[1.0], [1.0]], [1.0, 2.0], [(0, 1), (0, 1)], r"arrays of the shapes \(2, 1\), \(2,\) and \(2, 2\) are not accepted"),
             ([[1.0], [np.nan]], [1.0, 2.0], [(0, 1)], "are not finite, or all values are equal"),
             ([[1.0], [1.0]], [2.0, 2.0], [(0, 1)], "are not finite, or all values are equal"),
-        ],
-    )
-
-
-@pytest.fixture(scope="module")
-def mapped(tmp_path_factory):
-    """Folder and rows of a map of three chi 1e-4 apart, with derivatives."""
-    folder = tmp_path_factory.mktemp("gradients")
-    text = TINY + '[sweep]\nsteps = 2\nmu_start = -4.0\nmu_end = -3.0\ncontact = "off"\n[map]\ngradients = true\n'
-    (folder / "study.toml").write_text(text + '[[parameters]]\nof = "chi"\nlower = 0.0999\nupper = 0.1001\nnumber = 3\n')
-    return folder / "out", run_map(load_map(folder / "study.toml"), folder / "out", InThisProcess())
-
-
-def test_derivatives_of_a_map_agree_with_differences_of_its_points(mapped):
-    _, rows = mapped
-    for column in ("rotation_deg", "area_reduction"):
-        difference = (rows[2][column] - rows[0][column]) / 2e-4
-        assert rows[1][f"d_{column}_d_chi"] == pytest.approx(difference, rel=1e-6)  # error of the difference: 1e-8
-    assert rows[1]["core_rotation_deg"] is None and rows[1]["d_core_rotation_deg_d_chi"] is None  # the core lies in the hole
-
-
-def test_measures_of_a_map_come_from_its_table(mapped, refused):
-    folder, rows = mapped
-    found = map_sensitivity(folder, "area_reduction")
-    assert found.names == ["chi"]
-    np.testing.assert_allclose(found.mean_squares, np.mean([row["d_area_reduction_d_chi"] ** 2 for row in rows]), rtol=1e-12)
-    refused(
-        map_sensitivity,
-        [
-            (folder, "area_redaction", "quantity: 'area_redaction' is unknown; did you mean 'area_reduction'"),
-            (folder / "0000", "rotation", "folder: .* is not accepted .*; give one written by jaxgel map"),
-            (folder, "core_rotation", "is not accepted|at least 2"),
         ],
     )

@@ -30,7 +30,7 @@ def jacobian(vector):
 
 @pytest.fixture(scope="module")
 def server():
-    with um_bridge_server(ServedFunction("forward", 2, 2, values, jacobian), "localhost", 0) as made:
+    with um_bridge_server(ServedFunction("forward", 2, ("product", "square"), values, jacobian), "localhost", 0) as made:
         thread = threading.Thread(target=made.serve_forever, daemon=True)
         thread.start()
         yield made
@@ -79,9 +79,9 @@ def test_an_error_is_answered_in_one_line_and_the_server_goes_on(server, capsys)
         ("Evaluate", dict(input=[[1.0, 1.0]], config={"steps": 3}), 400, "InvalidInput", r"config: \{'steps': 3\} is not accepted"),
         ("Evaluate", dict(input=[[1.0, 1.0]], name="posterior"), 400, "ModelNotFound", "'posterior' is unknown; accepted: forward"),
         ("Gradient", at | dict(sens=[1.0]), 400, "InvalidInput", r"sens: \[1\.0\] is not a list of 2 finite numbers"),
-        ("Gradient", at | dict(sens=[1.0, 1.0]), 500, "ModelError", r"outputs \[1\] have no derivative at input = \[1\.0, 4\.0\]"),
+        ("Gradient", at | dict(sens=[1.0, 1.0]), 500, "ModelError", r"square: no derivative at input = \[1\.0, 4\.0\]"),
         ("Gradient", at | dict(sens=[1.0, 0.0], outWrt=1), 400, "InvalidInput", "outWrt: 1 is not accepted; 0 is the only vector"),
-        ("ApplyJacobian", at | dict(vec=[1.0, 0.0]), 500, "ModelError", r"outputs \[1\] have no derivative"),
+        ("ApplyJacobian", at | dict(vec=[1.0, 0.0]), 500, "ModelError", r"square: no derivative"),
         ("ApplyJacobian", at, 400, "InvalidInput", "vec: None is not a list of 2 finite numbers"),
         ("ApplyHessian", at, 400, "UnsupportedFeature", "ApplyHessian: is not supported; accepted: .*Gradient, ApplyJacobian$"),
     ]:
@@ -97,7 +97,7 @@ def test_an_error_is_answered_in_one_line_and_the_server_goes_on(server, capsys)
 
 
 def test_a_port_that_is_taken_is_refused(server, refused):
-    function = ServedFunction("forward", 2, 2, values, jacobian)
+    function = ServedFunction("forward", 2, ("product", "square"), values, jacobian)
     refused(
         lambda host, port: um_bridge_server(function, host, port),
         [
