@@ -110,9 +110,11 @@ from .transient import TimeSteps as TimeSteps
 from .transient import swell as swell
 from .verification import Accuracy as Accuracy
 from .verification import Resolution as Resolution
+from .verification import Uncertainty as Uncertainty
 from .verification import accuracy as accuracy
 from .verification import grid_convergence_index as grid_convergence_index
 from .verification import resolution as resolution
+from .verification import uncertainty as uncertainty
 from .waves import LatticeOnset as LatticeOnset
 from .waves import lattice_onset as lattice_onset
 from .waves import primitive_cell as primitive_cell

@@ -1,6 +1,7 @@
 """Cases and studies in TOML files: plates with their gel and options, design studies, parameter maps, interrupted runs."""
 
 from .case import Case, from_table, load_case
+from .error_bars import accuracy_of
 from .map_runs import POINT, TABLE, run_map
 from .page import write_page
 from .parameter_map import MapStudy, load_map, load_parameters, resumed_map
@@ -13,12 +14,14 @@ from .sensitivities import Sensitivity, map_sensitivity, sensitivity
 from .study import Study, load_study, study_from_table
 from .study_runs import OPTIMA, VERIFIED, draw_starts, resumed_study, run_study
 from .toml import case_text, example, explicit
+from .uncertain import QUANTITIES, UncertainInput, sampled_deviations, uncertain_inputs, uncertain_samples, uncertainty_of
 
 __all__ = [
     "GRID",
     "OPTIMA",
     "POINT",
     "PROBLEM",
+    "QUANTITIES",
     "RESPONSES",
     "SIDE",
     "TABLE",
@@ -29,6 +32,8 @@ __all__ = [
     "Response",
     "Sensitivity",
     "Study",
+    "UncertainInput",
+    "accuracy_of",
     "case_names",
     "case_schema",
     "case_text",
@@ -52,7 +57,11 @@ __all__ = [
     "run_study",
     "sample",
     "sample_names",
+    "sampled_deviations",
     "sensitivity",
     "study_from_table",
+    "uncertain_inputs",
+    "uncertain_samples",
+    "uncertainty_of",
     "write_page",
 ]

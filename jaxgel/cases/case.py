@@ -26,16 +26,16 @@ A table has the sections of a case file, all but ``plate`` optional:
                        which it goes from mu_start to mu; needed with [time]
     [discretisation]   spacing (mm), nodes_per_hole, across, basis, dmax
     [output]           figures, animation, paraview (true or false)
+    [uncertainty]      standard deviations of inputs, as Nv = "5 %", semi_axes = 0.1 (of every hole), "holes[1].angle_deg" = 2.0, see
+                       `uncertain`
 
 Every table is checked against `schema.case_schema` first.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path as File
 from typing import Any
-
-import numpy as np
 
 from .._validation import check, did_you_mean, entry_of, with_changes
 from ..bifurcation import CriticalPoint, Loop, critical_points, loop, problem_by_options, sweep_by_options
@@ -49,7 +49,6 @@ from ..io import mask_values, read_toml
 from ..materials import ACCEPTED, Composite, Elastomer, Gel, PixelField, WithHoles, check_gel, check_number, matrix_of, named_parameters
 from ..mechanics import Loads, Problem, check_edges, check_room
 from ..transient import Bath, BathOptions, TimeOptions, check_numbers, check_swelling, resolved_time, step_times, swell
-from ..verification import ACCURACY, Accuracy, accuracy
 from .baths import baths, check_time, start_entries
 from .plates import moved_plate, outline_tables, pixel_tables, plate_of_tables
 from .samples import built_in
@@ -57,7 +56,7 @@ from .schema import GELS, OF_TIME, OPTIONS, PARAMETERS, OutputOptions, case_sche
 from .user_energy import user_gel
 
 ENDS: dict[str, Callable] = {"low": min, "high": max}  # of the values of a picture
-SECTIONS = ("plate", "holes", "regions", "moved", "gel", "loads", "sweep", "time", "bath", "discretisation", "output")
+SECTIONS = ("plate", "holes", "regions", "moved", "gel", "loads", "sweep", "time", "bath", "discretisation", "output", "uncertainty")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,6 +83,8 @@ class Case:
     """Files to write."""
     source: dict
     """The ``plate``, ``holes``, ``regions`` and ``moved`` sections that it was made from, and ``gel`` where that names an energy."""
+    uncertainty: dict[str, float | str] = dataclasses.field(default_factory=dict)
+    """Standard deviations of inputs, see `uncertain`."""
 
     def cloud(self) -> Cloud:
         """The cloud of the plate, or of the plate from which it was moved; ValueError where it cannot be made."""
@@ -122,23 +123,6 @@ class Case:
         """`Path` of the case's sweep, or swelling in time, on its ``model``."""
         problem = self.problem(model)
         return sweep_by_options(problem, self.sweep, observer=observer) if self.time is None else self.swell(problem, observer=observer)
-
-    def accuracy(self, path: Path, *, quantities: Sequence[str] = ACCURACY, observer: Observer = UNOBSERVED) -> Accuracy:
-        """`verification.accuracy` of the case's ``path``: the same states on other clouds."""
-        cloud = path.model.cloud
-        own, values = cloud.topology.spacing, np.asarray(path.value).tolist()
-
-        def path_at(spacing):
-            if spacing == own:
-                return path
-            case = dataclasses.replace(self, discretisation=self.discretisation.scaled(cloud, spacing))
-            if self.time is None:
-                problem = case.problem(case.model())
-                return sweep_by_options(problem, self.sweep, values=values, observer=observer)
-            times = dataclasses.replace(self.time, end=None, steps_per_decade=None, first=None, times=tuple(values[1:]))
-            return dataclasses.replace(case, time=times).path(case.model(), observer=observer)
-
-        return accuracy(path_at, own, quantities=quantities)
 
     def swell(self, problem: Problem, *, before: Path | None = None, observer: Observer = UNOBSERVED) -> Path:
         """`Path` of the case's `problem` in time; it begins with the states of the path ``before``, if that is given."""
@@ -202,6 +186,7 @@ class Case:
         options = {section: _given(getattr(self, section)) for section in OPTIONS if getattr(self, section) is not None}
         if self.time is not None:
             options["sweep"] = {"mu_start": self.sweep.mu_start}
+        options |= {"uncertainty": self.uncertainty}
         return self.source | {"gel": gel} | {section: given for section, given in options.items() if given}
 
 
@@ -242,7 +227,7 @@ def from_table(table: dict[str, Any], name: str, folder: str | File | None = Non
         material = Composite(material, tuple(_material(region, f"regions[{i}]", material, found) for i, region in enumerate(regions)))
     check_gel(material)
     options["sweep"].check(material, found, loaded=bool(options["loads"].body_force or options["loads"].traction))
-    case = Case(name, found, material, source=source, **options)
+    case = Case(name, found, material, source=source, uncertainty=table.get("uncertainty", {}), **options)
     if case.time is not None:
         case.baths()  # ValueError for one that cannot be
     return case

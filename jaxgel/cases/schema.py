@@ -74,6 +74,7 @@ def case_schema() -> dict[str, Any]:
         "description": "Parameters that replace those of each hole."
     }
     sections |= {section: _options(kind) for section, kind in OPTIONS.items()} | {"bath": _bath()}
+    sections["uncertainty"] = UNCERTAINTY
     title = "A jaxgel case: lengths in mm, angle in radians or angle_deg in degrees, mu in kT"
     needed = {"dependentRequired": {"time": ["bath"], "bath": ["time"]}}
     return {"$schema": DIALECT, "title": title} | tabled(sections, ["plate"]) | needed
@@ -189,6 +190,11 @@ WETTED_HOLE = {
 WETTED_EDGES = {
     "wet": tabled(dict.fromkeys(EDGES, FLAG)) | {"description": "Free edge -> false if it is sealed, of swelling in time."},
     "bath": tabled(dict.fromkeys(EDGES, _bath())) | {"description": "Free edge -> a bath of its own in place of that of the section bath."},
+}
+UNCERTAINTY = {
+    "type": "object",
+    "additionalProperties": {"type": ["number", "string"], "if": {"type": "number"}, "then": POSITIVE},
+    "description": "Input, such as Nv, semi_axes or holes[1].angle_deg -> its standard deviation, a number or a share as '5 %'.",
 }
 _CONDITION = word(CONDITIONS)
 PLATE = {

@@ -6,7 +6,7 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import one_of
-from ..cases import load_case
+from ..cases import accuracy_of, load_case
 from ..io import open_folder, unit_of, write_accuracy
 from ..observables import QUANTITIES, state_at
 from ..verification import ACCURACY, FEWEST
@@ -29,7 +29,7 @@ def accuracy(args: Namespace) -> int:
     with watched(turns, control, args.quiet) as observer:
         path = case.path(model, observer=observer)
         states = [state_at(path, value) for value in args.at] if args.at else _evenly(len(path))
-        found = case.accuracy(path, quantities=names, observer=observer)
+        found = accuracy_of(case, path, quantities=names, observer=observer)
     write_accuracy(found, folder, case.table())
     if case.output.figures:
         from ..plotting import plot_accuracy, save_figure

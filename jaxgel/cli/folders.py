@@ -41,7 +41,7 @@ def resume(args: Namespace) -> int:
     if kind in (DESIGN, STARTS):
         return run_design(resumed_study(args.folder), args.folder, args, resume=True)
     if kind == MAP:
-        return run_points(resumed_map(args.folder), args.folder, args, resume=True)
+        return run_points(resumed_map(args.folder), args.folder, args, resume=True)[0]
     say, warning, recorder = printer(args), other_versions(args.folder), resumed(args.folder)
     say(f"{recorder.case.name}: goes on after {len(recorder.steps)} states")
     if warning:

@@ -9,7 +9,7 @@ from ..cases import case_schema
 from .environment import CACHE
 
 DIGITS = 30  # read of a whole number, far beyond all that are accepted
-COUNTS = {"divisions": 64, "most": 100, "port": 65535, "states": 1000, "workers": 1024}
+COUNTS = {"divisions": 64, "most": 100, "port": 65535, "samples": 100_000, "states": 1000, "workers": 1024}
 """Options that are no entries of a case -> most that is accepted."""
 OPTIONS = {
     "sweep": (
@@ -117,6 +117,22 @@ def _case_commands(add):
     _branch_option(p)
     p.add_argument("--at", type=_reals, metavar="A,B,...", help="values of the control at which error bars are printed (default: three)")
     p.add_argument("--quantities", metavar="NAME,...", help="columns of history.csv that get error bars (default: the main ones)")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figure")
+
+    p = add("uncertainty.uncertainty", "uncertainty", "standard deviations of a case's numbers from those of its inputs")
+    _case_options(p, "out/CASE-uncertainty")
+    p.add_argument(
+        "--uncertain",
+        action="append",
+        metavar="NAME=DEVIATION",
+        help="an input and its standard deviation, such as Nv=5%%; may be repeated",
+    )
+    p.add_argument("--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values (default: 40)")
+    _control_options(p)
+    _branch_option(p)
+    p.add_argument("--quantities", metavar="NAME,...", help="quantities that studies take (default: rotations and area reduction)")
+    p.add_argument("--samples", type=_whole, metavar="N", help="check by N samples of the inputs, on all cores")
+    p.add_argument("--workers", type=_whole, metavar="N", help="processes of the samples (default: one for each core)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")
 
     p = add("wave_runs.waves", "waves", "find the onset of an infinite lattice from one periodic cell")

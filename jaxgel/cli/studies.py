@@ -84,29 +84,29 @@ def _optima(file):
 def map_points(args: Namespace) -> int:
     """``jaxgel map``: sweep the points of a study on the processes of this machine or of a cluster."""
     study = load_map(args.study)
-    return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)
+    return run_points(study, args.out or File("out") / study.name, args, resume=args.resume)[0]
 
 
 def _workers(args, threads):
     """Context with the executor that the options ask for; ``threads`` are those of a process on this machine."""
-    if args.scheduler:
+    if getattr(args, "scheduler", None):
         return dask_executor(args.scheduler)
     return Workers(args.workers or usable_cores(), functools.partial(prepare_worker, threads, KEPT.root), CALLS_EACH)
 
 
-def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> int:
-    """Run the points of a map and report; the exit code."""
+def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> tuple[int, list[dict]]:
+    """Run the points of a map and report; the exit code, and the rows of points.csv."""
     try:
         with _workers(args, GRADIENT_THREADS if study.gradients else 1) as executor:
             rows = run_map(study, folder, executor, resume=resume, quiet=args.quiet)
     except KeyboardInterrupt:
         print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)
-        return INTERRUPTED
+        return INTERRUPTED, []
     counts = collections.Counter(row["status"] for row in rows)
     text = f"{len(rows)} points: {', '.join(f'{n} {status}' for status, n in counts.items())}; see {File(folder) / TABLE}"
     complete = counts["complete"] == len(rows)
     printer(args)(text) if complete else print(f"jaxgel: {text}", file=sys.stderr)
-    return DONE if complete else STOPPED
+    return (DONE if complete else STOPPED), rows
 
 
 def paper(args: Namespace) -> int:

@@ -1,6 +1,6 @@
 """Figures of paths, modes and designs."""
 
-from .accuracy import plot_accuracy
+from .accuracy import plot_accuracy, plot_contributions
 from .animation import animate_pattern
 from .curves import CURVES, plot_curve, plot_curves
 from .design import draw_study
@@ -17,6 +17,7 @@ __all__ = [
     "colour_scale",
     "draw_study",
     "plot_accuracy",
+    "plot_contributions",
     "plot_curve",
     "plot_curves",
     "plot_gel",

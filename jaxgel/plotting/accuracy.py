@@ -1,10 +1,10 @@
-"""The figure of error bars: curves with bands."""
+"""Figures of error bars: curves with bands, and the contributions of uncertain inputs."""
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 from ..observables import QUANTITIES
-from ..verification import Accuracy
+from ..verification import Accuracy, Uncertainty
 from .style import COLOURS, WALL, length_unit, quantity_of, styled
 
 COLUMNS = 4  # of panels
@@ -29,3 +29,20 @@ def plot_accuracy(found: Accuracy) -> np.ndarray:
     for ax in axes[len(names) :]:
         ax.remove()
     return axes[: len(names)]
+
+
+@styled
+def plot_contributions(found: Uncertainty, *, most: int = 10) -> np.ndarray:
+    """Axes, one for each number: bars of the standard deviations that its ``most`` important inputs alone would cause."""
+    count = len(found.names)
+    axes = np.atleast_1d(plt.subplots(1, count, figsize=(2.9 * count, 0.6 + 0.19 * min(most, len(found.inputs))), layout="constrained")[1])
+    for ax, name, value, parts, deviation in zip(axes, found.names, found.values, found.contributions, found.deviations, strict=True):
+        quantity = QUANTITIES.get(name)
+        scale, unit = (quantity.scale, quantity.shown_unit()) if quantity else (1.0, "")
+        order = np.argsort(-np.abs(parts), kind="stable")[:most][::-1]
+        colours = [COLOURS[0] if parts[i] >= 0 else COLOURS[1] for i in order]
+        ax.barh([found.inputs[i] for i in order], scale * np.abs(parts[order]), color=colours)
+        label = quantity.label if quantity else name
+        ax.set(xlabel=f"standard deviation ({unit})" if unit else "standard deviation")
+        ax.set_title(f"{label}: {scale * value:.4g} ± {scale * deviation:.2g} {unit}".rstrip())
+    return axes

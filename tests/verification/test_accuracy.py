@@ -1,0 +1,94 @@
+"""Error bars of a path's numbers from clouds of several spacings."""
+
+import csv
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import jaxgel
+from jaxgel.equilibrium import Change
+from jaxgel.verification.accuracy import spacings_near
+
+GEL, MU = jaxgel.Gel(Nv=1e-3, chi=1e-4), [-4.0, -3.0, -2.0]
+PLATE = jaxgel.Plate(8, 8, [jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)], spacing=0.8, nodes_per_hole=16, core=(3.2, 3.0))
+
+
+def path_at(spacing):
+    """The tilted plate swollen on a cloud of that spacing."""
+    model = jaxgel.discretise(jaxgel.make_cloud(PLATE, spacing=spacing))
+    return jaxgel.sweep(jaxgel.Problem(model, GEL, contact=False), MU)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Accuracy of the plate at spacing 0.8."""
+    return jaxgel.accuracy(path_at, 0.8)
+
+
+def test_squares_of_the_other_clouds_are_even(found):
+    """Spacings from about sqrt(2) coarser to sqrt(2) finer, each with an even number of squares along the side."""
+    counts = 8 / found.spacings
+    np.testing.assert_allclose(counts % 2, 0, atol=1e-9)
+    assert found.spacings[0] > 1.1 and found.spacings[-1] < 0.6 and 0.8 in found.spacings and len(found.nodes) >= 4
+    assert spacings_near(jaxgel.Plate(8, 4), 0.5) == pytest.approx([4 / 6, 4 / 10, 4 / 12])
+
+
+@pytest.mark.slow
+def test_bars_hold_the_values_of_a_fine_cloud(found):
+    """On a cloud a third as coarse the numbers lie within the bars."""
+    fine = path_at(8 / 32)
+    for name, bars in found.bars.items():
+        quantity = jaxgel.observables.QUANTITIES[name]
+        exact = np.asarray(quantity.of(fine)) * quantity.scale
+        assert np.all(np.abs(bars.own - exact) <= bars.error + 1e-9 * np.abs(exact)), name
+
+
+def test_mirrored_states_are_compared_by_their_size(found):
+    """A path that has buckled to the other side has the same error bars."""
+
+    def mirrored(spacing):
+        path = path_at(spacing)
+        switched = np.full(len(path), int(Change.NONE))
+        switched[1] = int(Change.BIFURCATION)
+        path = dataclasses.replace(path, switched=switched)
+        if spacing == 0.8:
+            return path
+        flipped = np.asarray(path.x).copy()
+        flipped[1:] = 2 * np.asarray(path.model.cloud.nodes) - flipped[1:]  # every displacement reversed
+        return dataclasses.replace(path, x=flipped)
+
+    bars = jaxgel.accuracy(mirrored, 0.8, quantities=["core_rotation"]).bars["core_rotation"]
+    assert np.all(bars.values > 0) and np.all(bars.error < 0.5 * np.abs(bars.own))
+    np.testing.assert_allclose(bars.own, found.bars["core_rotation"].own)
+
+
+def test_what_cannot_be_compared_is_refused(refused):
+    """An unknown quantity, no path, and paths at other values."""
+
+    def wandering(spacing):
+        model = jaxgel.discretise(jaxgel.make_cloud(PLATE, spacing=1.6))
+        return jaxgel.sweep(jaxgel.Problem(model, GEL, contact=False), [-4.0 - spacing])
+
+    rows = [
+        (lambda: jaxgel.accuracy(path_at, 0.8, quantities=["turn"]), "quantities: 'turn'"),
+        (lambda: jaxgel.accuracy(lambda spacing: None, 0.8), "path_at: .* is not accepted"),
+        (lambda: jaxgel.accuracy(wandering, 0.8), "path_at: the mu at spacing .* are not those at 0.8"),
+    ]
+    refused(lambda attempt: attempt(), rows)
+
+
+def test_command_writes_what_it_prints(tmp_path, capsys):
+    """Table on the terminal, accuracy.csv with every state, accuracy.json with the clouds, a figure."""
+    arguments = ["accuracy", "sample-1", "--spacing", "1.1", "--steps", "3", "--mu-end", "-3", "--quantities", "core_rotation,energy"]
+    assert jaxgel.cli.main([*arguments, "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    rows = list(csv.DictReader((tmp_path / "accuracy.csv").open()))
+    record = json.loads((tmp_path / "accuracy.json").read_text())
+    assert len(rows) == 6 and {row["quantity"] for row in rows} == {"core_rotation", "energy"}
+    last = next(row for row in rows if row["mu"] == "-3.0" and row["quantity"] == "core_rotation")
+    assert f"{float(last['value']):.5g}" in printed and f"{float(last['error']):.2g}" in printed
+    assert record["nodes"] == sorted(record["nodes"]) and len(record["states"]) == 6
+    assert float(last[f"on {record['nodes'][-1]} nodes"]) == record["states"][4][f"on {record['nodes'][-1]} nodes"]
+    assert (tmp_path / "accuracy.png").stat().st_size > 10_000
