@@ -19,6 +19,7 @@ from .points import CriticalPoint
 
 FIRST_AMPLITUDE = 0.05  # of the spacing: largest displacement along the mode of the first state of a new branch
 MAX_STATES = 200
+MAX_STEP = 0.25  # in arc length
 LEAST_STEP = 1e-4  # of the largest
 
 
@@ -29,12 +30,10 @@ def switch_branch(
     sign: int = 1,
     direction: Float[Array, " m"] | None = None,
     end: float | None = None,
-    max_step: float = 0.25,
-    max_states: int = MAX_STATES,
 ) -> Path:
-    """`Path` of the branch of a problem that leaves a bifurcation along its mode, to the value ``end`` or ``max_states`` states.
+    """`Path` of the branch of a problem that leaves a bifurcation along its mode, to the value ``end`` or ``MAX_STATES`` states.
 
-    ``end`` is a value of the problem's control, and ``max_step`` the largest step in arc length. ``sign`` 1 or -1 chooses the side,
+    ``end`` is a value of the problem's control; `continue_branch` goes on from the last states. ``sign`` 1 or -1 chooses the side,
     ``direction`` the combination of the modes of a multiple one (the first by default). The path may start towards lower values
     (subcritical) and turn at a fold. ``path.stop`` says how it ended; ValueError for a fold, which no branch leaves.
     """
@@ -45,7 +44,7 @@ def switch_branch(
     problem = problem.prepared
     direction = np.eye(point.multiplicity)[0] if direction is None else np.asarray(direction, dtype=float)
     states, stop = leaving(problem, point, sign * np.tensordot(direction / np.linalg.norm(direction), point.modes, 1))
-    return followed(problem, states, end, max_step, max_states) if stop.ok else _path(problem, states, stop)
+    return followed(problem, states, end) if stop.ok else _path(problem, states, stop)
 
 
 def leaving(problem: Problem, point: CriticalPoint, mode: Float[Array, "n 2"]) -> tuple[list[State], Status]:
@@ -66,10 +65,10 @@ def leaving(problem: Problem, point: CriticalPoint, mode: Float[Array, "n 2"]) -
     return states, Status.CONVERGED
 
 
-def continue_branch(path: Path, *, end: float | None = None, max_step: float = 0.25, max_states: int = MAX_STATES) -> Path:
+def continue_branch(path: Path, *, end: float | None = None, max_step: float = MAX_STEP, max_states: int = MAX_STATES) -> Path:
     """`Path` that goes on from the last two states of a path in its arc length, past folds, to the value ``end`` or ``max_states`` states.
 
-    ``end`` is a value of the path's control. The path holds the new states only.
+    ``end`` is a value of the path's control, and ``max_step`` the largest step in arc length. The path holds the new states only.
     """
     check_is_path(path)
     check_untraced("continue_branch", path.x)
@@ -82,7 +81,7 @@ def followed(
     problem: Problem,
     states: list[State],
     end: float | None,
-    max_step: float,
+    max_step: float = MAX_STEP,
     max_states: int = MAX_STATES,
     given: int = 0,
     until: Callable[[State], bool] | None = None,

@@ -18,7 +18,6 @@ from ..continuation import (
     StabilityAnalysis,
     StepControl,
     check_sweep,
-    first_state_failed,
 )
 from ..equilibrium import NEWTON, UNOBSERVED, Change, Newton, Observer, Stability, State, StateNotFound, accepted, solve
 from ..mechanics import Problem, restrict
@@ -177,14 +176,11 @@ def _loop(problem, way, options, unstable):
     """`Loop` of a problem without tracers."""
     check_sweep(problem, np.array(way.values))
     with few_threads(2 * problem.model.n_nodes):
-        followed_way = Followed(problem, way, options)
-        states = followed_way.light_states()
-        if not states:
-            raise first_state_failed(problem.control, way.values[0], followed_way.stop)
-        return _with_limits(problem, states, way.values[:2], followed_way.stop, unstable)
+        sweep = Followed(problem, way, options)
+        return _with_limits(problem, sweep.light_states(), way.values[:2], sweep, unstable)
 
 
-def _with_limits(problem, states, ends, stop, unstable):
+def _with_limits(problem, states, ends, sweep, unstable):
     """`Loop` of the states of a sweep from the first of the ``ends`` to the last and back."""
     turn = next((k for k, state in enumerate(states) if state.value == ends[1]), len(states))
     ways, limits, searches = [states[: turn + 1], states[turn:]], [], Searches(problem)
@@ -194,10 +190,9 @@ def _with_limits(problem, states, ends, stop, unstable):
         ways[number] = [
             dataclasses.replace(state, switched=state.switched or Change.RELAXATION) if k in jumps else state for k, state in enumerate(way)
         ]
-    ended = "" if stop.ok else f"stopped after {problem.control.name} = {states[-1].value:.6g}: {stop.text}"
 
     def path(way, last):
-        reason = dict(stop=stop, stop_text=ended) if last else {}
+        reason = dict(stop=sweep.stop, stop_text=sweep.stop_text) if last else {}
         return Path.from_states(problem, way, **reason)
 
     paths = [path(way, last=number == 1 or not ways[1]) if way else None for number, way in enumerate(ways)]

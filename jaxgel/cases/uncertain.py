@@ -71,7 +71,7 @@ def _deviation(where, value, own):
 def uncertainty_of(case: Case, inputs: list[UncertainInput], quantities: Sequence[str] = QUANTITIES) -> Uncertainty:
     """`verification.uncertainty` of quantities, in the units that studies use, at the last state of a case's sweep.
 
-    ValueError for a case that swells in time, a sweep with an imperfection, and a quantity without derivative.
+    ValueError for a case that swells in time, a sweep with an imperfection, and a quantity without derivative or without value.
     """
     case.check_equilibrium("uncertainty")
     for name in quantities:
@@ -91,7 +91,11 @@ def uncertainty_of(case: Case, inputs: list[UncertainInput], quantities: Sequenc
         return {name: CURVES[name](last)[0] for name in quantities}
 
     own = {one.parameter["name"]: one.parameter["own"] for one in inputs}
-    return uncertainty(numbers, own, {one.parameter["name"]: one.deviation for one in inputs})
+    found = uncertainty(numbers, own, {one.parameter["name"]: one.deviation for one in inputs})
+    missing = [name for name, value in zip(found.names, found.values, strict=True) if not np.isfinite(value)]
+    if missing:
+        raise ValueError(f"quantities: {missing[0]!r} has no value at the last state of this case; give others")
+    return found
 
 
 def uncertain_samples(case: Case, inputs: list[UncertainInput], number: int, *, seed: int = 0) -> MapStudy:

@@ -15,7 +15,7 @@ from .._validation import one_of
 from ..cases import Case, OutputOptions, load_case, path_of, recorder_of
 from ..continuation import Path
 from ..controls import Control
-from ..equilibrium import Observer
+from ..equilibrium import Change, Observer
 from ..io import Progress, Recorder, interruptible, open_folder, write_csv, write_loop, write_points
 from ..materials import varies
 from ..observables import OF_POSITIONS, events
@@ -132,12 +132,13 @@ def _report(recorder, say):
     if k:
         say(f"{name:>{wide}} {'free str.':>9} {'rotation':>9} {'core':>8} {'area red.':>9} {'J mean':>7} {'gap':>7}  status")
         say(f"{unit:>{wide}} {'':>9} {'deg':>9} {'deg':>8} {'%':>9} {'':>7} {recorder.model.cloud.topology.plate.unit:>7}")
+    left = _after_jumps(table["switched"]) if k else []
     for i in np.unique(np.linspace(0, k - 1, min(k, ROWS_MAX)).round().astype(int)) if k else ():
         row = {name: column[i] for name, column in table.items()}
-        unstable = ", unstable" if row["negative_pivots"] else ""
+        marks = (", unstable" if row["negative_pivots"] else "") + left[i]
         say(
             f"{row[name]:{wide}{digits}} {row['free_stretch']:9.4f} {row['rotation_deg']:9.3f} {row['core_rotation_deg']:8.3f}"
-            f" {100 * row['area_reduction']:9.3f} {row['J_mean']:7.4f} {row['min_gap']:7.3f}  {row['status']}{unstable}"
+            f" {100 * row['area_reduction']:9.3f} {row['J_mean']:7.4f} {row['min_gap']:7.3f}  {row['status']}{marks}"
         )
     for event in events(table):
         say(f"{event['event']}: {event['text']}")
@@ -149,6 +150,15 @@ def _report(recorder, say):
     if early:
         say(f"{early} states are before {_time(recorder, resolved)}: their uptake is an estimate, a finer cloud has it right sooner")
     say(f"{k} states in {recorder.folder}")
+
+
+def _after_jumps(switched):
+    """What is said of every state that lies beyond a change of branch, by why the states do not continue those before; "" of the others."""
+    said, marks = "", []
+    for reason in switched:
+        marks.append(said)
+        said = f", after a {reason}" if reason != Change.NONE.text else said
+    return marks
 
 
 def equilibrium_case(args: Namespace, command: str) -> Case:

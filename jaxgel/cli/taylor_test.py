@@ -39,18 +39,18 @@ OBJECTIVES = {
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """The test of one objective along a direction d of one family of parameters."""
+    """The test of one objective f along a direction d of one family of parameters.
+
+    ``slope`` is f'(x) d, ``difference`` f(x + d / 2) - f(x - d / 2); ``remainders`` are those at h = 1 and h = 1/2, which may be round-off
+    below ``round_off``.
+    """
 
     objective: str
     family: str
     slope: float
-    """f'(x) d."""
     difference: float
-    """f(x + d / 2) - f(x - d / 2)."""
     remainders: tuple[float, float]
-    """Those at h = 1 and h = 1/2."""
     round_off: float
-    """Remainder that may be round-off."""
 
     @property
     def rate(self) -> float:
@@ -73,17 +73,14 @@ def check_gradient(case: Case, *, states: int | None = None, quiet: bool = True)
     those that the case lists, or ``STATES``. The load of an imperfection stays constant. Raises
     ArithmeticError if the states are not found.
     """
-    cloud, options, model = case.discretisation.cloud(case.plate), case.sweep, case.discretisation.model
+    cloud, model, options = case.discretisation.cloud(case.plate), case.discretisation.model, case.sweep
     start_model = model(cloud)
-    drive = _Sweep(case, states) if case.time is None else _Swelling(case, start_model, states)
+    drive = (_Sweep if case.time is None else _Swelling)(case, start_model, states)
     holes, regions = ([dict(outline.theta) for outline in outlines] for outlines in (case.plate.holes, case.plate.regions))
     point = {"holes": holes, "regions": regions, "gel": case.gel} | drive.numbers
-    entries, structure = jax.tree_util.tree_flatten_with_path(jax.tree.map(lambda value: jnp.asarray(value, dtype=float), point))
-    leaves, families = [leaf for _, leaf in entries], [_family(keys, options.control) for keys, _ in entries]
-    sizes = [LENGTH * cloud.spacing if keys[0].key in ("holes", "regions") else SHARE * np.abs(leaf) for keys, leaf in entries]
-    sizes = [STEPS.get(family, size) for family, size in zip(families, sizes, strict=True)]
-    sizes = [drive.sizes.get(keys[0].key, size) for (keys, _), size in zip(entries, sizes, strict=True)]
-    families = [family if np.any(size) else "" for family, size in zip(families, sizes, strict=True)]
+    point = jax.tree.map(lambda value: jnp.asarray(value, dtype=float), point)
+    leaves, structure = jax.tree.flatten(point)
+    families, sizes = _families(point, options.control, LENGTH * cloud.spacing, drive.sizes)
     push = case.problem(start_model).loads - case.problem(start_model, imperfect=False).loads
 
     def problem_of(point):
@@ -99,15 +96,11 @@ def check_gradient(case: Case, *, states: int | None = None, quiet: bool = True)
         point = jax.tree.unflatten(structure, changed)
         return np.asarray(read(drive.beside(start, problem_of(point), point)))
 
-    def driven(point):
-        return drive.path(problem_of(point), point)
-
-    point = jax.tree.unflatten(structure, leaves)
-    start = driven(point)
+    start = drive.path(problem_of(point), point)
     if not start.stop.ok:
         raise ArithmeticError(f"check-grad: {start.stop_text}; {drive.advice}")
     names = differentiable(start)
-    pullback = jax.vjp(lambda point: read(driven(point)), point)[1]
+    pullback = jax.vjp(lambda point: read(drive.path(problem_of(point), point)), point)[1]
     gradients = [jax.tree.leaves(pullback(row)[0]) for row in jnp.eye(len(names))]
     random, f, rows = np.random.default_rng(0), at(leaves), []
     for family in tqdm(dict.fromkeys(filter(None, families)), unit="family", disable=True if quiet else None, leave=False):
@@ -120,24 +113,53 @@ def check_gradient(case: Case, *, states: int | None = None, quiet: bool = True)
     return sorted(rows, key=lambda row: names.index(row.objective))
 
 
+def differentiable(path: Path) -> tuple[str, ...]:
+    """Names of the objectives that have a value and a derivative at the path's last state; nan would spread to the others'."""
+    level = {"rotation"} if is_flat(path.x[-1:], path.model)[0] else set()
+    return tuple(name for name, objective in OBJECTIVES.items() if name not in level and np.isfinite(objective(path)))
+
+
+def _families(point, driven, length, special):
+    """Name of the family and first step of each leaf; no name for a parameter that is ``driven``, which has no effect, or has no step."""
+    families, sizes = [], []
+    for keys, leaf in jax.tree_util.tree_flatten_with_path(point)[0]:
+        names = [getattr(key, "key", getattr(key, "name", "")) for key in keys]
+        family = next(name for name in names if name not in ("", "holes", "regions", "gel", "matrix"))
+        family = {"values": driven, driven: ""}.get(family, family)
+        size = STEPS.get(family, length if names[0] in ("holes", "regions") else SHARE * np.abs(leaf))
+        sizes.append(special.get(names[0], size))
+        families.append(family if np.any(sizes[-1]) else "")
+    return families, sizes
+
+
 class _Sweep:
     """The sweep of a case at values of its control."""
 
-    def __init__(self, case, states):
+    def __init__(self, case, _, states):
         self.options = options = case.sweep
         listed = states is None and options.listed
         values = np.array(options.numbers) if listed else np.linspace(*options.ends, states or STATES)
-        self.numbers = {"values": values, "mu": options.at_mu}
-        self.sizes = {}
+        self.numbers, self.sizes = {"values": values, "mu": options.at_mu}, {}
         self.advice = f"choose another {'--mu-end' if options.control == 'mu' else '--to'}"
 
     def path(self, problem, point):
         """The path at a point."""
-        return sweep_by_options(_at_mu(problem, point["mu"]), self.options, values=point["values"])
+        return sweep_by_options(self._driven(problem, point), self.options, values=point["values"])
 
     def beside(self, start, problem, point):
         """The path at a point on the branch of the path ``start``; nan where it is not found."""
-        return _beside(start, _at_mu(problem, point["mu"]).prepared, point["values"])
+        problem, states = self._driven(problem, point).prepared, []
+        moved = problem.model.cloud.nodes - start.model.cloud.nodes
+        for value, x, pressure in zip(point["values"], start.x, start.pressure, strict=True):
+            carried = moved @ np.asarray(problem.edges(value).deformation).T  # where the constrained ones have to be
+            state = solve(problem, value, x + carried, pressure)
+            states.append(state if state.status.ok else dataclasses.replace(state, x=np.full_like(x, np.nan)))
+        return Path.from_states(problem, states)
+
+    def _driven(self, problem, point):
+        """The problem whose control, if it is not mu, acts at the point's mu."""
+        mu = point["mu"]
+        return problem if mu is None else problem.replace(control=dataclasses.replace(problem.control, mu=mu))
 
 
 class _Swelling:
@@ -156,8 +178,7 @@ class _Swelling:
         self.times = times.tolist()
         self.mu = sorted({mu for bath in self.baths.values() for mu in bath.mu} - {self.start})
         self.kinks = sorted({kink for bath in self.baths.values() for kink in bath.kinks})
-        instants = np.unique([0.0, *self.times, *self.kinks])
-        gaps = [np.abs(instants[instants != kink] - kink).min() for kink in self.kinks]
+        gaps = [min(abs(kink - t) for t in (0.0, *self.times, *self.kinks) if t != kink) for kink in self.kinks]
         self.numbers = {"D": case.time.D, "mu_start": self.start, "bath mu": np.array(self.mu), "bath times": np.array(self.kinks)}
         self.sizes = {"bath mu": np.minimum(STEPS["mu"], SHARE * np.abs(self.mu)), "bath times": OF_GAP * np.array(gaps)}
         self.advice = "choose a larger --states"
@@ -178,32 +199,3 @@ class _Swelling:
         """The path at a point; nan if it stops early."""
         path = self.path(problem, point)
         return path if path.stop.ok else dataclasses.replace(path, x=np.full_like(path.x, np.nan))
-
-
-def differentiable(path: Path) -> tuple[str, ...]:
-    """Names of the objectives that have a value and a derivative at the path's last state; nan would spread to the others'."""
-    level = {"rotation"} if is_flat(path.x[-1:], path.model)[0] else set()
-    return tuple(name for name, objective in OBJECTIVES.items() if name not in level and np.isfinite(objective(path)))
-
-
-def _family(keys, driven):
-    """Name of the parameter at the ``keys`` of a leaf; empty for the one that is driven, which has no effect."""
-    names = [getattr(key, "key", getattr(key, "name", "")) for key in keys]
-    name = next(name for name in names if name not in ("", "holes", "regions", "gel", "matrix"))
-    return {"values": driven, driven: ""}.get(name, name)
-
-
-def _at_mu(problem, mu):
-    """The problem whose control, if it is not mu, acts at this ``mu``."""
-    return problem.replace(control=dataclasses.replace(problem.control, mu=mu)) if hasattr(problem.control, "mu") else problem
-
-
-def _beside(start, problem, values):
-    """The path of a moved problem at ``values`` (k,) of its control, on the branch of the path ``start``; nan where it is not found."""
-    moved, found = problem.model.cloud.nodes - start.model.cloud.nodes, []
-    for value, x, pressure in zip(values, start.x, jnp.asarray(start.pressure), strict=True):
-        carried = moved @ np.asarray(problem.edges(value).deformation).T  # where the constrained ones have to be
-        state = solve(problem, value, x + carried, pressure)
-        found.append((state.x if state.status.ok else jnp.full_like(state.x, jnp.nan), state.pressure, jnp.asarray(problem.at(value)[1])))
-    x, pressure, mu = map(jnp.stack, zip(*found, strict=True))
-    return dataclasses.replace(start, problem=problem.replace(operators=None), value=values, x=x, pressure=pressure, mu=mu)

@@ -1,7 +1,8 @@
 """Continuation: many states along a branch, and their stability."""
 
-from .autodiff import IllPosedDerivative, SweepFailed, first_state_failed, warn_of_ill_posed
+from .autodiff import IllPosedDerivative, warn_of_ill_posed
 from .eigenvalue import lowest_eigenvalue
+from .first import SweepFailed, first_state_failed
 from .follow import BRANCHES, Followed, Following
 from .options import SweepOptions, check_sweep
 from .path import OF_SOLVENT, SCALARS, Path, check_is_path
@@ -10,11 +11,13 @@ from .stability import ACCURACY, StabilityAnalysis, oriented
 from .steps import STEP_CONTROL, Adaptive, StepControl, given_values
 from .sweeps import sweep
 from .switching import across
+from .traced_search import RESIDUAL, TracedSearch, padded_columns
 
 __all__ = [
     "ACCURACY",
     "BRANCHES",
     "OF_SOLVENT",
+    "RESIDUAL",
     "SCALARS",
     "STEP_CONTROL",
     "Adaptive",
@@ -26,6 +29,7 @@ __all__ = [
     "StepControl",
     "SweepFailed",
     "SweepOptions",
+    "TracedSearch",
     "across",
     "check_is_path",
     "check_sweep",
@@ -34,6 +38,7 @@ __all__ = [
     "given_values",
     "lowest_eigenvalue",
     "oriented",
+    "padded_columns",
     "predict",
     "sweep",
     "warn_of_ill_posed",

@@ -12,10 +12,9 @@ from jax.custom_derivatives import SymbolicZero
 
 from .._compiled import tangents as tangents_of
 from .._programs import fitted
-from .._threads import few_threads
 from .._tracing import is_traced
-from ..controls import Control, check_values
-from ..equilibrium import StateNotFound, Status, no_tangents, remedy, state_tangents
+from ..controls import check_values
+from ..equilibrium import Status, no_tangents, state_tangents
 from ..linalg import RECENT_FACTORS
 from ..mechanics import Problem, shared_tangents, state_pressure, total_energy
 from .follow import Followed, Following
@@ -23,43 +22,19 @@ from .options import check_sweep
 from .path import Path
 from .steps import Adaptive
 from .traced import check_for_program, states_in_program
+from .traced_search import RESIDUAL, TracedSearch, padded_columns
 
 OF_STATES = {"energy": "k", "pressure": "kg", "mu": "kg"}  # what is a function of the states: its axes
 WITHOUT_DERIVATIVES = {
     "lowest_eigenvalue": "path.lowest_eigenvalue: the attribute has no derivative; use jaxgel.continuation.lowest_eigenvalue(path)",
-    "residual": "path.residual: the residual of a converged state is round-off and has no derivative; use path.energy or path.x",
+    "residual": RESIDUAL,
 }
-
-
-class SweepFailed(StateNotFound):
-    """Not even the first state of a sweep was found; the text says why."""
+COLUMNS = (*OF_STATES, *WITHOUT_DERIVATIVES, "x", "status", "derivative", "newton_iterations", "negative_pivots", "switched")
+INSIDE_JIT = "problem: is not accepted as an argument of jax.jit or jax.vmap; make it inside, from numbers that are"
 
 
 class IllPosedDerivative(UserWarning):
     """A sweep is differentiated at a state without a meaningful derivative: nearly singular, in self-contact, or not reached."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Search:
-    """What identifies a traced sweep besides its arrays, and what it leaves besides arrays; hashed by identity."""
-
-    structure: object
-    """Tree structure of (problem, values)."""
-    floating: tuple
-    """Which leaves are floating-point arrays, that is differentiable."""
-    rest: list
-    """The other leaves."""
-    ends: Adaptive | None
-    """What the steps are chosen between; None for given values."""
-    options: Following
-    """How the branch is followed."""
-    found: dict = dataclasses.field(default_factory=dict)
-    """How the sweep ended, and the symmetries of its states; empty for a sweep that is part of a program."""
-
-    def join(self, floats, rest=None):
-        """(problem, values) from the floating-point leaves and the ``rest``, by default the others themselves."""
-        floats, rest = iter(floats), iter(self.rest if rest is None else rest)
-        return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
 
 
 def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
@@ -69,12 +44,8 @@ def traced_sweep(problem: Problem, values: object, options: Following) -> Path:
     """
     ends = values if isinstance(values, Adaptive) else None
     given = jnp.zeros(0) if ends else jnp.atleast_1d(jnp.asarray(values, dtype=float))
-    leaves, structure = jax.tree.flatten((problem.replace(operators=None), given))
-    floating = tuple(bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating)) for leaf in leaves)
-    floats, rest = ([leaf for leaf, f in zip(leaves, floating, strict=True) if f is kind] for kind in (True, False))
-    if is_traced(rest):
-        raise ValueError("problem: is not accepted as an argument of jax.jit or jax.vmap; make it inside, from numbers that are")
-    search = _Search(structure, floating, rest, ends, dataclasses.replace(options, eigenvalues=True))
+    inputs, options = (problem.replace(operators=None), given), dataclasses.replace(options, eigenvalues=True)
+    search, floats = TracedSearch.of(inputs, (ends, options), INSIDE_JIT)
     x, report = _states(search, floats)
     value = report["value"] if ends else given
     if not search.found:  # in a program what was not reached has the last state in its place
@@ -90,24 +61,22 @@ def _states(search, floats):
     """Equilibria (k, n, 2) and their report, a dict (k,) of the columns of a `Path` and of contact_active, of the pressure (k, g), and of
     the `mechanics.Operators` of the model.
     """
-    problem, values = inputs = search.join(floats)
+    problem, values = inputs = search.inputs(floats)
+    ends, options = search.options
     if is_traced(inputs):
-        check_for_program(search.options, chosen=search.ends is not None)
-        return states_in_program(problem, values, search.options.newton)
+        check_for_program(options, chosen=ends is not None)
+        return states_in_program(problem, values, options.newton)
     control = problem.control
-    values = check_values(search.ends.values if search.ends else np.asarray(values), control.name, control.unit)
+    values = check_values(ends.values if ends else np.asarray(values), control.name, control.unit)
     check_sweep(problem, values)
     problem = problem.prepared
-    with few_threads(2 * problem.model.n_nodes):
-        followed = Followed(problem, search.ends or values.tolist(), search.options)
-        states = followed.light_states(lambda state: _keep_factor(problem, state))
-    if not states:
-        raise first_state_failed(control, values[0], followed.stop)
-    path = Path.from_states(problem, states)
-    ended = "" if followed.stop.ok else f"stopped after {control.name} = {followed.value:.6g}: {followed.stop.text}"
-    search.found.update(symmetry=path.symmetry, stop=followed.stop, stop_text=ended or followed.stop.text)
-    touching = np.array([state.contact_active is not False for state in states])
-    return _columns(problem, path, touching, followed.stop, path.value if search.ends else values)
+    followed = Followed(problem, ends or values.tolist(), options)
+    states = followed.light_states(lambda state: _keep_factor(problem, state))
+    path = Path.from_states(problem, states, stop=followed.stop, stop_text=followed.stop_text)
+    search.found.update(symmetry=path.symmetry, stop=path.stop, stop_text=path.stop_text)
+    values, touching = path.value if ends else values, np.array([state.contact_active is not False for state in states])
+    report = padded_columns(path, COLUMNS, len(values) - len(path), contact_active=touching)
+    return report.pop("x"), report | {"value": jnp.asarray(values), "operators": problem.operators}
 
 
 def _keep_factor(problem, state):
@@ -120,16 +89,15 @@ def _states_jvp(search, primals, tangents):
     """The rule of `equilibrium.state_tangents` at every state; the numbers of the report have no derivatives."""
     (floats,) = primals
     x, report = _states(search, floats)
-    problem, values = search.join(floats)
+    problem, values = search.inputs(floats)
     in_program = not search.found
     if not in_program:
         warn_of_ill_posed(report, problem.control.name)
-    zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in search.rest]
-    floats_dot = [np.zeros(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
-    problem_dot, values_dot = search.join(floats_dot, zeros)
-    if search.ends or in_program:
+    problem_dot, values_dot = search.tangents(tangents[0])
+    ends, _ = search.options
+    if ends or in_program:
         values = report["value"]
-        values_dot = jnp.zeros_like(values) if search.ends else values_dot
+        values_dot = jnp.zeros_like(values) if ends else values_dot
     problem = problem.replace(operators=report["operators"])
     if problem.has_contact and (in_program or not np.any(report["contact_active"])):
         problem, problem_dot = problem.without_contact, problem_dot.without_contact  # no energy and no derivative, but a cost
@@ -144,11 +112,6 @@ def _states_jvp(search, primals, tangents):
     report_dot |= {name: fitted(dot, axes, problem.lengths) for dot, (name, axes) in zip(dots, OF_STATES.items(), strict=True)}
     report_dot |= {name: no_tangents(report[name], [x_dot], text) for name, text in WITHOUT_DERIVATIVES.items()}
     return (x, report), (x_dot, report_dot)
-
-
-def first_state_failed(control: Control, value: float, status: Status) -> SweepFailed:
-    """The error of a sweep whose first state was not found."""
-    return SweepFailed(f"sweep: no equilibrium at {control.name} = {value:.6g}: {status.text}{remedy(status, control.name)}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,20 +129,6 @@ class _OfStates:
             return [total_energy(x, now.model, now.gel, mu, now.loads), state_pressure(x, now.model, now.gel, mu), mu]
 
         return jax.vmap(of_state)(x, values)
-
-
-def _columns(problem, path, touching, stop, values):
-    """States (k, n, 2) and report of `_states` that were asked for at ``values`` (k,); nan where they were not reached."""
-    missing = len(values) - len(path)
-
-    def pad(column, fill):  # in NumPy: nothing is compiled
-        return jax.device_put(np.concatenate([column, np.full((missing, *np.shape(column)[1:]), fill)]))
-
-    fills = {"status": int(stop), "derivative": int(stop), "newton_iterations": 0, "negative_pivots": -1, "switched": 0}
-    names = (*fills, "mu", "residual", "lowest_eigenvalue", "energy", "pressure")
-    report = {name: pad(getattr(path, name), fills.get(name, jnp.nan)) for name in names}
-    report |= {"value": jnp.asarray(values), "contact_active": pad(touching, False), "operators": problem.operators}
-    return pad(path.x, jnp.nan), report
 
 
 def warn_of_ill_posed(report: dict[str, Any], name: str, verb: str = "sweep") -> None:

@@ -1,13 +1,12 @@
 """The public verb of continuation: equilibria at given values of a control, or at values chosen on the way."""
 
-from .._threads import few_threads
 from .._tracing import is_traced
 from .._types import Array, Float
 from .._validation import Inadmissible, check_kind
 from ..controls import check_values
 from ..equilibrium import NEWTON, UNOBSERVED, Newton, Observer, State
 from ..mechanics import Problem
-from .autodiff import first_state_failed, traced_sweep
+from .autodiff import traced_sweep
 from .follow import Followed, Following
 from .options import check_sweep
 from .path import Path
@@ -57,10 +56,6 @@ def sweep(
     check_sweep(problem, numbers)
     if start is not None and numbers[int(chosen)] == start.value:
         raise ValueError(f"{control.name}: {start.value:g} is the value of the start, the sweep must leave it")
-    with few_threads(2 * problem.model.n_nodes):
-        followed = Followed(problem, values if chosen else numbers.tolist(), options, [] if start is None else [start])
-        states = followed.light_states()
-    if not states:
-        raise first_state_failed(control, numbers[0], followed.stop)
-    text = "" if followed.stop.ok else f"stopped after {control.name} = {followed.value:.6g}: {followed.stop.text}"
-    return Path.from_states(problem, states, stop=followed.stop, stop_text=text)
+    followed = Followed(problem, values if chosen else numbers.tolist(), options, [] if start is None else [start])
+    states = followed.light_states()
+    return Path.from_states(problem, states, stop=followed.stop, stop_text=followed.stop_text)

@@ -14,8 +14,8 @@ import optax
 
 from .lagrangian import Exhausted, Stuck
 from .optimisers import METHODS, MOST_DENSE, optimiser
-from .problem import DesignProblem
-from .search import FEASIBLE, Search, violation
+from .problem import DesignProblem, violation
+from .search import FEASIBLE, Search
 from .transformations import check_transformation
 
 
@@ -122,7 +122,7 @@ def _design(search, outcome):
         parameters={name: np.asarray(v) for name, v in search.problem.parameters(np.array(best["vector"])).items()},
         value=search.value(best),
         constraints=search.constraints(best),
-        feasible=violation(best) <= FEASIBLE,
+        feasible=violation(best["values"][1:]) <= FEASIBLE,
         outcome=outcome,
         history=[_row(search, entry) for entry in search.log],
         reported=best.get("reported", {}),
@@ -134,5 +134,6 @@ def _row(search, entry):
         value=None, violation=None, feasible=False, invalid=entry["invalid"], cloud=entry["cloud"], reported=entry.get("reported", {})
     )
     if not entry["invalid"]:
-        row |= dict(value=search.value(entry), violation=violation(entry), feasible=violation(entry) <= FEASIBLE)
+        most = violation(entry["values"][1:])
+        row |= dict(value=search.value(entry), violation=most, feasible=most <= FEASIBLE)
     return row

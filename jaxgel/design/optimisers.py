@@ -21,7 +21,7 @@ import scipy.optimize
 
 from .._types import Array, Float
 from .lagrangian import MARGIN, PENALTY, SHORTEST, Invalid, Lagrangian, Stalled, Stuck
-from .search import violation
+from .problem import violation
 from .transformations import first_order
 
 METHODS = ("slsqp", "mma", "lbfgs", "adam")
@@ -100,7 +100,7 @@ def in_boxes(search: Any, *, solve: Callable, step: float, tolerance: float) -> 
         best = search.best(_merit)
         centre, better = np.array(best["vector"]), _merit(here.entry) - _merit(best) > tolerance
         inside = np.all((centre > low) | (low == 0)) and np.all((centre < high) | (high == 1))
-        if inside and not better and not failed and not stalled and violation(best) <= tolerance:
+        if inside and not better and not failed and not stalled and violation(best["values"][1:]) <= tolerance:
             return
         if failed or not better:
             reach *= 0.5
@@ -109,7 +109,7 @@ def in_boxes(search: Any, *, solve: Callable, step: float, tolerance: float) -> 
 
 def _merit(entry):
     """Objective and penalty of a logged design."""
-    return entry["values"][0] + PENALTY * violation(entry)
+    return entry["values"][0] + PENALTY * violation(entry["values"][1:])
 
 
 def slsqp(search: Any, centre: Float[Array, " d"], low: Float[Array, " d"], high: Float[Array, " d"], tolerance: float) -> None:

@@ -1,7 +1,7 @@
 """A design problem: parameters, bounds, plate, objective and constraints."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -106,7 +106,7 @@ class DesignProblem:
 
     def violation(self, constraints: dict[str, float]) -> float:
         """Largest violation, scaled, of constraints by their smallest values, name -> value as in `Design`; 0 if all are met."""
-        return max(0.0, *(-constraints[c.name] / c.scale for c in self.constraints), 0.0)
+        return violation(constraints[c.name] / c.scale for c in self.constraints)
 
     def distance(self, one: dict, other: dict) -> float:
         """Largest difference of a component of two dicts of parameters, as a share of the range of its bounds."""
@@ -146,6 +146,11 @@ class DesignProblem:
     @property
     def _range(self):
         return np.asarray(ravel_pytree({name: upper - lower for name, (lower, upper) in self.bounds.items()})[0])
+
+
+def violation(scaled: Iterable[float]) -> float:
+    """Largest violation of constraints by their scaled values; 0 if all are met."""
+    return max(0.0, *(-value for value in scaled), 0.0)
 
 
 def _bounds(name, bounds, value):

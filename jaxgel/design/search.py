@@ -27,7 +27,7 @@ from ..io import open_folder, read_record, write_atomically
 from ..materials import check_gel
 from ..observables import min_gap
 from .lagrangian import Exhausted, Invalid
-from .problem import DesignProblem
+from .problem import DesignProblem, violation
 
 LOG = "design.json"
 FORMAT = 3  # of the log
@@ -114,7 +114,7 @@ class Search:
 
         Only those of the cloud in use, as values differ from cloud to cloud by the discretisation error.
         """
-        worth = worth or (lambda entry: (max(violation(entry), FEASIBLE), entry["values"][0]))
+        worth = worth or (lambda entry: (max(violation(entry["values"][1:]), FEASIBLE), entry["values"][0]))
         return min((entry for entry in self.log if not entry["invalid"] and entry["cloud"] == self.number), key=worth)
 
     def gradients(self, entry: dict, vector: Float[Array, " d"], weights: Float[Array, " c"]) -> Float[Array, " d"]:
@@ -231,7 +231,7 @@ class Search:
         self.bar.n = len(self.log)
         if not entry["invalid"]:
             best = self.best()
-            self.bar.set_postfix_str(f"best {self.value(best):.6g}, violation {max(violation(best), 0.0):.2g}", refresh=True)
+            self.bar.set_postfix_str(f"best {self.value(best):.6g}, violation {violation(best['values'][1:]):.2g}", refresh=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -290,8 +290,3 @@ def read_log(folder: pathlib.Path | str) -> dict[str, Any]:
     if not (isinstance(log.get("evaluations"), list) and isinstance(log.get("record"), dict)):
         raise ValueError(f"folder: {str(file)!r} is missing, damaged or not written by this version of jaxgel")
     return log
-
-
-def violation(entry: dict) -> float:
-    """Largest violation of a scaled constraint at a valid entry of the log; 0 if all are met."""
-    return max(0.0, *(-v for v in entry["values"][1:]), 0.0)

@@ -16,7 +16,7 @@ from .moving_least_squares import (
     shape_functions,
     shape_functions_and_gradients,
 )
-from .neighbours import pad_nodes, reaching_nodes
+from .neighbours import pad_nodes, pairs_in_reach, reaching_nodes
 from .options import DiscretisationOptions
 from .placement import SPENT, Quality, cell_sizes, quality, refreshed
 from .pressures import SIGNS, group_weights, n_carrying
@@ -58,6 +58,7 @@ __all__ = [
     "n_monomials",
     "numbered",
     "pad_nodes",
+    "pairs_in_reach",
     "plate_edge_ends",
     "quality",
     "reaching_nodes",

@@ -36,12 +36,17 @@ def reaching_nodes(
     owners and nodes that these list in any case.
     """
     nodes = topology.nodes
-    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(nodes), support.max(), output_type="ndarray")
-    pairs = pairs[pairs["v"] < support[pairs["j"]]]
+    pairs = pairs_in_reach(points, nodes, support)
     if topology.interfaces:
         pairs = pairs[(topology.node_regions[pairs["j"]] == regions[pairs["i"], None]).any(axis=1)]
     key = np.unique(np.concatenate([owner[pairs["i"]] * len(nodes) + pairs["j"], also[0] * len(nodes) + also[1]]))
     return key % len(nodes), np.bincount(key // len(nodes), minlength=owner.max() + 1)
+
+
+def pairs_in_reach(points: Float[np.ndarray, "p 2"], places: Float[np.ndarray, "n 2"], support: Float[np.ndarray, " n"]) -> np.ndarray:
+    """Records of the pairs of a point ``i`` and a place ``j`` whose ``support`` reaches the point, and of their distance ``v``."""
+    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(places), support.max(), output_type="ndarray")
+    return pairs[pairs["v"] < support[pairs["j"]]]
 
 
 def pad_nodes(

@@ -24,7 +24,7 @@ from .._tracing import is_traced
 from .._types import Array, Bool, Float, Int
 from .._validation import Inadmissible
 from ..cloud import opposite_edges
-from ..discretisation import NONE, SIGNS, Body, Connectivity, Model, consistent_gradients, pad_nodes, plate_edge_ends, room
+from ..discretisation import NONE, SIGNS, Body, Connectivity, Model, consistent_gradients, pad_nodes, pairs_in_reach, plate_edge_ends, room
 from ..geometry import edge_lines
 from .local_gel import group_positions, reference_groups
 
@@ -205,8 +205,7 @@ def places_of(
     part, contour = topology.partition, lists.contour
     points = np.concatenate([topology.quadrature.points(part.vertices), contour.points(part.vertices).reshape(-1, 2)])
     owner = np.concatenate([lists.owner, np.repeat(contour.owner, 2)])
-    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(places), support.max(), output_type="ndarray")
-    pairs = pairs[pairs["v"] < support[pairs["j"]]]
+    pairs = pairs_in_reach(points, places, support)
     few = np.bincount(pairs["i"], minlength=len(points)) < FEWEST_PLACES
     if few.any():
         x, y = points[np.argmax(few)]

@@ -18,7 +18,7 @@ from .._tracing import is_traced
 from .._types import Array, Float, Int
 from .._validation import check_kind
 from ..continuation import Path
-from ..discretisation import Connectivity, Model, cells_of, evaluate_points, pad_nodes
+from ..discretisation import Connectivity, Model, cells_of, evaluate_points, pad_nodes, pairs_in_reach
 from ..equilibrium import State
 from ..geometry import inside_holes
 from ..mechanics import (
@@ -213,8 +213,7 @@ def _in_the_gel(model: Model, points: Points) -> Float[np.ndarray, "p 2"]:
 
 def _lists(places, reach, points) -> tuple[Int[np.ndarray, "p b"], Float[np.ndarray, "p b"]]:
     """Lists (p, b) of the places that reach points, and their supports; ValueError where these are too few."""
-    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(places), reach.max(), output_type="ndarray")
-    pairs = pairs[pairs["v"] < reach[pairs["j"]]]
+    pairs = pairs_in_reach(points, places, reach)
     counts = np.bincount(pairs["i"], minlength=len(points))
     if (counts < FEWEST_PLACES).any():
         x, y = points[np.argmin(counts)]

@@ -14,7 +14,7 @@ from .._primitives import differentiated_value
 from .._programs import fitted
 from .._sizes import resized, taken
 from .._tracing import is_traced, value_and_tangents
-from ..continuation import OF_SOLVENT, SCALARS, Path, warn_of_ill_posed
+from ..continuation import OF_SOLVENT, RESIDUAL, SCALARS, Path, TracedSearch, padded_columns, warn_of_ill_posed
 from ..equilibrium import Newton, Observer, first_order_only, no_tangents
 from ..mechanics import Bath as Instant
 from .bath import Bath, Time, moved_times, values_of
@@ -26,34 +26,7 @@ from .run import Start, check_numbers, check_swelling, run
 COLUMNS = {"x": "kn", "energy": "k", "pressure": "kg", "potential": "kg", "supplied": "kb"}
 """What is a function of the states: its axes."""
 INSIDE_JIT = "swell: is not available inside jax.jit or jax.vmap, as it cuts its steps on the way; take jax.grad or jax.jvp outside of them"
-RESIDUAL = "path.residual: the residual of a converged state is round-off and has no derivative; use path.energy or path.x"
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Search:
-    """What identifies a traced run besides its arrays, and what it leaves besides arrays; hashed by identity."""
-
-    structure: object
-    """Tree structure of the `Inputs`."""
-    floating: tuple
-    """Which leaves are floating-point arrays, that is differentiable."""
-    times: tuple[float, ...]
-    """Times of the states."""
-    time: Time
-    """What drives them, of numbers."""
-    branch: str
-    """Whether it ends with its stability."""
-    newton: Newton
-    """Tolerances."""
-    observer: Observer
-    """Is told of every state."""
-    found: dict = dataclasses.field(default_factory=dict)
-    """How the run ended, its `March`, the times of its steps and of the baths, and which stages are states of the path."""
-
-    def join(self, floats, rest):
-        """The inputs from the two kinds of leaves."""
-        floats, rest = iter(floats), iter(rest)
-        return jax.tree.unflatten(self.structure, [next(floats) if f else next(rest) for f in self.floating])
+OF_PATH = {*SCALARS, "derivative", "x", "pressure", *OF_SOLVENT} - {"value", "mu"}
 
 
 def traced_swell(
@@ -69,11 +42,9 @@ def traced_swell(
     """`swell` under differentiation; states that are not reached are nan, with the status of the run."""
     problem = transport.problem.replace(operators=None)
     inputs = dataclasses.replace(transport, problem=problem), [(bath.mu, bath.times) for bath in baths], start
-    leaves, structure = jax.tree.flatten(inputs)
-    floating = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in leaves)
-    search = _Search(structure, floating, tuple(times), jax.tree.map(differentiated_value, time), branch, newton, observer)
-    floats = [leaf for leaf, f in zip(leaves, floating, strict=True) if f]
-    report = _states(search, floats, [leaf for leaf, f in zip(leaves, floating, strict=True) if not f])
+    options = tuple(times), jax.tree.map(differentiated_value, time), branch, newton, observer
+    search, floats = TracedSearch.of(inputs, options, INSIDE_JIT)
+    report = _states(search, floats)
     t = moved_times(np.array([0.0, *times]), baths, [bath.numbers for bath in baths])
     mu = _mean_mu(t, inputs[1], start.mean(problem.model))
     return Path(problem=problem.replace(control=time), value=t, mu=mu, **report, **search.found["end"])
@@ -87,9 +58,9 @@ def _mean_mu(t, tables, at_start):
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _states(search, floats, rest):
+def _states(search, floats):
     """The columns of a `Path`, a dict; nan for states that were not reached."""
-    inputs = search.join(floats, rest)
+    inputs = search.inputs(floats)
     if is_traced(inputs):
         raise ValueError(INSIDE_JIT)
     transport, tables, start = inputs
@@ -97,14 +68,13 @@ def _states(search, floats, rest):
     check_swelling(transport.problem)
     check_numbers(transport.problem, baths, transport.D)
     transport = dataclasses.replace(transport, problem=transport.problem.prepared, D=float(transport.D))
-    options = baths, search.times, search.time, search.branch, search.newton, search.observer
-    path, first, steps = run(transport, Start(*map(np.asarray, start)), *options)
+    path, first, steps = run(transport, Start(*map(np.asarray, start)), baths, *search.options)
     before, after = (np.array([getattr(step, name) for step in steps]) for name in ("start", "end"))
     times = before, after, [np.asarray(times) for _, times in tables]
     march = March(transport, stages_of(first, steps, *_scheduled(*times, tables, start.mean(transport.model))))
     end = {"symmetry": path.symmetry, "stop": path.stop, "stop_text": path.stop_text}
     search.found.update(march=march, times=times, rows=2 * np.append(0, 1 + np.searchsorted(after, path.t[1:])), end=end)
-    return _columns(path, 1 + len(search.times) - len(path))
+    return padded_columns(path, OF_PATH, 1 + len(search.options[0]) - len(path))
 
 
 @compiled()
@@ -120,16 +90,14 @@ def _scheduled(before, after, numbers, tables, at_start):
 @functools.partial(_states.defjvp, symbolic_zeros=True)
 def _states_jvp(search, primals, tangents):
     """By `stage_tangents` for all that has derivatives."""
-    floats, rest = primals
-    report = _states(search, floats, rest)
-    warn_of_ill_posed({"value": np.array([0.0, *search.times])} | report, search.time.name, "swell")
+    (floats,) = primals
+    report = _states(search, floats)
+    times, time, *_ = search.options
+    warn_of_ill_posed({"value": np.array([0.0, *times])} | report, time.name, "swell")
     march, rows = search.found["march"], search.found["rows"]
     if not len(march.stages.tau):  # stopped before the first step
         return report, jax.tree.map(SymbolicZero.from_primal_value, report)
-    inputs = search.join(first_order_only(floats, "swell"), rest)
-    zeros = [np.zeros(np.shape(leaf), dtype=jax.dtypes.float0) for leaf in rest]
-    dots = [np.zeros(t.shape, t.dtype) if isinstance(t, SymbolicZero) else t for t in tangents[0]]
-    dots = search.join(dots, zeros)
+    inputs, dots = search.inputs(first_order_only(floats, "swell")), search.tangents(tangents[0])
     shared, shared_dot = value_and_tangents(lambda transport: _observed_by_none(transport).shared, inputs[0], dots[0])
 
     model, stages, lengths = inputs[0].model, march.stages, shared.lengths
@@ -153,14 +121,3 @@ def _observed_by_none(transport):
     """Without the outline, on which no residual depends."""
     problem = transport.problem
     return dataclasses.replace(transport, problem=problem.replace(model=dataclasses.replace(problem.model, outline=None)))
-
-
-def _columns(path, missing):
-    """The columns of a path and rows of nan for ``missing`` states."""
-
-    def pad(column, fill):
-        return jax.device_put(np.concatenate([column, np.full((missing, *np.shape(column)[1:]), fill)]))
-
-    fills = {"status": int(path.stop), "derivative": int(path.stop), "newton_iterations": 0, "negative_pivots": -1, "switched": 0}
-    names = set(SCALARS) - {"value", "mu"} | {"derivative", "x", "pressure", *OF_SOLVENT}
-    return {name: pad(getattr(path, name), fills.get(name, np.nan)) for name in sorted(names)}

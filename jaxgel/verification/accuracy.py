@@ -16,7 +16,8 @@ from .convergence import ErrorBars, error_bars
 ACCURACY = ("rotation", "core_rotation", "area_reduction", "J_mean", "energy", "min_gap", "surface_ratio", "surface_stability")
 """Quantities that get error bars unless others are asked for."""
 REVERSED = ("rotation", "core_rotation", "F12")  # quantities that are reversed in the mirror image of a state
-FACTORS = (2**-0.5, 1.0, 2**0.25, 2**0.5)  # of the number of squares along a side, about
+FACTORS = (2**-0.5, 2**-0.25, 2**0.5)  # squares along a side over those of the given cloud, about: 4.2 times its nodes in all
+FINER = 2**0.25  # in place of a cloud that leaves a ligament empty
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,16 +44,23 @@ def accuracy(path_at: Callable[[float], Path], spacing: float, *, quantities: Se
     """`Accuracy` of the path that ``path_at(spacing)`` returns for a plate on a cloud of that spacing, mm.
 
     ``path_at`` is called for the ``spacing`` and for others, coarser and finer by up to about sqrt(2), and must return states at the same
-    values of the control each time. A spacing that ``path_at`` refuses, because it leaves a ligament empty, is left out, with a finer one
-    in its place. States that have lost their symmetry are compared up to their mirror image. ValueError for an unknown quantity and for
-    paths at different values.
+    values of the control each time. In place of one that ``path_at`` refuses, because it leaves a ligament empty, a finer one
+    is taken. States that have lost their symmetry are compared up to their mirror image. ValueError for an unknown quantity and for paths
+    at different values.
     """
     for name in quantities:
         one_of("quantities", name, QUANTITIES)
     own = path_at(spacing)
     check_kind("path_at", own, Path, "a function that returns a Path for a spacing")
     plate = own.model.cloud.topology.plate
-    paths = {float(spacing): own} | {h: path for h in spacings_near(plate, spacing) if (path := _unless_refused(path_at, h)) is not None}
+    paths = {float(spacing): own}
+    finer = spacings_near(plate, spacing, [FINER])
+    for h in spacings_near(plate, spacing):
+        try:
+            paths[h] = path_at(h)
+        except Inadmissible:
+            continue
+    paths |= {h: path_at(h) for h in finer if len(paths) <= len(FACTORS) and h not in paths}
     paths = dict(sorted(paths.items(), reverse=True))
     for h, path in paths.items():
         if not np.array_equal(path.value, own.value[: len(path)]):
@@ -65,19 +73,11 @@ def accuracy(path_at: Callable[[float], Path], spacing: float, *, quantities: Se
     return Accuracy(own, np.array(list(paths)), nodes, bars, tuple(path.stop_text for path in paths.values()))
 
 
-def spacings_near(plate: Plate, spacing: float) -> list[float]:
-    """Spacings of the other clouds, mm: the shorter side of the plate has an even number of their squares."""
+def spacings_near(plate: Plate, spacing: float, factors: Sequence[float] = FACTORS) -> list[float]:
+    """Spacings of other clouds, mm: the shorter side of the plate has an even number of their squares, ``factors`` times as many or so."""
     shorter = min(plate.width, plate.height)
-    counts = dict.fromkeys(max(2, 2 * round(factor * shorter / spacing / 2)) for factor in FACTORS if factor != 1)
+    counts = dict.fromkeys(max(2, 2 * round(factor * shorter / spacing / 2)) for factor in factors)
     return [shorter / count for count in counts if abs(shorter / count / spacing - 1) > 1e-6]
-
-
-def _unless_refused(path_at, spacing):
-    """The path at a spacing; None if its cloud cannot be made."""
-    try:
-        return path_at(spacing)
-    except Inadmissible:
-        return None
 
 
 def _values(name, paths, own):

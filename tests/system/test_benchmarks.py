@@ -12,6 +12,7 @@ SMALL = {
     "contact": ["--spacing", "0.9"],
     "convergence": ["--quick"],
     "fields": ["--repeats", "1"],
+    "error_bars": ["--quick"],
     "first": ["--quick"],
     "gpu": ["--spacing", "2.2", "--batch", "2", "--states", "3", "--repeats", "1", "--out", "gpu.json"],
     "gradient": ["--spacing", "2.2", "--repeats", "1"],
