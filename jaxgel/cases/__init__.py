@@ -4,10 +4,13 @@ from .case import Case, from_table, load_case
 from .error_bars import accuracy_of, slope_accuracy_of
 from .map_runs import POINT, TABLE, run_map
 from .page import write_page
-from .parameter_map import MapStudy, load_map, resumed_map
+from .parameter_map import MapStudy, load_map, load_parameters, resumed_map
+from .response import RESPONSES, Response
 from .resume import load_path, other_versions, path_of, recorder_of, resumed
+from .salib import PROBLEM
 from .samples import GRID, SIDE, case_names, sample, sample_names
 from .schema import OutputOptions, case_schema
+from .sensitivities import Sensitivity, map_sensitivity, sensitivity
 from .study import Study, load_study, study_from_table
 from .study_runs import OPTIMA, VERIFIED, draw_starts, resumed_study, run_study
 from .toml import case_text, example, explicit
@@ -17,13 +20,17 @@ __all__ = [
     "GRID",
     "OPTIMA",
     "POINT",
+    "PROBLEM",
     "QUANTITIES",
+    "RESPONSES",
     "SIDE",
     "TABLE",
     "VERIFIED",
     "Case",
     "MapStudy",
     "OutputOptions",
+    "Response",
+    "Sensitivity",
     "Study",
     "UncertainInput",
     "accuracy_of",
@@ -36,8 +43,10 @@ __all__ = [
     "from_table",
     "load_case",
     "load_map",
+    "load_parameters",
     "load_path",
     "load_study",
+    "map_sensitivity",
     "other_versions",
     "path_of",
     "recorder_of",
@@ -50,6 +59,7 @@ __all__ = [
     "sample_names",
     "sampled_deviations",
     "slope_accuracy_of",
+    "sensitivity",
     "study_from_table",
     "uncertain_inputs",
     "uncertain_samples",

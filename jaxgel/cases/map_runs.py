@@ -1,13 +1,14 @@
 """Runs of a parameter map: one sweep at each of its points, on any ``concurrent.futures.Executor``.
 
-Its folder holds map.json (the study and its points), points.csv (one row for each point that has ended) and a folder for each point
-in the format of a run, 0000, 0001 ..., with point.json (its row) once it has ended; jaxgel plot draws one of
-them. All points share the cloud of the study's own plate, placed on their holes, and with it all compiled programs: put the case in the
-middle of its parameters' range. A point too far away for that, where outlines move by more than about a third of the spacing, gets a cloud
-of its own, and costs its compilation and about 0.2 GB of memory for programs.
+Its folder holds map.json (the study and its points), points.csv (one row for each point that has ended), problem.json (the
+parameters as SALib describes them, see `salib`) and a folder for each point in the format of a run, 0000, 0001 ..., with
+point.json (its row) once it has ended; jaxgel plot draws one of them. All points share the cloud of the study's own plate,
+placed on their holes, and with it all compiled programs: put the case in the middle of its parameters' range. A point too far
+away for that, where outlines move by more than about a third of the spacing, gets a cloud of its own, and costs its
+compilation and about 0.2 GB of memory for programs.
 
 Processes of a cluster, of MPI or Dask, must see the folder; let each use one thread (OMP_NUM_THREADS=1, NPROC=1; a
-gradient would need two).
+gradient needs two).
 """
 
 import concurrent.futures
@@ -15,15 +16,19 @@ import functools
 import json
 import math
 import time
+import warnings
 from pathlib import Path as File
 from typing import Any
 
+from ..continuation import Path
 from ..equilibrium import Observer
-from ..io import Recorder, failure, open_folder, read_record, run_calls, write_csv, write_json
+from ..io import Recorder, failure, one_line, open_folder, read_record, run_calls, write_csv, write_json
 from ..observables import COLUMNS
 from .parameter_map import FORMAT, MAP, MapStudy, map_from_table, resumed_map
 from .parameters import components
+from .response import Response, derivative_columns
 from .resume import path_of
+from .salib import PROBLEM, salib_problem
 
 POINT, TABLE = "point.json", "points.csv"
 LAST = COLUMNS[COLUMNS.index("energy") :]  # columns of history.csv of which points.csv has the last state's
@@ -42,6 +47,7 @@ def run_map(
     study.case.cloud()
     folder = open_folder(folder)
     _begin(study, folder, resume)
+    write_json(folder / PROBLEM, salib_problem(study.names, study.bounds))
     records = {k: read_record(folder / _name(k) / POINT, FORMAT) for k in range(len(study.points))}
     ended = {k: record["row"] for k, record in records.items() if record and "row" in record}
     text = json.dumps({"name": study.name, "study": study.table})
@@ -65,6 +71,7 @@ def run_point(text: str, values: dict, folder: str) -> dict:
     """
     study, cloud = _prepared(text)
     began, recorder, steps, place = time.perf_counter(), None, [], open_folder(folder)
+    derivatives = {}
     (place / POINT).unlink(missing_ok=True)
     try:
         case = study.at(values)
@@ -75,13 +82,16 @@ def run_point(text: str, values: dict, folder: str) -> dict:
         finally:
             recorder.begin(steps)
         status, reason = "complete" if path.stop.ok else "stopped", path.stop_text
+        if study.gradients and path.stop.ok:
+            derivatives, why = _derivatives(Response(study, cloud), values, path)
+            reason = "; ".join([reason, *why])
     except (OSError, MemoryError):
         raise  # not the point's fault
     except Exception as problem:
         status, reason = "failed", failure(problem, place)
     if recorder is not None:
         recorder.finish(status, reason)
-    row = dict(status=status, **_last_state(recorder), seconds=round(time.perf_counter() - began, 3), reason=reason)
+    row = dict(status=status, **_last_state(recorder), **derivatives, seconds=round(time.perf_counter() - began, 3), reason=reason)
     write_json(place / POINT, {"format": FORMAT, "values": values, "row": row})
     return row
 
@@ -90,7 +100,7 @@ def run_point(text: str, values: dict, folder: str) -> dict:
 def _prepared(text):
     """Study and cloud, made once in a process, so that its compiled programs serve all points."""
     record = json.loads(text)
-    study = map_from_table(record["study"], record["name"])
+    study = map_from_table(record["study"], record["name"], [])
     return study, study.case.cloud()
 
 
@@ -102,6 +112,20 @@ def _last_state(recorder):
     last = {name: value if value is not None and math.isfinite(value) else None for name, value in last.items()}
     value = float(records[-1][0].value) if records else None
     return dict(value_reached=value, mu_reached=last.pop("mu"), states=len(records), newton_iterations=iterations, **last)
+
+
+def _derivatives(response: Response, values: dict, path: Path) -> tuple[dict[str, float | None], list[str]]:
+    """Part of a row: the derivatives at the last state of a point's path, by column; and the warnings of them, each one line."""
+    names = response.study.names
+    with warnings.catch_warnings(record=True) as raised:
+        warnings.simplefilter("always")
+        try:
+            rows = response.jacobian([*components(values).values()], path)
+        except ArithmeticError as problem:
+            return {}, [f"no derivatives: {one_line(problem)}"]
+    columns = derivative_columns(names).values()
+    numbers = {column: d if math.isfinite(d) else None for column, d in zip(columns, rows.ravel().tolist(), strict=True)}
+    return numbers, [one_line(warning.message) for warning in raised]
 
 
 def _name(k):
@@ -128,8 +152,8 @@ def _write_table(study, rows, folder):
     Rows that an earlier version wrote have no value in a column that came later.
     """
     driven = () if study.case.sweep.control == "mu" else ("value_reached",)
-    columns = (*driven, "mu_reached", "states", "newton_iterations", *LAST, "seconds", "reason")
+    derivatives = derivative_columns(study.names).values() if study.gradients else ()
+    columns = (*driven, "mu_reached", "states", "newton_iterations", *LAST, *derivatives, "seconds", "reason")
     varied = {k: components({p["name"]: study.points[k][p["name"]] for p in study.parameters}) for k in rows}
     lines = [[k, row["status"], *varied[k].values(), *(row.get(name) for name in columns)] for k, row in sorted(rows.items())]
-    names = components({p["name"]: p["own"] for p in study.parameters})
-    write_csv(folder / TABLE, ["point", "status", *names, *columns], lines)
+    write_csv(folder / TABLE, ["point", "status", *study.names, *columns], lines)

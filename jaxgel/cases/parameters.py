@@ -59,6 +59,8 @@ def study_table(file: File | str) -> tuple[dict, str]:
     table = read_toml(file, "study")
     if isinstance(table.get("case"), str) and (file.parent / table["case"]).is_file():
         table["case"] = str(file.parent / table["case"])
+    if isinstance(table.get("map"), dict) and isinstance(table["map"].get("points"), str):
+        table["map"] = table["map"] | {"points": str(file.parent / table["map"]["points"])}
     entries = [entry for key in ("parameters", "objective") if isinstance(table.get(key), list) for entry in table[key]]
     for entry in (entry for entry in entries if isinstance(entry, dict)):
         if isinstance(entry.get("start"), dict) and isinstance(entry["start"].get("file"), str):

@@ -17,7 +17,7 @@ from ..bifurcation import problem_by_options, sweep_by_options
 from ..observables import CURVES, OF_EQUILIBRIA
 from ..verification import Uncertainty, uncertainty
 from .case import Case
-from .parameter_map import MapStudy
+from .parameter_map import MapStudy, map_from_table
 from .parameters import GEL, gel_of, parameter, plate_of, sobol
 
 QUANTITIES = ("rotation", "core_rotation", "area_reduction")
@@ -116,7 +116,7 @@ def uncertain_samples(case: Case, inputs: list[UncertainInput], number: int, *, 
         )
     varied = [_entry(one) for one in inputs]
     table = {"map": {"samples": "sobol", "points": number, "seed": seed}, "parameters": varied} | case.table()
-    return MapStudy(f"{case.name}-samples", case, [one.parameter for one in inputs], points, table)
+    return map_from_table(table, f"{case.name}-samples", points)
 
 
 def _entry(one):

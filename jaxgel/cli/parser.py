@@ -9,7 +9,7 @@ from ..cases import case_schema
 from .environment import CACHE
 
 DIGITS = 30  # read of a whole number, far beyond all that are accepted
-COUNTS = {"divisions": 64, "most": 100, "samples": 100_000, "states": 1000, "workers": 1024}
+COUNTS = {"divisions": 64, "most": 100, "port": 65535, "samples": 100_000, "states": 1000, "workers": 1024}
 """Options that are no entries of a case -> most that is accepted."""
 OPTIONS = {
     "sweep": (
@@ -160,6 +160,12 @@ def _study_commands(add):
     p.add_argument("study", metavar="STUDY.toml", help="the path of a map's TOML file")
     p.add_argument("--out", metavar="DIR", help="folder of the results (default: out/STUDY)")
     p.add_argument("--resume", action="store_true", help="run the points of the map in the folder that have not ended")
+
+    p = _quiet_option(add("serving.serve", "serve", "answer UM-Bridge's calls for a case's quantities and their derivatives"))
+    p.add_argument("study", metavar="STUDY.toml", help="the path of a map's TOML file, whose section [map] may be missing")
+    p.add_argument("--quantities", metavar="NAME,...", help="at the last state (default: core_rotation,rotation,area_reduction)")
+    p.add_argument("--port", type=_whole, default=4242, metavar="N", help="port of the server (default: 4242)")
+    p.add_argument("--host", default="localhost", metavar="NAME", help="name that it listens on; 0.0.0.0 for all (default: localhost)")
 
     p = _quiet_option(add("studies.paper", "paper", "compute the paper's table and figures again, beside what it prints"))
     p.add_argument("items", nargs="*", metavar="ITEM", help="table-1, fig-2, ..., fig-14 or algorithm (default: all that are missing)")

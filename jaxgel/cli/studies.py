@@ -97,7 +97,7 @@ def _workers(args, threads):
 def run_points(study: MapStudy, folder: File | str, args: Namespace, resume: bool) -> tuple[int, list[dict]]:
     """Run the points of a map and report; the exit code, and the rows of points.csv."""
     try:
-        with _workers(args, 1) as executor:
+        with _workers(args, GRADIENT_THREADS if study.gradients else 1) as executor:
             rows = run_map(study, folder, executor, resume=resume, quiet=args.quiet)
     except KeyboardInterrupt:
         print("jaxgel: interrupted; jaxgel resume goes on", file=sys.stderr)

@@ -12,6 +12,7 @@ from .recorder import NUMERICAL, Recorder, write_points
 from .result_files import unit_of, write_accuracy, write_loop, write_waves
 from .run import STEP_ARRAYS, Run, load_run, read_summary
 from .terminal import Progress, interruptible
+from .um_bridge import ServedFunction, um_bridge_server
 from .vtk import point_fields, write_series
 from .workers import TRIES, InThisProcess, Workers, dask_executor, run_calls
 
@@ -28,6 +29,7 @@ __all__ = [
     "Progress",
     "Recorder",
     "Run",
+    "ServedFunction",
     "Workers",
     "dask_executor",
     "dry_gel",
@@ -50,6 +52,7 @@ __all__ = [
     "read_toml",
     "run_calls",
     "swollen_gel",
+    "um_bridge_server",
     "unit_of",
     "write_accuracy",
     "write_atomically",

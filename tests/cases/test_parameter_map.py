@@ -17,7 +17,7 @@ import pytest
 from studies import TINY
 
 import jaxgel
-from jaxgel.cases import POINT, TABLE, load_map, load_path, map_runs, parameter_map, resumed_map, run_map
+from jaxgel.cases import POINT, PROBLEM, TABLE, load_map, load_path, map_runs, map_sensitivity, parameter_map, resumed_map, run_map
 from jaxgel.cli import command_line as cli
 from jaxgel.io import TRIES, InThisProcess, Workers, load_run
 
@@ -121,6 +121,74 @@ def test_bad_studies_are_refused(tmp_path, refused, capsys):
     assert re.fullmatch(r"jaxgel: error: [^\n]*\n", printed.err) and printed.out == ""
 
 
+BOUNDED = '[[parameters]]\nof = "Nv"\nlower = 1e-3\nupper = 2e-3\n[[parameters]]\nof = "chi"\nlower = 0.0\nupper = 0.4\n'
+FILE = QUICK.split("[[parameters]]")[0] + BOUNDED + '[map]\nsamples = "file"\npoints = "samples.csv"\n'
+
+
+def test_samples_of_a_file_are_the_points_by_the_names_of_their_columns(tmp_path):
+    (tmp_path / "samples.csv").write_text("# chi, Nv\n0.4,1e-3\n\n0.1,2e-3\n")
+    mapped = study(tmp_path, FILE)
+    assert mapped.points == [{"Nv": 1e-3, "chi": 0.4}, {"Nv": 2e-3, "chi": 0.1}]
+    rows = run_map(mapped, tmp_path / "out", Inline())
+    (tmp_path / "samples.csv").unlink()
+    resumed = resumed_map(tmp_path / "out")  # needs the file no more
+    assert (resumed.points, resumed.table) == (mapped.points, mapped.table)
+    assert run_map(resumed, tmp_path / "out", Inline(), resume=True) == rows
+    problem = json.loads((tmp_path / "out" / PROBLEM).read_bytes())
+    assert problem == {"num_vars": 2, "names": ["Nv", "chi"], "bounds": [[1e-3, 2e-3], [0.0, 0.4]]}
+
+
+@pytest.mark.filterwarnings("ignore")  # of SALib's own
+def test_salib_draws_the_points_and_analyses_the_table(tmp_path):
+    sobol = pytest.importorskip("SALib.sample.sobol")
+    from SALib.analyze.sobol import analyze
+
+    problem = {"num_vars": 2, "names": ["Nv", "chi"], "bounds": [[1e-3, 2e-3], [0.0, 0.4]]}
+    matrix = sobol.sample(dict(problem), 2, calc_second_order=False, seed=1)
+    np.savetxt(tmp_path / "samples.csv", matrix, delimiter=",", header=",".join(problem["names"]))
+    run_map(study(tmp_path, FILE), tmp_path / "out", Inline())
+    assert json.loads((tmp_path / "out" / PROBLEM).read_bytes()) == problem
+    values = np.array([float(row["J_mean"]) for row in table(tmp_path / "out")])
+    swelling = np.array([float(row["Nv"]) for row in table(tmp_path / "out")])
+    np.testing.assert_array_equal(swelling, matrix[:, 0])
+    indices = analyze(problem, values, calc_second_order=False, seed=1)
+    assert np.all(np.isfinite(indices["ST"])) and indices["ST"].shape == (2,)
+
+
+def test_bad_sample_files_are_refused(tmp_path, refused):
+    def attempt(text):
+        (tmp_path / "samples.csv").write_text(text)
+        return study(tmp_path, FILE)
+
+    refused(
+        attempt,
+        [
+            ("Nv,chy\n1e-3,0.1\n", r"map\.points: the column 'chy' of .* is unknown; did you mean 'chi'\? accepted: Nv, chi"),
+            ("1e-3,0.1\n", r"map\.points: the column '1e-3' of .* is unknown; accepted: Nv, chi"),
+            ("Nv\n1e-3\n", r"map\.points: the column 'chi' is missing in .*; give one for each of Nv, chi"),
+            ("Nv,chi,Nv\n1e-3,0.1,1e-3\n", r"map\.points: the column 'Nv' is there twice"),
+            ("Nv,chi\n", r"map\.points: .* has 0 rows below the names of its columns"),
+            ("Nv,chi\n1e-3\n", r"map\.points: row 0 of .* has 1 values; give 2"),
+            ("Nv,chi\n1e-3,0.1\n1e-3,much\n", r"map\.points: row 1, chi: 'much' is not a finite number"),
+            ("Nv,chi\n1e-3,nan\n", r"map\.points: row 0, chi: nan is not a number between lower = 0 and upper = 0\.4"),
+            ("Nv,chi\n3e-3,0.1\n", r"map\.points: row 0, Nv: 0\.003 is not a number between lower = 0\.001 and upper = 0\.002"),
+            ("", r"map\.points: the column 'Nv' is missing"),
+        ],
+    )
+    refused(
+        lambda *change: study(tmp_path, FILE.replace(*change)),
+        [
+            ("samples.csv", "none.csv", r"map\.points: cannot read .*none\.csv': No such file"),
+            ('points = "samples.csv"\n', "", r"map: points is missing; it names a CSV file"),
+            ('points = "samples.csv"', "points = 3", r"map\.points: 3 is not a text"),
+            ("upper = 0.4", "upper = 0.4\nnumber = 3", r"parameters\[1\]: number and values belong to a grid; samples of a file take"),
+        ],
+    )
+    grid = QUICK + "[map]\ngradients = true\n"
+    with pytest.raises(ValueError, match=r"map\.gradients: True is not accepted with sweep\.imperfection = 0\.1"):
+        study(tmp_path, grid.replace("steps = 2", "steps = 2\nimperfection = 0.1"))
+
+
 @pytest.fixture(scope="module")
 def holes(tmp_path_factory):
     """Study, folder and rows of a map of radii: near the study's own, too far for its cloud, and impossible."""
@@ -151,6 +219,37 @@ def test_a_point_lies_on_the_studys_cloud_placed_or_where_that_is_too_poor_on_it
     own = dataclasses.replace(mapped.at(mapped.points[1]).plate, reference=None)
     np.testing.assert_allclose(nodes[1], np.asarray(jaxgel.make_cloud(own, spacing=2 / 3, nodes_per_hole=12).nodes), atol=1e-12)
     assert len(nodes[1]) != len(placed[1])
+
+
+@pytest.fixture(scope="module")
+def derived(tmp_path_factory):
+    """Folder and rows of a map of three chi 1e-4 apart, with derivatives."""
+    folder = tmp_path_factory.mktemp("gradients")
+    chi = '[map]\ngradients = true\n[[parameters]]\nof = "chi"\nlower = 0.0999\nupper = 0.1001\nnumber = 3\n'
+    return folder / "out", run_map(study(folder, HOLE + chi), folder / "out", Inline())
+
+
+def test_derivatives_of_a_map_agree_with_differences_of_its_points(derived):
+    _, rows = derived
+    for column in ("rotation_deg", "area_reduction"):
+        difference = (rows[2][column] - rows[0][column]) / 2e-4
+        assert rows[1][f"d_{column}_d_chi"] == pytest.approx(difference, rel=1e-6)  # error of the difference: 1e-8
+    assert rows[1]["core_rotation_deg"] is None and rows[1]["d_core_rotation_deg_d_chi"] is None  # the core lies in the hole
+
+
+def test_measures_of_a_map_come_from_its_table(derived, refused):
+    folder, rows = derived
+    found = map_sensitivity(folder, "area_reduction")
+    assert found.names == ["chi"]
+    np.testing.assert_allclose(found.mean_squares, np.mean([row["d_area_reduction_d_chi"] ** 2 for row in rows]), rtol=1e-12)
+    refused(
+        map_sensitivity,
+        [
+            (folder, "area_redaction", "quantity: 'area_redaction' is unknown; did you mean 'area_reduction'"),
+            (folder / "0000", "rotation", "folder: .* is not accepted .*; give one written by jaxgel map"),
+            (folder, "core_rotation", "is not accepted|at least 2"),
+        ],
+    )
 
 
 def test_a_finished_map_is_not_run_again(holes):
