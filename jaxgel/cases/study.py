@@ -15,7 +15,8 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
                      or one of these ``SWITCHES`` and one of above, below, within
     [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of searches (1), each from other start values
                      within the bounds, and seed (0) by which those are drawn, see `study_runs`
-    [verification]   spacing (mm), and mu = [list] where it is not that of the sweep with a value between every two
+    [verification]   spacing (mm), and mu = [list] if it is not that of the sweep with a value between every two; uncertainty = {semi_axes
+                     = "1 %"}, see `uncertain`, and samples (16): the objective of the best design as it is made
 
 An entry with of = "area_reduction" may have ``hole``, its number, and is then that of this hole alone.
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
@@ -72,7 +73,9 @@ from .parameters import (
     study_case,
     study_table,
 )
+from .schema import UNCERTAINTY
 from .terms import BARRIER, FREE_EDGE, IN_TIME, check_place, quantity_of, switch_of, time_to_of
+from .uncertain import uncertain_inputs
 
 AIMS, LIMITS = ("goal", "target", "curve", "line", "outline"), ("above", "below", "within")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
@@ -114,7 +117,7 @@ SECTIONS = {
     "objective": listed(tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS), least=1),
     "constraints": listed(tabled(CONSTRAINT, ["of"]) | exactly_one(LIMITS)),
     "search": tabled(SEARCH) | {"dependentRequired": {"seed": ["starts"]}},
-    "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1)}),
+    "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1), "uncertainty": UNCERTAINTY, "samples": whole(2, 10_000)}),
 }  # rules of a study's own sections
 
 
@@ -137,9 +140,8 @@ class Study:
     verification: dict
     """Options of `verify`: spacing, mu."""
     aim: dict
-    """First entry of the objective for the figure, with its ``quantity``, a function of a path or None, with ``values`` (k,), its
-    targets at ``control`` (k,), values of mu or times, and ``targets``, those of switches and times, by name; nan if there is no
-    target."""
+    """First entry of the objective for the figure: ``quantity``, a function of a path or None, ``values`` (k,), its targets at ``control``
+    (k,), mu or times, and ``targets``, those of switches and times, by name; nan if there is no target."""
     fields: dict[str, tuple[str, DesignField]]
     """Parameters that are fields: name -> Nv or chi, and how its pixels follow."""
     table: dict
@@ -175,6 +177,7 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
     switches = {where: switch_of(where, entry, case) for where, entry in judged if entry["of"] in SWITCHES}
     switches |= {where: time_to_of(entry) for where, entry in judged if "time_to" in entry}
     terms = [_term(f"objective[{i}]", entry, mu, case.sweep.control, switches) for i, entry in enumerate(table["objective"])]
+    limits = [_constraint(f"constraints[{i}]", entry, case.sweep, switches) for i, entry in enumerate(table.get("constraints", []))]
     alone = len(terms) == 1 and terms[0][0] < 0
     problem = DesignProblem(
         start={p["name"]: p["start"] for p in parameters},
@@ -184,9 +187,7 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
         mu=mu,
         objective=weighted_sum([abs(w) for w, _ in terms] if alone else [w for w, _ in terms], [f for _, f in terms]),
         maximise=alone,
-        constraints=tuple(
-            _constraint(f"constraints[{i}]", entry, case.sweep, switches) for i, entry in enumerate(table.get("constraints", []))
-        ),
+        constraints=tuple(limits),
         reported=dict(switches.values()),
         options=case.discretisation,
         sweep=case.sweep,
@@ -293,5 +294,7 @@ def _verification(table, case):
     own, plate = table.get("verification", {}), case.plate
     if "mu" in own and case.time is not None:
         raise ValueError("verification.mu: does not go with [time]; the verification has half the time steps")
+    if "uncertainty" in own:
+        uncertain_inputs(case, own["uncertainty"])  # ValueError for an entry that cannot be used
     spacing = case.discretisation.spacing or plate.spacing or min(plate.width, plate.height) / 40
     return dict(spacing=float(own.get("spacing", spacing / 2)), mu=own.get("mu"))

@@ -25,6 +25,7 @@ import numpy as np
 from .._validation import Inadmissible
 from ..design import FEASIBLE, Design, Outcome, read_log
 from ..io import InThisProcess, failure, one_line, open_folder, read_record, run_calls, write_atomically, write_csv, write_grey, write_json
+from .as_made import SAMPLES, as_made
 from .parameters import components, sobol
 from .study import Study, study_from_table
 from .toml import case_text, explicit
@@ -186,7 +187,8 @@ def _verified(study, design, folder):
     """Verify a study's start and `Design` on fresh clouds and write both into its folder; the content of verified.json."""
     plate = study.problem.plate({name: jnp.asarray(v) for name, v in design.parameters.items()})
     pictures = {of: np.asarray(field.values(design.parameters[name])) for name, (of, field) in study.fields.items()}
-    text = case_text(explicit(_found(study, plate, study.problem.gel_at(design.parameters), pictures)))
+    case = _found(study, plate, study.problem.gel_at(design.parameters), pictures)
+    text = case_text(explicit(case))
     write_atomically(folder / "best.toml", lambda stream: stream.write(text.encode()))
     for of, field in study.fields.values():
         shares = (pictures[of] - field.lower) / (field.upper - field.lower)
@@ -201,6 +203,10 @@ def _verified(study, design, folder):
         start=start,
         best=best,
     )
+    options = study.table.get("verification", {})
+    if "uncertainty" in options:
+        case = dataclasses.replace(case, plate=dataclasses.replace(plate, reference=None))
+        verified["as_made"] = as_made(study.problem, case, options["uncertainty"], options.get("samples", SAMPLES))
     write_json(folder / VERIFIED, verified)
     if study.case.output.figures:
         from ..plotting import draw_study

@@ -62,6 +62,7 @@ def parser() -> tuple[argparse.ArgumentParser, dict]:
         return p
 
     _case_commands(add)
+    _error_bar_commands(add)
     _study_commands(add)
     _folder_commands(add)
     p = _cache_option(add("doctor.doctor", "doctor", "show versions, float64, threads and kept programs, and check two computations"))
@@ -108,6 +109,19 @@ def _case_commands(add):
     p.add_argument("--quantity", default="core_rotation", metavar="NAME", help="of the figure, such as J_mean (default: core_rotation)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")
 
+    p = add("wave_runs.waves", "waves", "find the onset of an infinite lattice from one periodic cell")
+    _case_options(p, "out/CASE-waves")
+    p.add_argument("--divisions", type=_whole, default=8, metavar="N", help="steps from the middle of the zone to its edge (default: 8)")
+    p.add_argument("--no-plots", action="store_true", help="leave out the figures")
+
+    p = _case_options(add("runs.check_grad", "check-grad", "Taylor test of a case's gradients"), "out/CASE")
+    _control_options(p)
+    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of the control, or of times (default: 4)")
+    _branch_option(p)
+
+
+def _error_bar_commands(add):
+    """Commands that say how far the numbers of a case can be trusted."""
     p = add("accuracy.accuracy", "accuracy", "error bars of a case's numbers, from clouds of several spacings")
     _case_options(p, "out/CASE-accuracy")
     p.add_argument(
@@ -137,16 +151,6 @@ def _case_commands(add):
     p.add_argument("--samples", type=_whole, metavar="N", help="check by N samples of the inputs, on all cores")
     p.add_argument("--workers", type=_whole, metavar="N", help="processes of the samples (default: one for each core)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")
-
-    p = add("wave_runs.waves", "waves", "find the onset of an infinite lattice from one periodic cell")
-    _case_options(p, "out/CASE-waves")
-    p.add_argument("--divisions", type=_whole, default=8, metavar="N", help="steps from the middle of the zone to its edge (default: 8)")
-    p.add_argument("--no-plots", action="store_true", help="leave out the figures")
-
-    p = _case_options(add("runs.check_grad", "check-grad", "Taylor test of a case's gradients"), "out/CASE")
-    _control_options(p)
-    p.add_argument("--states", type=_whole, metavar="K", help="number of equally spaced values of the control, or of times (default: 4)")
-    _branch_option(p)
 
 
 def _study_commands(add):

@@ -55,12 +55,23 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
         own = {key: verified[key]["reported"][name] for key in ("start", "best")}
         start, best = ("none" if number is None else f"{number:.6g}" for number in own.values())
         say(f"{name:<12} {value:.6g} in the search; on a fresh cloud {best}, at the start {start}")
+    if "as_made" in verified:
+        say(_as_made(verified["as_made"]))
     say(f"results in {folder}")
     valid = found.feasible and verified["best"]["valid"]
     if not valid:
         reason = verified["best"]["reason"] if found.feasible else "no design met all constraints"
         print(f"jaxgel: the design is not usable: {reason}", file=sys.stderr)
     return DONE if valid else STOPPED
+
+
+def _as_made(found):
+    """What the best design keeps of its value as it is made, in a line."""
+    if found["mean"] is None:
+        return f"as made: none of {found['samples']} samples has a value; {found['reason']}"
+    rest = f", {found['invalid']} without a value ({found['reason']})" if found["invalid"] else ""
+    numbers = f"{found['mean']:.6g} +- {found['deviation']:.2g}, worst {found['worst']:.6g}"
+    return f"as made: objective {numbers} of {found['samples']} samples{rest}"
 
 
 def _field_text(study, name, parameters):

@@ -1,9 +1,9 @@
 """How far numbers can be trusted: what a cloud resolves, error bars from several clouds, and from uncertain inputs."""
 
-from .accuracy import ACCURACY, Accuracy, accuracy, on_clouds
 from .convergence import FEWEST, ErrorBars, GridConvergence, error_bars, grid_convergence_index
-from .resolution import Resolution, resolution
-from .uncertainty import Uncertainty, uncertainty
+from .deviations import Uncertainty, uncertainty
+from .resolved import Resolution, resolution
+from .several_clouds import ACCURACY, Accuracy, accuracy, on_clouds
 
 __all__ = [
     "ACCURACY",

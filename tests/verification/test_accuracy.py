@@ -10,7 +10,7 @@ import pytest
 import jaxgel
 from jaxgel._validation import Inadmissible
 from jaxgel.equilibrium import Change
-from jaxgel.verification.accuracy import spacings_near
+from jaxgel.verification.several_clouds import spacings_near
 
 GEL, MU = jaxgel.Gel(Nv=1e-3, chi=1e-4), [-4.0, -3.0, -2.0]
 PLATE = jaxgel.Plate(8, 8, [jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)], spacing=0.8, nodes_per_hole=16, core=(3.2, 3.0))

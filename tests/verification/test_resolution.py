@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxgel
-from jaxgel.verification.resolution import rounded_down
+from jaxgel.verification.resolved import rounded_down
 
 SLIT = jaxgel.Plate(
     6.0, 4.0, [jaxgel.Circle((-1.1, 0.0), 0.9), jaxgel.Circle((1.1, 0.0), 0.9)]

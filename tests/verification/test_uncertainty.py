@@ -8,6 +8,7 @@ import pytest
 
 import jaxgel
 from jaxgel.cases import from_table, sampled_deviations, uncertain_inputs, uncertain_samples, uncertainty_of
+from jaxgel.cases.as_made import as_made
 
 HOLE = {"kind": "ellipse", "centre": [0.15, -0.1], "semi_axes": [1.2, 0.8], "angle_deg": 20.0}
 TABLE = {
@@ -145,3 +146,24 @@ def test_command_writes_table_figure_and_samples(tmp_path, capsys):
     assert (tmp_path / "out" / "contributions.png").stat().st_size > 5_000
     assert jaxgel.cli.main([*arguments[:4], "--uncertain", "Nv:5", "--out", str(tmp_path / "out")]) == 2
     assert "uncertain: 'Nv:5' is not of the form NAME=DEVIATION" in capsys.readouterr().err
+
+
+def test_a_design_as_made_scatters_as_first_order_says(case, found):
+    """Mean and deviation of an objective over samples of the design's inputs; samples that are refused are counted."""
+    start, bounds = {"semi_axes": np.array([1.2, 0.8])}, {"semi_axes": (0.5, 1.5)}
+    problem = jaxgel.DesignProblem(
+        plate=lambda v: case.plate.at([{"centre": (0.15, -0.1), "semi_axes": v["semi_axes"], "angle": np.deg2rad(20.0)}]),
+        start=start,
+        bounds=bounds,
+        objective=jaxgel.value_at(jaxgel.area_reduction, -2.0),
+        gel=case.gel,
+        mu=[-4.0, -3.0, -2.0],
+    )
+    made = as_made(problem, case, case.uncertainty, 16)
+    k = found.names.index("area_reduction")
+    assert made["samples"] == 16 and made["invalid"] == 0 and made["reason"] == ""
+    assert made["mean"] == pytest.approx(found.values[k], rel=1e-3)
+    assert made["deviation"] == pytest.approx(found.deviations[k], rel=0.3)
+    assert made["worst"] == pytest.approx(found.values[k], abs=4 * found.deviations[k])
+    none = as_made(problem, case, {"Nv": 1.0}, 2)
+    assert none["invalid"] >= 1 and none["mean"] is None and "Nv" in none["reason"]
