@@ -5,7 +5,7 @@ from .error_bars import accuracy_of, slope_accuracy_of
 from .map_runs import POINT, TABLE, run_map
 from .page import write_page
 from .parameter_map import MapStudy, load_map, load_parameters, resumed_map
-from .response import RESPONSES, Response
+from .response import DIFFERENTIABLE, RESPONSES, Response
 from .resume import load_path, other_versions, path_of, recorder_of, resumed
 from .salib import PROBLEM
 from .samples import GRID, SIDE, case_names, sample, sample_names
@@ -14,14 +14,14 @@ from .sensitivities import Sensitivity, map_sensitivity, sensitivity
 from .study import Study, load_study, study_from_table
 from .study_runs import OPTIMA, VERIFIED, draw_starts, resumed_study, run_study
 from .toml import case_text, example, explicit
-from .uncertain import QUANTITIES, UncertainInput, sampled_deviations, uncertain_inputs, uncertain_samples, uncertainty_of
+from .uncertain import UncertainInput, sampled_deviations, uncertain_inputs, uncertain_samples, uncertainty_of
 
 __all__ = [
+    "DIFFERENTIABLE",
     "GRID",
     "OPTIMA",
     "POINT",
     "PROBLEM",
-    "QUANTITIES",
     "RESPONSES",
     "SIDE",
     "TABLE",

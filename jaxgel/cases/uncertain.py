@@ -13,15 +13,14 @@ import numpy as np
 
 from .._types import Float
 from .._validation import did_you_mean, is_number
-from ..bifurcation import problem_by_options, sweep_by_options
-from ..observables import CURVES, OF_EQUILIBRIA
-from ..verification import Uncertainty, uncertainty
+from ..verification import Uncertainty
 from .case import Case
-from .parameter_map import MapStudy, map_from_table
-from .parameters import GEL, gel_of, parameter, plate_of, sobol
+from .parameter_map import MapStudy
+from .parameters import GEL, parameter, sobol
+from .response import RESPONSES, Response
 
-QUANTITIES = ("rotation", "core_rotation", "area_reduction")
-"""Quantities that get a standard deviation unless others are asked for."""
+SPAN, ENDS = 4.0, {"lower": -1.0, "upper": 1.0}  # standard deviations
+SMALLEST = 1e-9  # of a sample of the unit interval: six standard deviations
 ONE_HOLE = re.compile(r"holes\[(\d+)\]\.(\w+)")
 
 
@@ -68,63 +67,47 @@ def _deviation(where, value, own):
     return np.full(own.shape, float(word)) if share is None else np.abs(own) * float(word) / 100
 
 
-def uncertainty_of(case: Case, inputs: list[UncertainInput], quantities: Sequence[str] = QUANTITIES) -> Uncertainty:
-    """`verification.uncertainty` of quantities, in the units that studies use, at the last state of a case's sweep.
+def uncertainty_of(case: Case, inputs: list[UncertainInput], quantities: Sequence[str] = RESPONSES) -> Uncertainty:
+    """`verification.Uncertainty` of quantities, in the units of `observables.QUANTITIES`, at the last state of a case's sweep.
 
-    ValueError for a case that swells in time, a sweep with an imperfection, and a quantity without derivative or without value.
+    ValueError for a case that swells in time, a sweep with an imperfection, and a quantity without value or derivative.
     """
     case.check_equilibrium("uncertainty")
-    for name in quantities:
-        if name not in CURVES or name in OF_EQUILIBRIA:
-            raise ValueError(f"quantities: {name!r} has no derivative here; {did_you_mean(name, CURVES)}")
-    if case.sweep.imperfection:
-        raise ValueError(
-            f"sweep.imperfection: {case.sweep.imperfection:g} is not accepted here, as its load has no derivative; set it to 0"
-        )
-    parameters = [one.parameter for one in inputs]
-    plate, gel, cloud = plate_of(case.plate, parameters), gel_of(case.gel, parameters), case.cloud()
-
-    def numbers(values):
-        model = case.discretisation.model(cloud.at(plate(values)))
-        problem = problem_by_options(model, gel(values) if callable(gel) else gel, case.sweep, loads=case.loads.of(model))
-        last = sweep_by_options(problem, case.sweep)[-1:]
-        return {name: CURVES[name](last)[0] for name in quantities}
-
-    own = {one.parameter["name"]: one.parameter["own"] for one in inputs}
-    found = uncertainty(numbers, own, {one.parameter["name"]: one.deviation for one in inputs})
-    missing = [name for name, value in zip(found.names, found.values, strict=True) if not np.isfinite(value)]
+    response = Response(_study(case, inputs, []), case.cloud(), quantities)
+    own = tuple(float(x) for one in inputs for x in np.ravel(one.parameter["own"]))
+    path = response.path(own)
+    values, slopes = response.values(path), response.jacobian(own, path)
+    missing = [name for name, row in zip(quantities, slopes, strict=True) if not np.all(np.isfinite(row))]
     if missing:
-        raise ValueError(f"quantities: {missing[0]!r} has no value at the last state of this case; give others")
-    return found
+        raise ValueError(f"quantities: {missing[0]!r} has no derivative at the last state of this case; give others")
+    deviations = np.concatenate([np.ravel(one.deviation) for one in inputs])
+    return Uncertainty(tuple(response.study.names), deviations, tuple(quantities), values, slopes)
 
 
 def uncertain_samples(case: Case, inputs: list[UncertainInput], number: int, *, seed: int = 0) -> MapStudy:
     """A `MapStudy` whose points are ``number`` samples of normally distributed inputs, from a scrambled Sobol sequence."""
     from scipy.special import ndtri
 
-    sizes = [np.size(one.deviation) for one in inputs]
-    errors = ndtri(np.clip(sobol(sum(sizes), number, seed), 1e-9, 1 - 1e-9))
+    cuts = np.cumsum([np.size(one.deviation) for one in inputs])
     points = []
-    for sample in errors:
-        parts = np.split(sample, np.cumsum(sizes)[:-1])
-        errors_of = zip(inputs, parts, strict=True)
-        points.append(
-            {
-                one.parameter["name"]: (one.parameter["own"] + one.deviation * np.reshape(p, np.shape(one.deviation))).tolist()
-                for one, p in errors_of
-            }
-        )
-    varied = [_entry(one) for one in inputs]
-    table = {"map": {"samples": "sobol", "points": number, "seed": seed}, "parameters": varied} | case.table()
-    return map_from_table(table, f"{case.name}-samples", points)
+    for sample in ndtri(np.clip(sobol(int(cuts[-1]), number, seed), SMALLEST, 1 - SMALLEST)):
+        errors = [np.reshape(part, np.shape(one.deviation)) for one, part in zip(inputs, np.split(sample, cuts[:-1]), strict=True)]
+        values = [one.parameter["own"] + one.deviation * error for one, error in zip(inputs, errors, strict=True)]
+        points.append({one.parameter["name"]: np.asarray(value).tolist() for one, value in zip(inputs, values, strict=True)})
+    return _study(case, inputs, points, seed)
 
 
-def _entry(one):
-    """An entry of a map's ``parameters`` that spans four standard deviations either way."""
-    made = one.parameter
-    ends = {key: (made["own"] + sign * 4 * one.deviation).tolist() for key, sign in (("lower", -1), ("upper", 1))}
-    holes = {"holes": made["holes"]} if made["holes"] else {}
-    return {"of": "angle_deg" if made["degrees"] else made["of"], "name": made["name"]} | holes | ends
+def _study(case, inputs, points, seed=0):
+    """The `MapStudy` of a case with these inputs as parameters, within `SPAN` standard deviations of their own values."""
+    parameters = [one.parameter | {end: one.parameter["own"] + sign * SPAN * one.deviation for end, sign in ENDS.items()} for one in inputs]
+    varied = [
+        {"of": "angle_deg" if p["degrees"] else p["of"], "name": p["name"]}
+        | ({"holes": p["holes"]} if p["holes"] else {})
+        | {end: np.asarray(p[end]).tolist() for end in ENDS}
+        for p in parameters
+    ]
+    options = {"samples": "sobol", "points": max(len(points), 1), "seed": seed}
+    return MapStudy(f"{case.name}-samples", case, parameters, points, {"map": options, "parameters": varied} | case.table())
 
 
 def sampled_deviations(rows: list[dict[str, Any]], columns: dict[str, str]) -> dict[str, tuple[float, float, int]]:

@@ -6,9 +6,9 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import one_of
-from ..cases import accuracy_of, load_case, slope_accuracy_of
+from ..cases import DIFFERENTIABLE, accuracy_of, load_case, slope_accuracy_of
 from ..io import open_folder, unit_of, write_accuracy, write_csv
-from ..observables import CURVES, OF_EQUILIBRIA, QUANTITIES, state_at
+from ..observables import QUANTITIES, state_at
 from ..verification import ACCURACY, FEWEST
 from .environment import DONE, STOPPED
 from .parser import changes
@@ -51,7 +51,7 @@ def accuracy(args: Namespace) -> int:
 
 def _slopes(args, case, names, folder):
     """Print and write the error bars of the derivatives by the inputs that the option names, of the quantities that have some."""
-    found = slope_accuracy_of(case, args.gradient.split(","), [name for name in names if name in CURVES and name not in OF_EQUILIBRIA])
+    found = slope_accuracy_of(case, args.gradient.split(","), [name for name in names if name in DIFFERENTIABLE])
     say, rows = printer(args), []
     say(f"derivatives at {case.sweep.control} = {case.sweep.numbers[-1]:g}")
     say(f"  {'':44} {'value':>11} {'error':>10} {'extrapolated':>13}")

@@ -147,7 +147,7 @@ def _error_bar_commands(add):
     p.add_argument("--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values (default: 40)")
     _control_options(p)
     _branch_option(p)
-    p.add_argument("--quantities", metavar="NAME,...", help="quantities that studies take (default: rotations and area reduction)")
+    p.add_argument("--quantities", metavar="NAME,...", help="quantities with derivatives (default: rotations and area reduction)")
     p.add_argument("--samples", type=_whole, metavar="N", help="check by N samples of the inputs, on all cores")
     p.add_argument("--workers", type=_whole, metavar="N", help="processes of the samples (default: one for each core)")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")

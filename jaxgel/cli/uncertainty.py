@@ -7,8 +7,7 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import did_you_mean
-from ..cases import QUANTITIES as DEFAULT
-from ..cases import load_case, sampled_deviations, uncertain_inputs, uncertain_samples, uncertainty_of
+from ..cases import RESPONSES, load_case, sampled_deviations, uncertain_inputs, uncertain_samples, uncertainty_of
 from ..io import open_folder, unit_of, write_csv, write_json
 from ..observables import QUANTITIES
 from ..verification import Uncertainty
@@ -24,7 +23,7 @@ def uncertainty(args: Namespace) -> int:
     """Propagate the standard deviations of the inputs of a case, print, write and draw them, and check them by samples if asked."""
     case, say = load_case(args.case, changes(args)), printer(args)
     inputs = uncertain_inputs(case, dict(map(_entry, args.uncertain)) if args.uncertain else None)
-    names = args.quantities.split(",") if args.quantities else list(DEFAULT)
+    names = args.quantities.split(",") if args.quantities else list(RESPONSES)
     folder = open_folder(args.out or File("out") / f"{case.name}-uncertainty")
     found = uncertainty_of(case, inputs, names)
     last = f"{case.sweep.control} = {case.sweep.numbers[-1]:g}"

@@ -70,8 +70,8 @@ def test_wrong_entries_are_refused(case, refused):
         ({"semi_axes": 0.1, "holes[0].semi_axes": 0.1}, r"uncertainty: holes\[0\].semi_axes is given twice"),
     ]
     refused(lambda entries: uncertain_inputs(case, entries), rows)
-    with pytest.raises(ValueError, match="quantities: 'energy' has no derivative here"):
-        uncertainty_of(case, uncertain_inputs(case), ["energy"])
+    with pytest.raises(ValueError, match="quantities: 'turn' is unknown"):
+        uncertainty_of(case, uncertain_inputs(case), ["turn"])
 
 
 def test_slopes_are_differences_of_sweeps(case, found):
