@@ -28,7 +28,7 @@ PLACES = {  # column and row of each box
     "bifurcation": (6, 0),
     "waves": (6, 2),
     "observables": (6, 1),
-    "verification": (7, 1),
+    "verification": (7, 2),
     "io": (8, 0),
     "design": (8, 1),
     "plotting": (8, 2),
@@ -121,9 +121,9 @@ def draw(file):
             shift = 0.22 * seen.setdefault(stop, 0)
             seen[stop] += 1
             ax.text(x - WIDTH / 2 + 0.12 + shift, y + (0.5 - row) * (HEIGHT + 0.02), str(number), **dot)
-        ax.text(4.6, 2.25 - 0.3 * row, "1", **dot)
-        ax.text(4.8, 2.25 - 0.3 * row, label, va="center", fontsize=9)
-    ax.set(xlim=(-0.7, 13.5), ylim=(-0.45, 2.45))
+        ax.text(2.6, 2.25 - 0.3 * row, "1", **dot)
+        ax.text(2.8, 2.25 - 0.3 * row, label, va="center", fontsize=9)
+    ax.set(xlim=(-0.7, 14.9), ylim=(-0.45, 2.45))
     ax.axis("off")
     figure.savefig(file, metadata={"Date": None} if Path(file).suffix == ".svg" else None)
     plt.close(figure)
