@@ -44,6 +44,7 @@ def test_the_text_of_a_case_with_regions_is_that_case(case, tmp_path):
             np.testing.assert_array_equal(value, other.theta[name])
 
 
+@pytest.mark.slow
 def test_a_run_with_regions_is_read_drawn_and_resumed(tmp_path, capsys):
     file, out = tmp_path / "case.toml", tmp_path / "out"
     file.write_text(case_text(from_table(TABLE | {"output": {"animation": False}}, "case")), encoding="utf-8")
