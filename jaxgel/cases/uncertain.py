@@ -64,7 +64,7 @@ def _deviation(where, value, own):
     if isinstance(value, bool) or not is_number(word) or not 0 < float(word) < np.inf:
         raise ValueError(f"{where}: {value!r} is not a positive number, nor a share as '5 %'")
     own = np.asarray(own, dtype=float)
-    return np.full(own.shape, float(word)) if share is None else np.abs(own) * float(word) / 100
+    return np.full(own.shape, float(word)) if share is None else np.asarray(np.abs(own) * float(word) / 100)
 
 
 def uncertainty_of(case: Case, inputs: list[UncertainInput], quantities: Sequence[str] = RESPONSES) -> Uncertainty:

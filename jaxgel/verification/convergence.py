@@ -1,6 +1,7 @@
 """Error bars of numbers from clouds, or grids, of several spacings."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import brentq
@@ -30,7 +31,7 @@ class GridConvergence:
 
 
 def grid_convergence_index(
-    sizes: Float[np.ndarray, "3"], values: Float[np.ndarray, "3"], *, formal: float | None = None
+    sizes: Sequence[float] | Float[np.ndarray, "3"], values: Sequence[float] | Float[np.ndarray, "3"], *, formal: float | None = None
 ) -> GridConvergence:
     """The `GridConvergence` of a number on three grids, finest first, with representative ``sizes`` of their cells.
 

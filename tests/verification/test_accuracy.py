@@ -97,8 +97,12 @@ def test_command_writes_what_it_prints(tmp_path, capsys):
     assert record["nodes"] == sorted(record["nodes"]) and len(record["states"]) == 6
     assert float(last[f"on {record['nodes'][-1]} nodes"]) == record["states"][4][f"on {record['nodes'][-1]} nodes"]
     assert (tmp_path / "accuracy.png").stat().st_size > 10_000
-    (slope,) = csv.DictReader((tmp_path / "slopes.csv").read_text().splitlines())
-    assert (slope["quantity"], slope["input"]) == ("core_rotation", "Nv") and f"{float(slope['slope']):.4g}" in printed
+    slope, of_energy = csv.DictReader((tmp_path / "slopes.csv").read_text().splitlines())
+    assert (slope["quantity"], slope["input"], of_energy["quantity"]) == (
+        "core_rotation",
+        "Nv",
+        "energy",
+    ) and f"{float(slope['slope']):.4g}" in printed
     assert 0 < float(slope["error"]) < abs(float(slope["slope"]))
 
 
