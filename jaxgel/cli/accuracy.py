@@ -7,7 +7,7 @@ import numpy as np
 
 from .._validation import one_of
 from ..cases import DIFFERENTIABLE, accuracy_of, load_case, slope_accuracy_of
-from ..io import open_folder, unit_of, write_accuracy, write_csv
+from ..io import open_folder, write_accuracy, write_csv
 from ..observables import QUANTITIES, state_at
 from ..verification import ACCURACY, FEWEST
 from .environment import DONE, STOPPED
@@ -58,7 +58,7 @@ def _slopes(args, case, names, folder):
     for (name, which), bars in found.items():
         value, error, limit = (QUANTITIES[name].scale * float(numbers[0]) for numbers in (bars.own, bars.error, bars.extrapolated))
         say(f"  {f'd {name} / d {which}':44} {value:11.4g} {error:10.2g} {limit:13.4g}")
-        rows.append([name, unit_of(name), which, value, error, limit])
+        rows.append([name, QUANTITIES[name].read_unit, which, value, error, limit])
     write_csv(folder / "slopes.csv", ["quantity", "unit", "input", "slope", "error", "extrapolated"], rows)
 
 
@@ -69,7 +69,7 @@ def _evenly(count):
 
 def _line(name, bars, k):
     """One quantity at state k."""
-    unit = unit_of(name)
-    label = f"{name} ({unit})" if unit not in ("", "1") else name
+    unit = QUANTITIES[name].read_unit
+    label = f"{name} ({unit})" if unit else name
     order = f"{bars.order[k]:6.1f}" if np.isfinite(bars.order[k]) else f"{'-':>6}"
     return f"  {label:26} {bars.own[k]:11.5g} {bars.error[k]:10.2g} {bars.extrapolated[k]:13.5g} {order}"

@@ -80,9 +80,7 @@ def parser() -> tuple[argparse.ArgumentParser, dict]:
 def _case_commands(add):
     """Commands on a case."""
     p = _case_options(add("runs.run", "run", "swell a case and write its table, states and figures"), "out/CASE")
-    p.add_argument(
-        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values each way, both ends included (default: 40)"
-    )
+    _steps_option(p)
     _control_options(p)
     _branch_option(p)
     p.add_argument(
@@ -124,9 +122,7 @@ def _error_bar_commands(add):
     """Commands that say how far the numbers of a case can be trusted."""
     p = add("accuracy.accuracy", "accuracy", "error bars of a case's numbers, from clouds of several spacings")
     _case_options(p, "out/CASE-accuracy")
-    p.add_argument(
-        "--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values each way, both ends included (default: 40)"
-    )
+    _steps_option(p)
     _control_options(p)
     _branch_option(p)
     p.add_argument("--at", type=_reals, metavar="A,B,...", help="values of the control at which error bars are printed (default: three)")
@@ -138,18 +134,13 @@ def _error_bar_commands(add):
 
     p = add("uncertainty.uncertainty", "uncertainty", "standard deviations of a case's numbers from those of its inputs")
     _case_options(p, "out/CASE-uncertainty")
-    p.add_argument(
-        "--uncertain",
-        action="append",
-        metavar="NAME=DEVIATION",
-        help="an input and its standard deviation, such as Nv=5%%; may be repeated",
-    )
-    p.add_argument("--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values (default: 40)")
+    p.add_argument("--uncertain", action="append", metavar="NAME=DEVIATION", help="an input and its standard deviation, as Nv=5%%")
+    _steps_option(p)
     _control_options(p)
     _branch_option(p)
     p.add_argument("--quantities", metavar="NAME,...", help="quantities with derivatives (default: rotations and area reduction)")
     p.add_argument("--samples", type=_whole, metavar="N", help="check by N samples of the inputs, on all cores")
-    p.add_argument("--workers", type=_whole, metavar="N", help="processes of the samples (default: one for each core)")
+    _executor_options(p, "the samples")
     p.add_argument("--no-plots", action="store_true", help="leave out the figure")
 
 
@@ -187,9 +178,7 @@ def _folder_commands(add):
     p.add_argument("folder", metavar="DIR", help="folder written by jaxgel run, design or map")
     p.add_argument("--no-plots", action="store_true", help="leave out the figures and the animation of a run")
 
-    p = _cache_option(
-        add("folders.outline", "outline", "write the outline of a case or a run as DXF, SVG, STL or PNG, and the masks of a printed gel")
-    )
+    p = _cache_option(add("folders.outline", "outline", "write the outline of a case or a run as DXF, SVG, STL or PNG, and its masks"))
     p.add_argument("source", metavar="DIR|CASE", help="folder written by jaxgel run, a built-in name or the path of a TOML file")
     p.add_argument("--format", default="dxf", metavar="dxf|svg|stl|png", help="kind of file (default: dxf)")
     near = "the state of the run nearest to this value of mu in kT, or of its other control, within the run (default: the dry plate)"
@@ -223,10 +212,13 @@ def _case_options(p, out):
 
 
 def _worker_options(p):
-    many = "a map or a design with several starts"
+    _executor_options(p, "a map or a design with several starts")
+    return _quiet_option(p)
+
+
+def _executor_options(p, many):
     p.add_argument("--workers", type=_whole, metavar="N", help=f"processes of {many} on this machine (default: one for each core)")
     p.add_argument("--scheduler", metavar="ADDRESS", help=f"run {many} on the Dask cluster with this scheduler, tcp://HOST:PORT, instead")
-    return _quiet_option(p)
 
 
 def _quiet_option(p):
@@ -243,6 +235,10 @@ def _choice(p, section, key, text):
     """An option that is one of the words of an entry of a case file."""
     words = case_schema()["properties"][section]["properties"][key]["enum"]
     p.add_argument(f"--{key}", metavar="|".join(words), help=text)
+
+
+def _steps_option(p):
+    p.add_argument("--steps", type=_steps, metavar="auto|N", help="chosen steps, or N equally spaced values each way (default: 40)")
 
 
 def _branch_option(p):

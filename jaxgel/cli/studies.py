@@ -100,7 +100,7 @@ def map_points(args: Namespace) -> int:
 
 def _workers(args, threads):
     """Context with the executor that the options ask for; ``threads`` are those of a process on this machine."""
-    if getattr(args, "scheduler", None):
+    if args.scheduler:
         return dask_executor(args.scheduler)
     return Workers(args.workers or usable_cores(), functools.partial(prepare_worker, threads, KEPT.root), CALLS_EACH)
 

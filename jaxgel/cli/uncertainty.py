@@ -8,10 +8,10 @@ import numpy as np
 
 from .._validation import did_you_mean
 from ..cases import RESPONSES, load_case, sampled_deviations, uncertain_inputs, uncertain_samples, uncertainty_of
-from ..io import open_folder, unit_of, write_csv, write_json
+from ..io import open_folder, write_csv, write_json
 from ..observables import QUANTITIES
 from ..verification import Uncertainty
-from .environment import DONE, STOPPED
+from .environment import DONE, INTERRUPTED
 from .parser import changes
 from .runs import printer
 from .studies import run_points
@@ -52,8 +52,8 @@ def _entry(word):
 
 def _line(found: Uncertainty, name: str):
     """Value, deviation and the inputs that contribute most, of one quantity."""
-    scale, unit, k = QUANTITIES[name].scale, unit_of(name), found.names.index(name)
-    unit = "" if unit == "1" else f" {unit}"
+    scale, unit, k = QUANTITIES[name].scale, QUANTITIES[name].read_unit, found.names.index(name)
+    unit = f" {unit}".rstrip()
     ranked = found.ranked(name)
     parts = ", ".join(f"{inp} {100 * share:.0f} %" for inp, share in ranked[:SHOWN])
     rest = f", {len(ranked) - SHOWN} others" if len(ranked) > SHOWN else ""
@@ -67,10 +67,14 @@ def _write(found, folder, options):
         scale = QUANTITIES[name].scale
         for i, inp in enumerate(found.inputs):
             slope, part = scale * found.slopes[k, i], scale * found.contributions[k, i]
-            rows.append([name, unit_of(name), inp, found.input_deviations[i], slope, part])
+            rows.append([name, QUANTITIES[name].read_unit, inp, found.input_deviations[i], slope, part])
     write_csv(folder / "uncertainty.csv", ["quantity", "unit", "input", "input deviation", "slope", "contribution"], rows)
     numbers = {
-        name: {"value": float(v * QUANTITIES[name].scale), "deviation": float(d * QUANTITIES[name].scale), "unit": unit_of(name)}
+        name: {
+            "value": float(v * QUANTITIES[name].scale),
+            "deviation": float(d * QUANTITIES[name].scale),
+            "unit": QUANTITIES[name].read_unit,
+        }
         for name, v, d in zip(found.names, found.values, found.deviations, strict=True)
     }
     write_json(folder / "uncertainty.json", {"options": options, "quantities": numbers})
@@ -84,6 +88,8 @@ def _sampled(args, case, inputs, names, found, folder):
         raise ValueError(f"quantities: {unknown[0]!r} is in no column of history.csv, samples have none; {did_you_mean(unknown[0], known)}")
     study = uncertain_samples(case, inputs, args.samples)
     code, rows = run_points(study, folder / "samples", args, resume=(folder / "samples" / "map.json").exists())
+    if code == INTERRUPTED:
+        return code
     sampled = sampled_deviations(rows, {name: QUANTITIES[name].column for name in names})
     for k, name in enumerate(names):
         mean, deviation, count = sampled[name]
@@ -92,4 +98,4 @@ def _sampled(args, case, inputs, names, found, folder):
         printer(args)(f"  {name:16} {scale * mean:.5g} +- {scale * deviation:.2g} over {count} samples; first order over samples {ratio}")
     if code != DONE:
         print("jaxgel: some samples did not end; points.csv says why", file=sys.stderr)
-    return STOPPED if code != DONE else DONE
+    return code

@@ -61,7 +61,7 @@ class Following:
     steps: StepControl = STEP_CONTROL
     """When a step is refused, cut or taken for a jump."""
     observer: Observer = UNOBSERVED
-    """What is told while the sweep goes."""
+    """Observer of the sweep."""
     jumps: bool = False
     """Whether a stable branch that ends is left by relaxation without contact too, and an unstable state ends the sweep."""
 

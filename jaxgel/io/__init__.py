@@ -9,7 +9,7 @@ from .netcdf import export
 from .outline_files import FORMATS, dry_gel, dry_regions, swollen_gel, write_outline
 from .outline_fits import fit_fourier
 from .recorder import NUMERICAL, Recorder, write_points
-from .result_files import unit_of, write_accuracy, write_loop, write_waves
+from .result_files import write_accuracy, write_loop, write_waves
 from .run import STEP_ARRAYS, Run, load_run, read_summary
 from .terminal import Progress, interruptible
 from .um_bridge import ServedFunction, um_bridge_server
@@ -53,7 +53,6 @@ __all__ = [
     "run_calls",
     "swollen_gel",
     "um_bridge_server",
-    "unit_of",
     "write_accuracy",
     "write_atomically",
     "write_csv",

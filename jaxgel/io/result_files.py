@@ -76,7 +76,7 @@ def write_accuracy(found: Accuracy, folder: File, options: dict[str, Any]) -> No
     for k, value in enumerate(np.asarray(found.path.value)):
         for name, bars in found.bars.items():
             numbers = (bars.own[k], bars.error[k], bars.extrapolated[k], bars.order[k], *bars.values[:, k])
-            rows.append([float(value), name, unit_of(name), *(float(n) if np.isfinite(n) else None for n in numbers)])
+            rows.append([float(value), name, QUANTITIES[name].read_unit, *(float(n) if np.isfinite(n) else None for n in numbers)])
     write_csv(folder / "accuracy.csv", columns, rows)
     record = {
         "options": options,
@@ -86,9 +86,3 @@ def write_accuracy(found: Accuracy, folder: File, options: dict[str, Any]) -> No
         "states": [dict(zip(columns, row, strict=True)) for row in rows],
     }
     write_json(folder / "accuracy.json", record)
-
-
-def unit_of(name: str) -> str:
-    """Unit in which people read a quantity of `QUANTITIES`, as files write it."""
-    quantity = QUANTITIES[name]
-    return "%" if quantity.percent else quantity.unit

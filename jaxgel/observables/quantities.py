@@ -58,11 +58,18 @@ class Quantity:
     """Whether only the tables of periodic cells with a free macroscopic deformation have its ``column``."""
     in_time: bool = False
     """Whether only transient swelling has it."""
+    mirrored: bool = False
+    """Whether the mirror image of a state has the opposite value."""
 
     @property
     def scale(self) -> float:
         """Factor from ``unit`` to the unit that people read."""
         return 100.0 if self.percent else 1.0
+
+    @property
+    def read_unit(self) -> str:
+        """Unit that people read, as files write it; "" for a pure number."""
+        return "%" if self.percent else "" if self.unit == "1" else self.unit
 
     def shown_unit(self, length: str = "mm") -> str:
         """Unit as a figure writes it, "" for a pure number; ``length`` is the plate's unit of length."""
@@ -101,7 +108,8 @@ def _macroscopic(i, j):
         return macroscopic_deformation(path)[:, i, j]
 
     label, text = f"macroscopic deformation $F_{{{i + 1}{j + 1}}}$", f"component {i + 1}{j + 1} of the macroscopic deformation gradient"
-    return Quantity(name, component, "1", label, text, ".4f", differentiable=True, column=name, of_cells=True, studied=True)
+    options = dict(differentiable=True, column=name, of_cells=True, studied=True, mirrored=i != j)
+    return Quantity(name, component, "1", label, text, ".4f", **options)
 
 
 def _uptake(path: Any) -> Shaped[Array, " k"]:
@@ -151,11 +159,11 @@ _TABLE = (
     ),
     _column(
         *("rotation", rotation_angle, "degree", "rotation", "rotation of the midline", ".3f"),
-        **_SEEN | dict(column="rotation_deg", plotted=("rotation", "midline")),
+        **_SEEN | dict(column="rotation_deg", plotted=("rotation", "midline"), mirrored=True),
     ),
     _column(
         *("core_rotation", core_rotation, "degree", "core rotation", "rotation of the core", ".3f"),
-        **_SEEN | dict(column="core_rotation_deg", plotted=("rotation", "core")),
+        **_SEEN | dict(column="core_rotation_deg", plotted=("rotation", "core"), mirrored=True),
     ),
     _column(
         *("negative_pivots", attrgetter("negative_pivots"), "1", "negative pivots"),

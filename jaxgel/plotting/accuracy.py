@@ -20,9 +20,7 @@ def plot_accuracy(found: Accuracy) -> np.ndarray:
     unit, driven = length_unit(found.path.model.cloud), quantity_of(found.path.control)
     for ax, name in zip(axes, names, strict=False):
         bars = found.bars[name]
-        others = [row for row in bars.values if row is not bars.own and not np.array_equal(row, bars.own, equal_nan=True)]
-        for row in others:
-            ax.plot(x, row, color=WALL, linewidth=0.5, alpha=0.7)
+        ax.plot(x, bars.values.T, color=WALL, linewidth=0.5, alpha=0.7)
         ax.fill_between(x, bars.own - bars.error, bars.own + bars.error, color=COLOURS[0], alpha=0.25, linewidth=0)
         ax.plot(x, bars.own, color=COLOURS[0])
         ax.set(xlabel=driven.axis_label(), ylabel=QUANTITIES[name].axis_label(unit))

@@ -10,7 +10,7 @@ from .._types import Float
 
 SAFETY = 1.25  # of three grids: Roache 1994; Celik et al. 2008, Eq. 7
 ORDERS = (0.5, 8.0)  # between which an observed order says that errors fall with the spacing
-FORMAL = 2.0  # order with which errors of a cloud fall: that of rotations, onsets and outlines in samples 1 to 8
+FORMAL = 2.0  # order of the trend; what a cloud does not follow of it counts as scatter
 OF_TREND, OF_NOISE = 1.25, 3.0  # an error bar: so many times what is left to the extrapolated value, and the scatter about the trend
 FEWEST = 3  # clouds of an error bar: two for the trend and one for the scatter
 ROUND_OFF = 1e-12  # of the values: differences below it have no order

@@ -9,7 +9,7 @@ from .._types import Float, Int
 from .._validation import check_kind
 from ..cloud import OUTLINE_SEGMENTS, Cloud, Outline, shortest_lines
 
-LEAST_ACROSS = 1.5  # squares across a ligament that bends: samples and lattice buckle up to 11 % late with one, 0.4 % with 1.8
+LEAST_ACROSS = 1.5  # squares across a ligament that bends: with 1 the lattice buckles 11 % late, with 1.6 2.1 % (benchmarks/howto.py cell)
 MOST_TURN = 45.0  # degrees between outline nodes: an octagon in place of a circle
 ACROSS = 2.0  # squares across the narrowest ligament that is suggested
 

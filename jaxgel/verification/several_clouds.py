@@ -18,7 +18,6 @@ from .convergence import ErrorBars, error_bars
 T = TypeVar("T")
 ACCURACY = ("rotation", "core_rotation", "area_reduction", "J_mean", "energy", "min_gap", "surface_ratio", "surface_stability")
 """Quantities that get error bars unless others are asked for."""
-REVERSED = ("rotation", "core_rotation", "F12")  # quantities that are reversed in the mirror image of a state
 FACTORS = (2**-0.5, 2**-0.25, 2**0.5)  # squares along a side over those of the given cloud, about: 4.2 times its nodes in all
 FINER = 2**0.25  # in place of a cloud that leaves a ligament empty
 
@@ -92,7 +91,7 @@ def _values(name, paths, own):
     quantity, table = QUANTITIES[name], np.full((len(paths), len(own)), np.nan)
     for row, path in zip(table, paths, strict=True):
         found = np.asarray(quantity.of(path), dtype=float) * quantity.scale
-        row[: len(path)] = found * _sides(path, own) if name in REVERSED else found
+        row[: len(path)] = found * _sides(path, own) if quantity.mirrored else found
     return np.where(np.isfinite(table), table, np.nan)
 
 

@@ -163,7 +163,7 @@ def test_a_design_as_made_scatters_as_first_order_says(case, found):
     k = found.names.index("area_reduction")
     assert made["samples"] == 16 and made["invalid"] == 0 and made["reason"] == ""
     assert made["mean"] == pytest.approx(found.values[k], rel=1e-3)
-    assert made["deviation"] == pytest.approx(found.deviations[k], rel=0.3)
+    assert made["deviation"] == pytest.approx(found.deviations[k], rel=0.3)  # of 16 normal samples the deviation itself scatters by 18 %
     assert made["worst"] == pytest.approx(found.values[k], abs=4 * found.deviations[k])
     none = as_made(problem, case, {"Nv": 1.0}, 2)
     assert none["invalid"] >= 1 and none["mean"] is None and "Nv" in none["reason"]
