@@ -134,6 +134,7 @@ bluntness = 0.1
 energy = "mine:gel"
 c = 1e-3
 [sweep]
+contact = "off"
 control = "{control}"
 values = {values}
 at_mu = -2.0
