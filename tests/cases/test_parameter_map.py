@@ -33,7 +33,7 @@ values = [1e-3, 1.5e-3, 2e-3]
 """
 QUICK = SQUARE.replace("steps = 12", "steps = 2")  # where no run is killed
 HOLE = TINY + '[sweep]\nsteps = 2\nmu_start = -4.0\ncontact = "off"\n'
-RADII = '[[parameters]]\nof = "radius"\nvalues = [1.15, 0.8, 2.5]\n[[parameters]]\nof = "mu_end"\nvalues = [-2.0]\n'
+RADII = '[[parameters]]\nof = "radius"\nvalues = [1.15, 0.9, 2.5]\n[[parameters]]\nof = "mu_end"\nvalues = [-2.0]\n'
 
 
 class Inline(InThisProcess):
