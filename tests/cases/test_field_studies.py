@@ -27,17 +27,19 @@ def field(entry):
     return changed(SMALL, (ENTRY, entry))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "entry",
     [
         ENTRY,
-        pytest.param(ENTRY + "with_holes = true\n", marks=pytest.mark.slow),
-        pytest.param("modes = [3, 4]\nfilter = 2.0\nlower = 5e-4\nupper = 5e-3\n", marks=pytest.mark.slow),
-        pytest.param('pixels = [9, 9]\nlower = 0.05\nupper = 0.6\nstart = 0.2\nname = "chi"\n', marks=pytest.mark.slow),
+        ENTRY + "with_holes = true\n",
+        "modes = [3, 4]\nfilter = 2.0\nlower = 5e-4\nupper = 5e-3\n",
+        'pixels = [9, 9]\nlower = 0.05\nupper = 0.6\nstart = 0.2\nname = "chi"\n',
     ],
     ids=["pixels", "moving pixels", "filtered modes", "chi"],
 )
 def test_the_remainder_of_the_objective_falls_as_the_square_of_the_step(entry):
+    """Along pixels and semi-axes together; each of them is tested below and in tests/mechanics/test_local_gel.py."""
     text = field(entry)
     problem = study_from_table(tomllib.loads(text.replace("Nv_field", "chi_field") if '"chi"' in entry else text), "field").problem
     cloud = problem.make_cloud(problem.plate(problem.start))
