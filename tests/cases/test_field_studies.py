@@ -52,7 +52,7 @@ def test_the_remainder_of_the_objective_falls_as_the_square_of_the_step(entry):
         return problem.objective(problem.path(problem.parameters(vector), cloud))
 
     value, slope = jax.value_and_grad(objective)(jnp.asarray(start))
-    steps = (0.005 if "modes" in entry else 0.04) * 0.5 ** np.arange(3)  # a coefficient does more than a pixel
+    steps = (0.005 if "modes" in entry else 0.04) * 0.5 ** np.arange(4)  # a coefficient does more than a pixel
     remainders = [abs(float(objective(start + h * towards) - value - h * slope @ towards)) for h in steps]
     rates = np.log2(np.divide(remainders[:-1], remainders[1:]))
     assert np.median(rates) > 1.95 and remainders[-1] > 1e-11  # above the states' 1e-12
