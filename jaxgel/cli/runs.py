@@ -107,10 +107,13 @@ def _time(recorder, t):
 def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
     """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
     from ..io import write_series
-    from ..plotting import add_warning, animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
 
     if output.paraview:
         write_series(path, folder, table=table)
+    if not (output.figures or output.animation):
+        return  # Matplotlib alone takes as long as a sweep
+    from ..plotting import add_warning, animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
+
     figures = {"pattern.png": lambda: plot_patterns(path), "curves.png": lambda: plot_curves(path, table=table)} if output.figures else {}
     if output.figures and varies(path.gel):
         figures["gel.png"] = lambda: plot_gel(path)
