@@ -12,7 +12,7 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import one_of
-from ..cases import Case, OutputOptions, load_case, path_of, recorder_of
+from ..cases import Case, OutputOptions, load_case, path_of, recorder_of, uncertain_inputs
 from ..continuation import Path
 from ..controls import Control
 from ..equilibrium import Change, Observer
@@ -30,6 +30,8 @@ ROWS_MAX = 9  # of the printed table of states
 def run(args: Namespace) -> int:
     """``jaxgel run``: sweep a case, or let it swell in time, and write its folder."""
     case = load_case(args.case, changes(args))
+    if case.uncertainty:
+        uncertain_inputs(case)  # ValueError for an entry that cannot be used
     folder = open_folder(args.out or File("out") / case.name)
     say = printer(args)
     model = case.model()
