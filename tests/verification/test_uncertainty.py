@@ -167,3 +167,10 @@ def test_a_design_as_made_scatters_as_first_order_says(case, found):
     assert made["worst"] == pytest.approx(found.values[k], abs=4 * found.deviations[k])
     none = as_made(problem, case, {"Nv": 1.0}, 2)
     assert none["invalid"] >= 1 and none["mean"] is None and "Nv" in none["reason"]
+
+
+def test_a_run_refuses_an_input_that_does_not_exist(tmp_path, capsys):
+    """Before it computes: the same line as that of the command that uses the section."""
+    (tmp_path / "case.toml").write_text('plate = { sample = "sample-1" }\nuncertainty = { Nw = 0.1 }\n')
+    assert jaxgel.cli.main(["run", str(tmp_path / "case.toml"), "--out", str(tmp_path / "out")]) == 2
+    assert "uncertainty.Nw.of: 'Nw' is unknown; did you mean 'Nv'" in capsys.readouterr().err and not (tmp_path / "out").exists()
