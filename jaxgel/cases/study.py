@@ -15,6 +15,8 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
                      or one of these ``SWITCHES`` and one of above, below, within
     [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of searches (1), each from other start values
                      within the bounds, and seed (0) by which those are drawn, see `study_runs`
+    [robust]         uncertainty = {semi_axes = "1 %"}, see `uncertain`, weight (1) and samples (16): the objective is the mean over samples
+                     of the design as it is made, worse by so many standard deviations, see `Spread`
     [verification]   spacing (mm) of the finest cloud, tolerance (0.01), mu = [list], see `verify`; uncertainty = {semi_axes = "1 %"}, see
                      `uncertain`, and samples (16): the objective of the best design as it is made
 
@@ -57,7 +59,7 @@ from ..design import (
 )
 from ..io import DrawingIncomplete, read_outlines
 from ..observables import CURVES, free_edge_misfit
-from .as_made import VERIFICATION, verification_of
+from .as_made import ROBUST, VERIFICATION, spread_of, verification_of
 from .case import Case
 from .parameters import (
     FIELD,
@@ -116,6 +118,7 @@ SECTIONS = {
     "objective": listed(tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS), least=1),
     "constraints": listed(tabled(CONSTRAINT, ["of"]) | exactly_one(LIMITS)),
     "search": tabled(SEARCH) | {"dependentRequired": {"seed": ["starts"]}},
+    "robust": ROBUST,
     "verification": tabled(VERIFICATION),
 }  # rules of a study's own sections
 
@@ -188,6 +191,7 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
         maximise=alone,
         constraints=tuple(limits),
         reported=dict(switches.values()),
+        spread=spread_of(table, case),
         options=case.discretisation,
         sweep=case.sweep,
         loads=case.loads,

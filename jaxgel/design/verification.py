@@ -47,7 +47,7 @@ def verify(
     ``errors``, the error bars of value, constraints, last and reported, None where there is none. A cloud that cannot be made, since it
     leaves a ligament empty, is left out, unless it is the finest one.
     """
-    if np.ndim(spacing) == 0:
+    if not isinstance(spacing, tuple):
         return _on_cloud(problem, parameters, float(spacing), mu)
     tried, (first, finest) = [], spacing
     count = max(FEWEST - 1, round(np.log(finest / first) / np.log(STEP)))
@@ -71,14 +71,16 @@ def _on_cloud(problem, parameters, spacing, mu):
     parameters = {name: jnp.asarray(value) for name, value in parameters.items()}
     plate = problem.plate(parameters)
     values = problem.refined if mu is None else mu
-    path = problem.path(parameters, problem.make_cloud(plate, spacing), values)
+    cloud = problem.make_cloud(plate, spacing)
+    path, made = problem.path(parameters, cloud, values), problem.as_made(parameters, cloud, values)
     reason = "valid: stable, no self-contact"
     try:
-        if not path.stop.ok:
-            raise Invalid(path.stop_text)
-        check_path(path, problem.allow_unstable)
+        for one in (path, *made):
+            if not one.stop.ok:
+                raise Invalid(one.stop_text)
+            check_path(one, problem.allow_unstable)
         check_reported({name: float(function(path)) for name, function in problem.reported.items()})
-        problem.objective(path)
+        problem.value(path, made)
     except (Invalid, StateNotFound) as invalid:
         reason = str(invalid)
     end = path[-1:]
@@ -87,7 +89,7 @@ def _on_cloud(problem, parameters, spacing, mu):
     dry = plate, path.model.cloud, problem.gel_at(parameters)
     without = {c.name: float(np.min(c.without_sweep(*dry))) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(
-        value=_value(problem.objective, path),
+        value=_value(lambda path: problem.value(path, made), path),
         constraints={c.name: without[c.name] if c.name in without else _value(c.function, path) for c in problem.constraints},
         valid=reason.startswith("valid"),
         reason=reason,
