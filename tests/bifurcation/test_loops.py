@@ -135,6 +135,7 @@ def test_the_derivative_of_a_fold_by_the_load_itself_is_exact(beam):
     np.testing.assert_allclose(slopes, -values, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_states_of_a_loop_refuse_derivatives(beam, loop):
     def energies(chi):
         found = beam.loop(jaxgel.Gel(1e-2, chi), values=(-0.2, 0.2), unstable=False)
@@ -316,6 +317,7 @@ def test_up_and_down_are_the_same_branch_where_there_is_no_fold(beam):
         np.testing.assert_allclose(*(state.x for state in loop.states_at(value)), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_buckled_plate_comes_back_through_its_bifurcation(buckling_model, buckling_point):
     """Sample 4: the way down has the rotations of the way up and is straight below the critical mu."""
     mu = [-2.2, -1.7, -1.55, -1.45]

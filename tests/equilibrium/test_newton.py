@@ -71,6 +71,7 @@ def test_walls_push_back_with_balanced_forces(problem, state):
     assert np.sum(force[walls["right"], 0]) < 0 < np.sum(force[walls["left"], 0])  # the gel presses outwards
 
 
+@pytest.mark.slow
 @pytest.mark.smoke
 def test_scipys_minimiser_of_the_energy_finds_the_same_state(problem):
     """Trust-region minimisation of the total energy over the free degrees of freedom, from the state at a lower mu."""

@@ -191,6 +191,7 @@ def assert_balanced(state, model, gel):
     assert np.abs(np.linalg.solve(hessian, force)).max() < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("T", "stretch", "phase"), [(303.0, 2.3, 2), (307.0, 1.17, 0)])
 def test_a_plate_with_a_hole_in_a_frame_is_in_equilibrium_in_displacements_alone(T, stretch, phase):
     model, gel = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(4, 4, [jaxgel.Circle((-0.3, -0.4), 0.9)], spacing=0.8))), Pnipam(T)

@@ -104,6 +104,7 @@ OBSERVED = (jaxgel.area_reduction, jaxgel.rotation_angle, observables.gap, obser
 FIELDS = (observables.outlines, observables.deformed_vertices, observables.cauchy_stress, observables.aspect_ratio)
 
 
+@pytest.mark.slow
 def test_the_observables_of_a_second_plate_compile_nothing():
     """Neither the table and the fields of its path nor gradients by its holes, though it has other numbers of nodes and vertices; but for
     sums.

@@ -46,6 +46,7 @@ def folder(coarse_path, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ITEMS)
 def test_the_report_has_the_table_of_each_item(folder, name):
     record, report = json.loads((folder / f"{name}.json").read_text()), (folder / "report.md").read_text()
@@ -53,6 +54,7 @@ def test_the_report_has_the_table_of_each_item(folder, name):
     assert all(f"| {' | '.join(line)} |" in report for line in record["numbers"])
 
 
+@pytest.mark.slow
 def test_the_rotation_of_sample_1_is_that_of_the_path(folder, coarse_path):
     with (folder / "fig-12.csv").open(newline="") as file:
         first = [row for row in csv.DictReader(file) if row["sample"] == "1"][: len(coarse_path)]

@@ -11,6 +11,8 @@ import jaxgel
 from jaxgel._validation import Inadmissible
 from jaxgel.cases import load_case, point_accuracy_of
 from jaxgel.equilibrium import Change
+from jaxgel.io import write_accuracy
+from jaxgel.plotting import plot_accuracy
 from jaxgel.verification.several_clouds import spacings_near
 
 GEL, MU = jaxgel.Gel(Nv=1e-3, chi=1e-4), [-4.0, -3.0, -2.0]
@@ -90,6 +92,22 @@ def test_what_cannot_be_compared_is_refused(refused):
     refused(lambda attempt: attempt(), rows)
 
 
+def test_files_and_figure_hold_the_error_bars(found, tmp_path):
+    """accuracy.csv has a row for every quantity and state, accuracy.json the clouds too, the figure a panel for every quantity."""
+    write_accuracy(found, tmp_path, {})
+    rows = list(csv.DictReader((tmp_path / "accuracy.csv").read_text().splitlines()))
+    record = json.loads((tmp_path / "accuracy.json").read_text())
+    assert len(rows) == len(record["states"]) == len(found.bars) * len(MU) and record["nodes"] == found.nodes.tolist()
+    last = next(row for row in rows if row["mu"] == "-2.0" and row["quantity"] == "core_rotation")
+    bars = found.bars["core_rotation"]
+    numbers = bars.own[-1], bars.error[-1], *bars.values[:, -1]
+    np.testing.assert_allclose(
+        [float(last[key]) for key in ("value", "error", *(f"on {n} nodes" for n in found.nodes))], numbers, rtol=1e-12
+    )
+    assert len(plot_accuracy(found)) >= len(found.bars)
+
+
+@pytest.mark.slow
 def test_command_writes_what_it_prints(tmp_path, capsys):
     """Table on the terminal, accuracy.csv with every state, accuracy.json with the clouds, a figure."""
     arguments = ["accuracy", "sample-1", "--spacing", "1.1", "--steps", "3", "--mu-end", "-3", "--quantities", "core_rotation,energy"]

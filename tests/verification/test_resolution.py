@@ -56,6 +56,7 @@ def test_coarse_clouds_of_samples_are_named_and_the_advice_resolves_them(case, s
     assert jaxgel.resolution(jaxgel.make_cloud(plate, spacing=advice)).warnings == []
 
 
+@pytest.mark.slow
 def test_default_clouds_of_the_samples_are_fine_enough():
     """Samples 1 to 8 have 1.8 squares across and more; the lattice has one, which is said."""
     for number in range(1, 9):

@@ -150,6 +150,7 @@ def test_a_stable_lattice_has_no_onset_and_a_branch_that_ends_says_so(cell, mode
         jaxgel.lattice_onset(jaxgel.Problem(model_of(jaxgel.Ellipse((0, 0), (0.6, 0.1))), gel), (-4.6, -0.6), divisions=1)
 
 
+@pytest.mark.slow
 def test_the_command_finds_the_cell_of_a_larger_one(tmp_path, capsys, onset):
     holes = "".join(f"[[holes]]\nkind = 'circle'\ncentre = [{x}, {y}]\nradius = 0.9\n" for x in (-1, 1) for y in (-1, 1))
     text = "[plate]\nwidth = 4\nheight = 4\nedges = 'periodic'\n" + holes + "[gel]\nNv = 1e-3\nchi = 1e-5\n"
