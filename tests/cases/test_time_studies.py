@@ -51,7 +51,7 @@ time_to = 1.12
 [search]
 evaluations = 2
 [verification]
-spacing = 0.7
+spacing = 0.8
 """
 )
 TARGET = "target = 1.15\nat_time = 0.4\n"
@@ -123,6 +123,7 @@ def folder(request, tmp_path_factory):
     return designed(STUDY, tmp_path_factory.mktemp("timing"), interrupted="interrupted" in request.param, sweep=2)
 
 
+@pytest.mark.slow
 def test_the_command_leaves_a_valid_design_that_run_accepts(folder):
     assert {file.name for file in folder.iterdir()} == {"design.json", "best.toml", VERIFIED, "design.png"}
     verified = json.loads((folder / VERIFIED).read_text())

@@ -1,11 +1,14 @@
 """A refined verification ends when the numbers of the design no longer move; its clouds are given by numbers here."""
 
+import tomllib
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from studies import STUDY
 
 from jaxgel._validation import Inadmissible
+from jaxgel.cases import study_from_table
 from jaxgel.design import bound, verification, verify
 from jaxgel.observables import min_gap
 
@@ -70,3 +73,16 @@ def test_clouds_that_cannot_be_made_are_left_out_unless_it_is_the_finest(verifie
 def test_numbers_that_a_design_does_not_have_get_no_error_bars(verified):
     found = verified(lambda h: (None if h < 0.55 else 10.0 + h**2, ()))
     assert len(found["clouds"]) == 5 and found["errors"]["value"] is None and not found["valid"]
+
+
+@pytest.mark.slow
+def test_error_bars_of_a_swollen_design_hold_its_values_on_a_finer_cloud():
+    """Of the small study: value, rotation and area within their bars of a cloud with 2.4 times the nodes."""
+    study = study_from_table(tomllib.loads(STUDY), "small")
+    parameters = study.problem.start
+    found, path = study.verify(parameters, spacing=(1.2, 0.85), tolerance=1e-6)
+    fine, _ = study.verify(parameters, spacing=0.55)
+    assert [cloud["spacing"] for cloud in found["clouds"]] == pytest.approx([1.2, 1.01, 0.85], abs=0.01) and len(path) == 2
+    assert abs(found["value"] - fine["value"]) < found["errors"]["value"] < 0.01
+    for name in ("core_rotation", "area_reduction"):
+        assert abs(found["last"][name] - fine["last"][name]) < found["errors"]["last"][name]

@@ -100,6 +100,7 @@ def test_a_small_jump_is_linear_diffusion(axial):
     assert np.abs(faster.x - path.x[:21]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_a_plate_swells_to_the_equilibrium_of_its_bath():
     """Also with a network of finite chains, a printed field, a load and a sealed hole; the way there is another."""
     holes = jaxgel.Circle((-0.5, 0.0), 0.25), jaxgel.Circle((0.5, 0.0), 0.25)
@@ -134,6 +135,7 @@ def test_two_baths_drive_a_steady_flow(coarse):
     assert -0.6 < path.potential[-1][np.asarray(problem.model.carries)].mean() < -0.5
 
 
+@pytest.mark.slow
 def test_thin_layers_leave_the_other_side_of_a_patch_as_it_is():
     """A dry gel at a tilted hole: J never falls to that of the polymer, and no step is cut, which costs hundreds of corrections."""
     plate = jaxgel.Plate(4.4, 4.4, holes=[jaxgel.Ellipse((-0.2, 0.05), (1.0, 1.0), 0.2)])
@@ -174,6 +176,7 @@ def buckles(buckling_model):
     return path
 
 
+@pytest.mark.slow
 def test_a_state_that_loses_stability_ends_the_path(buckles):
     """Or, if the ``branch`` says so, the run goes on: the table of events has the times, and derivatives from there on are flagged."""
     refused, iterates = [], []
@@ -211,6 +214,7 @@ def test_a_derivative_beyond_a_loss_of_stability_is_warned_of(buckles):
         jax.jvp(lambda bath: buckles(bath, "symmetric").x[-1], (-1.3,), (1.0,))
 
 
+@pytest.mark.slow
 def test_a_hole_that_closes_ends_the_path():
     """There is no contact in time; the states before are kept."""
     slit = jaxgel.Plate(1.2, 1.2, [jaxgel.Ellipse((0.0, 0.0), (0.4, 0.05))])
@@ -244,6 +248,7 @@ def test_a_gel_in_the_bath_of_its_equilibrium_rests(coarse):
     assert np.abs(path.x - path.x[0]).max() < 1e-10 and np.abs(path.supplied).max() < 1e-11
 
 
+@pytest.mark.slow
 def test_steps_in_time_are_of_second_order(coarse):
     """A ramp, whose end is a step: differences of 6, 12 and 24 steps fall by more than 2^1.8."""
     problem = jaxgel.Problem(coarse, GOOD, contact=False)
