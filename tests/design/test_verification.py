@@ -77,12 +77,12 @@ def test_numbers_that_a_design_does_not_have_get_no_error_bars(verified):
 
 @pytest.mark.slow
 def test_error_bars_of_a_swollen_design_hold_its_values_on_a_finer_cloud():
-    """Of the small study: value, rotation and area within their bars of a cloud with 2.4 times the nodes."""
+    """Of the small study: value, area and surface ratio within their bars of a cloud with 2.4 times the nodes."""
     study = study_from_table(tomllib.loads(STUDY), "small")
     parameters = study.problem.start
     found, path = study.verify(parameters, spacing=(1.2, 0.85), tolerance=1e-6)
     fine, _ = study.verify(parameters, spacing=0.55)
     assert [cloud["spacing"] for cloud in found["clouds"]] == pytest.approx([1.2, 1.01, 0.85], abs=0.01) and len(path) == 2
     assert abs(found["value"] - fine["value"]) < found["errors"]["value"] < 0.01
-    for name in ("core_rotation", "area_reduction"):
+    for name in ("area_reduction", "surface_ratio"):
         assert abs(found["last"][name] - fine["last"][name]) < found["errors"]["last"][name]
