@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import jaxgel
 from jaxgel.cases import load_case
 from jaxgel.cli import command_line as cli
 from jaxgel.cli.parser import parse
@@ -21,19 +22,37 @@ def blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
 
 
-def test_the_quick_start_runs_and_draws(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def names(tmp_path, monkeypatch):
+    """The names that the quick start has made."""
     monkeypatch.chdir(tmp_path)
-    quick_start, design = blocks("python")
-    assert len([line for line in quick_start.splitlines() if line.strip()]) <= 10
-    names = {}
-    exec(compile(quick_start, "README.md", "exec"), names)
+    made = {}
+    exec(compile(blocks("python")[0], "README.md", "exec"), made)
+    return made
+
+
+def test_the_quick_start_runs_and_draws(names, tmp_path, capsys):
+    assert len([line for line in blocks("python")[0].splitlines() if line.strip()]) <= 10
     assert (tmp_path / "rotation.png").stat().st_size > 0
     rotation, loss, unstable = map(float, capsys.readouterr().out.split())
     assert rotation > 20 and 0.1 < loss < 0.3 and unstable == 0
 
-    exec(compile(design, "README.md", "exec"), names)
+
+def check_design(names):
+    """The angle grows along the slope by the axes."""
+    exec(compile(blocks("python")[1], "README.md", "exec"), names)
     step = 0.01 * names["slope"]
     assert names["rotation"](names["jnp"].array([5.0, 4.0]) + step) > names["angle"]
+
+
+def test_the_design_runs_on_a_coarse_cloud():
+    plate = jaxgel.sample("sample-1")
+    check_design(dict(jaxgel=jaxgel, plate=plate, model=jaxgel.discretise(jaxgel.make_cloud(plate, spacing=2.2, nodes_per_hole=12))))
+
+
+@pytest.mark.slow
+def test_the_design_runs_after_the_quick_start(names):
+    check_design(names)
 
 
 def test_the_case_file_is_a_case(tmp_path):
