@@ -49,7 +49,7 @@ def test_what_is_wrong_is_named(found, fault):
 
 
 def test_cells_turned_inside_out_are_seen(cloud):
-    assert quality(cloud.at(moved(cloud.plate, (5.9, 4.9)))).smallest_cell < 0
+    assert quality(cloud.at(cloud.plate.at([{"angle": 1.0}]))).smallest_cell < 0
 
 
 def test_small_motion_keeps_the_cloud_and_large_motion_makes_a_new_one(cloud):

@@ -154,10 +154,10 @@ def test_phases_end_at_extremes_of_the_temperature_and_coexist_where_areas_are_e
         assert 31.5 < found.control[0] < 34
 
 
-def test_more_crosslinks_leave_one_phase():
-    for Nv, swelling in ((0.01, "uniaxial"), (0.06, "isotropic")):
-        for find in (limits_of_stability, coexistence):
-            assert find(lambda T, Nv=Nv: Pnipam(Nv, T), between=RANGE, swelling=swelling).control.shape == (0,)
+@pytest.mark.parametrize(("Nv", "swelling"), [(0.01, "uniaxial"), *slow([(0.06, "isotropic")])])
+def test_more_crosslinks_leave_one_phase(Nv, swelling):
+    for find in (limits_of_stability, coexistence):
+        assert find(lambda T: Pnipam(Nv, T), between=RANGE, swelling=swelling).control.shape == (0,)
     assert coexistence(Gel()).J.shape == (0, 2)
 
 
@@ -236,7 +236,7 @@ def coexisting_in_mu(Nv):
 
 
 def states_in_a_poor_solvent(Nv):
-    found = homogeneous_states(Gel(Nv, 0.85), 0.052 + Nv / 10, "plane strain")
+    found = homogeneous_states(Gel(Nv, 0.85), 0.054 + Nv / 10, "plane strain")
     return found.J[1] + 10 * found.energy[0]
 
 

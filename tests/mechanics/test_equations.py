@@ -103,7 +103,7 @@ def test_a_second_plate_compiles_nothing():
         jax.value_and_grad(lambda axes: turned(axes, plate_of(axes))[0])(jnp.array(axes))
 
     run((2.34, 1.66))
-    assert compiled(lambda: run((2.0, 1.8))) == []
+    assert compiled(lambda: run((2.38, 1.63))) == []
 
 
 OBSERVED = (jaxgel.area_reduction, jaxgel.rotation_angle, observables.gap, observables.surface_ratio, observables.mean_volume_ratio)
