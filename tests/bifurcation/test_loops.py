@@ -262,6 +262,7 @@ def test_a_figure_shows_both_ways_and_the_branch_between_them(beam, loop):
     plt.close(ax.figure)
 
 
+@pytest.mark.slow
 def test_files_hold_the_jumps_and_all_states(loop, tmp_path):
     write_loop(loop, tmp_path, {"a": 1})
     record = json.loads((tmp_path / "loop.json").read_text())

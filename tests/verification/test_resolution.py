@@ -65,6 +65,7 @@ def test_default_clouds_of_the_samples_are_fine_enough():
     assert "1 squares wide" in jaxgel.resolution(jaxgel.make_cloud(jaxgel.sample("lattice"))).warnings[0]
 
 
+@pytest.mark.slow
 def test_a_coarse_run_says_so_on_stderr_and_in_its_summary(tmp_path, capsys):
     """One line on stderr, the same in summary.json, with the numbers and Newton's work."""
     assert (
