@@ -28,12 +28,15 @@ def layered(materials, spacing=0.5, **options):
     return model, Composite(GEL, materials)
 
 
+def plate_with_inclusion(kinematics="plane strain"):
+    regions = [Circle((0.4, 0.1), 0.35)]
+    return Plate(2.0, 2.0, [Circle((-0.5, 0.0), 0.25)], regions=regions, edges=HELD, kinematics=kinematics, spacing=0.25)
+
+
 @pytest.fixture(scope="module")
 def inclusion():
-    """Model of a plate with a hole in a region."""
-    regions = [Ellipse((0.3, 0.2), (1.2, 0.9), 0.4)]
-    plate = Plate(4.0, 4.0, [Circle((0.3, 0.2), 0.4)], regions=regions, edges=HELD, spacing=0.3)
-    return discretise(make_cloud(plate, nodes_per_hole=12))
+    """Model of a plate with a hole and a region beside it."""
+    return discretise(make_cloud(plate_with_inclusion(), nodes_per_hole=12))
 
 
 def test_linear_displacements_are_reproduced_across_an_interface(inclusion):
@@ -47,8 +50,9 @@ def test_linear_displacements_are_reproduced_across_an_interface(inclusion):
         np.testing.assert_allclose(J, np.linalg.det(F), atol=1e-12)
 
 
-def test_the_cells_of_a_region_fill_its_outline_and_its_nodes_are_those_in_it(inclusion):
-    model, plate = inclusion, inclusion.cloud.plate
+def test_the_cells_of_a_region_fill_its_outline_and_its_nodes_are_those_in_it():
+    plate = Plate(4.0, 4.0, [Circle((0.3, 0.2), 0.4)], regions=[Ellipse((0.3, 0.2), (1.2, 0.9), 0.4)], spacing=0.2, nodes_per_hole=16)
+    model = discretise(make_cloud(plate))
     region = model.lists.region_of_patch
     volume = sum(np.sum(np.asarray(block.weight)[region[np.asarray(block.patches)] == 1]) for block in model.blocks)
     area = float(plate.regions[0].area() - plate.holes[0].area())
@@ -77,7 +81,7 @@ forces = jax.jit(residual)
 def assert_balanced(x, mu, model, gel, traction=0.0):
     problem = Problem(model, gel, loads=jaxgel.load_vector(model, traction={"top": (0.0, traction)}), contact=False).prepared
     force = np.asarray(forces(x, model, problem.gel, mu, problem.loads)).ravel()[np.asarray(problem.free.masters)]
-    np.testing.assert_allclose(force, 0.0, atol=1e-14)  # round-off of pressures of 1
+    np.testing.assert_allclose(force, 0.0, atol=1e-12)  # round-off of volume ratios, 1e-14, times bulk stiffnesses up to 30
 
 
 @pytest.mark.parametrize("other", [GEL, Gel(4e-3, 0.3), STIFF], ids=["same", "gel", "elastomer"])
@@ -146,7 +150,7 @@ def test_volume_ratios_of_elastomers_are_inverses_of_their_pressures(Nv, K):
 def test_states_with_inclusions_are_stationary_points_of_the_total_energy(kinematics, inclusion):
     model = inclusion
     if kinematics == "plane stress":
-        model = discretise(make_cloud(dataclasses.replace(model.cloud.plate, kinematics=kinematics), nodes_per_hole=12))
+        model = discretise(make_cloud(plate_with_inclusion(kinematics), nodes_per_hole=12))
     assert model.film == (kinematics == "plane stress")
     path = sweep(Problem(model, Composite(GEL, (STIFF,)), contact=False), [-3.0, -0.8])
     problem = Problem(model, path.gel, contact=False).prepared
