@@ -22,16 +22,15 @@ def blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
 
 
-@pytest.fixture
-def names(tmp_path, monkeypatch):
-    """The names that the quick start has made."""
+def run_block(number, names):
+    """Run a Python block with what the names stand for, among which it leaves its own."""
+    exec(compile(blocks("python")[number], "README.md", "exec"), names)
+    return names
+
+
+def test_the_quick_start_runs_and_draws(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    made = {}
-    exec(compile(blocks("python")[0], "README.md", "exec"), made)
-    return made
-
-
-def test_the_quick_start_runs_and_draws(names, tmp_path, capsys):
+    run_block(0, {})
     assert len([line for line in blocks("python")[0].splitlines() if line.strip()]) <= 10
     assert (tmp_path / "rotation.png").stat().st_size > 0
     rotation, loss, unstable = map(float, capsys.readouterr().out.split())
@@ -40,7 +39,7 @@ def test_the_quick_start_runs_and_draws(names, tmp_path, capsys):
 
 def check_design(names):
     """The angle grows along the slope by the axes."""
-    exec(compile(blocks("python")[1], "README.md", "exec"), names)
+    run_block(1, names)
     step = 0.01 * names["slope"]
     assert names["rotation"](names["jnp"].array([5.0, 4.0]) + step) > names["angle"]
 
@@ -51,8 +50,9 @@ def test_the_design_runs_on_a_coarse_cloud():
 
 
 @pytest.mark.slow
-def test_the_design_runs_after_the_quick_start(names):
-    check_design(names)
+def test_the_design_runs_after_the_quick_start(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    check_design(run_block(0, {}))
 
 
 def test_the_case_file_is_a_case(tmp_path):
