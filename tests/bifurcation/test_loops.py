@@ -335,6 +335,7 @@ def test_a_supercritical_bifurcation_is_no_jump(buckling_model):
     assert loop.width == 0.0 and loop.fold_up is None and loop.up.switched.any()
 
 
+@pytest.mark.slow
 def test_with_an_imperfection_the_departure_grows_by_its_cube_root(buckling_model, buckling_point):
     """At the critical mu, along the mode, on the way up and down: 0.332 to 0.328 for loads of 1e-3 to 1.6e-2 spacings."""
     gel, sizes, departures = buckling_model.cloud.plate.gel, [1e-3, 4e-3, 1.6e-2], {"up": [], "down": []}

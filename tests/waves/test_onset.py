@@ -31,7 +31,8 @@ def test_the_waves_change_their_stability_at_the_onset(onset, cell, gel):
     assert rise / 2e-4 == pytest.approx(onset.slope, rel=1e-4)
 
 
-@pytest.mark.parametrize("angle", [0.0, pytest.param(0.12, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", [0.0, 0.12])
 def test_flat_holes_lose_their_ellipticity(angle, model_of, gel):
     """A long wave in the direction in which a wave of its length costs least: along x, or between those of the first search."""
     model = model_of(jaxgel.Ellipse((0, 0), (0.9, 0.6), angle))
