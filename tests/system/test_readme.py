@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-import jaxgel
 from jaxgel.cases import load_case
 from jaxgel.cli import command_line as cli
 from jaxgel.cli.parser import parse
@@ -22,37 +21,19 @@ def blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
 
 
-def run_block(number, names):
-    """Run a Python block with what the names stand for, among which it leaves its own."""
-    exec(compile(blocks("python")[number], "README.md", "exec"), names)
-    return names
-
-
 def test_the_quick_start_runs_and_draws(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    run_block(0, {})
-    assert len([line for line in blocks("python")[0].splitlines() if line.strip()]) <= 10
+    quick_start, design = blocks("python")
+    assert len([line for line in quick_start.splitlines() if line.strip()]) <= 10
+    names = {}
+    exec(compile(quick_start, "README.md", "exec"), names)
     assert (tmp_path / "rotation.png").stat().st_size > 0
     rotation, loss, unstable = map(float, capsys.readouterr().out.split())
     assert rotation > 20 and 0.1 < loss < 0.3 and unstable == 0
 
-
-def check_design(names):
-    """The angle grows along the slope by the axes."""
-    run_block(1, names)
+    exec(compile(design, "README.md", "exec"), names)
     step = 0.01 * names["slope"]
     assert names["rotation"](names["jnp"].array([5.0, 4.0]) + step) > names["angle"]
-
-
-def test_the_design_runs_on_a_coarse_cloud():
-    plate = jaxgel.sample("sample-1")
-    check_design(dict(jaxgel=jaxgel, plate=plate, model=jaxgel.discretise(jaxgel.make_cloud(plate, spacing=2.2, nodes_per_hole=12))))
-
-
-@pytest.mark.slow
-def test_the_design_runs_after_the_quick_start(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    check_design(run_block(0, {}))
 
 
 def test_the_case_file_is_a_case(tmp_path):
