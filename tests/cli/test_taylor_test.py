@@ -104,6 +104,7 @@ def test_the_states_of_a_check_are_among_the_times_of_the_case():
     assert not drive.kinks and drive.mu == [-1.5]
 
 
+@pytest.mark.slow
 def test_a_ramp_moves_with_its_start_and_a_time_with_its_kink():
     """Of the plate in time, whose bath ramps from mu_start; the other time stays."""
     table = tomllib.loads(TINY) | {"gel": {"chi": 0.1}, "sweep": {"mu_start": -4.0}, "bath": {"mu": -1.5, "ramp": 0.1}}

@@ -9,8 +9,9 @@ import pytest
 import jaxgel
 from jaxgel.equilibrium import UNOBSERVED
 from jaxgel.linalg import SingularTangent
+from jaxgel.materials import layer_diffusivity, layer_stretch
 from jaxgel.mechanics import all_volumes, carried, solvent_of, volume_ratios
-from jaxgel.observables import events, history
+from jaxgel.observables import events, solvent_flux
 from jaxgel.transient import run as transient_run
 
 GOOD = jaxgel.Gel(1e-3, 0.1)
@@ -25,16 +26,19 @@ FILMS = {
 }
 
 
-def film(spacing, **options):
-    """A film of thickness 1 that is free above, two squares of a patch wide and more."""
-    plate = jaxgel.Plate(8 * spacing, 1.0, edges={"top": "free"}, **options)
+AXIAL = {"kinematics": "generalised plane strain", "axial_stretch": 1.3}
+
+
+def film(spacing, width=None, edges=("top",), **options):
+    """A film of thickness 1 whose ``edges`` are free, by default the upper one, two squares of a patch wide and more."""
+    plate = jaxgel.Plate(width or 8 * spacing, 1.0, edges=dict.fromkeys(edges, "free") | options.pop("held", {}), **options)
     return jaxgel.discretise(jaxgel.make_cloud(plate, spacing=spacing))
 
 
 @pytest.fixture(scope="module")
 def coarse():
-    """A film of ten squares."""
-    return film(0.1)
+    """A film of four squares."""
+    return film(0.25)
 
 
 def volumes(model):
@@ -55,17 +59,20 @@ def uptake(problem, start, bath, times):
     return path, (amounts - amounts[0]) / (end - amounts[0])
 
 
-@pytest.mark.parametrize("name", ["swelling", pytest.param("drying", marks=pytest.mark.slow)])
-def test_the_uptake_of_a_film_is_that_of_finite_volumes(name, coarse):
-    """From 0.1 on, when the layer is as thick as four squares; in a film that dries as thick as one to two."""
+SLOW_FILMS = [pytest.param(name, 0.1, marks=pytest.mark.slow) for name in ("swelling", "drying")]
+
+
+@pytest.mark.parametrize(("name", "spacing"), [("swelling", 0.25), *SLOW_FILMS])
+def test_the_uptake_of_a_film_is_that_of_finite_volumes(name, spacing):
+    """While the layer is thinner than a square, and from 0.1 on; in a film that dries it is as thick as one to two of ten squares."""
     gel, start, bath, expected = FILMS[name]
-    times = sorted({*jaxgel.TimeSteps(3.0, first=1e-5, per_decade=5).values(0.1, 1.0), *TIMES})
-    path, share = uptake(jaxgel.Problem(coarse, gel, contact=False), start, bath, times)
+    times = sorted({*jaxgel.TimeSteps(3.0, first=1e-5 if spacing < 0.2 else 1e-4, per_decade=5).values(0.1, 1.0), *TIMES})
+    path, share = uptake(jaxgel.Problem(film(spacing), gel, contact=False), start, bath, times)
     errors = np.interp(TIMES, path.t, share) / expected - 1
     assert path.stop.ok and not path.negative_pivots.any()
-    assert np.abs(errors[:3]).max() < 0.1  # the layer is thinner than a square: -0.9 to -0.5 without its own term at 1e-3
-    assert np.abs(errors[3:]).max() < 0.05  # drying 4.7 %, the other 0.3 %
-    assert np.abs(errors[5:]).max() < 0.01  # at most 0.5 %, a fifth of it by five steps to a decade
+    assert np.abs(errors[:3]).max() < 0.1  # -0.9 to -0.5 without the term of thin layers at 1e-3
+    assert np.abs(errors[3:]).max() < 0.05  # of ten squares, drying 4.7 %, the other 0.3 %
+    assert np.abs(errors[5:]).max() < 0.01  # of ten squares 0.5 %, a fifth of it by five steps to a decade
     imbalance = np.diff(contents(path)) - np.diff(path.supplied[:, 0])
     solvent = contents(path)[1:] - volumes(path.model).sum()
     assert np.abs(imbalance / solvent).max() < 1e-11  # of each step; of each unknown of mu Newton's method leaves 1e-12
@@ -85,34 +92,48 @@ def test_the_uptake_converges_with_the_spacing(name):
     assert errors[1][3:].max() < min(errors[0][3:].max(), 2e-3)
 
 
-@pytest.mark.parametrize("axial", [pytest.param(None, marks=pytest.mark.slow), 1.3])
+@pytest.mark.parametrize("axial", [pytest.param(None, marks=pytest.mark.slow), AXIAL["axial_stretch"]])
 def test_a_small_jump_is_linear_diffusion(axial):
     """U = 1 - sum 8 / ((2j + 1)^2 pi^2) exp(-(2j + 1)^2 pi^2 D_eff t / 4), also at a given axial stretch; time counts times D alone."""
-    options = {} if axial is None else {"kinematics": "generalised plane strain", "axial_stretch": axial}
-    problem, odd = jaxgel.Problem(film(0.1, **options), GOOD, contact=False), 2 * np.arange(200) + 1
-    times = np.array(sorted({*jaxgel.TimeSteps(8.0, first=1e-4).values(0.1, 1.0), 1.0, 3.0}))
-    path, share = uptake(problem, -0.5, -0.49999, times)
-    D = jaxgel.materials.layer_diffusivity(jaxgel.materials.layer_stretch(-0.5, 1.0, GOOD, axial), 1.0, GOOD, axial, 1.0)
-    series = [1 - np.sum(8 / (odd * np.pi) ** 2 * np.exp(-((odd * np.pi) ** 2) * float(D) * t / 4)) for t in (1.0, 3.0)]
+    problem, odd = jaxgel.Problem(film(0.125, **({} if axial is None else AXIAL)), GOOD, contact=False), 2 * np.arange(200) + 1
+    times = np.array(sorted({*jaxgel.TimeSteps(8.0, first=1e-4, per_decade=5).values(0.1, 1.0), 1.0, 3.0}))
+    path, share = uptake(problem, -0.5, -0.499, times)
+    D = float(jax.jit(lambda: layer_diffusivity(layer_stretch(-0.5, 1.0, GOOD, axial), 1.0, GOOD, axial, 1.0))())
+    series = [1 - np.sum(8 / (odd * np.pi) ** 2 * np.exp(-((odd * np.pi) ** 2) * D * t / 4)) for t in (1.0, 3.0)]
     assert np.interp([1.0, 3.0], path.t, share) == pytest.approx(series, rel=5e-3)
-    assert jaxgel.uptake_fraction(path, jaxgel.sweep(problem, [-0.49999])) == pytest.approx(share, rel=1e-6)  # of a jump of 1e-5
-    faster = jaxgel.swell(problem, -0.49999, times[:20] / 7, start=-0.5, D=7.0)
-    assert np.abs(faster.x - path.x[:21]).max() < 1e-12
+    assert jaxgel.uptake_fraction(path, jaxgel.sweep(problem, [-0.499])) == pytest.approx(share, rel=1e-6)  # of a jump of 1e-3
+    faster = jaxgel.swell(problem, -0.499, times[:5] / 7, start=-0.5, D=7.0)
+    assert np.abs(faster.x - path.x[:6]).max() < 1e-12
+
+
+@pytest.mark.parametrize("axial", [pytest.param(None, marks=pytest.mark.slow), AXIAL["axial_stretch"]])
+def test_two_baths_drive_a_steady_flow_and_the_flux_is_the_inflow(axial):
+    """Held sideways: what comes in above goes through every cell and out below, where mu is neither of both."""
+    options = {"held": {"left": "fixed"}} | ({} if axial is None else AXIAL)
+    model = film(0.125, edges=("top", "bottom"), **options)
+    path = jaxgel.swell(
+        jaxgel.Problem(model, GOOD, contact=False), {"top": -0.5, "bottom": -0.6}, [0.3, 3.0, 30.0, 100.0, 200.0, 300.0], start=-0.6, D=2.0
+    )
+    through = np.asarray(solvent_flux(path)).mean(axis=1)[-1]
+    rates = np.diff(path.supplied[-2:], axis=0)[0] / 100
+    assert through[1] < 0 and -through[1] * model.cloud.plate.width == pytest.approx(rates[0], rel=1e-5)  # at rest to 2e-7
+    assert rates[0] > 0 and rates.sum() == pytest.approx(0.0, abs=1e-9 * rates[0])
+    assert -0.6 < path.potential[-1][np.asarray(model.carries)].mean() < -0.5
 
 
 def test_a_plate_swells_to_the_equilibrium_of_its_bath():
-    """Also with a network of finite chains, a printed field, a load and a sealed hole; the way there is another."""
-    holes = jaxgel.Circle((-0.5, 0.0), 0.25), jaxgel.Circle((0.5, 0.0), 0.25)
-    model = jaxgel.discretise(jaxgel.make_cloud(jaxgel.Plate(2.0, 1.2, holes, edges={"top": "free"}), spacing=0.3, nodes_per_hole=8))
+    """Also with a network of finite chains, a printed field, a load and a sealed edge; what comes in is kept, the way there is another."""
+    plate = jaxgel.Plate(1.4, 1.0, [jaxgel.Ellipse((0.02, 0.0), (0.3, 0.2), 0.2)], edges={"top": "free"})
+    model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25, nodes_per_hole=8))
     gel = jaxgel.Gel(lambda X: 2e-3 + 5e-4 * X[0], 0.1, network=jaxgel.Gent(20.0))
     problem = jaxgel.Problem(model, gel, loads=jaxgel.load_vector(model, traction={"top": (0.0, 2e-4)}), contact=False)
     equilibrium = jaxgel.sweep(problem, [-0.9, -0.3])
-    path = jaxgel.swell(problem, {0: -0.3, "top": -0.3}, jaxgel.TimeSteps(1e3, first=1e-2, per_decade=3), start=equilibrium[0])
+    path = jaxgel.swell(problem, {0: -0.3}, [0.01, 1.0, 1e3, 1e5, 1e7], start=equilibrium[0])
     assert path.stop.ok and np.ptp(path.potential[-1][np.asarray(model.carries)]) < 1e-9
     assert np.abs(path.x[-1] - equilibrium.x[1]).max() < 1e-7
-    half = len(path) // 2
-    assert path[half:].t.tolist() == path.t[half:].tolist() and path[half].potential.tolist() == path.potential[half].tolist()
-    on = jaxgel.swell(problem, {0: -0.3, "top": -0.3}, path.t[half + 1 :] - path.t[half], start=path[half])
+    assert (contents(path) - contents(path)[0])[:4] == pytest.approx(path.supplied[:4, 0], abs=1e-10)
+    assert path[2:].t.tolist() == path.t[2:].tolist() and path[2].potential.tolist() == path.potential[2].tolist()
+    on = jaxgel.swell(problem, {0: -0.3}, path.t[3:] - path.t[2], start=path[2])
     assert np.abs(on.x[-1] - path.x[-1]).max() < 1e-7  # from the state of another run
 
 
@@ -124,25 +145,27 @@ def test_long_after_equilibrium_steps_still_end(coarse):
     assert np.abs(path.x[-1] - jaxgel.sweep(problem, [-0.5]).x[0]).max() < 1e-9
 
 
-def test_two_baths_drive_a_steady_flow(coarse):
-    """What one side supplies the other takes, and mu in between is neither of both."""
-    plate = jaxgel.Plate(0.4, 1.0, edges={"top": "free", "bottom": "free", "left": "fixed"})
-    problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.1)), GOOD, contact=False)
-    path = jaxgel.swell(problem, {"top": -0.5, "bottom": -0.6}, [0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 200.0, 300.0], start=-0.6)
-    rates = np.diff(path.supplied[-2:], axis=0)[0] / 100
-    assert rates[0] > 0 and rates.sum() == pytest.approx(0.0, abs=1e-9 * rates[0])
-    assert -0.6 < path.potential[-1][np.asarray(problem.model.carries)].mean() < -0.5
+def lowest_ratio(problem, times):
+    """Path from the dry state, and the least of J - 1 on it over that at its start."""
+    path = jaxgel.swell(problem, -0.9678, times, start=-4.9678)
+    J = np.stack([np.asarray(volume_ratios(x, path.model)) for x in path.x])[:, np.asarray(path.model.carries)]
+    return path, (J.min() - 1) / (J[0].min() - 1)
 
 
-def test_thin_layers_leave_the_other_side_of_a_patch_as_it_is():
-    """A dry gel at a tilted hole: J never falls to that of the polymer, and no step is cut, which costs hundreds of corrections."""
+def test_thin_layers_leave_the_other_side_of_a_patch_as_it_is(coarse):
+    """J - 1 falls by less than 3 %; by 9 % if all of the flow works on the slopes of mu."""
+    path, lowest = lowest_ratio(jaxgel.Problem(coarse, jaxgel.Gel(1e-3, 1e-4), contact=False), [1e-4, 1e-3, 1e-2])
+    assert path.stop.ok and path.newton_iterations.max() <= 14 and lowest > 0.95
+
+
+@pytest.mark.slow
+def test_thin_layers_at_a_tilted_hole_leave_a_dry_gel_as_it_is():
+    """J never falls to that of the polymer, and no step is cut, which costs hundreds of corrections."""
     plate = jaxgel.Plate(4.4, 4.4, holes=[jaxgel.Ellipse((-0.2, 0.05), (1.0, 1.0), 0.2)])
     model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.4))
     problem = jaxgel.Problem(model, jaxgel.Gel(1e-3, 1e-4), contact=False)
-    path = jaxgel.swell(problem, -0.9678, [1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2], start=-4.9678)
-    J = np.stack([np.asarray(volume_ratios(x, model)) for x in path.x])[:, np.asarray(model.carries)]
-    assert path.stop.ok and path.newton_iterations.max() <= 14, path.newton_iterations
-    assert J.min() - 1 > 0.3 * (J[0].min() - 1), J.min()
+    path, lowest = lowest_ratio(problem, [1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2])
+    assert path.stop.ok and path.newton_iterations.max() <= 14 and lowest > 0.3
 
 
 def test_what_mu_moves_has_its_slope_in_layers_of_any_steepness(coarse):
@@ -150,43 +173,42 @@ def test_what_mu_moves_has_its_slope_in_layers_of_any_steepness(coarse):
     model, gel, solvent = coarse, jaxgel.Problem(coarse, GOOD, contact=False).gel, solvent_of(coarse, ("top",))
     mu = np.random.default_rng(0).uniform(-4.0, -0.03, len(model.carries) + len(solvent.wetting.node_parts))
     pressure = np.full(len(model.carries), 0.01)
-    found = carried(pressure, mu, model, gel, solvent)
-    for number, block in enumerate(solvent.blocks):
 
-        def first(values, number=number):
-            return carried(pressure, values, model, gel, solvent).work[number][0]
+    def first_works(values):
+        found = carried(pressure, values, model, gel, solvent)
+        return [work[0] for work in found.work], [slope[0] for slope in found.slopes]
 
+    _, slopes = jax.jit(first_works)(mu)
+    for rates, slope, block in zip(jax.jit(jax.jacfwd(first_works))(mu)[0], slopes, solvent.blocks, strict=True):
         places, own = np.unique(block.places[0], return_index=True)
-        rates = np.asarray(jax.jacfwd(first)(mu))[np.ix_(own, places)]  # of the work at the places of the first patch
+        rates = np.asarray(rates)[np.ix_(own, places)]  # of the work at the places of the first patch
         rates = rates - rates[:1]  # but for a constant
-        expected = np.diag(np.asarray(found.slopes[number][0])[own])
+        expected = np.diag(np.asarray(slope)[own])
         np.testing.assert_allclose(rates, expected - expected[:1], atol=1e-13)
 
 
-@pytest.fixture(scope="module")
-def buckles(buckling_model):
-    """Function: bath, branch, observer -> path of sample 4, which keeps its symmetry when that becomes unstable."""
-    problem = jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel, contact=False)
-
-    def path(bath, branch, observer=UNOBSERVED):
-        return jaxgel.swell(problem, bath, [0.01, 0.5, 2.0, 8.0], start=-4.9678, branch=branch, observer=observer)
-
-    return path
+def beam(branch, observer=UNOBSERVED, *, bath=-0.5, start=-1.0):
+    """Path of a beam between two walls, which swells from both sides and buckles, or keeps its symmetry when that becomes unstable."""
+    model = film(0.25, width=4.0, edges=("top", "bottom"), held={"left": "fixed", "right": "fixed"})
+    return jaxgel.swell(jaxgel.Problem(model, GOOD, contact=False), bath, [0.5, 2.0, 8.0], start=start, branch=branch, observer=observer)
 
 
-def test_a_state_that_loses_stability_ends_the_path(buckles):
+def test_a_state_that_loses_stability_ends_the_path():
     """Or, if the ``branch`` says so, the run goes on: the table of events has the times, and derivatives from there on are flagged."""
     refused, iterates = [], []
-    path = buckles(-1.3, "stable", jaxgel.Observer(refused=refused.append, iteration=lambda state: iterates.append(state.value)))
+    path = beam("stable", jaxgel.Observer(refused=refused.append, iteration=lambda state: iterates.append(state.value)))
     assert [(state.value, state.status.name) for state in refused][-1] == (2.0, "LOST_STABILITY")
     assert len(iterates) > path.newton_iterations.sum() and max(iterates) == 2.0
-    assert path.t.tolist() == [0.0, 0.01, 0.5] and not path.negative_pivots.any()
+    assert path.t.tolist() == [0.0, 0.5] and not path.negative_pivots.any()
     assert path.stop.name == "LOST_STABILITY" and "stopped after t = 0.5: at t = 2 the state is unstable" in path.stop_text
-    path = buckles(-1.3, "symmetric")
-    assert path.stop.ok and path.negative_pivots.tolist() == [0, 0, 0, 1, 1]
-    assert [int(status) for status in path.derivative] == [0, 0, 0, 13, 13]
-    (event,) = [one for one in events(history(path)) if one["event"] == "bifurcation"]
-    assert "from 0 to 1 between t = 0.5 and 2" in event["text"], event
+    path = beam("symmetric", start=path)
+    assert path.stop.ok and path.negative_pivots.tolist() == [0, 0, 1, 1]
+    assert [int(status) for status in path.derivative] == [0, 0, 13, 13]
+    nothing = np.ones(len(path))
+    (event,) = events(
+        {"t": path.t, "negative_pivots": path.negative_pivots} | dict.fromkeys(("surface_ratio", "surface_stability", "min_gap"), nothing)
+    )
+    assert event["event"] == "bifurcation" and "from 0 to 1 between t = 0.5 and 2" in event["text"], event
 
 
 def test_a_singular_tangent_ends_the_path(coarse, monkeypatch):
@@ -205,18 +227,10 @@ def test_a_singular_tangent_ends_the_path(coarse, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_derivative_beyond_a_loss_of_stability_is_warned_of(buckles):
+def test_a_derivative_beyond_a_loss_of_stability_is_warned_of():
     """With the times from which on."""
     with pytest.warns(jaxgel.IllPosedDerivative, match="swell: ill-posed derivative at t = 2, 8: the state is unstable"):
-        jax.jvp(lambda bath: buckles(bath, "symmetric").x[-1], (-1.3,), (1.0,))
-
-
-def test_a_hole_that_closes_ends_the_path():
-    """There is no contact in time; the states before are kept."""
-    slit = jaxgel.Plate(1.2, 1.2, [jaxgel.Ellipse((0.0, 0.0), (0.4, 0.05))])
-    model = jaxgel.discretise(jaxgel.make_cloud(slit, spacing=0.3, nodes_per_hole=12))
-    path = jaxgel.swell(jaxgel.Problem(model, GOOD, contact=False), -1.0, [1e-3, 1e-2, 0.1, 1.0], start=-4.0)
-    assert path.stop is jaxgel.Status.SELF_CONTACT and 1 < len(path) < 5 and path.ok.all() and "touch or overlap" in path.stop_text
+        jax.jvp(lambda bath: beam("symmetric", bath=bath).x[-1], (-0.5,), (1.0,))
 
 
 def test_loads_alone_move_no_solvent_at_once(coarse):
@@ -245,10 +259,10 @@ def test_a_gel_in_the_bath_of_its_equilibrium_rests(coarse):
 
 
 def test_steps_in_time_are_of_second_order(coarse):
-    """A ramp, whose end is a step: differences of 6, 12 and 24 steps fall by more than 2^1.8."""
+    """A ramp, whose end is a step: differences of 4, 8 and 16 steps fall by more than 2^1.8."""
     problem = jaxgel.Problem(coarse, GOOD, contact=False)
     bath = jaxgel.Bath([-1.0, -0.4], times=[0.0, 0.4])
-    ends = [contents(jaxgel.swell(problem, bath, np.linspace(0, 0.8, 2 * n + 1)[1:], start=-1.0))[-1] for n in (3, 6, 12)]
+    ends = [contents(jaxgel.swell(problem, bath, np.linspace(0, 0.8, 2 * n + 1)[1:], start=-1.0))[-1] for n in (2, 4, 8)]
     assert (ends[0] - ends[1]) / (ends[1] - ends[2]) > 2**1.8
 
 
@@ -302,15 +316,15 @@ def test_a_wetted_part_of_one_node_is_refused(monkeypatch):
         solvent_of(model, ("top",))
 
 
-@pytest.mark.parametrize("kept", [1, 3, 4])
-def test_a_path_that_was_interrupted_goes_on_to_the_same_bits(kept, coarse):
+def test_a_path_that_was_interrupted_goes_on_to_the_same_bits(coarse):
     """After its first state, and before and after a kink of the bath between two of its times."""
     problem, bath, times = jaxgel.Problem(coarse, GOOD, contact=False), jaxgel.Bath([-1.0, -0.4], times=[0.0, 0.04]), [0.01, 0.03, 0.1, 0.3]
     path = jaxgel.swell(problem, bath, times, start=-1.0, unit="h")
-    on = jaxgel.swell(path.problem, bath, times, start=path[:kept], unit="h")
-    assert path.control.unit == on.control.unit == "h" and len(on) == 5
-    for name in ("x", "pressure", "potential", "supplied", "value", "mu", "newton_iterations", "residual", "energy", "negative_pivots"):
-        np.testing.assert_array_equal(getattr(on, name), getattr(path, name), err_msg=name)
+    for kept in (1, 3, 4):
+        on = jaxgel.swell(path.problem, bath, times, start=path[:kept], unit="h")
+        assert path.control.unit == on.control.unit == "h" and len(on) == 5
+        for name in ("x", "pressure", "potential", "supplied", "value", "mu", "newton_iterations", "residual", "energy", "negative_pivots"):
+            np.testing.assert_array_equal(getattr(on, name), getattr(path, name), err_msg=f"{name} after {kept} states")
     with pytest.raises(ValueError, match=r"^start: the path is not one of swell with these times"):
         jaxgel.swell(problem, bath, [0.02, 0.03], start=path[:3])
 
@@ -323,12 +337,12 @@ def test_a_step_ends_at_its_time_whatever_round_off_says(coarse):
 
 
 def test_a_step_at_which_newton_fails_is_cut(coarse):
-    """With six corrections at most the step to 0.01 fails; its halves succeed, and the state is that of a run with both as times."""
+    """With six corrections at most the step to 0.1 fails; its halves succeed, and the state is that of a run with both as times."""
     problem = jaxgel.Problem(coarse, GOOD, contact=False)
     start = jaxgel.sweep(problem, [-1.0])[0]
-    few = jaxgel.swell(problem, -0.1, [0.01], start=start, newton=jaxgel.equilibrium.Newton(max_iterations=6))
-    whole, halves = (jaxgel.swell(problem, -0.1, times, start=start) for times in ([0.01], [0.005, 0.01]))
-    assert few.stop.ok and few.t.tolist() == [0.0, 0.01] and few.newton_iterations[1] > halves.newton_iterations.sum()
+    few = jaxgel.swell(problem, -0.1, [0.1], start=start, newton=jaxgel.equilibrium.Newton(max_iterations=6))
+    whole, halves = (jaxgel.swell(problem, -0.1, times, start=start) for times in ([0.1], [0.05, 0.1]))
+    assert few.stop.ok and few.t.tolist() == [0.0, 0.1] and few.newton_iterations[1] > halves.newton_iterations.sum()
     assert np.abs(few.x[1] - halves.x[2]).max() < 1e-9 < 1e-5 < np.abs(few.x[1] - whole.x[1]).max()  # Newton's tolerance; one step for two
 
 
@@ -340,8 +354,9 @@ def test_a_step_at_which_newton_fails_is_cut(coarse):
     ],
     ids=["forces", "volume ratios"],
 )
-def test_a_step_that_fails_after_all_cuts_says_when_it_began_and_what_failed(newton, missed, coarse):
+def test_a_step_that_fails_after_all_cuts_says_when_it_began_and_what_failed(newton, missed, coarse, monkeypatch):
     """What is within its tolerance is not named."""
+    monkeypatch.setattr("jaxgel.transient.march.MAX_HALVINGS", 2)
     problem = jaxgel.Problem(coarse, GOOD, contact=False)
     path = jaxgel.swell(problem, -0.5, [0.01, 0.1], start=-0.6)
     path = jaxgel.swell(problem, -0.5, [0.01, 0.1], start=path[:2], newton=newton)
