@@ -73,7 +73,7 @@ def test_energy_forces_and_tangent_do_not_depend_on_the_padding(tiny_plate, monk
 )
 def test_padding_is_inert(options, gel, monkeypatch):
     """More room leaves states, pressures and slopes by a hole as they are."""
-    plate = dataclasses.replace(plate_of((2.4, 1.6), **options), spacing=0.7, nodes_per_hole=32)
+    plate = dataclasses.replace(plate_of((2.4, 1.6), **options), spacing=0.7, nodes_per_hole=32, core=(3.0, 3.0))
     once = _numbers(plate, gel)
     _widen(monkeypatch)
     for one, two in zip(once, _numbers(plate, gel), strict=True):
