@@ -8,6 +8,7 @@ and multiplying by sparse matrices are linear maps that NumPy computes, also ins
 import dataclasses
 import functools
 import itertools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -141,7 +142,8 @@ def _take(values, *, rows):
 
 
 def _add(values, *, rows):
-    columns, numbers = np.asarray(values).reshape(rows.numbers.size, -1).T, rows.numbers.ravel()
+    width = math.prod(values.shape[rows.numbers.ndim :])  # not -1, which no rows leave open
+    columns, numbers = np.asarray(values).reshape(rows.numbers.size, width).T, rows.numbers.ravel()
     sums = [np.bincount(numbers, column, minlength=rows.count) for column in columns]
     return np.stack(sums, axis=1).reshape(rows.count, *values.shape[rows.numbers.ndim :])
 
