@@ -144,7 +144,7 @@ def _take(values, *, rows):
 def _add(values, *, rows):
     width = math.prod(values.shape[rows.numbers.ndim :])  # not -1, which no rows leave open
     columns, numbers = np.asarray(values).reshape(rows.numbers.size, width).T, rows.numbers.ravel()
-    sums = [np.bincount(numbers, column, minlength=rows.count) for column in columns]
+    sums = [np.bincount(numbers, column, minlength=rows.count).astype(float) for column in columns]  # whole numbers of no rows
     return np.stack(sums, axis=1).reshape(rows.count, *values.shape[rows.numbers.ndim :])
 
 
