@@ -92,8 +92,8 @@ def uptake_fraction(path: Path, end: Path | State) -> Float[Array, " k"]:
     ``end`` is a state on the same cloud, or a path whose last state counts, ``sweep(problem, [mu])`` say. ValueError for another cloud.
 
     >>> import jaxgel
-    >>> plate = jaxgel.Plate(0.8, 1.0, edges={"top": "free"})
-    >>> problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.2)), jaxgel.Gel(1e-3, 0.1), contact=False)
+    >>> plate = jaxgel.Plate(1.0, 1.0, edges={"top": "free"})
+    >>> problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25)), jaxgel.Gel(1e-3, 0.1), contact=False)
     >>> path = jaxgel.swell(problem, -0.4, [0.01, 0.1, 1.0, 10.0, 30.0, 100.0], start=-0.5)
     >>> fraction = uptake_fraction(path, jaxgel.sweep(problem, [-0.4]))
     >>> float(fraction[0]), round(float(fraction[-1]), 2)

@@ -29,8 +29,8 @@ def at_time(path: Path, quantity: Values, t: Scalar | Sequence[float] | Float[Ar
     ValueError for a time beyond the states, nan if it is traced; and for states of equilibrium.
 
     >>> import jaxgel
-    >>> plate = jaxgel.Plate(0.8, 1.0, edges={"top": "free"})
-    >>> model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.2))
+    >>> plate = jaxgel.Plate(1.0, 1.0, edges={"top": "free"})
+    >>> model = jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25))
     >>> problem = jaxgel.Problem(model, jaxgel.Gel(1e-3, 0.1), contact=False)
     >>> path = jaxgel.swell(problem, -0.4, [0.01, 0.03, 0.1, 0.3, 1.0], start=-0.5)
     >>> J = at_time(path, "J_mean", [0.2, 0.5])

@@ -96,8 +96,8 @@ def swell(
     but for kinks of the bath. Inside ``jax.jit`` and ``jax.vmap`` it is refused.
 
     >>> import jaxgel
-    >>> plate = jaxgel.Plate(0.8, 1.0, edges={"top": "free"})
-    >>> problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.1)), jaxgel.Gel(1e-3, 0.1), contact=False)
+    >>> plate = jaxgel.Plate(1.0, 1.0, edges={"top": "free"})
+    >>> problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.25)), jaxgel.Gel(1e-3, 0.1), contact=False)
     >>> path = jaxgel.swell(problem, -0.4999, [1e-4, 1e-3, 1e-2, 0.1], start=-0.5)
     >>> path.t.tolist(), path.stop.ok
     ([0.0, 0.0001, 0.001, 0.01, 0.1], True)

@@ -54,6 +54,9 @@ evaluations = 2
 spacing = 0.7
 """
 )
+NO_CONSTRAINTS = STUDY[STUDY.index("[[constraints]]") : STUDY.index("[search]")], ""
+SMALL = changed(STUDY, NO_CONSTRAINTS, ("end = 0.5\nfirst = 0.05\nsteps_per_decade = 4", "times = [0.1, 0.3, 0.5]"))
+"""The study without constraints, in three steps."""
 TARGET = "target = 1.15\nat_time = 0.4\n"
 GOAL = '[[objective]]\nof = "surface_ratio"\ngoal = "minimise"\ntime_to = 1.12\n'
 AREA = "above = -0.1\nat_time = 0.2\n"
@@ -117,19 +120,19 @@ def test_a_verification_has_half_the_steps():
     assert listed.refined == pytest.approx([0.05, 0.1, 0.3, 0.5])
 
 
-@pytest.fixture(scope="module", params=["whole", pytest.param("interrupted", marks=pytest.mark.slow)])
-def folder(request, tmp_path_factory):
-    """Folder of ``jaxgel design`` of the study, at once or interrupted and resumed."""
-    return designed(STUDY, tmp_path_factory.mktemp("timing"), interrupted="interrupted" in request.param, sweep=2)
-
-
-def test_the_command_leaves_a_valid_design_that_run_accepts(folder):
+@pytest.mark.parametrize(
+    ("text", "interrupted"), [(SMALL, False), *(pytest.param(STUDY, late, marks=pytest.mark.slow) for late in (False, True))]
+)
+def test_the_command_leaves_a_valid_design_that_run_accepts(text, interrupted, tmp_path):
+    """Of the study, at once or interrupted and resumed."""
+    folder = designed(text, tmp_path, interrupted=interrupted, sweep=2)
     assert {file.name for file in folder.iterdir()} == {"design.json", "best.toml", VERIFIED, "design.png"}
     verified = json.loads((folder / VERIFIED).read_text())
     assert verified["best"]["valid"] and verified["best"]["value"] <= verified["start"]["value"]
     assert verified["best"]["reported"]["time to surface_ratio = 1.12"] > 0
     case = load_case(folder / "best.toml")
-    assert case.time == study().case.time and case.baths() == study().case.baths()
+    made = study_from_table(tomllib.loads(text), "small").case
+    assert case.time == made.time and case.baths() == made.baths()
     assert case.plate.holes[0].radius == pytest.approx(verified["parameters"]["radius"], rel=1e-15)
 
 

@@ -16,6 +16,7 @@ from jaxgel.cases import load_path
 from jaxgel.cases import resume as resuming
 from jaxgel.cli import command_line as cli
 from jaxgel.io import load_run
+from jaxgel.observables import COLUMNS, uptake
 
 TIMES = [0.001, 0.01, 0.1, 0.2, 1.0]
 CASE = (
@@ -62,9 +63,10 @@ def test_a_bath_that_is_refused_leaves_former_results(run, tmp_path, capsys, mu,
 
 
 def test_a_run_in_time_leaves_its_files(run):
-    """Time is the first column and the control; the states hold what the solvent needs."""
+    """Time is the first column and the control, the uptake the last column; the states hold what the solvent needs."""
     found = load_run(run)
-    assert found.control == ("t", "h") and next(iter(found.history)) == "t"
+    assert found.control == ("t", "h") and list(found.history) == ["t", *COLUMNS, "uptake"]
+    np.testing.assert_array_equal(found.history["uptake"], uptake(load_path(run)))
     np.testing.assert_array_equal(found.value, [0.0, *TIMES])
     assert found.states["potential"].shape == found.states["pressure"].shape and found.states["supplied"].shape == (6, 2)
     assert found.summary["status"] == "complete" and 0 < found.summary["t_resolved"] < 1
@@ -84,7 +86,7 @@ def test_a_run_in_time_prints_its_times_and_from_when_on_it_resolves_the_layer(r
     assert early and f"{early} states are before t = {resolved:.3g} h: their uptake is an estimate" in printed
 
 
-@pytest.mark.parametrize("k", [1, 2, 4, 5])
+@pytest.mark.parametrize("k", [1, 4, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 5))])
 def test_a_killed_run_in_time_ends_with_the_same_bytes(run, k, tmp_path):
     """After its first state, and before and after the kink of a bath; with a row that has no state yet, as after a kill between both."""
     copy = tmp_path / "copy"

@@ -17,8 +17,13 @@ STEP = 1e-6  # of central differences, relative to lengths of 1 mm
 
 def polygon(hole, count):
     """About ``count`` points of a hole's outline, the corners among them, not at its axes."""
-    t = np.union1d((np.arange(count) + 0.37) / count, hole.corners)
-    return np.asarray(jax.vmap(hole.point)(t))
+    return np.asarray(points_of(hole, np.union1d((np.arange(count) + 0.37) / count, hole.corners)))
+
+
+@jax.jit
+def points_of(hole, t):
+    """Points of a hole's outline; one program for all holes of a kind."""
+    return jax.vmap(hole.point)(t)
 
 
 def width(outline, kinds=None):

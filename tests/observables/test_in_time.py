@@ -10,11 +10,8 @@ import pytest
 import jaxgel
 from jaxgel.mechanics import all_volumes, volume_ratios
 from jaxgel.observables import (
-    COLUMNS,
     at_time,
-    events,
     flux_at,
-    history,
     inflow,
     mean_volume_ratio,
     potential_at,
@@ -26,7 +23,7 @@ from jaxgel.observables import (
 )
 
 GEL = jaxgel.Gel(1e-3, 0.1)
-KINK = 0.1  # time at which the ramp of the second hole's bath ends
+KINK = 0.1  # time at which the ramp of the top edge's bath ends
 
 
 @pytest.fixture(scope="module")
@@ -115,19 +112,19 @@ def test_derivatives_of_times_and_values_are_those_of_differences(in_time):
 
 def test_observables_are_differentiable_in_the_arrays_of_a_path(in_time, end):
     """Forward and reverse derivatives of a number made of all of them agree, and with differences."""
-    arrays = {name: jnp.asarray(getattr(in_time, name)) for name in ("x", "pressure", "potential", "supplied")}
+    arrays = {name: np.asarray(getattr(in_time, name)) for name in ("x", "pressure", "potential", "supplied")}
     rng = np.random.default_rng(0)
-    along = {name: 1e-3 * jnp.asarray(rng.normal(size=v.shape)) * jnp.std(v, axis=0).mean() for name, v in arrays.items()}
-    points = [[-0.9, 0.4], [0.0, 0.1]]
+    along = {name: 1e-3 * rng.normal(size=v.shape) * np.std(v, axis=0).mean() for name, v in arrays.items()}
+    points = [[-0.45, 0.4], [0.35, 0.1]]
 
     def number(arrays):
         path = dataclasses.replace(in_time, **arrays)
         values = [mean_volume_ratio(path)[-3], uptake_fraction(path, end)[4], jnp.sum(inflow(path)[5]), potential_at(path, points)[6, 1]]
-        fluxes = [jnp.sum(solvent_flux(path)[4] ** 2), flux_at(path, points)[5, 0, 0], time_to(path, "uptake", 0.1)]
+        fluxes = [jnp.sum(solvent_flux(path)[4] ** 2), flux_at(path, points)[5, 0, 0], time_to(path, "uptake", 0.05)]
         return sum((k + 1) * value for k, value in enumerate(values + fluxes))
 
     slope, by_reverse = jax.jvp(number, (arrays,), (along,))[1], jax.grad(number)(arrays)
-    assert sum(float(jnp.vdot(by_reverse[name], along[name])) for name in arrays) == pytest.approx(float(slope), rel=1e-9)
+    assert sum(np.vdot(by_reverse[name], along[name]) for name in arrays) == pytest.approx(float(slope), rel=1e-9)
     h = 1e-2
     ahead, behind = (float(number({name: v + sign * h * along[name] for name, v in arrays.items()})) for sign in (1, -1))
     assert float(slope) == pytest.approx((ahead - behind) / (2 * h), rel=1e-5)
@@ -155,37 +152,14 @@ def test_the_inflow_adds_up_to_the_uptake(in_time):
 
 def test_the_potential_at_points_is_that_of_bath_and_cells(in_time, end):
     """On wetted outlines the bath's own, inside between the values of the cells around; at time 0 that of the start."""
-    node = in_time.model.nodes[np.argmin(np.linalg.norm(np.asarray(in_time.model.nodes) - [0.65, 0.0], axis=1))]
-    mu = np.asarray(potential_at(in_time, [np.asarray(node).tolist(), [-0.5, 0.4], [0.95, -0.45]]))
+    nodes = np.asarray(in_time.model.nodes)
+    node = nodes[np.argmin(np.linalg.norm(nodes - [0.0, 0.5], axis=1))]
+    mu = np.asarray(potential_at(in_time, [node.tolist(), [0.0, 0.35], [0.45, -0.45]]))
     assert mu[1:, 0] == pytest.approx(np.interp(in_time.value[1:], [0.0, KINK], [-2.5, -1.5]), abs=1e-9)
     assert mu[0] == pytest.approx([-3.0] * 3, abs=1e-9) and mu[-1] == pytest.approx([-1.5] * 3, abs=1e-3)
     cells = np.asarray(solvent_potential(in_time))
     assert (cells.min(axis=1) < mu[:, 1] + 1e-12).all() and (mu[:, 1] < cells.max(axis=1) + 1e-12).all()
     assert solvent_potential(end).tolist() == [[mu] * in_time.model.n_cells for mu in end.mu]
-
-
-@pytest.mark.parametrize("axial", [None, 1.2])
-def test_the_flux_of_a_steady_state_is_the_inflow(axial):
-    """Between two baths, held sideways: what comes in above goes through every cell, and through every point."""
-    options = {} if axial is None else {"kinematics": "generalised plane strain", "axial_stretch": axial}
-    plate = jaxgel.Plate(0.6, 1.0, edges={"top": "free", "bottom": "free", "left": "fixed"}, **options)
-    problem = jaxgel.Problem(jaxgel.discretise(jaxgel.make_cloud(plate, spacing=0.1)), GEL, contact=False)
-    path = jaxgel.swell(problem, {"top": -0.5, "bottom": -0.6}, [0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 200.0, 300.0], start=-0.6, D=2.0)
-    through = np.asarray(solvent_flux(path)).mean(axis=1)[-1]
-    assert through[1] < 0
-    rates = np.diff(path.supplied[-2:], axis=0)[0] / 100
-    assert -through[1] * plate.width == pytest.approx(rates[0], rel=1e-5)  # at rest to 2e-7
-
-
-def test_the_table_has_the_uptake_and_events_have_readable_times(in_time):
-    """Its columns are those of the equilibrium between the time and the uptake."""
-    table = history(in_time)
-    assert list(table) == ["t", *COLUMNS, "uptake"] and table["t"].tolist() == in_time.t.tolist()
-    assert table["uptake"].tolist() == uptake(in_time).tolist()
-    pivots = np.zeros(len(in_time), int)
-    pivots[3:] = 1
-    (event,) = [e for e in events(table | {"negative_pivots": pivots}) if e["event"] == "bifurcation"]
-    assert event["text"].endswith(f"between t = {in_time.t[2]:.4g} and {in_time.t[3]:.4g}") and event["t"] == in_time.t[3]
 
 
 def test_what_has_no_value_in_time_is_refused(in_time, end, refused):
@@ -197,7 +171,7 @@ def test_what_has_no_value_in_time_is_refused(in_time, end, refused):
         (lambda path: at_time(path, np.zeros(3), 1.0), in_time, r"quantity: has the shape \(3,\), it must have a row for each of"),
         (lambda path: time_to(path, "uptake", 1.0), in_time, r"value: uptake does not reach 1, its values until t = 10 are between 0 and "),
         (lambda path: time_to(path, lambda path: path.x, 1.0), in_time, r"quantity: has the shape \(\d+, \d+, 2\), it must be"),
-        (lambda path: potential_at(path, [[0.5, 0.0]]), in_time, r"points: \(0.5, 0\) is not in the dry gel"),
+        (lambda path: potential_at(path, [[0.0, 0.0]]), in_time, r"points: \(0, 0\) is not in the dry gel"),
         (lambda path: flux_at(path, [[5.0, 0.0]]), in_time, r"points: \(5, 0\) is not in the dry gel"),
         (lambda path: uptake_fraction(path, 1.0), in_time, "end: an argument of the kind float is not accepted; give a state"),
         (lambda path: inflow(path[:1]), in_time, "path: has one state, a rate needs two at least"),

@@ -3,6 +3,7 @@
 States are smooth motions of random plates with a hole inside, one over an edge and one over a corner of free edges.
 """
 
+import functools
 from types import SimpleNamespace
 
 import jax.numpy as jnp
@@ -17,6 +18,7 @@ TOP_RIGHT = {"plain": ("right", "top"), "mirrored": ("left", "top"), "turned": (
 ALIKE = ("area_reduction", "J_min", "J_max", "J_mean", "gap", "min_gap")
 
 
+@functools.cache
 def quantities_of(seed, how, spacing=0.4):
     """Name -> value of a random plate that is turned or mirrored with its motion; angles of the core and of the midline besides."""
     plate, motion = random_plate(seed, how, spacing)
@@ -53,7 +55,7 @@ def random_plate(seed, how, spacing):
     return jaxgel.Plate(4, 4, holes, edges=edges, **sizes), motion
 
 
-@pytest.mark.parametrize(("seed", "how"), [(0, "mirrored"), (1, "turned")])
+@pytest.mark.parametrize(("seed", "how"), [(0, "mirrored"), (0, "turned")])
 def test_a_plate_that_is_mirrored_or_turned_has_the_same_observables(seed, how):
     """To round-off in clouds alike. Angles change their sign in a mirror; the midline of a turned plate is another line of the gel."""
     plain, moved = (quantities_of(seed, name) for name in ("plain", how))

@@ -53,7 +53,7 @@ def area_mean(path, values):
 
 def test_field_j_is_the_volume_ratio_of_the_cells(path):
     np.testing.assert_allclose(
-        area_mean(path, field_values(path, "J")), history(path)["J_mean"], rtol=1e-9
+        area_mean(path, field_values(path, "J")), jaxgel.observables.mean_volume_ratio(path), rtol=1e-9
     )  # of moments of J over patches, and of points
 
 
@@ -70,10 +70,15 @@ def test_a_row_of_patterns_takes_the_nearest_states(path):
         plot_patterns(path, at=[path.mu[0], 1.0])
 
 
+@pytest.fixture(scope="module")
+def table(path):
+    """Its table."""
+    return history(path)
+
+
 @pytest.mark.parametrize("against", ["mu", "free_stretch"])
 @pytest.mark.parametrize("quantity", CURVES)
-def test_a_curve_holds_the_values_of_the_history(path, quantity, against):
-    table = history(path)
+def test_a_curve_holds_the_values_of_the_history(path, table, quantity, against):
     ax = plot_curve(path, quantity, against=against)
     curve = lines(ax, "-")[0]
     first = QUANTITIES[next(iter(CURVES[quantity]))]
@@ -91,14 +96,14 @@ def test_unstable_states_are_dashed(path):
     np.testing.assert_array_equal(np.isfinite(solid.get_ydata()), [True, True, False, False])
 
 
-def test_events_are_marked_and_what_is_invalid_is_shaded(path, monkeypatch):
+def test_events_are_marked_and_what_is_invalid_is_shaded(path, table, monkeypatch):
     gap = dataclasses.replace(BY_COLUMN["min_gap"], function=lambda _: np.array([1.0, 1.0, -0.1, -0.2]))
     monkeypatch.setitem(BY_COLUMN, "min_gap", gap)
     monkeypatch.setattr("jaxgel.observables.gaps.min_gap_once", gap.function)
     axes = plot_curves(path)
     assert axes.shape == (6, 2)
     for ax, against in zip(axes[0], ("mu", "free_stretch"), strict=True):
-        left = history(path)[against][2]
+        left = table[against][2]
         (shade,) = ax.patches
         np.testing.assert_allclose(shade.get_x(), left)
     labels = [text.get_text() for legend in axes[0, 0].figure.legends for text in legend.get_texts()]

@@ -64,7 +64,7 @@ SLOW_FILMS = [pytest.param(name, 0.1, marks=pytest.mark.slow) for name in ("swel
 
 @pytest.mark.parametrize(("name", "spacing"), [("swelling", 0.25), *SLOW_FILMS])
 def test_the_uptake_of_a_film_is_that_of_finite_volumes(name, spacing):
-    """While the layer is thinner than a square, and from 0.1 on; in a film that dries it is thinner, of ten squares as thick as one to two."""
+    """While the layer is thinner than a square, and from 0.1 on, when it is thicker; in a film that dries, of ten squares, too."""
     gel, start, bath, expected = FILMS[name]
     times = sorted({*jaxgel.TimeSteps(3.0, first=1e-5 if spacing < 0.2 else 1e-4, per_decade=5).values(0.1, 1.0), *TIMES})
     path, share = uptake(jaxgel.Problem(film(spacing), gel, contact=False), start, bath, times)
@@ -231,6 +231,15 @@ def test_a_derivative_beyond_a_loss_of_stability_is_warned_of():
     """With the times from which on."""
     with pytest.warns(jaxgel.IllPosedDerivative, match="swell: ill-posed derivative at t = 2, 8: the state is unstable"):
         jax.jvp(lambda bath: beam("symmetric", bath=bath).x[-1], (-0.5,), (1.0,))
+
+
+@pytest.mark.slow
+def test_a_hole_that_closes_ends_the_path():
+    """There is no contact in time; the states before are kept. A run that stops for this reason is in ``tests/cli/test_time_runs.py``."""
+    slit = jaxgel.Plate(1.2, 1.2, [jaxgel.Ellipse((0.0, 0.0), (0.4, 0.05))])
+    model = jaxgel.discretise(jaxgel.make_cloud(slit, spacing=0.3, nodes_per_hole=12))
+    path = jaxgel.swell(jaxgel.Problem(model, GOOD, contact=False), -1.0, [1e-3, 1e-2, 0.1, 1.0], start=-4.0)
+    assert path.stop is jaxgel.Status.SELF_CONTACT and 1 < len(path) < 5 and path.ok.all() and "touch or overlap" in path.stop_text
 
 
 def test_loads_alone_move_no_solvent_at_once(coarse):
