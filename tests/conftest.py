@@ -203,6 +203,18 @@ def buckling_point(buckling_model):
     return jaxgel.critical_points(jaxgel.Problem(buckling_model, buckling_model.cloud.plate.gel), (-1.8, -1.5))[0]
 
 
+@pytest.fixture(scope="session")
+def pillars_model():
+    """Sample 4 with 101 nodes: its symmetric state buckles at mu = -1.07; 64 patches with a constant pressure."""
+    return jaxgel.discretise(jaxgel.make_cloud(jaxgel.sample("sample-4"), spacing=2.2))
+
+
+@pytest.fixture(scope="session")
+def pillars_point(pillars_model):
+    """The bifurcation of ``pillars_model``."""
+    return jaxgel.critical_points(jaxgel.Problem(pillars_model, pillars_model.cloud.plate.gel), (-1.2, -1.0))[0]
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forget_compiled_programs():
     """Programs that JAX keeps fill gigabytes over a whole run; the cache on disk has them for the next module.

@@ -1,7 +1,7 @@
 """Cases and studies in TOML files: plates with their gel and options, design studies, parameter maps, interrupted runs."""
 
 from .case import Case, from_table, load_case
-from .error_bars import accuracy_of, slope_accuracy_of
+from .error_bars import accuracy_of, point_accuracy_of, slope_accuracy_of
 from .map_runs import POINT, TABLE, run_map
 from .page import write_page
 from .parameter_map import MapStudy, load_map, load_parameters, resumed_map
@@ -49,6 +49,7 @@ __all__ = [
     "map_sensitivity",
     "other_versions",
     "path_of",
+    "point_accuracy_of",
     "recorder_of",
     "resumed",
     "resumed_map",

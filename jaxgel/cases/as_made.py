@@ -1,16 +1,25 @@
-"""What a design keeps of its value as it is made: its objective over samples of uncertain inputs."""
+"""The sections ``verification`` and ``robust`` of a study, and what a design keeps of its value as it is made."""
 
 from typing import Any
 
 import numpy as np
 
-from .._validation import Inadmissible
-from ..design import DesignProblem, Invalid, check_path
+from .._validation import NUMBER, POSITIVE, Inadmissible, listed, tabled, whole
+from ..design import DesignProblem, Invalid, Spread, check_path
 from ..equilibrium import StateNotFound
 from .case import Case
-from .uncertain import uncertain_inputs, uncertain_samples
+from .schema import UNCERTAINTY
+from .uncertain import made_by, normal_samples, uncertain_inputs, uncertain_samples
 
 SAMPLES = 16
+VERIFICATION = {
+    "spacing": POSITIVE,
+    "tolerance": POSITIVE,
+    "mu": listed(NUMBER, least=1),
+    "uncertainty": UNCERTAINTY,
+    "samples": whole(2, 10_000),
+}  # rules of the section
+ROBUST = tabled({"uncertainty": UNCERTAINTY, "weight": NUMBER | {"minimum": 0.0}, "samples": whole(2, 1000)}, ["uncertainty"])
 
 
 def as_made(problem: DesignProblem, best: Case, entries: dict[str, Any], number: int = SAMPLES) -> dict[str, Any]:
@@ -42,3 +51,27 @@ def as_made(problem: DesignProblem, best: Case, entries: dict[str, Any], number:
         invalid=number - len(found),
         reason=reason,
     )
+
+
+def verification_of(table: dict[str, Any], case: Case) -> dict[str, Any]:
+    """Options of `design.verify` of a study's table; clouds from the search's spacing on, by default to half of it."""
+    own, plate = table.get("verification", {}), case.plate
+    if "mu" in own and case.time is not None:
+        raise ValueError("verification.mu: does not go with [time]; the verification has half the time steps")
+    if "uncertainty" in own:
+        uncertain_inputs(case, own["uncertainty"])  # ValueError for an entry that cannot be used
+    spacing = case.discretisation.spacing or plate.spacing or min(plate.width, plate.height) / 40
+    finest = float(own.get("spacing", spacing / 2))
+    return {"spacing": (spacing, finest) if finest < spacing else finest} | {key: own[key] for key in ("mu", "tolerance") if key in own}
+
+
+def spread_of(table: dict[str, Any], case: Case) -> Spread | None:
+    """The `design.Spread` of the section ``robust`` of a study's table; None without it, ValueError for a wrong entry.
+
+    Shares, as "1 %", are of the case's own values.
+    """
+    if "robust" not in table:
+        return None
+    own = table["robust"]
+    inputs = uncertain_inputs(case, own["uncertainty"])
+    return Spread(made_by(inputs), normal_samples(inputs, own.get("samples", SAMPLES)), float(own.get("weight", 1.0)))

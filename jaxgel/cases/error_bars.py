@@ -1,16 +1,20 @@
-"""Error bars of a case's numbers and of their derivatives: the same states on other clouds."""
+"""Error bars of a case's numbers, of their derivatives and of its critical points: the same states on other clouds."""
 
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
+from .._validation import one_of
 from ..bifurcation import sweep_by_options
 from ..continuation import Path
 from ..equilibrium import UNOBSERVED, Observer
 from ..verification import ACCURACY, Accuracy, ErrorBars, accuracy, error_bars, on_clouds
 from .case import Case
 from .uncertain import uncertain_inputs, uncertainty_of
+
+POINTS = ("onset", "fold_up", "fold_down", "loop_width")
+"""Values of the control that get error bars: the first critical point, the folds of the loop and how far they are apart."""
 
 
 def accuracy_of(case: Case, path: Path, *, quantities: Sequence[str] = ACCURACY, observer: Observer = UNOBSERVED) -> Accuracy:
@@ -53,3 +57,30 @@ def slope_accuracy_of(case: Case, names: Sequence[str], quantities: Sequence[str
         for k, name in enumerate(first.names)
         for i, which in enumerate(first.inputs)
     }
+
+
+def point_accuracy_of(case: Case, names: Sequence[str], *, observer: Observer = UNOBSERVED) -> dict[str, ErrorBars]:
+    """Name -> `verification.ErrorBars` (1,) of critical points of a case between the ends of its sweep, in the unit of its control.
+
+    ``names`` are of `POINTS`; nan on clouds whose gel has no such point. ValueError for another name, and as of `Case.critical_points` and
+    `Case.loop`.
+    """
+    for name in names:
+        one_of("points", name, POINTS)
+    cloud, nodes = case.cloud(), {}
+
+    def points_at(spacing):
+        other = dataclasses.replace(case, discretisation=case.discretisation.scaled(cloud, spacing))
+        model = other.model()
+        nodes[spacing] = model.n_nodes
+        first = other.critical_points(model, most=1, observer=observer) if "onset" in names else []
+        loop = other.loop(model, observer=observer) if set(names) - {"onset"} else None
+        found = {"onset": first[0].value if first else None}
+        if loop is not None:
+            folds = {name: getattr(loop, name) for name in ("fold_up", "fold_down")}
+            found |= {name: None if fold is None else fold.value for name, fold in folds.items()} | {"loop_width": loop.width}
+        return [np.nan if found[name] is None else float(found[name]) for name in names]
+
+    found = on_clouds(points_at, cloud.topology.plate, cloud.topology.spacing)
+    sizes, own = np.array([nodes[h] ** -0.5 for h in found]), list(found).index(cloud.topology.spacing)
+    return {name: error_bars(sizes, column[:, None], own) for name, column in zip(names, np.array(list(found.values())).T, strict=True)}

@@ -15,8 +15,10 @@ Besides the sections of a case (see `cases`), or ``case`` = a built-in name or t
                      or one of these ``SWITCHES`` and one of above, below, within
     [search]         method, evaluations, step, tolerance, see `optimise`; starts, the number of searches (1), each from other start values
                      within the bounds, and seed (0) by which those are drawn, see `study_runs`
-    [verification]   spacing (mm), and mu = [list] if it is not that of the sweep with a value between every two; uncertainty = {semi_axes
-                     = "1 %"}, see `uncertain`, and samples (16): the objective of the best design as it is made
+    [robust]         uncertainty = {semi_axes = "1 %"}, see `uncertain`, weight (1) and samples (16): the objective is the mean over samples
+                     of the design as it is made, worse by so many standard deviations, see `Spread`
+    [verification]   spacing (mm) of the finest cloud, tolerance (0.01), mu = [list], see `verify`; uncertainty = {semi_axes = "1 %"}, see
+                     `uncertain`, and samples (16): the objective of the best design as it is made
 
 An entry with of = "area_reduction" may have ``hole``, its number, and is then that of this hole alone.
 ``link`` says how a value serves several holes, see `parameters`. ``start`` defaults to the first hole's own value.
@@ -57,6 +59,7 @@ from ..design import (
 )
 from ..io import DrawingIncomplete, read_outlines
 from ..observables import CURVES, free_edge_misfit
+from .as_made import ROBUST, VERIFICATION, spread_of, verification_of
 from .case import Case
 from .parameters import (
     FIELD,
@@ -73,9 +76,7 @@ from .parameters import (
     study_case,
     study_table,
 )
-from .schema import UNCERTAINTY
 from .terms import BARRIER, FREE_EDGE, IN_TIME, check_place, quantity_of, switch_of, time_to_of
-from .uncertain import uncertain_inputs
 
 AIMS, LIMITS = ("goal", "target", "curve", "line", "outline"), ("above", "below", "within")
 BOUND = VALUE | {"$comment": "bounds also set a parameter's scale"}
@@ -117,7 +118,8 @@ SECTIONS = {
     "objective": listed(tabled(OBJECTIVE, ["of"]) | exactly_one(AIMS), least=1),
     "constraints": listed(tabled(CONSTRAINT, ["of"]) | exactly_one(LIMITS)),
     "search": tabled(SEARCH) | {"dependentRequired": {"seed": ["starts"]}},
-    "verification": tabled({"spacing": POSITIVE, "mu": listed(NUMBER, least=1), "uncertainty": UNCERTAINTY, "samples": whole(2, 10_000)}),
+    "robust": ROBUST,
+    "verification": tabled(VERIFICATION),
 }  # rules of a study's own sections
 
 
@@ -138,7 +140,7 @@ class Study:
     seed: int
     """Of the draw of the others' start values."""
     verification: dict
-    """Options of `verify`: spacing, mu."""
+    """Options of `verify`: spacing, mu, tolerance."""
     aim: dict
     """First entry of the objective for the figure: ``quantity``, a function of a path or None, ``values`` (k,), its targets at ``control``
     (k,), mu or times, and ``targets``, those of switches and times, by name; nan if there is no target."""
@@ -152,9 +154,9 @@ class Study:
         record = {"study": self.table, "name": self.name}
         return optimise(self.problem, folder=folder, resume=resume, record=record, quiet=quiet, **self.search)
 
-    def verify(self, parameters: dict[str, Any]) -> tuple[dict[str, Any], Path]:
-        """`verify` of a dict of parameters with the study's spacing: its dict, and the path."""
-        return verify(self.problem, parameters, **self.verification)
+    def verify(self, parameters: dict[str, Any], **options: Any) -> tuple[dict[str, Any], Path]:
+        """`verify` of a dict of parameters with the study's options, or others: its dict, and the path."""
+        return verify(self.problem, parameters, **self.verification | options)
 
 
 def load_study(file: File | str) -> Study:
@@ -189,6 +191,7 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
         maximise=alone,
         constraints=tuple(limits),
         reported=dict(switches.values()),
+        spread=spread_of(table, case),
         options=case.discretisation,
         sweep=case.sweep,
         loads=case.loads,
@@ -202,7 +205,7 @@ def study_from_table(table: dict[str, Any], name: str) -> Study:
     pictured = {i: p["start"].tolist() for i, p in enumerate(parameters) if isinstance(table["parameters"][i].get("start"), dict)}
     entries = [entry | ({"start": pictured[i]} if i in pictured else {}) for i, entry in enumerate(table["parameters"])]
     table = {key: table[key] for key in SECTIONS if key in table} | {"parameters": entries} | case.table()
-    verification, aim = _verification(table, case), _aim(table["objective"][0], mu, case.sweep.control)
+    verification, aim = verification_of(table, case), _aim(table["objective"][0], mu, case.sweep.control)
     aims = [(entry, *switches[f"objective[{i}]"][:1]) for i, entry in enumerate(table["objective"]) if f"objective[{i}]" in switches]
     aim["targets"] = {name: entry.get("target", np.nan) for entry, name in aims if (entry["of"] == BARRIER) == (aim["of"] == BARRIER)}
     return Study(name, case, problem, search, verification=verification, aim=aim, fields=fields, table=table, **several)
@@ -287,14 +290,3 @@ def _constraint(where, entry, sweep, switches):
     at = _at(where, entry, sweep.values) if entry.keys() & {"at", "at_time"} else None
     name, quantity = quantity_of(entry)
     return bound(name, of=quantity, at=at, control="t" if "at_time" in entry else sweep.control, **limits)
-
-
-def _verification(table, case):
-    """Options of `verify`; by default half the search's spacing."""
-    own, plate = table.get("verification", {}), case.plate
-    if "mu" in own and case.time is not None:
-        raise ValueError("verification.mu: does not go with [time]; the verification has half the time steps")
-    if "uncertainty" in own:
-        uncertain_inputs(case, own["uncertainty"])  # ValueError for an entry that cannot be used
-    spacing = case.discretisation.spacing or plate.spacing or min(plate.width, plate.height) / 40
-    return dict(spacing=float(own.get("spacing", spacing / 2)), mu=own.get("mu"))

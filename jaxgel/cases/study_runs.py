@@ -193,8 +193,8 @@ def _verified(study, design, folder):
     for of, field in study.fields.values():
         shares = (pictures[of] - field.lower) / (field.upper - field.lower)
         write_grey(shares, (plate.width, plate.height), folder / f"{of}.png")
-    start, start_path = study.verify(study.problem.start)
-    best, best_path = study.verify(design.parameters)
+    best, best_path = study.verify(design.parameters, scale=abs(design.history[0]["value"]))
+    start, start_path = study.verify(study.problem.start, spacing=best["spacing"])
     verified = dict(
         study=study.name,
         parameters={name: np.asarray(v).tolist() for name, v in design.parameters.items() if name not in study.fields},
@@ -222,5 +222,5 @@ def _found(study, plate, gel, pictures):
     fields = {of: {"values": pictures[of].tolist(), "smooth": True} | moves for of, moves in fields.items()}
     source = study.case.source | ({"gel": study.case.source.get("gel", {}) | fields} if fields else {})
     sweep = study.case.sweep.at(study.problem.mu)
-    cloud = study.case.discretisation.at_spacing(study.verification["spacing"])
+    cloud = study.case.discretisation.at_spacing(float(np.min(study.verification["spacing"])))
     return dataclasses.replace(study.case, name="best", plate=plate, gel=gel, sweep=sweep, discretisation=cloud, source=source)

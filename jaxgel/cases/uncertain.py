@@ -6,13 +6,16 @@ An entry is a number of the gel or a parameter of the holes, of all of them, eac
 
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from .._types import Float
+from .._types import Array, Float
 from .._validation import did_you_mean, is_number
+from ..geometry import Plate
+from ..materials import AnyGel, matrix_of, with_matrix
 from ..verification import Uncertainty
 from .case import Case
 from .parameter_map import MapStudy
@@ -86,15 +89,43 @@ def uncertainty_of(case: Case, inputs: list[UncertainInput], quantities: Sequenc
 
 def uncertain_samples(case: Case, inputs: list[UncertainInput], number: int, *, seed: int = 0) -> MapStudy:
     """A `MapStudy` whose points are ``number`` samples of normally distributed inputs, from a scrambled Sobol sequence."""
-    from scipy.special import ndtri
-
-    cuts = np.cumsum([np.size(one.deviation) for one in inputs])
     points = []
-    for sample in ndtri(np.clip(sobol(int(cuts[-1]), number, seed), SMALLEST, 1 - SMALLEST)):
-        errors = [np.reshape(part, np.shape(one.deviation)) for one, part in zip(inputs, np.split(sample, cuts[:-1]), strict=True)]
-        values = [one.parameter["own"] + one.deviation * error for one, error in zip(inputs, errors, strict=True)]
+    for sample in normal_samples(inputs, number, seed):
+        values = [one.parameter["own"] + error for one, error in zip(inputs, _errors(inputs, sample), strict=True)]
         points.append({one.parameter["name"]: np.asarray(value).tolist() for one, value in zip(inputs, values, strict=True)})
     return _study(case, inputs, points, seed)
+
+
+def normal_samples(inputs: list[UncertainInput], number: int, seed: int = 0) -> Float[np.ndarray, "n d"]:
+    """Errors of all components of the inputs, in standard deviations, in ``number`` samples of a scrambled Sobol sequence."""
+    from scipy.special import ndtri
+
+    size = sum(np.size(one.deviation) for one in inputs)
+    return ndtri(np.clip(sobol(size, number, seed), SMALLEST, 1 - SMALLEST))
+
+
+def made_by(inputs: list[UncertainInput]) -> Callable[[Plate, AnyGel, Float[Array, " d"]], tuple[Plate, AnyGel]]:
+    """Function of a plate, a gel and errors (d,) in standard deviations that gives both with these errors; traceable."""
+
+    def change(plate, gel, sample):
+        theta: list[dict] = [{} for _ in plate.holes]
+        for one, error in zip(inputs, _errors(inputs, sample), strict=True):
+            of = one.parameter["of"]
+            if one.parameter["holes"]:
+                (k,) = one.parameter["holes"]
+                theta[k][of] = plate.holes[k].theta[of] + (jnp.deg2rad(error) if one.parameter["degrees"] else error)
+            else:
+                gel = with_matrix(gel, **{of: getattr(matrix_of(gel), of) + error})
+        return (plate.at(theta) if any(theta) else plate), gel
+
+    return change
+
+
+def _errors(inputs, sample):
+    """The errors of all inputs, in their units, of a sample (d,) in standard deviations."""
+    cuts = np.cumsum([np.size(one.deviation) for one in inputs])
+    parts = np.split(np.asarray(sample), cuts[:-1])
+    return [one.deviation * part.reshape(np.shape(one.deviation)) for one, part in zip(inputs, parts, strict=True)]
 
 
 def _study(case, inputs, points, seed=0):

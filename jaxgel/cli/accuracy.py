@@ -6,7 +6,7 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import one_of
-from ..cases import DIFFERENTIABLE, accuracy_of, load_case, slope_accuracy_of
+from ..cases import DIFFERENTIABLE, accuracy_of, load_case, point_accuracy_of, slope_accuracy_of
 from ..io import open_folder, write_accuracy, write_csv
 from ..observables import QUANTITIES, state_at
 from ..verification import ACCURACY, FEWEST
@@ -41,12 +41,28 @@ def accuracy(args: Namespace) -> int:
         say(f"  {'':26} {'value':>11} {'error':>10} {'extrapolated':>13} {'order':>6}")
         for name in names:
             say(_line(name, found.bars[name], k))
+    if args.points:
+        _points(args, case, control, folder)
     if args.gradient:
         _slopes(args, case, names, folder)
     say(f"{len(path)} states in {folder}")
     if len(found.nodes) < FEWEST:
         say(f"no error bars: they need {FEWEST} clouds, and others than these {len(found.nodes)} cannot be made; use a smaller spacing")
     return DONE if path.stop.ok else STOPPED
+
+
+def _points(args, case, control, folder):
+    """Print and write the error bars of the critical points that the option names."""
+    say, rows = printer(args), []
+    with watched(case.sweep.turns, control, args.quiet) as observer:
+        found = point_accuracy_of(case, args.points.split(","), observer=observer)
+    say("critical points")
+    say(f"  {'':26} {'value':>11} {'error':>10} {'extrapolated':>13}")
+    for name, bars in found.items():
+        value, error, limit = (float(numbers[0]) for numbers in (bars.own, bars.error, bars.extrapolated))
+        say(f"  {f'{name} ({control.unit})' if control.unit else name:26} {value:11.5g} {error:10.2g} {limit:13.5g}")
+        rows.append([name, control.unit, value, error, limit])
+    write_csv(folder / "points.csv", ["point", "unit", "value", "error", "extrapolated"], rows)
 
 
 def _slopes(args, case, names, folder):

@@ -127,6 +127,7 @@ def _error_bar_commands(add):
     _branch_option(p)
     p.add_argument("--at", type=_reals, metavar="A,B,...", help="values of the control at which error bars are printed (default: three)")
     p.add_argument("--quantities", metavar="NAME,...", help="columns of history.csv that get error bars (default: the main ones)")
+    p.add_argument("--points", metavar="NAME,...", help="also error bars of onset, fold_up, fold_down or loop_width of the sweep's ends")
     p.add_argument(
         "--gradient", metavar="NAME,...", help="also error bars of the derivatives at the last state by these inputs, such as Nv"
     )

@@ -12,7 +12,7 @@ from pathlib import Path as File
 import numpy as np
 
 from .._validation import one_of
-from ..cases import Case, OutputOptions, load_case, path_of, recorder_of
+from ..cases import Case, OutputOptions, load_case, path_of, recorder_of, uncertain_inputs
 from ..continuation import Path
 from ..controls import Control
 from ..equilibrium import Change, Observer
@@ -30,6 +30,8 @@ ROWS_MAX = 9  # of the printed table of states
 def run(args: Namespace) -> int:
     """``jaxgel run``: sweep a case, or let it swell in time, and write its folder."""
     case = load_case(args.case, changes(args))
+    if case.uncertainty:
+        uncertain_inputs(case)  # ValueError for an entry that cannot be used
     folder = open_folder(args.out or File("out") / case.name)
     say = printer(args)
     model = case.model()
@@ -107,10 +109,13 @@ def _time(recorder, t):
 def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
     """What the `sections.OutputOptions` want of figures, animation and ParaView files of a path with the history ``table``, in a folder."""
     from ..io import write_series
-    from ..plotting import add_warning, animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
 
     if output.paraview:
         write_series(path, folder, table=table)
+    if not (output.figures or output.animation):
+        return  # Matplotlib's import takes as long as a sweep
+    from ..plotting import add_warning, animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
+
     figures = {"pattern.png": lambda: plot_patterns(path), "curves.png": lambda: plot_curves(path, table=table)} if output.figures else {}
     if output.figures and varies(path.gel):
         figures["gel.png"] = lambda: plot_gel(path)

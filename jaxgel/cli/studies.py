@@ -49,12 +49,13 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
         )
     for name in ("start", "best"):
         v = verified[name]
-        value = "none" if v["value"] is None else f"{v['value']:.6g}"
+        value = "none" if v["value"] is None else f"{v['value']:.6g}{_bar(v, 'value')}"
         say(f"{name} on a fresh cloud of {v['nodes']} nodes: objective {value}; {v['reason']}")
     for name, value in found.reported.items():
         own = {key: verified[key]["reported"][name] for key in ("start", "best")}
         start, best = ("none" if number is None else f"{number:.6g}" for number in own.values())
-        say(f"{name:<12} {value:.6g} in the search; on a fresh cloud {best}, at the start {start}")
+        bar = _bar(verified["best"], "reported", name)
+        say(f"{name:<12} {value:.6g} in the search; on a fresh cloud {best}{bar}, at the start {start}")
     if "as_made" in verified:
         say(_as_made(verified["as_made"]))
     say(f"results in {folder}")
@@ -63,6 +64,12 @@ def run_design(study: Study, folder: File | str, args: Namespace, resume: bool =
         reason = verified["best"]["reason"] if found.feasible else "no design met all constraints"
         print(f"jaxgel: the design is not usable: {reason}", file=sys.stderr)
     return DONE if valid else STOPPED
+
+
+def _bar(found, *keys):
+    """The error bar of a number of a verification, as text; empty if there is none."""
+    bar = functools.reduce(lambda table, key: table[key], keys, found["errors"]) if "errors" in found else None
+    return "" if bar is None else f" +- {bar:.2g}"
 
 
 def _as_made(found):

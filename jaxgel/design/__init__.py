@@ -6,6 +6,7 @@ from .optimisation import Design, Outcome, optimise
 from .optimisers import METHODS, MOST_DENSE
 from .printing import PIXELS, REACH, DesignField, filtered
 from .problem import DesignProblem
+from .robust import Spread
 from .search import FEASIBLE, check_path, read_log
 from .switches import SWITCHES, barrier_height, fold_down, fold_up, loop_width, onset
 from .verification import intervals, verify
@@ -25,6 +26,7 @@ __all__ = [
     "DesignProblem",
     "Invalid",
     "Outcome",
+    "Spread",
     "barrier_height",
     "bound",
     "check_path",

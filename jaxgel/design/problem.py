@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from .._types import Array, Float
+from .._types import Array, Float, Scalar
 from .._validation import Inadmissible
 from ..bifurcation import problem_by_options, sweep_by_options
 from ..cloud import Cloud
@@ -18,6 +18,7 @@ from ..geometry import Plate, check_plate
 from ..materials import AnyGel, check_gel
 from ..mechanics import Loads
 from ..transient import Bath, TimeOptions, TimeSteps, swell
+from .robust import Spread
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class DesignProblem:
     Of a gel that swells in time one, that of its equilibrium at time 0.
     """
     objective: Callable
-    """Function of the path that gives a number, see `objectives`."""
+    """Function of the path that gives a number, see `objectives`; with a ``spread`` its samples count, see `Spread`."""
     maximise: bool = False
     """Whether a large objective is good."""
     constraints: tuple = ()
@@ -58,6 +59,8 @@ class DesignProblem:
     """In time, the bath of each wetted hole, by its number, and free edge, by its name."""
     reported: Mapping[str, Callable] = dataclasses.field(default_factory=dict)
     """Name -> function of the path: numbers beside the objective that a search logs and a verification gives."""
+    spread: Spread | None = None
+    """Errors with which a design is made, if the objective takes them into account."""
     allow_unstable: bool = False
     """Whether states with negative pivots count as valid."""
 
@@ -123,8 +126,24 @@ class DesignProblem:
 
         ``values`` of the control, or times, take the place of the problem's own.
         """
-        model = self.options.model(cloud.at(self.plate(parameters)))
-        problem = problem_by_options(model, self.gel_at(parameters), self.sweep, loads=self.loads.of(model))
+        return self._path(self.plate(parameters), self.gel_at(parameters), cloud, values)
+
+    def as_made(self, parameters: dict, cloud: Cloud, values: Sequence[float] | TimeSteps | None = None) -> list[Path]:
+        """The `path` of every sample of the ``spread``, as the design is made; none without a spread."""
+        if self.spread is None:
+            return []
+        plate, gel = self.plate(parameters), self.gel_at(parameters)
+        return [self._path(*self.spread.change(plate, gel, errors), cloud, values) for errors in self.spread.errors]
+
+    def value(self, path: Path, made: Sequence[Path] = ()) -> Scalar:
+        """Objective of a design by its path and those of its samples `as_made`."""
+        if self.spread is None:
+            return jnp.asarray(self.objective(path))
+        return self.spread.objective(jnp.stack([jnp.asarray(self.objective(one)) for one in made]), self.maximise)
+
+    def _path(self, plate, gel, cloud, values):
+        model = self.options.model(cloud.at(plate))
+        problem = problem_by_options(model, gel, self.sweep, loads=self.loads.of(model))
         if self.time is None:
             return sweep_by_options(problem, self.sweep, values=self.mu if values is None else values)
         times = self.time.values if values is None else values

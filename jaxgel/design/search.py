@@ -177,7 +177,8 @@ class Search:
         names = [c.name for c in self.problem.constraints]
         identity = dict(method=self.name, start=self.start.tolist(), bounds=bounds, mu=self.problem.mu, constraints=names)
         in_time = repr((self.problem.time, self.problem.baths))
-        return identity if self.problem.time is None else identity | dict(time=in_time)
+        spread = {} if self.problem.spread is None else {"spread": [self.problem.spread.weight, *self.problem.spread.errors.tolist()]}
+        return identity | spread | ({} if self.problem.time is None else dict(time=in_time))
 
     def _evaluate(self, vector):
         """A new entry of the log."""
@@ -210,14 +211,16 @@ class Search:
             raise Invalid("too far from the last design for its cloud")
 
         def evaluate(vector):
-            path = problem.path(problem.parameters(vector), self.cloud)
-            values = [jnp.asarray(problem.objective(path)) * (-1.0 if problem.maximise else 1.0)]
+            parameters = problem.parameters(vector)
+            path, made = problem.path(parameters, self.cloud), problem.as_made(parameters, self.cloud)
+            values = [problem.value(path, made) * (-1.0 if problem.maximise else 1.0)]
             values += [jnp.asarray(c.function(path)) / c.scale for c in self.of_path]
             reported = {name: function(path) for name, function in problem.reported.items()}
-            return jnp.stack(values), (path, reported)
+            return jnp.stack(values), ([path, *made], reported)
 
-        values, pullback, (path, reported) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
-        check_path(path, problem.allow_unstable)
+        values, pullback, (paths, reported) = jax.vjp(evaluate, jnp.asarray(vector), has_aux=True)
+        for path in paths:
+            check_path(path, problem.allow_unstable)
         reported = {name: float(reported[name]) for name in problem.reported}
         check_reported(reported)
         if not np.all(np.isfinite(values)):

@@ -9,17 +9,28 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from .._types import Array, Float
+from .._validation import Inadmissible
 from ..cloud import Cloud
 from ..continuation import Path
 from ..equilibrium import StateNotFound
 from ..observables import CURVES, OF_EQUILIBRIA, is_in_time, min_gap, surface_ratio
+from ..verification import FEWEST, error_bars
 from .lagrangian import Invalid
 from .problem import DesignProblem
 from .search import check_path, check_reported
 
+STEP = 2**-0.25  # spacing of a cloud of a refinement over that of the one before
+TOLERANCE = 0.01  # of the objective's scale and of the constraints': error bars that end a refinement
+
 
 def verify(
-    problem: DesignProblem, parameters: dict[str, Any], *, spacing: float, mu: Sequence[float] | None = None
+    problem: DesignProblem,
+    parameters: dict[str, Any],
+    *,
+    spacing: float | tuple[float, float],
+    mu: Sequence[float] | None = None,
+    scale: float = 0.0,
+    tolerance: float = TOLERANCE,
 ) -> tuple[dict[str, Any], Path]:
     """Objective, constraints and state of a design on a fresh cloud built from its final holes: a dict, and the path.
 
@@ -28,18 +39,48 @@ def verify(
     (name -> smallest value, in its unit), valid (bool), reason (one line), nodes, spacing, the worst negative_pivots, min_gap and
     surface_ratio of the path, ``last``, the quantities of `objectives.CURVES` at its last mu, and ``reported``, the numbers that the
     problem reports; None where there is no value.
+
+    With two spacings (first, finest) the design is computed on ever finer clouds, three at least, until its numbers no longer move: until
+    it is valid, the error bar of its objective (see `verification.error_bars`) is at most ``tolerance`` times its value, or times ``scale``
+    if that is larger, and each constraint is met by more than its bar, or known to within ``tolerance`` times its scale. Dict and path
+    are those of the last cloud, and the dict has two more entries: ``clouds``, a list of the spacing, nodes and value of each, and
+    ``errors``, the error bars of value, constraints, last and reported, None where there is none. A cloud that cannot be made, since it
+    leaves a ligament empty, is left out, unless it is the finest one.
     """
+    if not isinstance(spacing, tuple):
+        return _on_cloud(problem, parameters, float(spacing), mu)
+    tried, (first, finest) = [], spacing
+    count = max(FEWEST - 1, round(np.log(finest / first) / np.log(STEP)))
+    for step in range(count + 1):
+        try:
+            tried.append(_on_cloud(problem, parameters, first * (finest / first) ** (step / count), mu))
+        except (Inadmissible, StateNotFound):
+            if step == count:
+                raise
+            continue
+        errors = _errors([found for found, _ in tried])
+        if _is_settled(problem, tried[-1][0], errors, scale, tolerance):
+            break
+    clouds = [{key: found[key] for key in ("spacing", "nodes", "value")} for found, _ in tried]
+    found, path = tried[-1]
+    return found | {"clouds": clouds, "errors": errors}, path
+
+
+def _on_cloud(problem, parameters, spacing, mu):
+    """What `verify` returns for one spacing."""
     parameters = {name: jnp.asarray(value) for name, value in parameters.items()}
     plate = problem.plate(parameters)
     values = problem.refined if mu is None else mu
-    path = problem.path(parameters, problem.make_cloud(plate, spacing), values)
+    cloud = problem.make_cloud(plate, spacing)
+    path, made = problem.path(parameters, cloud, values), problem.as_made(parameters, cloud, values)
     reason = "valid: stable, no self-contact"
     try:
-        if not path.stop.ok:
-            raise Invalid(path.stop_text)
-        check_path(path, problem.allow_unstable)
+        for one in (path, *made):
+            if not one.stop.ok:
+                raise Invalid(one.stop_text)
+            check_path(one, problem.allow_unstable)
         check_reported({name: float(function(path)) for name, function in problem.reported.items()})
-        problem.objective(path)
+        problem.value(path, made)
     except (Invalid, StateNotFound) as invalid:
         reason = str(invalid)
     end = path[-1:]
@@ -48,12 +89,12 @@ def verify(
     dry = plate, path.model.cloud, problem.gel_at(parameters)
     without = {c.name: float(np.min(c.without_sweep(*dry))) for c in problem.constraints if c.dry or c.of_gel}
     found = dict(
-        value=_value(problem.objective, path),
+        value=_value(lambda path: problem.value(path, made), path),
         constraints={c.name: without[c.name] if c.name in without else _value(c.function, path) for c in problem.constraints},
         valid=reason.startswith("valid"),
         reason=reason,
         nodes=path.model.n_nodes,
-        spacing=float(spacing),
+        spacing=spacing,
         negative_pivots=int(np.max(path.negative_pivots)),
         min_gap=_number(np.min(min_gap(path))),
         surface_ratio=_number(np.max(surface_ratio(path))),
@@ -61,6 +102,29 @@ def verify(
         reported={name: _value(function, path) for name, function in problem.reported.items()},
     )
     return found, path
+
+
+def _is_settled(problem, found, errors, scale, tolerance):
+    """Whether the numbers of a design no longer move beyond a tolerance."""
+    if not found["valid"] or errors["value"] is None or errors["value"] > tolerance * max(abs(found["value"]), scale):
+        return False
+    known = [(errors["constraints"][c.name], found["constraints"][c.name], c.scale) for c in problem.constraints]
+    return all(error is not None and error <= max(abs(margin), tolerance * scale) for error, margin, scale in known)
+
+
+def _errors(found):
+    """Error bars of the numbers of the last of several `verify` dicts, coarsest cloud first."""
+    names = [("value", None), *((group, name) for group in ("constraints", "last", "reported") for name in found[-1][group])]
+    values = [[one[group] if name is None else one[group][name] for group, name in names] for one in found]
+    sizes = np.array([one["nodes"] for one in found]) ** -0.5
+    bars = error_bars(sizes, np.array(values, dtype=float), len(found) - 1).error
+    errors = {"value": None, "constraints": {}, "last": {}, "reported": {}}
+    for (group, name), bar in zip(names, map(_number, bars), strict=True):
+        if name is None:
+            errors[group] = bar
+        else:
+            errors[group][name] = bar
+    return errors
 
 
 def _value(function, path):

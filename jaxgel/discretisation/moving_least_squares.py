@@ -51,7 +51,8 @@ def shape_functions(
     neighbours than monomials has a singular moment matrix and gives NaN: ``discretise`` refuses such a cloud.
 
     >>> nodes = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    >>> shape_functions(nodes[1], nodes, 2.0, basis="linear", kind="imls").round(12)
+    >>> phi = jax.jit(shape_functions, static_argnames=("basis", "kind"))
+    >>> phi(nodes[1], nodes, 2.0, basis="linear", kind="imls").round(12)
     Array([0., 1., 0., 0.], dtype=float64)
     """
     order, support = _checked(neighbours, support, basis, kind)
@@ -74,7 +75,8 @@ def shape_functions_and_gradients(
     depends on the neighbours alone is not differentiated.
 
     >>> nodes = jnp.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    >>> _, gradients = shape_functions_and_gradients(nodes.mean(axis=0), nodes, 2.0, basis="linear", kind="imls")
+    >>> phi = jax.jit(shape_functions_and_gradients, static_argnames=("basis", "kind"))
+    >>> _, gradients = phi(nodes.mean(axis=0), nodes, 2.0, basis="linear", kind="imls")
     >>> (gradients.T @ nodes).round(12)
     Array([[1., 0.],
            [0., 1.]], dtype=float64)

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from scipy.interpolate import BSpline
 
 from .drawing import FLATNESS, Drawing, Omission, ends_meet, join, without_repeats
 
@@ -216,6 +215,8 @@ def _path(entity):
 
 def _spline(entity):
     """The curve of a spline between the ends of its range, which of a periodic one are inside its knots."""
+    from scipy.interpolate import BSpline  # a tenth of jaxgel's own import
+
     spline = entity.construction_tool()
     weights = np.array(spline.weights() if spline.is_rational else np.ones(spline.count))[:, None]
     curve = BSpline(spline.knots(), np.hstack([weights * np.array(spline.control_points), weights]), spline.degree)

@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import numpy as np
 import shapely
-from scipy.interpolate import LinearNDInterpolator
 
 from .._types import Float, Int
 from .._validation import FLAG, NUMBER, TEXT, exactly_one, listed, not_both, tabled, whole
@@ -151,6 +150,8 @@ def _shape(size, pixels_per_mm):
 
 def _before(cloud):
     """The function of points (p, 2) on the plate of a placed cloud that gives where they were before, linear between vertices."""
+    from scipy.interpolate import LinearNDInterpolator  # a tenth of jaxgel's own import
+
     before = LinearNDInterpolator(np.asarray(cloud.vertices), cloud.topology.partition.vertices)
 
     def back(points):

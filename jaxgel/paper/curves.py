@@ -7,6 +7,7 @@ import numpy as np
 from ..cases import GRID, sample
 from ..materials import free_swelling
 from ..observables import CREASE_RATIO, area_reduction, aspect_ratio, core_rotation, free_stretch, min_gap, rotation_angle, surface_ratio
+from ..verification import error_bars
 from .items import COLOURS, FINITE_ELEMENTS, Entry, Number, Runs, at, crossing, or_none, pyplot, rows, unstable_from
 from .scheme import cells_per_side, square_cells
 
@@ -60,7 +61,9 @@ def table_1(runs: Runs) -> Entry:
 
 def fig_12(runs: Runs) -> Entry:
     """Fig. 12: rotation of samples 1-3 over mu, with refinement."""
-    paths = [(n, runs.stopping(n, m), style) for n in PRINTED_ANGLES for m, style in zip(INTERVALS, (":", "--", "-"), strict=True)]
+    clouds = {n: [runs.stopping(n, m) for m in INTERVALS] for n in PRINTED_ANGLES}
+    paths = [(n, path, style) for n, of_sample in clouds.items() for path, style in zip(of_sample, (":", "--", "-"), strict=True)]
+    bars = {id(path): error for of_sample in clouds.values() for path, error in zip(of_sample, _errors(of_sample), strict=True)}
     paths += [(3, runs.touching(3, m, last), "-.") for m, last in ((INTERVALS[0], -1.1), (GRID, 0.0))]
     reference = FINITE_ELEMENTS["sample-1"]
     known = dict(zip(reference["mu"], reference["rotation"], strict=True))
@@ -77,7 +80,12 @@ def fig_12(runs: Runs) -> Entry:
             dict(mu=mu, rotation_deg=angle, surface_ratio=surface), sample=n, contact="on" if contact else "stop", nodes=path.model.n_nodes
         )
         numbers += [
-            Number(f"{name}: rotation, degrees, mu = -1.9678", float(angle[at(path, -1.9678)]), None, known[-1.9678] if n == 1 else None),
+            Number(
+                f"{name}: rotation, degrees, mu = -1.9678",
+                float(angle[at(path, -1.9678)]),
+                reference=known[-1.9678] if n == 1 else None,
+                error=bars.get(id(path)),
+            ),
             Number(f"{name}: mu of the printed {PRINTED_ANGLES[n]:g} degrees", or_none(crossing(mu, angle, PRINTED_ANGLES[n]))),
             Number(f"{name}: mu of the crease limit", or_none(crease), None, reference["crease_mu"] if n == 1 else None),
         ]
@@ -94,6 +102,13 @@ def fig_12(runs: Runs) -> Entry:
         rows=table,
         figure=figure,
     )
+
+
+def _errors(paths):
+    """Error bars of the rotation at mu = -1.9678 on several clouds, coarsest first, degrees."""
+    sizes = np.array([path.model.n_nodes for path in paths]) ** -0.5
+    values = np.array([[float(rotation_angle(path)[at(path, -1.9678)])] for path in paths])
+    return [float(error_bars(sizes, values, own).error[0]) for own in range(len(paths))]
 
 
 def fig_13(runs: Runs) -> Entry:

@@ -53,11 +53,14 @@ class Number:
     """Value by finite elements or a closed form; None for none."""
     digits: str = ".4g"
     """Format specification of the values that are numbers."""
+    error: float | None = None
+    """Error bar of this run's value, from several clouds, see `verification.error_bars`; None for none."""
 
     def cells(self) -> list[str]:
         """The line as texts: quantity, paper, this run, reference, and the difference of this run to the reference, else to the paper."""
         known = self.paper if self.reference is None else self.reference
         values = ["" if v is None else v if isinstance(v, str) else f"{v:{self.digits}}" for v in (self.paper, self.ours, self.reference)]
+        values[1] += "" if self.error is None else f" ± {self.error:.2g}"
         comparable = not isinstance(self.ours, str) and not isinstance(known, str) and known and np.isfinite(self.ours)
         off = f"{100 * (self.ours / known - 1):+.2g} %" if comparable else ""
         return [self.what, *values, "0" if comparable and self.ours == known else off]

@@ -86,6 +86,7 @@ def test_imperfect_gels_approach_the_switched_branch(buckled, buckling_model, ge
     assert distance[2] == pytest.approx(-distance[1], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_continuation_turns_at_the_fold_of_an_imperfect_bifurcation(buckled, buckling_model, gel, point):
     """The side against the imperfection hangs on no dry state: followed back it ends in a fold, where it becomes unstable."""
     loads = jaxgel.imperfection(jaxgel.Problem(buckling_model, gel, contact=False), point, -1e-3)

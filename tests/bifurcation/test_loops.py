@@ -135,6 +135,7 @@ def test_the_derivative_of_a_fold_by_the_load_itself_is_exact(beam):
     np.testing.assert_allclose(slopes, -values, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_states_of_a_loop_refuse_derivatives(beam, loop):
     def energies(chi):
         found = beam.loop(jaxgel.Gel(1e-2, chi), values=(-0.2, 0.2), unstable=False)
@@ -261,6 +262,7 @@ def test_a_figure_shows_both_ways_and_the_branch_between_them(beam, loop):
     plt.close(ax.figure)
 
 
+@pytest.mark.slow
 def test_files_hold_the_jumps_and_all_states(loop, tmp_path):
     write_loop(loop, tmp_path, {"a": 1})
     record = json.loads((tmp_path / "loop.json").read_text())
@@ -316,6 +318,7 @@ def test_up_and_down_are_the_same_branch_where_there_is_no_fold(beam):
         np.testing.assert_allclose(*(state.x for state in loop.states_at(value)), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_buckled_plate_comes_back_through_its_bifurcation(buckling_model, buckling_point):
     """Sample 4: the way down has the rotations of the way up and is straight below the critical mu."""
     mu = [-2.2, -1.7, -1.55, -1.45]
@@ -332,6 +335,7 @@ def test_a_supercritical_bifurcation_is_no_jump(buckling_model):
     assert loop.width == 0.0 and loop.fold_up is None and loop.up.switched.any()
 
 
+@pytest.mark.slow
 def test_with_an_imperfection_the_departure_grows_by_its_cube_root(buckling_model, buckling_point):
     """At the critical mu, along the mode, on the way up and down: 0.332 to 0.328 for loads of 1e-3 to 1.6e-2 spacings."""
     gel, sizes, departures = buckling_model.cloud.plate.gel, [1e-3, 4e-3, 1.6e-2], {"up": [], "down": []}

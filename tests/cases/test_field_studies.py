@@ -19,7 +19,7 @@ from jaxgel.design import filtered, read_log
 
 ENTRY = "pixels = [9, 9]\nfilter = 1.5\nlower = 5e-4\nupper = 5e-3\n"
 CONSTRAINT = 'of = "hole_area"\nabove = 10.0', 'of = "Nv_mean"\nabove = 1e-3'
-SMALL = changed(STUDY, CONSTRAINT, ("[search]", '[search]\nmethod = "lbfgs"')) + f'[[parameters]]\nof = "Nv_field"\n{ENTRY}'
+SMALL = changed(STUDY, CONSTRAINT, ("evaluations = 4", 'evaluations = 3\nmethod = "lbfgs"')) + f'[[parameters]]\nof = "Nv_field"\n{ENTRY}'
 
 
 def field(entry):
@@ -27,17 +27,19 @@ def field(entry):
     return changed(SMALL, (ENTRY, entry))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "entry",
     [
         ENTRY,
-        pytest.param(ENTRY + "with_holes = true\n", marks=pytest.mark.slow),
-        pytest.param("modes = [3, 4]\nfilter = 2.0\nlower = 5e-4\nupper = 5e-3\n", marks=pytest.mark.slow),
-        pytest.param('pixels = [9, 9]\nlower = 0.05\nupper = 0.6\nstart = 0.2\nname = "chi"\n', marks=pytest.mark.slow),
+        ENTRY + "with_holes = true\n",
+        "modes = [3, 4]\nfilter = 2.0\nlower = 5e-4\nupper = 5e-3\n",
+        'pixels = [9, 9]\nlower = 0.05\nupper = 0.6\nstart = 0.2\nname = "chi"\n',
     ],
     ids=["pixels", "moving pixels", "filtered modes", "chi"],
 )
 def test_the_remainder_of_the_objective_falls_as_the_square_of_the_step(entry):
+    """Along pixels and semi-axes together; each of them is tested below and in tests/mechanics/test_local_gel.py."""
     text = field(entry)
     problem = study_from_table(tomllib.loads(text.replace("Nv_field", "chi_field") if '"chi"' in entry else text), "field").problem
     cloud = problem.make_cloud(problem.plate(problem.start))
@@ -79,17 +81,20 @@ def folder(tmp_path_factory):
     return designed(SMALL, tmp_path_factory.mktemp("field"), interrupted=True)
 
 
-def test_the_folder_keeps_the_field(folder):
+def test_the_folder_keeps_the_field_and_its_best_design_is_a_case(folder):
     assert {file.name for file in folder.iterdir()} == {"design.json", "best.toml", VERIFIED, "design.png", "Nv.png"}
     verified = json.loads((folder / VERIFIED).read_text())
     assert verified["best"]["valid"] and verified["best"]["value"] > verified["start"]["value"]
-    assert list(verified["parameters"]) == ["semi_axes"]
+    assert list(verified["parameters"]) == ["semi_axes"] and verified["search"]["evaluations"] == 3
     assert -1e-7 < verified["best"]["constraints"]["Nv_mean >= 0.001"] < 5e-4
 
     log, study = read_log(folder), load_study(folder.parent / "small.toml")
     best = min(log["evaluations"], key=lambda entry: entry["values"][0] if min(entry["values"][1:]) > -1e-4 else np.inf)
     raw = study.problem.parameters(np.array(best["vector"]))["Nv_field"]
-    found = load_case(folder / "best.toml").gel.Nv.values
+    case = load_case(folder / "best.toml")
+    assert case.plate.edges["top"] == "free" and case.sweep.mu == (-3.0, -1.8)
+    np.testing.assert_allclose(case.plate.holes[0].semi_axes, verified["parameters"]["semi_axes"], rtol=1e-15)
+    found = case.gel.Nv.values
     np.testing.assert_allclose(found, filtered(raw, (8.0, 8.0), 1.5), rtol=1e-12)
     assert found.min() >= 5e-4 and found.max() <= 5e-3 and np.ptp(found) > 1e-4
     grey = np.asarray(Image.open(folder / "Nv.png"))

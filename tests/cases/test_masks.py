@@ -38,15 +38,6 @@ def test_a_picture_is_read_from_its_top_with_black_low(case):
     assert found.table()["gel"] == {"Nv": {"low": 1e-3, "high": 2e-3, "pixels": GREY.tolist()}, "chi": found.gel.chi}
 
 
-def test_an_energy_of_ones_own_takes_a_picture(case, tmp_path):
-    code = "import jaxgel\n\ndef gent(Nv, chi, Jm):\n    return jaxgel.Gel(Nv, chi, network=jaxgel.Gent(Jm))\n"
-    (tmp_path / "stiff_print.py").write_text(code)
-    found = case('energy = "stiff_print:gent"\nJm = 30.0\nNv = { file = "mask.png", low = 1e-3, high = 2e-3 }')
-    path = found.path(found.model())
-    assert len(path) == 2
-    assert found.gel.network.Jm == 30.0
-
-
 def test_a_picture_moves_with_holes_if_asked(case):
     assert isinstance(case('chi = { file = "mask.png", low = 0.1, high = 0.2, with_holes = true }').gel.chi, jaxgel.WithHoles)
 
@@ -78,15 +69,21 @@ def test_a_picture_that_cannot_be_used_is_refused_in_one_line(case, refused):
     )
 
 
-def test_a_run_with_a_picture_needs_no_other_file_afterwards(case, tmp_path):
-    """The folder loads and is drawn without the picture; its figures show the parameter on the dry plate."""
-    case('Nv = { file = "mask.png", low = 1e-3, high = 2e-3 }')
+def test_a_run_with_a_picture_needs_no_other_file_than_the_energy_of_ones_own(case, tmp_path, monkeypatch, capsys):
+    """The folder is read where the energy's module is, without the picture; its figures show the parameter on the dry plate."""
+    code = "import jaxgel\n\ndef gent(Nv, chi, Jm):\n    return jaxgel.Gel(Nv, chi, network=jaxgel.Gent(Jm))\n"
+    (tmp_path / "stiff_print.py").write_text(code)
+    case('energy = "stiff_print:gent"\nJm = 30.0\nNv = { file = "mask.png", low = 1e-3, high = 2e-3 }')
     assert main(["run", str(tmp_path / "case.toml"), "--out", str(tmp_path / "run"), "--quiet"]) == 0
     (tmp_path / "mask.png").unlink()
-    path = load_path(tmp_path / "run")
-    assert len(path) == 2
     assert (tmp_path / "run" / "gel.png").is_file()
     assert "Nv" in (tmp_path / "run" / "vtu" / "state-0000.vtu").read_bytes().decode(errors="replace")
+    assert main(["resume", str(tmp_path / "run"), "--no-plots"]) == 2
+    assert "gel.energy: 'stiff_print:gent': cannot import" in capsys.readouterr().err
+    monkeypatch.chdir(tmp_path)
+    assert main(["resume", str(tmp_path / "run"), "--no-plots", "--quiet"]) == 0
+    path = load_path(tmp_path / "run")
+    assert len(path) == 2 and path.gel.network.Jm == 30.0
     values = jaxgel.observables.parameter_values(path)["Nv"]
     assert values.shape == (path.model.n_cells,)
     assert 1e-3 <= float(values.min()) < 1.2e-3 < 1.8e-3 < float(values.max()) <= 2e-3

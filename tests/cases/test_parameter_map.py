@@ -33,7 +33,7 @@ values = [1e-3, 1.5e-3, 2e-3]
 """
 QUICK = SQUARE.replace("steps = 12", "steps = 2")  # where no run is killed
 HOLE = TINY + '[sweep]\nsteps = 2\nmu_start = -4.0\ncontact = "off"\n'
-RADII = '[[parameters]]\nof = "radius"\nvalues = [1.15, 1.55, 2.5]\n[[parameters]]\nof = "mu_end"\nvalues = [-2.0]\n'
+RADII = '[[parameters]]\nof = "radius"\nvalues = [1.15, 0.9, 2.5]\n[[parameters]]\nof = "mu_end"\nvalues = [-2.0]\n'
 
 
 class Inline(InThisProcess):
@@ -223,17 +223,18 @@ def test_a_point_lies_on_the_studys_cloud_placed_or_where_that_is_too_poor_on_it
 
 @pytest.fixture(scope="module")
 def derived(tmp_path_factory):
-    """Folder and rows of a map of three chi 1e-4 apart, with derivatives."""
+    """Folder and rows of a map of two chi 2e-4 apart, with derivatives."""
     folder = tmp_path_factory.mktemp("gradients")
-    chi = '[map]\ngradients = true\n[[parameters]]\nof = "chi"\nlower = 0.0999\nupper = 0.1001\nnumber = 3\n'
+    chi = '[map]\ngradients = true\n[[parameters]]\nof = "chi"\nlower = 0.0999\nupper = 0.1001\nnumber = 2\n'
     return folder / "out", run_map(study(folder, HOLE + chi), folder / "out", Inline())
 
 
 def test_derivatives_of_a_map_agree_with_differences_of_its_points(derived):
+    """The mean of two derivatives is the difference quotient, to the square of the distance."""
     _, rows = derived
     for column in ("rotation_deg", "area_reduction"):
-        difference = (rows[2][column] - rows[0][column]) / 2e-4
-        assert rows[1][f"d_{column}_d_chi"] == pytest.approx(difference, rel=1e-6)  # error of the difference: 1e-8
+        difference = (rows[1][column] - rows[0][column]) / 2e-4
+        assert np.mean([row[f"d_{column}_d_chi"] for row in rows]) == pytest.approx(difference, rel=1e-6)  # error of the mean: 1e-8
     assert rows[1]["core_rotation_deg"] is None and rows[1]["d_core_rotation_deg_d_chi"] is None  # the core lies in the hole
 
 

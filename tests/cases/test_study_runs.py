@@ -105,9 +105,9 @@ def replaced(self, vector):
     return *found, {}
 
 
-def verified(self, parameters):
+def verified(self, parameters, **_):
     """In place of a verification."""
-    return dict(valid=True, reason="valid", nodes=0, value=0.0, semi_axes=np.asarray(parameters["semi_axes"]).tolist()), None
+    return dict(valid=True, reason="valid", nodes=0, spacing=1.2, value=0.0, semi_axes=np.asarray(parameters["semi_axes"]).tolist()), None
 
 
 @pytest.fixture(scope="module", params=["replaced", pytest.param("true", marks=pytest.mark.slow)])

@@ -51,7 +51,7 @@ time_to = 1.12
 [search]
 evaluations = 2
 [verification]
-spacing = 0.7
+spacing = 0.8
 """
 )
 NO_CONSTRAINTS = STUDY[STUDY.index("[[constraints]]") : STUDY.index("[search]")], ""

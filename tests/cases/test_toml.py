@@ -177,12 +177,3 @@ def test_an_energy_that_cannot_be_used_is_one_line(with_energy, refused):
             ('energy = "mine:gent"\nJm = 20.0\nNv = -1.0', r"gel\.Nv: -1\.0 is not a finite number above 0"),
         ],
     )
-
-
-def test_a_run_with_an_energy_is_read_back_where_its_module_is(with_energy, tmp_path, monkeypatch, capsys):
-    file = with_energy('energy = "mine:gent"\nJm = 20.0')
-    assert cli.main(["run", file, "--no-plots", "--quiet", "--out", str(tmp_path / "run")]) == 0
-    assert cli.main(["resume", str(tmp_path / "run"), "--no-plots"]) == 2
-    assert "gel.energy: 'mine:gent': cannot import" in capsys.readouterr().err
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["resume", str(tmp_path / "run"), "--no-plots", "--quiet"]) == 0

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies import TINY
 
 import jaxgel
 from jaxgel.cli import command_line as cli
@@ -240,10 +241,7 @@ def test_ctrl_c_is_not_lost_with_its_exception():
 def test_loop_writes_what_it_found(tmp_path, capsys):
     """A plate with a free edge, swollen less and less as the options say, comes back the way it went."""
     case = tmp_path / "free.toml"
-    case.write_text(
-        'plate = { width = 4.0, height = 4.0, spacing = 0.8, nodes_per_hole = 12, edges = { top = "free" } }\n'
-        'holes = [{ kind = "circle", centre = [0.1, -0.2], radius = 1.1 }]\n'
-    )
+    case.write_text(TINY)
     folder, driven = tmp_path / "loop", ["--control=chi", "--from=0.1", "--to=0.2", "--at-mu=-4.0"]
     assert cli.main(["loop", str(case), *driven, "--quantity", "J_mean", "--out", str(folder)]) == 0
     assert "no loop: up and down the same branch, width 0" in capsys.readouterr().out

@@ -10,6 +10,8 @@ from scipy.spatial import cKDTree
 from jaxgel import Problem, core_rotation, discretise, make_cloud, sample, sweep, uniaxial_swelling
 from jaxgel.cloud import GRADING, OUTLINE_SEGMENTS, Cloud, assemble, find_ligaments, make_background, place, sample_lines
 from jaxgel.geometry import Circle, Plate, Rectangle, frame_of
+from jaxgel.materials import bulk_stiffness
+from jaxgel.mechanics import free_dofs, residual
 
 SPACING = 22 / 30  # mm; one or two grid lines cross the 1 mm ligaments of the samples
 AWKWARD = {
@@ -102,27 +104,48 @@ def test_neighbouring_squares_differ_by_one_halving_at_most():
     np.testing.assert_allclose(background.halvings(inside), -np.log2(side), atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("basis", "region"),
-    [
-        pytest.param("linear", (-0.5, -0.5, 0.02, 0.03), marks=pytest.mark.slow),
-        pytest.param("quadratic", (-0.5, -0.5, 0.02, 0.03), marks=pytest.mark.slow),
-        ("quadratic", (0.1, 0.2, 0.5, 0.5)),
-    ],
-    ids=["linear, corner of rollers", "quadratic, corner of rollers", "quadratic, corner at the free edge"],
-)
-def test_patch_test_stays_exact_where_a_square_is_refined(basis, region):
+def halved_square(basis, region):
+    """Model of the unit square whose squares in a region are halved, and its gel."""
     plate = sample("square")
     background = make_background(plate, plate.spacing, [(np.array([shapely.box(*region)]), np.array([0.05]))])
     topology = assemble(plate, frame_of(plate), sample_lines(plate, 0, 1.0), background, plate.spacing, 0, None)
     cloud = Cloud(plate, jnp.asarray(topology.partition.vertices), topology)
     assert len(cloud.nodes) > 120  # 49 without refinement
+    return discretise(cloud, basis=basis), plate.gel
+
+
+def stretched(model, stretch):
+    """Positions (n, 2) of the square stretched along y, its bottom at rest."""
+    x, y = np.asarray(model.cloud.nodes).T
+    return np.stack([x, (y + 0.5) * stretch - 0.5], axis=1)
+
+
+CORNER, FREE_CORNER = (-0.5, -0.5, 0.02, 0.03), (0.1, 0.2, 0.5, 0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("basis", "region"),
+    [("linear", CORNER), ("quadratic", CORNER), ("quadratic", FREE_CORNER)],
+    ids=["linear, corner of rollers", "quadratic, corner of rollers", "quadratic, corner at the free edge"],
+)
+def test_patch_test_stays_exact_where_a_square_is_refined(basis, region):
+    model, gel = halved_square(basis, region)
     mu = np.linspace(-4.9, 0, 6)
-    path = sweep(Problem(discretise(cloud, basis=basis), plate.gel), list(mu))
-    stretch = np.asarray(uniaxial_swelling(mu, plate.gel))[:, None]
-    x, y = np.asarray(cloud.nodes).T
-    exact = np.stack([np.broadcast_to(x, (6, len(x))), (y + 0.5) * stretch - 0.5], axis=2)
-    assert (np.abs(path.x - exact).max(axis=(1, 2)) / stretch[:, 0]).max() < 1e-10
+    path = sweep(Problem(model, gel), list(mu))
+    for x, stretch in zip(path.x, np.asarray(uniaxial_swelling(mu, gel)), strict=True):
+        assert np.abs(x - stretched(model, stretch)).max() / stretch < 1e-10
+
+
+def test_the_exact_state_is_in_equilibrium_where_a_square_is_refined():
+    model, gel = halved_square("quadratic", FREE_CORNER)
+    free = free_dofs(model.cloud.topology).masters
+    for mu in (-4.9, -2.0, 0.0):
+        stretch = float(uniaxial_swelling(mu, gel))
+        forces = np.asarray(jax.jit(residual)(stretched(model, stretch), model, gel, mu, np.zeros((model.n_nodes, 2))))
+        # round-off: in J, times the bulk stiffness, 400 near the dry state; and in the network's stress
+        atol = 2e-15 * float(bulk_stiffness(stretch, gel)) + 2e-14 * gel.Nv * stretch
+        np.testing.assert_allclose(forces.ravel()[free], 0.0, atol=atol)
 
 
 @pytest.mark.parametrize("basis", [pytest.param("linear", marks=pytest.mark.slow), "quadratic"])

@@ -101,6 +101,7 @@ def test_adaptive_steps(turned):
     assert_same(off, auto)
 
 
+@pytest.mark.slow
 def test_path_that_goes_on_from_a_state(buckling):
     steps = []
     whole = jaxgel.sweep(jaxgel.Problem(buckling, GEL), MU, observer=jaxgel.Observer(accepted=lambda state: steps.append(state.light)))

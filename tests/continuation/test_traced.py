@@ -98,6 +98,7 @@ def test_a_sheet_that_buckles_is_nan_from_there_on(four_circles):
     assert status[1].tolist() == [0, 0, 0, 0] and np.isfinite(x[1]).all()
 
 
+@pytest.mark.slow
 def test_a_hole_that_closes_ends_with_the_status_of_first_touch():
     """Contact acts from there on, which a program has not."""
     values = [-4.5, -3.0, -2.5, -2.0]

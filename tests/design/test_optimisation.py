@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from studies import interrupt
 
 import jaxgel
 from jaxgel.continuation import SweepFailed, SweepOptions
@@ -82,8 +83,7 @@ class Quick:
     """A search without sweeps: values and constraints are formulas of the scaled design, some designs are invalid."""
 
     def __init__(self, value, constraints, start, invalid=lambda _: False, evaluations=200):
-        self.functions = jax.jit(lambda v: jnp.stack([f(v) for f in (value, *constraints)]))
-        self.slopes = jax.jit(jax.jacrev(self.functions))
+        self.functions = lambda v: np.stack([f(v) for f in (value, *constraints)])
         self.start, self.invalid, self.evaluations = np.array(start), invalid, evaluations
         self.log, self.asked = [], []
 
@@ -93,7 +93,7 @@ class Quick:
         self.asked.append(np.array(vector))
         if self.invalid(vector):
             raise lagrangian.Invalid("not here")
-        entry = {"vector": list(vector), "values": np.asarray(self.functions(jnp.asarray(vector))).tolist(), "invalid": ""}
+        entry = {"vector": list(vector), "values": self.functions(np.asarray(vector)).tolist(), "invalid": ""}
         self.log.append(entry)
         return _QuickEvaluation(self, entry, np.array(vector), np.array(entry["values"]))
 
@@ -108,7 +108,8 @@ class _QuickEvaluation:
         self.quick, self.entry, self.vector, self.values = quick, entry, vector, values
 
     def jacobian(self):
-        return np.asarray(self.quick.slopes(jnp.asarray(self.vector)))
+        """By complex steps, of all columns together: exact to round-off."""
+        return self.quick.functions(self.vector[:, None] + 1e-30j * np.eye(len(self.vector))).imag / 1e-30
 
     def gradient(self, weights):
         return np.asarray(weights) @ self.jacobian()
@@ -127,7 +128,7 @@ OPTIMUM = np.array([0.9 - 2 * 0.4 / 3, 0.3 - 0.4 / 3])  # of the bowl on the lin
 
 @pytest.mark.parametrize("method", ["slsqp", "mma", "lbfgs", "adam"])
 def test_every_method_finds_the_constrained_optimum(method):
-    quick = Quick(bowl, [line], [0.1, 0.1], evaluations=400)
+    quick = Quick(bowl, [line], [0.1, 0.1])
     run = optimisers.optimiser(optax.adam(0.02) if method == "adam" else method, 0.2, 1e-8)
     with contextlib.suppress(lagrangian.Exhausted, lagrangian.Stuck):
         run(quick)
@@ -139,11 +140,12 @@ def test_every_method_finds_the_constrained_optimum(method):
 
 def test_mma_moves_among_many_parameters():
     """Each counts for little: with steps as short as nlopt's first ones the search would end at its start, as nothing seems to change."""
-    quick = Quick(lambda v: -jnp.mean(v * jnp.cos(jnp.arange(900.0))), [lambda v: 0.5 - jnp.mean(v)], np.full(900, 0.5), evaluations=100)
+    waves = np.cos(np.arange(300.0))
+    quick = Quick(lambda v: -np.mean(v.T * waves, axis=-1), [lambda v: 0.5 - np.mean(v, axis=0)], np.full(300, 0.5), evaluations=100)
     with contextlib.suppress(lagrangian.Stuck, lagrangian.Exhausted):
         optimisers.optimiser("mma", 0.1, 1e-3)(quick)
-    wanted = np.cos(np.arange(900.0)) > 0  # half of them: at the bounds, within the mean
-    assert -quick.best()["values"][0] > 0.9 * np.mean(np.cos(np.arange(900.0)) * wanted)
+    wanted = waves > 0  # half of them: at the bounds, within the mean
+    assert -quick.best()["values"][0] > 0.9 * np.mean(waves * wanted)
 
 
 TRANSFORMATIONS = {
@@ -166,7 +168,7 @@ def test_transformations_of_optax_are_given_what_they_ask_for(name):
 
 
 def test_a_line_search_does_not_step_to_an_invalid_design():
-    quick = Quick(bowl, [], [0.1, 0.1], invalid=lambda v: v[0] > 0.5, evaluations=60)
+    quick = Quick(bowl, [], [0.1, 0.1], invalid=lambda v: v[0] > 0.5, evaluations=10)
     with contextlib.suppress(lagrangian.Exhausted, lagrangian.Stuck):
         optimisers.optimiser(optax.lbfgs(), 0.5, 1e-8)(quick)
     assert any(v[0] > 0.5 for v in quick.asked)
@@ -197,7 +199,7 @@ def test_an_invalid_design_shrinks_the_step(method):
 
 def test_constraints_at_odds_cost_no_evaluations_without_end():
     """Two walls that no design satisfies, one of them noisy as sweeps are: SLSQP's line search would shrink its steps to round-off."""
-    quick = Quick(bowl, [lambda v: v[0] - 0.6 + 0.02 * jnp.sin(40 * v[1]), lambda v: 0.4 - v[0], line], [0.1, 0.1])
+    quick = Quick(bowl, [lambda v: v[0] - 0.6 + 0.02 * np.sin(40 * v[1]), lambda v: 0.4 - v[0], line], [0.1, 0.1])
     with pytest.raises(lagrangian.Stuck):
         optimisers.optimiser("slsqp", 0.2, 1e-6)(quick)
     moves = np.abs(np.diff(quick.asked, axis=0)).max(axis=1)
@@ -260,9 +262,10 @@ def test_ligament_gradients_are_those_of_differences(edges, centre):
     def widths(v):
         return criteria.ligaments(cell.at([{"centre": v[:2], "semi_axes": v[2:4], "angle": v[4]}, {"radius": v[5]}]))
 
-    at = jnp.array([*centre, 0.6, 0.4, 0.3, 0.3])
-    differences = np.stack([(widths(at + STEP * e) - widths(at - STEP * e)) / (2 * STEP) for e in np.eye(6)], axis=1)
-    np.testing.assert_allclose(jax.jacrev(widths)(at), differences, atol=1e-8)  # round-off over the step
+    at = np.array([*centre, 0.6, 0.4, 0.3, 0.3])
+    weights = np.random.default_rng(3).normal(size=len(widths(at)))
+    differences = [weights @ (np.asarray(widths(at + STEP * e)) - widths(at - STEP * e)) / (2 * STEP) for e in np.eye(6)]
+    np.testing.assert_allclose(jax.grad(lambda v: weights @ widths(v))(at), differences, atol=1e-8)  # round-off over the step
 
 
 @pytest.fixture(scope="module")
@@ -297,7 +300,7 @@ def test_gap_is_the_one_that_min_gap_reports(path):
 
 
 def test_a_search_meets_its_constraints_and_beats_its_start(problem):
-    design = optimise(problem, evaluations=6)
+    design = optimise(problem, evaluations=4)
     first = design.history[0]["value"]
     assert design.feasible and min(design.constraints.values()) >= -1e-5
     # R = (<J> - 1)(1 - phi) / phi: (1 - phi) / phi rises from 4.31 to 5.40 as the area falls to its bound, which stops it
@@ -305,7 +308,8 @@ def test_a_search_meets_its_constraints_and_beats_its_start(problem):
     assert design.constraints["hole_area >= 10"] < 0.02
 
 
-@pytest.mark.parametrize("method", ["mma", pytest.param("lbfgs", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["mma", "lbfgs"])
 def test_other_methods_improve_a_swollen_plate_within_its_constraints(problem, method):
     """SLSQP is the one above."""
     design = optimise(problem, method=method, evaluations=8)
@@ -314,26 +318,26 @@ def test_other_methods_improve_a_swollen_plate_within_its_constraints(problem, m
     assert design.feasible
 
 
-def test_a_resumed_search_gives_the_numbers_of_an_uninterrupted_one(problem, tmp_path, monkeypatch):
-    whole = optimise(problem, evaluations=3, folder=tmp_path / "whole")
-    forward, calls = search.Search._forward, []
+@pytest.fixture
+def formula(problem, monkeypatch):
+    """The problem with a formula of the semi-axes in place of the sweep."""
+    monkeypatch.setattr(DesignProblem, "path", lambda _, parameters, *args: parameters["semi_axes"])
+    monkeypatch.setattr(search.Search, "_forward", _without_sweep)
+    least = dict(objective=lambda axes: (axes[0] - 2.2) ** 2 + (axes[1] - 1.5) ** 4, maximise=False)
+    return dataclasses.replace(problem, **least, constraints=problem.constraints[:1])
 
-    def interrupted(self, vector):
-        calls.append(vector)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return forward(self, vector)
 
-    monkeypatch.setattr(search.Search, "_forward", interrupted)
-    part = optimise(problem, evaluations=3, folder=tmp_path / "part")
-    assert part.outcome is Outcome.INTERRUPTED and len(part.history) == 2
-    monkeypatch.undo()
-    resumed = optimise(problem, evaluations=3, folder=tmp_path / "part", resume=True)
-    assert len(resumed.history) == len(whole.history)
-    for one, other in zip(resumed.history, whole.history, strict=True):
-        assert one["invalid"] == other["invalid"]
-        np.testing.assert_allclose(one["value"] or 0.0, other["value"] or 0.0, rtol=1e-12)
-    np.testing.assert_allclose(resumed.parameters["semi_axes"], whole.parameters["semi_axes"], rtol=1e-12)
+def test_a_resumed_search_gives_the_numbers_of_an_uninterrupted_one(formula, tmp_path, monkeypatch):
+    whole = optimise(formula, evaluations=5, folder=tmp_path / "whole")
+    for sweep in (2, 4):
+        folder = tmp_path / str(sweep)
+        with monkeypatch.context() as patch:
+            interrupt(patch, sweep)
+            part = optimise(formula, evaluations=5, folder=folder)
+        assert part.outcome is Outcome.INTERRUPTED and len(part.history) == sweep - 1
+        resumed = optimise(formula, evaluations=5, folder=folder, resume=True)
+        assert resumed.history == whole.history and len(whole.history) == 5
+        np.testing.assert_array_equal(resumed.parameters["semi_axes"], whole.parameters["semi_axes"])
 
 
 @pytest.mark.slow
@@ -350,10 +354,10 @@ def test_a_search_killed_after_any_evaluation_ends_with_the_same_numbers(problem
         assert again.history == whole.history
 
 
-def test_a_log_of_another_problem_is_refused(problem, tmp_path):
-    optimise(problem, evaluations=1, folder=tmp_path)
+def test_a_log_of_another_problem_is_refused(formula, tmp_path):
+    optimise(formula, evaluations=1, folder=tmp_path)
     with pytest.raises(ValueError, match=r"design\.json.*of another problem"):
-        optimise(problem, evaluations=1, folder=tmp_path, resume=True, method="lbfgs")
+        optimise(formula, evaluations=1, folder=tmp_path, resume=True, method="lbfgs")
     (tmp_path / "design.json").write_text("{}")
     with pytest.raises(ValueError, match=r"design\.json.*damaged"):
         read_log(tmp_path)
@@ -372,7 +376,7 @@ def test_a_failed_sweep_shrinks_the_step_and_is_logged(problem, monkeypatch, tmp
         return true(swollen, *args, **options)
 
     monkeypatch.setattr(inverse, "sweep_by_options", failing)
-    design = optimise(problem, method="adam", evaluations=6, folder=tmp_path)
+    design = optimise(problem, method="adam", evaluations=4, folder=tmp_path)
     failed = [row for row in design.history if row["invalid"]]
     assert failed and all("planted failure" in row["invalid"] and row["value"] is None for row in failed)
     assert design.parameters["semi_axes"][0] >= 2.395

@@ -63,10 +63,10 @@ def test_modes_are_cosines_within_the_bounds():
 def test_a_smooth_picture_has_no_kinks_and_keeps_its_bounds():
     """Its slope is the same on both sides of the centres and edges of pixels, and of the outermost ones; a straight ramp stays one."""
     picture = jaxgel.PixelField(RANDOM.uniform(1.0, 2.0, (4, 4)), (-2.0, 2.0, -2.0, 2.0), smooth=True)
-    slope = jax.vmap(jax.grad(picture))
+    slope = jax.jit(jax.vmap(jax.grad(picture)))
+    values = jax.jit(jax.vmap(picture))(RANDOM.uniform(-2.0, 2.0, (500, 2)))
     corners = np.stack(np.meshgrid(*2 * [np.arange(-2.0, 2.1, 0.5)]), axis=-1).reshape(-1, 2)
     np.testing.assert_allclose(slope(corners - 1e-9), slope(corners + 1e-9), atol=1e-7)  # the slope's own change
-    values = jax.vmap(picture)(RANDOM.uniform(-2.0, 2.0, (500, 2)))
     assert values.min() >= picture.values.min() - 1e-15 and values.max() <= picture.values.max() + 1e-15
     ramp = jaxgel.PixelField(np.tile(np.arange(6.0), (2, 1)), (0.0, 6.0, 0.0, 2.0), smooth=True)
     assert float(ramp(jnp.array([2.3, 0.4]))) == pytest.approx(1.8, abs=1e-14)  # pixel 0 has its centre at 0.5

@@ -88,16 +88,19 @@ def test_displacements_and_pressures_have_an_inf_sup_constant_under_refinement(s
     assert inf_sup(round_hole(spacing, nodes_per_hole)) > LEAST_INF_SUP  # 0.503, 0.596, 0.604, 0.585 measured
 
 
-@pytest.mark.parametrize("nodes_per_hole", [*(pytest.param(number, marks=pytest.mark.slow) for number in (20, 40, 120, 160)), 80])
+@pytest.mark.slow
+@pytest.mark.parametrize("nodes_per_hole", [20, 40, 80, 120, 160])
 def test_conformal_motions_cost_energy_with_few_and_many_outline_nodes(nodes_per_hole):
     """Squares are halved along an outline with many."""
     assert least_quotient(large_hole(nodes_per_hole)) > LEAST  # 0.69, 0.69, 0.69, 0.68, 0.68 measured
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("nodes_per_hole", [60, 120])
-def test_conformal_motions_cost_energy_with_three_and_six_outline_nodes_to_a_square(nodes_per_hole):
-    assert least_quotient(round_hole(0.5, nodes_per_hole)) > LEAST  # 0.71 measured with both
+MANY = [(0.75, 28), *(pytest.param(0.5, number, marks=pytest.mark.slow) for number in (60, 120))]
+
+
+@pytest.mark.parametrize(("spacing", "nodes_per_hole"), MANY)
+def test_conformal_motions_cost_energy_with_two_to_six_outline_nodes_to_a_square(spacing, nodes_per_hole):
+    assert least_quotient(round_hole(spacing, nodes_per_hole)) > LEAST  # 0.71 measured with three and six
 
 
 @pytest.mark.slow

@@ -185,7 +185,10 @@ def test_kinds_of_comparison_do_not_interpolate(basis, kind):
     assert phi[24, 24].real < 0.7  # the middle node, where an interpolating kind has 1
 
 
-@pytest.mark.parametrize(("basis", "kind"), [("quadratic", "imls"), ("linear", "iicvmls"), ("linear", "icvmls"), ("linear", "mls")])
+@pytest.mark.parametrize(
+    ("basis", "kind"),
+    [("quadratic", "imls"), ("linear", "iicvmls"), *(pytest.param("linear", kind, marks=pytest.mark.slow) for kind in ("icvmls", "mls"))],
+)
 def test_padding_and_nodes_out_of_reach_change_nothing(basis, kind):
     nodes, x = clouds(50, 11)
     phi, gradient = value_and_gradient(x, nodes, SUPPORT, basis=basis, kind=kind)
@@ -208,7 +211,8 @@ def test_padding_with_a_copy_of_the_node_at_the_point_is_harmless(basis, kind):
     assert np.all(np.isfinite(gradient))
 
 
-@pytest.mark.parametrize(("basis", "kind"), [("linear", "iicvmls"), pytest.param("quadratic", "imls", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("basis", "kind"), [("linear", "iicvmls"), ("quadratic", "imls")])
 def test_compiled_and_uncompiled_values_agree(basis, kind):
     nodes, x = clouds(1, 13)
     phi, gradient = value_and_gradient(x, nodes, SUPPORT, basis=basis, kind=kind)
@@ -220,7 +224,7 @@ def test_compiled_and_uncompiled_values_agree(basis, kind):
 
 
 @pytest.mark.smoke
-@pytest.mark.parametrize("n", [1, 7, 1000, 16385, 32769])
+@pytest.mark.parametrize("n", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (7, 1000, 16385)), 32769])
 def test_many_points_get_the_values_of_single_points(n):
     """Some releases of jaxlib return wrong sums for more than 16,384 mapped products on the CPU (jax issue 39103)."""
     nodes = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1).reshape(-1, 2)
@@ -234,7 +238,7 @@ def test_many_points_get_the_values_of_single_points(n):
 @pytest.mark.smoke
 @each_basis
 @pytest.mark.parametrize("level", [0, 3])
-@pytest.mark.parametrize("n", [1, 2, 50])
+@pytest.mark.parametrize("n", [1, pytest.param(2, marks=pytest.mark.slow), 50])
 def test_a_batch_of_any_size_at_any_optimisation_level_gives_the_fit_of_numpy(n, level, basis):
     """A compiler that computes distances twice, each rounded in its way, once left points of a batch of one without a nearest node."""
     nodes = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1).reshape(-1, 2)

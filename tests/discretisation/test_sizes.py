@@ -63,6 +63,7 @@ def test_padding_repeats_the_last_row_of_numbers_and_of_traces():
     np.testing.assert_array_equal(jacobian.sum(axis=(0, 2)), [2.0, 2.0, 6.0])
 
 
+@pytest.mark.slow
 def test_shape_functions_of_a_similar_plate_are_not_compiled_again():
     """Neither of a second plate nor their derivatives; what is left is to make its cloud and to cut what was padded."""
     names = []

@@ -1,3 +1,4 @@
+import functools
 import itertools
 
 import jax
@@ -39,13 +40,30 @@ HOLES = {
 each_kind = pytest.mark.parametrize("hole", HOLES.values(), ids=HOLES.keys())
 
 
-points = jax.jit(lambda hole, t: jax.vmap(hole.point)(t))
-velocities = jax.jit(lambda hole, t: jax.vmap(jax.jacfwd(hole.point))(t))
-excess = jax.jit(lambda hole, x: jax.vmap(hole.excess)(x))
+LARGEST = 12000  # points, to which all are filled up: compiled once per kind
+
+
+def filled(function):
+    """``function(hole, row)`` at many rows, NumPy."""
+    mapped = jax.jit(jax.vmap(function, (None, 0)))
+
+    def call(hole, rows):
+        rows = np.asarray(rows)
+        return np.asarray(mapped(hole, np.resize(rows, (LARGEST, *rows.shape[1:]))))[: len(rows)]
+
+    return call
+
+
+points = filled(lambda hole, t: hole.point(t))
+velocities = filled(lambda hole, t: jax.jacfwd(hole.point)(t))
+excess = filled(lambda hole, x: hole.excess(x))
+speed = jax.jit(lambda hole, t: jnp.linalg.norm(jax.jacfwd(hole.point)(t)))
+by_parameters = jax.jit(jax.vmap(jax.jacfwd(lambda hole, t: hole.point(t)), (None, 0)))
+slope_of_excess = jax.jit(jax.jacfwd(lambda x, hole: hole.excess(x)))
 
 
 def outline(hole, n):
-    return np.asarray(points(hole, np.arange(n) / n))
+    return points(hole, np.arange(n) / n)
 
 
 def test_every_kind_is_covered_here():
@@ -57,10 +75,11 @@ def test_point_derivatives_in_all_parameters_match_central_differences(hole):
     flat, unravel = ravel_pytree(hole)
     t = np.array([0.0, 0.11, 0.25, 0.5, 0.61, 0.97])  # axis ends among them
     step = 1e-6
-    places = jax.jit(lambda flat: points(unravel(flat), t))
-    differences = [(places(flat + step * e) - places(flat - step * e)) / (2 * step) for e in np.eye(len(flat))]
+    flat, ways = np.asarray(flat), step * np.eye(len(flat))
+    differences = [(points(unravel(flat + e), t) - points(unravel(flat - e), t)) / (2 * step) for e in ways]
+    slopes = [np.asarray(leaf).reshape(len(t), 2, -1) for leaf in jax.tree.leaves(by_parameters(hole, t))]
     # central differences: truncation step^2 = 1e-12, round-off 1e-16 / step = 1e-10
-    np.testing.assert_allclose(jax.jit(jax.jacfwd(places))(flat), np.stack(differences, axis=-1), atol=2e-9)
+    np.testing.assert_allclose(np.concatenate(slopes, axis=2), np.stack(differences, axis=-1), atol=2e-9)
 
 
 @each_kind
@@ -75,10 +94,9 @@ def test_point_derivative_in_t_matches_central_differences_between_corners(hole)
 def test_superellipse_derivatives_are_finite_all_round(exponent):
     hole = Superellipse(centre=(0.0, 0.0), semi_axes=(5.0, 0.5), exponent=exponent)
     t = np.linspace(0.0, 1.0, 721)
-    in_parameters = jax.jit(jax.jacfwd(lambda hole: points(hole, t)))(hole)
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(in_parameters))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(by_parameters(hole, t)))
     assert np.isfinite(velocities(hole, t)).all()
-    assert np.isfinite(jax.jacfwd(hole.excess)(jnp.zeros(2))).all()  # the centre is where the polar angle is not defined
+    assert np.isfinite(slope_of_excess(np.zeros(2), hole)).all()  # the centre is where the polar angle is not defined
 
 
 @each_kind
@@ -100,7 +118,7 @@ def test_excess_is_zero_on_the_outline_and_has_the_right_sign_beside_it(hole):
     np.testing.assert_allclose(excess(hole, outline(hole, 101)), 0.0, atol=1e-14)  # round-off of lengths near 1
     random = np.random.default_rng(1).uniform(-3, 3, (500, 2))
     inside = shapely.contains_xy(shapely.Polygon(outline(hole, 12000)), random)
-    assert np.array_equal(np.asarray(excess(hole, random)) < 0, inside)
+    assert np.array_equal(excess(hole, random) < 0, inside)
 
 
 def test_special_superellipse_and_fourier_are_ellipse_and_circle():
@@ -116,7 +134,7 @@ def test_special_superellipse_and_fourier_are_ellipse_and_circle():
 @each_kind
 def test_corners_are_the_kinks_of_the_outline(hole):
     def tangents(t):
-        v = np.asarray(velocities(hole, t))
+        v = velocities(hole, t)
         return v / np.linalg.norm(v, axis=1, keepdims=True)
 
     t = np.unique(np.concatenate([np.arange(60) / 60 + 1e-3, np.asarray(hole.corners)]))
@@ -129,10 +147,10 @@ def test_holes_pass_through_jax_transformations(hole):
     def x_of(hole):
         return hole.point(0.3)[0]
 
-    np.testing.assert_allclose(jax.jit(x_of)(hole), x_of(hole), rtol=1e-14)
-    stack = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf + 0.1]), hole)
+    np.testing.assert_allclose(jax.jit(x_of)(hole), points(hole, [0.3])[0, 0], rtol=1e-14)
+    stack = jax.tree.map(lambda leaf: np.stack([leaf, leaf + 0.1]), hole)
     axes = jax.tree.map(lambda leaf: 0, hole)  # placeholders as leaves
-    assert jax.vmap(x_of, in_axes=(axes,))(stack).shape == (2,)
+    assert jax.jit(jax.vmap(x_of, in_axes=(axes,)))(stack).shape == (2,)
     assert jax.tree.structure(jax.tree.map(lambda leaf: object(), hole)) == jax.tree.structure(hole)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(jax.jit(jax.grad(x_of))(hole)))
 
@@ -338,8 +356,8 @@ def test_pieces_between_corners_have_equal_length(hole, cut):
         s = equal_arc_length(plate, arc, n)
         assert len(s) == (n if arc.closed else n + 1)
         t = arc.start + np.append(s, 1.0)[: n + 1] * (arc.end - arc.start)
-        speed = jax.jit(lambda t: jnp.linalg.norm(jax.jacfwd(hole.point)(t)))
-        lengths = np.array([quad(speed, a, b, epsabs=1e-13, epsrel=1e-13)[0] for a, b in itertools.pairwise(t)])
+        own = functools.partial(speed, hole)
+        lengths = np.array([quad(own, a, b, epsabs=1e-13, epsrel=1e-13)[0] for a, b in itertools.pairwise(t)])
         stops = [arc.start, *sorted(c + k for c in hole.corners for k in (0, 1) if arc.start < c + k < arc.end), arc.end]
         assert np.isclose(np.asarray(stops)[:, None], t[None], rtol=0, atol=1e-14).any(axis=1).all()  # corners are cuts
         stretch = np.searchsorted(np.asarray(stops) + 1e-9, t[:-1] + 2e-9)

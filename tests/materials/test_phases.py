@@ -28,12 +28,13 @@ FIRST = {
     "uniaxial": uniaxial_swelling,
 }
 RANGE = (20.0, 45.0)  # degrees Celsius
-CASES = [
-    (0.01, "isotropic"),
-    (0.001, "plane strain"),
-    (0.001, "uniaxial"),
-    *(pytest.param(*case, marks=pytest.mark.slow) for case in ((0.001, "isotropic"), (0.01, "plane strain"), (0.05, "isotropic"))),
-]
+CASE = (0.01, "isotropic")
+OTHERS = [(0.001, "plane strain"), (0.001, "uniaxial")]
+MORE = [(0.001, "isotropic"), (0.01, "plane strain"), (0.05, "isotropic")]
+
+
+def slow(cases):
+    return [pytest.param(*case, marks=pytest.mark.slow) for case in cases]
 
 
 def slope(J, temperature, Nv, swelling):
@@ -89,10 +90,19 @@ def equal_areas(Nv, swelling, low, high):
 # --- states --------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("Nv", "swelling"), CASES)
-def test_all_states_of_pnipam_are_those_of_scalar_root_finding(Nv, swelling):
+FEW = (31.9, 45.0)  # three states and one
+
+
+@pytest.mark.parametrize(
+    ("Nv", "swelling", "temperatures"),
+    [
+        *((Nv, swelling, FEW) for Nv, swelling in (CASE, OTHERS[1])),
+        *(pytest.param(*case, (15.0, 30.71, 31.9, 32.2, 33.0, 45.0), marks=pytest.mark.slow) for case in (CASE, *OTHERS, *MORE)),
+    ],
+)
+def test_all_states_of_pnipam_are_those_of_scalar_root_finding(Nv, swelling, temperatures):
     counts = set()
-    for temperature in (15.0, 30.71, 31.9, 32.2, 33.0, 45.0):
+    for temperature in temperatures:
         for mu in (0.0, -0.001):
             found, expected = homogeneous_states(Pnipam(Nv, temperature), mu, swelling), states(temperature, Nv, swelling, mu)
             np.testing.assert_allclose(found.J, expected, rtol=1e-10)
@@ -125,34 +135,39 @@ def test_a_gel_without_a_state_has_none():
 # --- limits of stability and coexistence ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("Nv", "swelling"), CASES)
-def test_limits_of_stability_are_the_extremes_of_the_temperature(Nv, swelling):
-    found = limits_of_stability(lambda T: Pnipam(Nv, T), between=RANGE, swelling=swelling)
-    expected = np.array(extremes(Nv, swelling))
+@pytest.mark.parametrize(("Nv", "swelling"), [CASE, *slow([*OTHERS, *MORE])])
+def test_phases_end_at_extremes_of_the_temperature_and_coexist_where_areas_are_equal(Nv, swelling):
+    """Solutions of PNIPAM separate at 32 degrees (Heskins & Guillet, 1968), and gels shrink at 32 to 34."""
+
+    def gel(T):
+        return Pnipam(Nv, T)
+
+    found, expected = limits_of_stability(gel, between=RANGE, swelling=swelling), np.array(extremes(Nv, swelling))
     np.testing.assert_allclose(found.control, expected[:, 0], rtol=0, atol=1e-8)
     np.testing.assert_allclose(found.J, expected[:, 1], rtol=1e-5)  # a minimum is known to the square root of round-off
 
-
-@pytest.mark.parametrize(("Nv", "swelling"), CASES)
-def test_phases_coexist_where_areas_are_equal(Nv, swelling):
-    found = coexistence(lambda T: Pnipam(Nv, T), between=RANGE, swelling=swelling)
-    low, high = (T for T, _ in extremes(Nv, swelling))
-    np.testing.assert_allclose(found.control, [equal_areas(Nv, swelling, low, high)], rtol=0, atol=1e-8)
+    found = coexistence(gel, between=RANGE, swelling=swelling)
+    np.testing.assert_allclose(found.control, [equal_areas(Nv, swelling, *expected[:, 0])], rtol=0, atol=1e-8)
     first, _, last = states(float(found.control[0]), Nv, swelling)
     np.testing.assert_allclose(found.J, [[first, last]], rtol=1e-8)
+    if swelling == "isotropic" and Nv <= 0.01:
+        assert 31.5 < found.control[0] < 34
 
 
-def test_more_crosslinks_leave_one_phase():
-    for Nv, swelling in ((0.01, "uniaxial"), (0.06, "isotropic")):
-        for find in (limits_of_stability, coexistence):
-            assert find(lambda T, Nv=Nv: Pnipam(Nv, T), between=RANGE, swelling=swelling).control.shape == (0,)
-    assert coexistence(Gel()).J.shape == (0, 2)
+def poor(chi, Nv=0.06):
+    return Gel(Nv, chi)
 
 
-def test_the_transition_is_near_the_one_that_is_measured():
-    """Solutions of PNIPAM separate at 32 degrees (Heskins & Guillet, 1968), and gels shrink at 32 to 34."""
-    for Nv in (0.001, 0.01):
-        assert 31.5 < coexistence(lambda T, Nv=Nv: Pnipam(Nv, T), between=(0.0, 100.0)).control[0] < 34
+def test_a_good_solvent_has_one_phase():
+    assert coexistence(poor, between=(0.1, 0.3), swelling="plane strain").control.shape == (0,)
+    assert coexistence(Gel(), swelling="plane strain").J.shape == (0, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("Nv", "swelling"), [(0.01, "uniaxial"), (0.06, "isotropic")])
+def test_more_crosslinks_leave_one_phase(Nv, swelling):
+    for find in (limits_of_stability, coexistence):
+        assert find(lambda T: Pnipam(Nv, T), between=RANGE, swelling=swelling).control.shape == (0,)
 
 
 def test_limits_in_mu_of_a_poor_solvent_are_the_roots_of_a_quadratic_equation():
@@ -169,6 +184,15 @@ def test_limits_in_mu_of_a_poor_solvent_are_the_roots_of_a_quadratic_equation():
     assert limits_of_stability(Gel(0.12, chi), swelling="plane strain").J.shape == (0,)
 
 
+def test_the_same_limit_at_a_control_whichever_is_found():
+    """At the chi at which a state loses stability at a mu, it does so at that mu."""
+    found = limits_of_stability(poor, mu=0.058, between=(0.7, 1.0), swelling="plane strain")
+    again = limits_of_stability(poor(found.control[0]), swelling="plane strain")
+    np.testing.assert_allclose(again.control[0], 0.058, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(again.J[0], found.J[0], rtol=1e-7)  # known to the square root of round-off
+
+
+@pytest.mark.slow
 def test_the_same_phases_at_a_control_whichever_is_found():
     """At the temperature at which phases coexist at a mu, they coexist at that mu."""
     found = coexistence(lambda T: Pnipam(0.01, T), mu=-0.002, between=RANGE, swelling="plane strain")
@@ -189,6 +213,7 @@ def slope_with_ions(J, pH):
     return 1e-3 * (J ** (-1 / 3) - 1 / J) + np.log1p(-1 / J) + 1 / J + 0.9 / J**2 - anions * (y + 1 / y - 2)
 
 
+@pytest.mark.slow
 def test_a_polyelectrolyte_in_a_poor_solvent_has_two_phases_above_a_ph():
     scan = 1 + np.geomspace(0.1, 400, 400)
     for pH, count in ((4.0, 1), (7.0, 3)):
@@ -211,21 +236,58 @@ def test_phases_of_a_polyelectrolyte_coexist_where_areas_are_equal():
 # --- derivatives ---------------------------------------------------------------------------------------------------------------
 
 
+def states_at_a_temperature(Nv):
+    found = homogeneous_states(Pnipam(Nv, 32.0), -1e-3 + Nv / 10)
+    return found.J[2] + 10 * found.energy[0]
+
+
+def largest_temperature(Nv):
+    return limits_of_stability(lambda T: Pnipam(Nv, T), mu=-Nv / 5, between=(31.0, 34.0), swelling="plane strain").control[1]
+
+
+def coexisting(Nv):
+    found = coexistence(lambda T: Pnipam(Nv, T), between=RANGE)
+    return found.control[0] + found.J[0] @ jnp.array([-1.0, 1.0])
+
+
+def coexisting_in_mu(Nv):
+    return coexistence(Pnipam(Nv, 32.0), swelling="plane strain").control[0]
+
+
+def states_in_a_poor_solvent(Nv):
+    found = homogeneous_states(Gel(Nv, 0.85), 0.054 + Nv / 10, "plane strain")
+    return found.J[1] + 10 * found.energy[0]
+
+
+def limit_of_chi(Nv):
+    return limits_of_stability(lambda chi: poor(chi, Nv), mu=0.052 + Nv / 10, between=(0.7, 1.0), swelling="plane strain").control[0]
+
+
+def coexisting_in_a_poor_solvent(Nv):
+    return coexistence(Gel(Nv, 0.85), swelling="plane strain").control[0]
+
+
+def forward(quantity):
+    """The derivative, by JAX's forward mode."""
+    return lambda Nv: jax.jvp(quantity, (Nv,), (1.0,))[1]
+
+
+OF_POOR = (states_in_a_poor_solvent, limit_of_chi, coexisting_in_a_poor_solvent)
+OF_PNIPAM = (states_at_a_temperature, largest_temperature, coexisting, coexisting_in_mu)
+
+
 @pytest.mark.parametrize(
-    "quantity",
+    ("quantity", "Nv", "derivative"),
     [
-        lambda Nv: homogeneous_states(Pnipam(Nv, 32.0), -1e-3 + Nv / 10).J[2],
-        lambda Nv: homogeneous_states(Pnipam(Nv, 32.0)).energy[0],
-        lambda Nv: limits_of_stability(lambda T: Pnipam(Nv, T), mu=-Nv / 5, between=(31.0, 34.0), swelling="plane strain").control[1],
-        lambda Nv: coexistence(lambda T: Pnipam(Nv, T), between=(31.0, 34.0)).control[0],
-        lambda Nv: jnp.diff(coexistence(lambda T: Pnipam(Nv, T), between=(31.0, 34.0)).J[0])[0],
-        lambda Nv: coexistence(Pnipam(Nv, 32.0), swelling="plane strain").control[0],
+        *((of, 0.06, forward) for of in OF_POOR),
+        *slow([*((of, 0.06, jax.grad) for of in OF_POOR), *((of, 0.01, jax.grad) for of in OF_PNIPAM)]),
     ],
 )
-def test_derivatives_are_differences_of_new_searches(quantity):
+def test_derivatives_are_differences_of_new_searches(quantity, Nv, derivative):
+    """Of a state and an energy, of a limit of stability and of coexisting phases, by a parameter, of the control too."""
     h = 1e-5
-    expected = (quantity(0.01 + h) - quantity(0.01 - h)) / (2 * h)
-    np.testing.assert_allclose(jax.grad(quantity)(0.01), expected, rtol=1e-5)  # (h / Nv)^2 of the third derivative
+    expected = (quantity(Nv + h) - quantity(Nv - h)) / (2 * h)
+    np.testing.assert_allclose(derivative(quantity)(Nv), expected, rtol=1e-5)  # (h / Nv)^2 of the third derivative
 
 
 # --- input ---------------------------------------------------------------------------------------------------------------------

@@ -156,9 +156,10 @@ def lowest_energy(A, depth=12.0, degree=48):
 def film_onset(gel):
     """Stretch l of a film held along x, F = diag(1, l) and l through the thickness, at which its edge wrinkles in the plane."""
 
+    @jax.jit
     def stability(stretch):
-        law = VolumeLaw(gel, float(osmotic(stretch**2, 0.0, gel)) + gel.Nv, film=True)
-        return float(surface_stability(jnp.array([1.0, stretch]), law.pressure(stretch), law.stiffness(stretch), gel))
+        law = VolumeLaw(gel, osmotic(stretch**2, 0.0, gel) + gel.Nv, film=True)
+        return surface_stability(jnp.stack([1.0, stretch]), law.pressure(stretch), law.stiffness(stretch), gel)
 
     return brentq(stability, 1.5, 8.0, xtol=1e-6)
 
@@ -229,10 +230,10 @@ def test_the_state_of_a_surface_has_no_traction():
         (Gel(Nv, chi), lambda squares: 1.0),
         (Gel(Nv, chi, network=Gent(locking)), lambda squares: 1 / (1 - (squares - 2) / locking)),
     ):
-        J = np.asarray(surface_volume_ratio(t, mu, gel))
+        J = np.asarray(jax.jit(surface_volume_ratio)(t, mu, gel))
         n = J / t
         np.testing.assert_allclose(Nv * n * factor(t**2 + n**2), -np.asarray(osmotic(J, mu, gel)) * t, rtol=1e-9)
-    J = np.asarray(film_edge_volume_ratio(t, mu, Gel(Nv, chi)))
+    J = np.asarray(jax.jit(film_edge_volume_ratio)(t, mu, Gel(Nv, chi)))
     np.testing.assert_allclose(VolumeLaw(Gel(Nv, chi), mu, film=True).pressure(np.sqrt(J * t)), -Nv * np.sqrt(J / t) / t, rtol=1e-9)
 
 

@@ -1,7 +1,6 @@
 """Laws of the volume ratio, and a chemical potential of its own in each volume group."""
 
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
@@ -22,32 +21,36 @@ MATERIALS = {
 }
 
 
-@functools.partial(jax.jit, static_argnums=1)
-def of(law, name, *at):
-    """A law's function, as one program."""
-    return getattr(law, name)(*at)
+@jax.jit
+def numbers(law, A):
+    """Energies, pressures, stiffnesses and volume ratios at areal stretches, and stiffnesses and stretches by ratios and pressures."""
+    p, J = law.pressure(A), law.volume_ratio(A)
+    return law.energy(A), p, law.stiffness(A), J, law.stiffness(A, J), law.areal_stretch(p)
+
+
+def repeated(law, count):
+    """The law with its parameters of three places ``count`` times one after the other."""
+    return jax.tree.map(lambda leaf: np.tile(leaf, count) if np.ndim(leaf) else leaf, law)
 
 
 @pytest.mark.parametrize("kinematics", KINEMATICS)
 @pytest.mark.parametrize("material", MATERIALS)
 def test_pressure_and_stiffness_are_slopes_of_the_energy_and_have_an_inverse(material, kinematics):
-    """By differences of third order or so, and with other parameters and another mu at each place as at a place alone."""
-    gel, mu, A = MATERIALS[material], np.array([-2.0, -0.5, -0.1]), np.array([1.15, 1.3, 1.25])
-    law, h = VolumeLaw(gel, mu, **KINEMATICS[kinematics]), 1e-4
-    values = {name: np.asarray(of(law, name, A)) for name in ("energy", "pressure", "stiffness", "volume_ratio")}
-    p, stiffness = values["pressure"], values["stiffness"]
-    for name, slope in (("energy", p), ("pressure", stiffness)):
-        found = [np.asarray(of(law, name, A + k * h)) for k in (2, 1, -1, -2)]
-        np.testing.assert_allclose((8 * (found[1] - found[2]) - found[0] + found[3]) / (12 * h), slope, rtol=1e-8, atol=1e-11)
-    np.testing.assert_allclose(of(law, "stiffness", A, values["volume_ratio"]), stiffness, rtol=1e-14)
-    back = np.asarray(of(law, "areal_stretch", p))
-    stiff = (stiffness > 0) & (back + 1e-9 > A)  # on the branch of the dry state
+    """By differences of third order or so, and with other parameters and another mu at each place as with the same at all places."""
+    gel, mu, A, h = MATERIALS[material], np.array([-2.0, -0.5, -0.1]), np.array([1.15, 1.3, 1.25]), 1e-4
+    law = VolumeLaw(gel, mu, **KINEMATICS[kinematics])
+    found = [np.asarray(part).reshape(5, 3) for part in numbers(repeated(law, 5), np.concatenate([A + k * h for k in (2, 1, 0, -1, -2)]))]
+    energy, p, stiffness, _, again, back = found
+    for of, slope in ((energy, p), (p, stiffness)):
+        np.testing.assert_allclose((8 * (of[1] - of[3]) - of[0] + of[4]) / (12 * h), slope[2], rtol=1e-8, atol=1e-11)
+    np.testing.assert_allclose(again, stiffness, rtol=1e-14)
+    stiff = (stiffness[2] > 0) & (back[2] + 1e-9 > A)  # on the branch of the dry state
     assert stiff.any()
-    np.testing.assert_allclose(back[stiff], A[stiff], rtol=1e-12)
+    np.testing.assert_allclose(back[2][stiff], A[stiff], rtol=1e-12)
     for k in range(3):
-        one = jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k] if np.ndim(leaf) else leaf, law)
-        for name, value in values.items():
-            assert of(one, name, A[k]) == pytest.approx(value[k], rel=1e-13)
+        same = jax.tree.map(lambda leaf, k=k: np.full(15, leaf[k]) if np.ndim(leaf) else leaf, law)
+        for alone, values in zip(numbers(same, np.full(15, A[k])), found, strict=True):
+            np.testing.assert_allclose(alone, values[2, k], rtol=1e-13)
 
 
 @pytest.fixture(scope="module", params=["plane strain", pytest.param("plane stress", marks=pytest.mark.slow)])

@@ -48,7 +48,11 @@ def affine(model):
     return np.asarray(model.cloud.nodes) @ F.T + SHIFT
 
 
-@pytest.mark.parametrize(("hole", "edges"), [*((hole, "free") for hole in HOLES), ("corner", "roller"), ("corner", "mixed")])
+FEW = {"inside", "corner", "two parts"}
+EACH = [pytest.param(hole, "free", marks=[pytest.mark.slow] * (hole not in FEW)) for hole in HOLES]
+
+
+@pytest.mark.parametrize(("hole", "edges"), [*EACH, ("corner", "roller"), ("corner", "mixed")])
 def test_every_loop_of_an_affinely_moved_plate_is_the_moved_dry_loop(hole, edges):
     model = model_of(hole, edges)
     moved = states(model, affine(model))

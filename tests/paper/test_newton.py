@@ -45,6 +45,7 @@ def test_an_equilibrium_is_stationary(tiny_scheme):
     assert np.abs(slope[tiny_scheme.free]).max() < 1e-9 * np.abs(slope).max()  # the largest are reactions of the walls
 
 
+@pytest.mark.slow
 def test_errors_of_the_variants_have_their_sizes(swollen):
     weak = dict(method="cells", conditions="penalty")
     printed, real, incomplete = swollen(), swollen(kind="mls", **weak), swollen(kind="icvmls", **weak)

@@ -112,6 +112,7 @@ def test_the_lowest_eigenvalue_has_first_derivatives(path_at, start):
         jax.jvp(jax.grad(lowest), (start[0],), (direction,))
 
 
+@pytest.mark.slow
 def test_second_derivatives_by_the_gel_are_differences_of_gradients(cloud):
     """By chi; all three gradients come from one program."""
     model = jaxgel.discretise(cloud)

@@ -226,6 +226,7 @@ def test_values_are_described_by_their_content():
     assert len({described(value) for value in values}) == len(values)
 
 
+@pytest.mark.slow
 def test_the_command_line_keeps_programs_with_its_cache_and_not_without():
     def root(**variables):
         code = "from jaxgel.cli.environment import prepare_environment as p; p(); from jaxgel._kept import KEPT; print(KEPT.root)"

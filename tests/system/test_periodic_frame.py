@@ -37,6 +37,7 @@ def assert_equal(one, other):
             np.testing.assert_allclose(values, other[name], rtol=EQUAL, atol=EQUAL, err_msg=name)
 
 
+@pytest.mark.slow
 def test_all_columns_of_the_table_are_those_of_the_lattice():
     """Two holes, one of them across a corner of the shifted cell."""
     path, given = table(shifted((0.0, 0.0)))
@@ -93,6 +94,7 @@ def test_symmetries_are_found_about_the_middle_of_the_frame():
     assert set(path.symmetry) == {"D4"}
 
 
+@pytest.mark.slow
 def test_a_cell_of_the_lattice_is_found_if_its_holes_lie_across_the_edges():
     centres = [(x, y) for x in (0, 2) for y in (-2, 0)]
     cell = waves.primitive_cell(jaxgel.Plate(4, 4, [jaxgel.Circle(centre, 0.7) for centre in centres], edges="periodic"))

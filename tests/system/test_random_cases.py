@@ -66,6 +66,7 @@ def test_random_plates_in_random_baths_obey_mechanics_or_say_why_not(number):
     assert bad == [] and "\n" not in text
 
 
+@pytest.mark.slow
 def test_the_faults_of_a_broken_path_are_found(path):
     """A path with its states exchanged, and one that is pulled by a hair."""
     assert faults(path) == []

@@ -29,6 +29,7 @@ def hole_and_volume_ratio(path):
     return np.pi * (1 - np.asarray(jaxgel.area_reduction(path))), np.asarray(volume_ratio(path)) @ volumes / volumes.sum()
 
 
+@pytest.mark.slow
 def test_a_shrunken_strip_is_that_of_finite_elements():
     """108 nodes: 0.1 % measured."""
     path = strip_path(0.4, PATH[:2])

@@ -64,7 +64,7 @@ SLOW_FILMS = [pytest.param(name, 0.1, marks=pytest.mark.slow) for name in ("swel
 
 @pytest.mark.parametrize(("name", "spacing"), [("swelling", 0.25), *SLOW_FILMS])
 def test_the_uptake_of_a_film_is_that_of_finite_volumes(name, spacing):
-    """While the layer is thinner than a square, and from 0.1 on, when it is thicker; in a film that dries, of ten squares, too."""
+    """While the layer is thinner than a square, and from 0.1 on; in a film that dries it is as thick as one to two of ten squares."""
     gel, start, bath, expected = FILMS[name]
     times = sorted({*jaxgel.TimeSteps(3.0, first=1e-5 if spacing < 0.2 else 1e-4, per_decade=5).values(0.1, 1.0), *TIMES})
     path, share = uptake(jaxgel.Problem(film(spacing), gel, contact=False), start, bath, times)

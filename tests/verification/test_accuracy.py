@@ -9,10 +9,19 @@ import pytest
 
 import jaxgel
 from jaxgel._validation import Inadmissible
+from jaxgel.cases import load_case, point_accuracy_of
 from jaxgel.equilibrium import Change
+from jaxgel.io import write_accuracy
+from jaxgel.plotting import plot_accuracy
 from jaxgel.verification.several_clouds import spacings_near
 
 GEL, MU = jaxgel.Gel(Nv=1e-3, chi=1e-4), [-4.0, -3.0, -2.0]
+BEAM = """
+plate = { width = 4.0, height = 0.5, edges = { left = "fixed", right = "fixed", top = "free", bottom = "free" } }
+gel = { Nv = 1e-3, chi = 1e-4 }
+sweep = { mu = [-4.5, -1.0] }
+discretisation = { spacing = 0.125 }
+"""
 PLATE = jaxgel.Plate(8, 8, [jaxgel.Ellipse((0.3, -0.2), (2.4, 1.6), 0.4)], spacing=0.8, nodes_per_hole=16, core=(3.2, 3.0))
 
 
@@ -83,6 +92,22 @@ def test_what_cannot_be_compared_is_refused(refused):
     refused(lambda attempt: attempt(), rows)
 
 
+def test_files_and_figure_hold_the_error_bars(found, tmp_path):
+    """accuracy.csv has a row for every quantity and state, accuracy.json the clouds too, the figure a panel for every quantity."""
+    write_accuracy(found, tmp_path, {})
+    rows = list(csv.DictReader((tmp_path / "accuracy.csv").read_text().splitlines()))
+    record = json.loads((tmp_path / "accuracy.json").read_text())
+    assert len(rows) == len(record["states"]) == len(found.bars) * len(MU) and record["nodes"] == found.nodes.tolist()
+    last = next(row for row in rows if row["mu"] == "-2.0" and row["quantity"] == "core_rotation")
+    bars = found.bars["core_rotation"]
+    numbers = bars.own[-1], bars.error[-1], *bars.values[:, -1]
+    np.testing.assert_allclose(
+        [float(last[key]) for key in ("value", "error", *(f"on {n} nodes" for n in found.nodes))], numbers, rtol=1e-12
+    )
+    assert len(plot_accuracy(found)) >= len(found.bars)
+
+
+@pytest.mark.slow
 def test_command_writes_what_it_prints(tmp_path, capsys):
     """Table on the terminal, accuracy.csv with every state, accuracy.json with the clouds, a figure."""
     arguments = ["accuracy", "sample-1", "--spacing", "1.1", "--steps", "3", "--mu-end", "-3", "--quantities", "core_rotation,energy"]
@@ -104,6 +129,19 @@ def test_command_writes_what_it_prints(tmp_path, capsys):
         "energy",
     ) and f"{float(slope['slope']):.4g}" in printed
     assert 0 < float(slope["error"]) < abs(float(slope["slope"]))
+
+
+@pytest.mark.slow
+def test_critical_points_get_error_bars(tmp_path, capsys, refused):
+    """A beam between walls buckles as it swells, without a jump: its loop has no fold."""
+    (tmp_path / "beam.toml").write_text(BEAM)
+    arguments = ["accuracy", str(tmp_path / "beam.toml"), "--no-plots", "--quantities", "energy", "--out", str(tmp_path / "out")]
+    assert jaxgel.cli.main([*arguments, "--points", "onset,fold_up"]) == 0
+    onset, fold = csv.DictReader((tmp_path / "out" / "points.csv").read_text().splitlines())
+    assert f"{float(onset['value']):.5g}" in capsys.readouterr().out
+    assert 0 < float(onset["error"]) < 0.05 * abs(float(onset["value"])) and fold["value"] == "nan"
+    case = load_case(str(tmp_path / "beam.toml"))
+    refused(lambda name: point_accuracy_of(case, [name]), [("onsets", "points: 'onsets' is .*onset, fold_up, fold_down, loop_width")])
 
 
 def test_a_cloud_that_leaves_a_ligament_empty_is_replaced_by_a_finer_one(found):

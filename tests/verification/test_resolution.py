@@ -56,6 +56,7 @@ def test_coarse_clouds_of_samples_are_named_and_the_advice_resolves_them(case, s
     assert jaxgel.resolution(jaxgel.make_cloud(plate, spacing=advice)).warnings == []
 
 
+@pytest.mark.slow
 def test_default_clouds_of_the_samples_are_fine_enough():
     """Samples 1 to 8 have 1.8 squares across and more; the lattice has one, which is said."""
     for number in range(1, 9):
@@ -64,6 +65,7 @@ def test_default_clouds_of_the_samples_are_fine_enough():
     assert "1 squares wide" in jaxgel.resolution(jaxgel.make_cloud(jaxgel.sample("lattice"))).warnings[0]
 
 
+@pytest.mark.slow
 def test_a_coarse_run_says_so_on_stderr_and_in_its_summary(tmp_path, capsys):
     """One line on stderr, the same in summary.json, with the numbers and Newton's work."""
     assert (

@@ -117,6 +117,7 @@ def test_deviations_of_samples_leave_out_what_did_not_end():
     assert sampled_deviations(rows, {"r": "r"}) == {"r": (2.0, pytest.approx(2**0.5), 2)}
 
 
+@pytest.mark.slow
 def test_command_writes_table_figure_and_samples(tmp_path, capsys):
     """The deviations on the terminal are those of the files; samples are beside them."""
     file = tmp_path / "tilted.toml"
@@ -148,6 +149,7 @@ def test_command_writes_table_figure_and_samples(tmp_path, capsys):
     assert "uncertain: 'Nv:5' is not of the form NAME=DEVIATION" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_design_as_made_scatters_as_first_order_says(case, found):
     """Mean and deviation of an objective over samples of the design's inputs; samples that are refused are counted."""
     start, bounds = {"semi_axes": np.array([1.2, 0.8])}, {"semi_axes": (0.5, 1.5)}
@@ -167,3 +169,10 @@ def test_a_design_as_made_scatters_as_first_order_says(case, found):
     assert made["worst"] == pytest.approx(found.values[k], abs=4 * found.deviations[k])
     none = as_made(problem, case, {"Nv": 1.0}, 2)
     assert none["invalid"] >= 1 and none["mean"] is None and "Nv" in none["reason"]
+
+
+def test_a_run_refuses_an_input_that_does_not_exist(tmp_path, capsys):
+    """Before it computes: the same line as that of the command that uses the section."""
+    (tmp_path / "case.toml").write_text('plate = { sample = "sample-1" }\nuncertainty = { Nw = 0.1 }\n')
+    assert jaxgel.cli.main(["run", str(tmp_path / "case.toml"), "--out", str(tmp_path / "out")]) == 2
+    assert "uncertainty.Nw.of: 'Nw' is unknown; did you mean 'Nv'" in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -35,6 +35,7 @@ def compare(found, exact, Nv):
 slow = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("upper", "ratio", "window", "spacing"),
     [

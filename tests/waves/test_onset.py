@@ -31,7 +31,8 @@ def test_the_waves_change_their_stability_at_the_onset(onset, cell, gel):
     assert rise / 2e-4 == pytest.approx(onset.slope, rel=1e-4)
 
 
-@pytest.mark.parametrize("angle", [0.0, pytest.param(0.12, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", [0.0, 0.12])
 def test_flat_holes_lose_their_ellipticity(angle, model_of, gel):
     """A long wave in the direction in which a wave of its length costs least: along x, or between those of the first search."""
     model = model_of(jaxgel.Ellipse((0, 0), (0.9, 0.6), angle))
@@ -150,6 +151,7 @@ def test_a_stable_lattice_has_no_onset_and_a_branch_that_ends_says_so(cell, mode
         jaxgel.lattice_onset(jaxgel.Problem(model_of(jaxgel.Ellipse((0, 0), (0.6, 0.1))), gel), (-4.6, -0.6), divisions=1)
 
 
+@pytest.mark.slow
 def test_the_command_finds_the_cell_of_a_larger_one(tmp_path, capsys, onset):
     holes = "".join(f"[[holes]]\nkind = 'circle'\ncentre = [{x}, {y}]\nradius = 0.9\n" for x in (-1, 1) for y in (-1, 1))
     text = "[plate]\nwidth = 4\nheight = 4\nedges = 'periodic'\n" + holes + "[gel]\nNv = 1e-3\nchi = 1e-5\n"
