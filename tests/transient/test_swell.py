@@ -233,6 +233,15 @@ def test_a_derivative_beyond_a_loss_of_stability_is_warned_of():
         jax.jvp(lambda bath: beam("symmetric", bath=bath).x[-1], (-0.5,), (1.0,))
 
 
+@pytest.mark.slow
+def test_a_hole_that_closes_ends_the_path():
+    """There is no contact in time; the states before are kept. A run that stops for this reason is in ``tests/cli/test_time_runs.py``."""
+    slit = jaxgel.Plate(1.2, 1.2, [jaxgel.Ellipse((0.0, 0.0), (0.4, 0.05))])
+    model = jaxgel.discretise(jaxgel.make_cloud(slit, spacing=0.3, nodes_per_hole=12))
+    path = jaxgel.swell(jaxgel.Problem(model, GOOD, contact=False), -1.0, [1e-3, 1e-2, 0.1, 1.0], start=-4.0)
+    assert path.stop is jaxgel.Status.SELF_CONTACT and 1 < len(path) < 5 and path.ok.all() and "touch or overlap" in path.stop_text
+
+
 def test_loads_alone_move_no_solvent_at_once(coarse):
     """At the least times the gel deforms and every group keeps its volume ratio."""
     loads = jaxgel.load_vector(coarse, traction={"top": (0.0, 1e-4)})
