@@ -113,7 +113,7 @@ def draw(path: Path, folder: File, table: dict, output: OutputOptions) -> None:
     if output.paraview:
         write_series(path, folder, table=table)
     if not (output.figures or output.animation):
-        return  # Matplotlib's import takes as long as a sweep
+        return  # without importing Matplotlib
     from ..plotting import add_warning, animate_pattern, plot_curves, plot_gel, plot_patterns, save_figure
 
     figures = {"pattern.png": lambda: plot_patterns(path), "curves.png": lambda: plot_curves(path, table=table)} if output.figures else {}

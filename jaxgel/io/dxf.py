@@ -215,7 +215,7 @@ def _path(entity):
 
 def _spline(entity):
     """The curve of a spline between the ends of its range, which of a periodic one are inside its knots."""
-    from scipy.interpolate import BSpline  # a tenth of jaxgel's own import
+    from scipy.interpolate import BSpline  # not with jaxgel, of whose import it is a large part
 
     spline = entity.construction_tool()
     weights = np.array(spline.weights() if spline.is_rational else np.ones(spline.count))[:, None]

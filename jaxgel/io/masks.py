@@ -150,7 +150,7 @@ def _shape(size, pixels_per_mm):
 
 def _before(cloud):
     """The function of points (p, 2) on the plate of a placed cloud that gives where they were before, linear between vertices."""
-    from scipy.interpolate import LinearNDInterpolator  # a tenth of jaxgel's own import
+    from scipy.interpolate import LinearNDInterpolator  # not with jaxgel, of whose import it is a large part
 
     before = LinearNDInterpolator(np.asarray(cloud.vertices), cloud.topology.partition.vertices)
 

@@ -7,7 +7,7 @@ import pytest
 from jax import monitoring
 
 import jaxgel
-from jaxgel._sizes import padded, rung
+from jaxgel._sizes import padded, rung, taken
 from jaxgel.discretisation import consistency, layout
 from jaxgel.discretisation.interpolation import size_of_groups
 from jaxgel.discretisation.ladder import patches_of_blocks, room
@@ -31,6 +31,16 @@ def test_sizes_of_the_ladder_hold_a_number_and_are_few(steps):
     assert np.all(sizes >= numbers) and np.all(sizes <= (1 + 1 / steps) * numbers)
     assert len(np.unique(sizes)) <= steps * 13 + 1  # 13 doublings to 8192
     assert np.all(np.isin(sizes, [rung(int(n), steps) for n in np.unique(sizes)]))  # a size of the ladder is its own
+
+
+@pytest.mark.parametrize("shape", [(3,), (3, 2)])
+def test_no_rows_have_a_derivative_of_zeros(shape):
+    """As those of the free edges of a plate without any. NumPy (2.4) gives whole numbers for ``bincount`` of nothing, weighted or not."""
+    values = np.arange(float(np.prod(shape))).reshape(shape)
+    found, pullback = jax.vjp(lambda v: taken(v, np.zeros(0, dtype=int)), jnp.asarray(values))
+    (slope,) = pullback(found)
+    assert found.shape == (0, *shape[1:]) and slope.dtype == np.float64
+    np.testing.assert_array_equal(slope, np.zeros(shape))
 
 
 @pytest.mark.slow
